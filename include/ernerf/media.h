@@ -1,0 +1,178 @@
+/* SPDX-License-Identifier: MIT
+ * libernerf-media: clips, pictures, video and sound. The engine (libernerf) needs none of it. */
+#ifndef ERNERF_MEDIA_H
+#define ERNERF_MEDIA_H
+
+#include <stdbool.h>
+
+#include "ernerf/base.h"
+#include "ernerf/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- pictures ---------------------------------------------------------------------------------------------------- */
+
+enum { ERN_IMAGE_MAX_SIDE = 8192 }; /* pixels; a larger picture is refused before memory is taken */
+
+/* 8 bits a channel, top row first, channels interleaved. */
+typedef struct ern_image {
+  int width, height, channels; /* channels: 1 grey, 3 RGB, 4 RGBA (alpha not premultiplied) */
+  uint8_t *data;               /* [height][width][channels]; owned by the holder (ern_image_free) */
+} ern_image;
+
+/* Reads any still that OpenImageIO knows as 8-bit with 3 or 4 channels: grey is repeated, missing alpha is 255,
+ * alpha that was not asked for is dropped (not multiplied in). */
+ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
+/* Width and height from the header alone. */
+ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);
+/* The format follows from the extension (.png .jpg); quality 1..100 counts for .jpg only. Atomic. */
+ERN_API ERN_NODISCARD ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image,
+                                                 int quality);
+/* OpenEXR, 32-bit float: data[height][width][channels], channel names such as "R", "G", "B", "A", "Z". Atomic. */
+ERN_API ERN_NODISCARD ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data,
+                                                     int width, int height, int channels, const char *const *names);
+/* OpenCV's INTER_AREA. `resized` is made; the caller owns it. */
+ERN_API ERN_NODISCARD ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
+                                                  ern_image *resized);
+ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts NULL and an empty one */
+
+/* ---- sound ------------------------------------------------------------------------------------------------------- */
+
+typedef struct ern_sound {
+  int rate;        /* samples a second, 1..384000 */
+  int channels;    /* 1..8 */
+  size_t frames;   /* samples a channel */
+  int16_t *data;   /* [frames][channels]; owned by the holder (ern_sound_free) */
+} ern_sound;
+
+/* Any sound file that FFmpeg reads, whole, as 16-bit. */
+ERN_API ERN_NODISCARD ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound);
+ERN_API ERN_NODISCARD ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern_sound *sound); /* atomic */
+ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
+
+/* ---- video ------------------------------------------------------------------------------------------------------- */
+
+typedef struct ern_video_options {
+  int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
+  int rate_numerator, rate_denominator; /* frames a second: 25, 1 */
+  const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
+                             Must outlive the writer. */
+  double sound_start;    /* seconds into `sound` at the first frame, >= 0 */
+  int crf;               /* H.264 quality 0..51, 18 is the default */
+} ern_video_options;
+
+ERN_API ern_video_options ern_video_options_default(int width, int height);
+
+/* mp4: H.264 yuv420p (BT.709, limited range, tagged so), AAC. Frame k is shown at exactly k/rate seconds. Written
+ * beside its place and put there by close: no half file is ever seen at `path`. */
+typedef struct ern_video_writer ern_video_writer;
+ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
+                                                       const ern_video_options *options, ern_video_writer **writer);
+/* rgba: [height][width][4]; alpha is not looked at. */
+ERN_API ERN_NODISCARD ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba);
+/* Finishes the file and frees the writer, also on failure. */
+ERN_API ERN_NODISCARD ern_status ern_video_writer_close(ern_video_writer **writer);
+/* Frees the writer and removes what it wrote; accepts NULL and a pointer to NULL. */
+ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
+
+typedef struct ern_video_info {
+  int width, height;
+  int rate_numerator, rate_denominator;
+  double duration;    /* seconds of the container */
+  bool has_sound;
+  int sound_rate, sound_channels;
+  char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
+} ern_video_info;
+
+typedef struct ern_video_reader ern_video_reader;
+ERN_API ERN_NODISCARD ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader);
+ERN_API void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info);
+/* The next frame as RGB in `image` (its buffer is reused when it fits) and its time in seconds; *end is set, and the
+ * image left alone, when there is none. */
+ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
+                                                        bool *end);
+ERN_API void ern_video_reader_free(ern_video_reader **reader);
+
+/* ---- a made-up clip ---------------------------------------------------------------------------------------------- */
+
+typedef struct ern_synth_options {
+  uint32_t cookie;
+  int size;            /* pixels a side, 64..1024 */
+  int frames;          /* 8..100000; one in eleven, at least one, is for validation */
+  uint64_t seed;
+  bool blink;          /* without: no au.csv, eyes stay open */
+  bool torso;          /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
+  bool moving_camera;  /* without: every frame has the first frame's pose */
+  /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
+  int (*progress)(void *user, int done, int total);
+  void *user;
+} ern_synth_options;
+
+ERN_API ern_synth_options ern_synth_options_default(void);
+
+/* Writes a whole preprocessed clip to `folder`, which must not exist or be empty. Same options: same bytes. */
+ERN_API ERN_NODISCARD ern_status ern_synth_write(ern_context *context, const char *folder,
+                                                 const ern_synth_options *options);
+
+/* ---- a preprocessed clip ----------------------------------------------------------------------------------------- */
+
+typedef enum ern_split { ERN_SPLIT_TRAIN = 0, ERN_SPLIT_VAL = 1 } ern_split;
+
+typedef struct ern_clip_options {
+  uint32_t cookie;
+  uint64_t memory_bytes; /* most that kept frames may take; 0: half of the machine's memory */
+  const char *features;  /* another feature file than the clip's own, NULL: the clip's; must outlive the open call */
+  const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), NULL: the
+                            first that is there of aud_ds, aud_eo, aud_hu, aud */
+} ern_clip_options;
+ERN_API ern_clip_options ern_clip_options_default(void);
+
+typedef struct ern_clip_info {
+  int width, height;
+  double focal, cx, cy;
+  size_t frames[2];          /* by ern_split */
+  const char *features_file; /* name of the file that was read */
+  bool has_blink;            /* au.csv with AU45_r is there */
+  bool has_torso;            /* torso_imgs is there */
+  bool has_sound;            /* aud.wav is there */
+  bool has_landmarks;        /* ori_imgs is there */
+  char identity[65];         /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
+} ern_clip_info;
+
+typedef struct ern_clip_frame {
+  ern_pose pose;
+  float eye;                 /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
+  bool has_landmarks;
+  float landmarks[68][2];    /* x, y in pixels */
+} ern_clip_frame;
+
+typedef struct ern_clip ern_clip;
+
+/* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error.
+ * On success the caller owns *clip. */
+ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char *folder, const ern_clip_options *options,
+                                               ern_clip **clip);
+ERN_API void ern_clip_free(ern_clip **clip);
+ERN_API void ern_clip_describe(const ern_clip *clip, ern_clip_info *info); /* strings live as long as the clip */
+ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
+ERN_API const ern_image *ern_clip_background(const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
+ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);
+
+/* The pixels of a frame: `truth` RGB (gt_imgs) and `torso` RGBA (torso_imgs; data NULL where the clip has none). Either
+ * may be NULL. The images belong to the clip and are valid until the next call. Frames stay in memory as bytes while
+ * they fit the budget, and are read again past it. */
+ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
+                                                 ern_image *torso);
+
+/* `ernerf check`: what is there, what is missing, what follows and which step makes what is missing, a sentence a call
+ * of `say`. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's header. Returns
+ * ERN_OK when a training can start, else the first error. */
+ERN_API ERN_NODISCARD ern_status ern_clip_check(ern_context *context, const char *folder,
+                                                void (*say)(void *user, int ok, const char *sentence), void *user);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

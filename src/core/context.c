@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: MIT */
+#include <pthread.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "core/status.h"
+
+enum { CONFIG_COOKIE = 0x45524e31, ERROR_TEXT_BYTES = 2048 };
+
+struct ern_context {
+  ern_context_config config;
+  pthread_mutex_t mutex; /* guards error_text */
+  char error_text[ERROR_TEXT_BYTES];
+};
+
+static void *libc_allocate(void *user, size_t bytes, size_t alignment) {
+  (void)user;
+  return aligned_alloc(alignment, bytes);
+}
+
+static void libc_release(void *user, void *memory) {
+  (void)user;
+  free(memory);
+}
+
+ern_context_config ern_context_config_default(void) {
+  return (ern_context_config){
+      .cookie = CONFIG_COOKIE, .allocate = libc_allocate, .release = libc_release, .log = NULL, .user = NULL};
+}
+
+ern_status ern_context_create(ern_context **context, const ern_context_config *config) {
+  if (context == NULL) return ERN_E_ARGUMENT;
+  *context = NULL;
+  ern_context_config chosen = config != NULL ? *config : ern_context_config_default();
+  if (chosen.cookie != CONFIG_COOKIE) return ERN_E_ARGUMENT;
+  if ((chosen.allocate == NULL) != (chosen.release == NULL)) return ERN_E_ARGUMENT;
+  if (chosen.allocate == NULL) {
+    chosen.allocate = libc_allocate;
+    chosen.release = libc_release;
+  }
+  const size_t bytes = (sizeof(ern_context) + ERN_ALIGNMENT - 1) / ERN_ALIGNMENT * ERN_ALIGNMENT;
+  ern_context *made = chosen.allocate(chosen.user, bytes, ERN_ALIGNMENT);
+  if (made == NULL) return ERN_E_NO_MEMORY;
+  memset(made, 0, bytes);
+  made->config = chosen;
+  if (pthread_mutex_init(&made->mutex, NULL) != 0) {
+    chosen.release(chosen.user, made);
+    return ERN_E_NO_MEMORY;
+  }
+  *context = made;
+  return ERN_OK;
+}
+
+void ern_context_free(ern_context **context) {
+  if (context == NULL || *context == NULL) return;
+  ern_context *dying = *context;
+  *context = NULL;
+  pthread_mutex_destroy(&dying->mutex);
+  dying->config.release(dying->config.user, dying);
+}
+
+const char *ern_last_error(const ern_context *context) { return context != NULL ? context->error_text : ""; }
+
+ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) {
+  if (context == NULL) return code;
+  char text[ERROR_TEXT_BYTES];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  pthread_mutex_lock(&context->mutex);
+  memcpy(context->error_text, text, sizeof text);
+  pthread_mutex_unlock(&context->mutex);
+  if (context->config.log != NULL) context->config.log(context->config.user, ERN_LOG_DEBUG, text);
+  return code;
+}
+
+void ern_log(ern_context *context, ern_log_level level, const char *format, ...) {
+  if (context == NULL || context->config.log == NULL) return;
+  char text[ERROR_TEXT_BYTES];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  context->config.log(context->config.user, level, text);
+}
+
+ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory) {
+  *memory = NULL;
+  size_t bytes = 0, padded = 0;
+  const bool fits = ern_size_multiply(count, item_bytes, &bytes) &&
+                    ern_size_add(bytes, 2 * (size_t)ERN_ALIGNMENT - 1, &padded) && padded <= PTRDIFF_MAX;
+  if (!fits) return ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu items of %zu bytes do not fit", count, item_bytes);
+  padded = padded / ERN_ALIGNMENT * ERN_ALIGNMENT;
+  *memory = context->config.allocate(context->config.user, padded, ERN_ALIGNMENT);
+  if (*memory == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu bytes were refused", padded);
+  memset(*memory, 0, padded);
+  return ERN_OK;
+}
+
+void ern_release(ern_context *context, void *memory) {
+  if (memory != NULL) context->config.release(context->config.user, memory);
+}
+
+ern_status ern_string_copy(ern_context *context, const char *text, char **copy) {
+  const size_t bytes = strlen(text) + 1;
+  void *room = NULL;
+  const ern_status status = ern_allocate(context, bytes, 1, &room);
+  if (status == ERN_OK) memcpy(room, text, bytes);
+  *copy = room;
+  return status;
+}
+
+const char *ern_version(void) { return "0.1.0"; }
+
+const char *ern_status_name(ern_status status) {
+  switch (status) {
+    case ERN_OK: return "ERN_OK";
+    case ERN_E_ARGUMENT: return "ERN_E_ARGUMENT";
+    case ERN_E_NO_MEMORY: return "ERN_E_NO_MEMORY";
+    case ERN_E_STATE: return "ERN_E_STATE";
+    case ERN_E_CANCELLED: return "ERN_E_CANCELLED";
+    case ERN_E_IO: return "ERN_E_IO";
+    case ERN_E_MISSING: return "ERN_E_MISSING";
+    case ERN_E_BUSY: return "ERN_E_BUSY";
+    case ERN_E_FORMAT: return "ERN_E_FORMAT";
+    case ERN_E_SHAPE: return "ERN_E_SHAPE";
+    case ERN_E_MISMATCH: return "ERN_E_MISMATCH";
+    case ERN_E_NONFINITE: return "ERN_E_NONFINITE";
+    case ERN_E_UNSUPPORTED: return "ERN_E_UNSUPPORTED";
+    case ERN_E_DEVICE: return "ERN_E_DEVICE";
+    case ERN_E_MEDIA: return "ERN_E_MEDIA";
+  }
+  return "ERN_E_UNKNOWN";
+}

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT
+ * Memory through the context's hooks, sizes checked for overflow. */
+#ifndef ERN_CORE_MEMORY_H
+#define ERN_CORE_MEMORY_H
+
+#include <stdbool.h>
+
+#include "core/status.h"
+
+/* Alignment, and padding at the end, of everything that ern_allocate returns: one cache line, one AVX-512 register.
+ * Kernels may read, never write, up to this many bytes past the end. */
+enum { ERN_ALIGNMENT = 64 };
+
+/* *memory = zeroed room for count items of item_bytes each. A count of 0 gives a valid pointer.
+ * On failure *memory is NULL and the error says how many bytes were asked for. */
+ERN_NODISCARD ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory);
+
+/* Accepts NULL. */
+void ern_release(ern_context *context, void *memory);
+
+/* product = a*b, or false where it does not fit. */
+static inline bool ern_size_multiply(size_t a, size_t b, size_t *product) {
+  return !__builtin_mul_overflow(a, b, product);
+}
+static inline bool ern_size_add(size_t a, size_t b, size_t *sum) { return !__builtin_add_overflow(a, b, sum); }
+
+/* A copy of a string, owned by the caller (ern_release). */
+ERN_NODISCARD ern_status ern_string_copy(ern_context *context, const char *text, char **copy);
+
+#endif

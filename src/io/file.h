@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT
+ * Files, whole: read with a size limit, written so that a reader sees the old one or the new one, never half. */
+#ifndef ERN_IO_FILE_H
+#define ERN_IO_FILE_H
+
+#include "core/status.h"
+
+/* Reads a regular file of at most `limit` bytes. On success the caller owns *bytes (ern_release), which has a 0 after
+ * its last byte. ERN_E_MISSING, ERN_E_IO, ERN_E_SHAPE (longer than limit). */
+ERN_NODISCARD ern_status ern_file_read(ern_context *context, const char *path, size_t limit, uint8_t **bytes,
+                                       size_t *count);
+
+/* A file being written beside its final place: PATH.tmp-<pid>, then checked, fsync, rename, fsync of the folder. */
+struct ern_file_writer {
+  ern_context *context;
+  char *path, *temporary;
+  int descriptor;
+};
+ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, struct ern_file_writer *writer);
+ERN_NODISCARD ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count);
+/* Puts the file in its place. Whatever it returns, the writer is closed and nothing of it is left over. */
+ERN_NODISCARD ern_status ern_file_writer_commit(struct ern_file_writer *writer);
+/* Removes what was written; harmless on a writer that is closed or zeroed. */
+void ern_file_writer_abandon(struct ern_file_writer *writer);
+
+/* open, write, commit in one. */
+ERN_NODISCARD ern_status ern_file_write(ern_context *context, const char *path, const void *bytes, size_t count);
+
+/* For libraries that write files of their own: the temporary name to give them (owned by the caller, ern_release; it
+ * keeps the extension of `path`, which such libraries go by), and then fsync + rename + fsync of the folder, or removal. */
+ERN_NODISCARD ern_status ern_file_temporary_name(ern_context *context, const char *path, char **temporary);
+ERN_NODISCARD ern_status ern_file_put_in_place(ern_context *context, const char *temporary, const char *path);
+
+/* The text "DIR/NAME"; owned by the caller (ern_release). */
+ERN_NODISCARD ern_status ern_path_join(ern_context *context, const char *dir, const char *name, char **path);
+/* Makes a folder and its missing parents. */
+ERN_NODISCARD ern_status ern_folder_make(ern_context *context, const char *path);
+
+/* SHA-256 over bytes, as 64 lower-case hex digits and a 0. */
+void ern_sha256_hex(const void *bytes, size_t count, char hex[65]);
+
+#endif
