@@ -49,8 +49,8 @@ ern_status ern_file_read(ern_context *context, const char *path, size_t limit, u
                      S_ISDIR(about.st_mode) ? "folder" : "device or pipe"));
   }
   if ((uintmax_t)about.st_size > limit) {
-    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: size is %jd bytes, expected at most %zu", path,
-                     (intmax_t)about.st_size, limit));
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: size is %jd bytes, expected at most %zu", path, (intmax_t)about.st_size,
+                     limit));
   }
   const size_t size = (size_t)about.st_size;
   size_t with_end = 0;

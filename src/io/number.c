@@ -15,7 +15,7 @@ static double scaled(uint64_t digits, long scale) {
   if (scale > widest) scale = widest;
   if (scale < -widest) scale = -widest;
   for (; scale > 0; scale -= scale < 22 ? scale : 22) value *= tens[scale < 22 ? scale : 22];
-  for (; scale < 0; scale += scale > -22 ? -scale : 22) value /= tens[scale > -22 ? -scale : 22];
+  for (; scale<0; scale += scale> - 22 ? -scale : 22) value /= tens[scale > -22 ? -scale : 22];
   return value;
 }
 

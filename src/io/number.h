@@ -6,8 +6,8 @@
 #include <stdbool.h>
 
 /* Reads [sign] digits [. digits] [e [sign] digits] at *at and moves *at past it; false, and *at left alone, where there
- * is none. *value is the nearest double for up to 15 digits and exponents within 22, else within a few units of its last
- * place, and infinite where too large: the caller checks. */
+ * is none. *value is the nearest double for up to 15 digits and exponents within 22, else within a few units of its
+ * last place, and infinite where too large: the caller checks. */
 bool ern_number_read(const char **at, const char *end, double *value);
 
 #endif

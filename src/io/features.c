@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: MIT
+ * Speech features from a .npy file. */
+#include <math.h>
+
+#include "core/memory.h"
+#include "ernerf/data.h"
+#include "io/npy.h"
+
+enum { MAX_WINDOW = 16, MAX_WIDTH = 4096 };
+
+static ern_status check_shape(ern_context *context, const char *path, const struct ern_npy *array) {
+  if (array->type != ERN_NPY_F16 && array->type != ERN_NPY_F32 && array->type != ERN_NPY_F64) {
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: holds whole numbers, expected float16, float32 or float64", path);
+  }
+  if (array->dims != 3) {
+    return ern_fail(context, ERN_E_SHAPE, "%s: shape has %d sizes, expected 3: [T, window, D]", path, array->dims);
+  }
+  const size_t *shape = array->shape;
+  if (shape[0] < 1 || shape[1] < 1 || shape[1] > MAX_WINDOW || shape[2] < 1 || shape[2] > MAX_WIDTH) {
+    return ern_fail(context, ERN_E_SHAPE, "%s: shape is [%zu, %zu, %zu], expected [T, 1..%d, 1..%d]", path, shape[0],
+                    shape[1], shape[2], MAX_WINDOW, MAX_WIDTH);
+  }
+  return ERN_OK;
+}
+
+ern_status ern_features_load(ern_context *context, const char *path, ern_features *features) {
+  ern_status status = ERN_OK;
+  struct ern_npy array = {0};
+  *features = (ern_features){0};
+  ERN_TRY(ern_npy_read(context, path, &array));
+  ERN_TRY(check_shape(context, path, &array));
+  const float *values = array.data;
+  for (size_t i = 0; i < array.count; i++) {
+    if (isfinite(values[i])) continue;
+    const size_t width = array.shape[2], window = array.shape[1] * width;
+    ERN_TRY(ern_fail(context, ERN_E_NONFINITE, "%s: value [%zu, %zu, %zu] is %g, expected a finite float32", path,
+                     i / window, i % window / width, i % width, (double)values[i]));
+  }
+  *features = (ern_features){.data = array.data,
+                             .windows = array.shape[0],
+                             .window_length = (int)array.shape[1],
+                             .width = (int)array.shape[2]};
+  return ERN_OK;
+fail:
+  ern_npy_free(context, &array);
+  return status;
+}
+
+void ern_features_free(ern_context *context, ern_features *features) {
+  if (features == NULL) return;
+  ern_release(context, features->data);
+  *features = (ern_features){0};
+}
