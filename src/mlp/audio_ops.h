@@ -8,15 +8,16 @@
 
 enum {
   ERN_AUDIO_WINDOWS = 8,
-  ERN_AUDIO_CONVS = 4,    /* width -> 32 -> 32 -> 64 -> 64; kernel 3, stride 2, padding 1, LeakyReLU(0.02) */
-  ERN_AUDIO_ATT_CONVS = 5 /* code -> 16 -> 8 -> 4 -> 2 -> 1; kernel 3, stride 1, padding 1, LeakyReLU(0.02) */
+  ERN_AUDIO_CONVS = 4,     /* width -> 32 -> 32 -> 64 -> 64; kernel 3, stride 2, padding 1, LeakyReLU(0.02) */
+  ERN_AUDIO_ATT_CONVS = 5, /* code -> 16 -> 8 -> 4 -> 2 -> 1; kernel 3, stride 1, padding 1, LeakyReLU(0.02) */
+  ERN_AUDIO_MAX_CODE = 256 /* most channels of a code: kernels keep eight of them on the stack */
 };
 
 /* Offsets count from the start of the parameter block; weights as torch stores them: Conv1d [out][in][3], Linear [out][in]. */
 struct ern_audio_net {
   int width;          /* D of the features */
   int window_length;  /* vectors a window, 1..16 */
-  int code;           /* A = 32 */
+  int code;           /* A = 32, at most ERN_AUDIO_MAX_CODE */
   size_t conv_weight[ERN_AUDIO_CONVS], conv_bias[ERN_AUDIO_CONVS];
   size_t fc_weight[2], fc_bias[2];   /* 64 -> 64, LeakyReLU(0.02), 64 -> A */
   size_t att_conv_weight[ERN_AUDIO_ATT_CONVS], att_conv_bias[ERN_AUDIO_ATT_CONVS];
