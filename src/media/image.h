@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: MIT
+ * What the picture files share: memory for pictures, and the checks of what callers hand over. */
+#ifndef ERN_MEDIA_IMAGE_H
+#define ERN_MEDIA_IMAGE_H
+
+#include "core/status.h"
+#include "ernerf/media.h"
+
+/* Makes *image of that size, zeroed; sides 1..ERN_IMAGE_MAX_SIDE, channels 1, 3 or 4. `what` names the picture in
+ * the error (a path, or a word). On failure *image is zeroed. */
+ERN_NODISCARD ern_status ern_image_make(ern_context *context, const char *what, int width, int height, int channels,
+                                        ern_image *image);
+
+/* ERN_E_SHAPE where a side is not in 1..ERN_IMAGE_MAX_SIDE. */
+ERN_NODISCARD ern_status ern_image_check_sides(ern_context *context, const char *what, int width, int height);
+
+/* ERN_E_ARGUMENT where a picture of the caller's cannot be one. */
+ERN_NODISCARD ern_status ern_image_check(ern_context *context, const char *what, const ern_image *image);
+
+#endif

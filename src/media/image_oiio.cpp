@@ -1,0 +1,262 @@
+/* SPDX-License-Identifier: MIT
+ * Stills through OpenImageIO. No exception and no type of C++ leaves this file. Files are written as bytes in memory
+ * first and put in place by io/file, so that a full disk is seen where it happens. */
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <sys/stat.h>
+#include <cerrno>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <new>
+#include <string>
+#include <vector>
+
+extern "C" {
+#include "io/file.h"
+#include "media/image.h"
+}
+
+namespace {
+
+/* One line without the text's line ends; "no reason given" where there is none. */
+std::string one_line(std::string text) {
+  for (char &letter : text) {
+    if (letter == '\n' || letter == '\r') letter = ' ';
+  }
+  while (!text.empty() && text.back() == ' ') text.pop_back();
+  return text.empty() ? "no reason given" : text;
+}
+
+/* Runs `work` and turns what it throws into a status. */
+template <typename Work>
+ern_status guarded(ern_context *context, const char *path, Work work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc &) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the picture", path);
+  } catch (const std::exception &error) {
+    return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO: %s", path, error.what());
+  } catch (...) {
+    return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO failed without a reason", path);
+  }
+}
+
+ern_status check_regular(ern_context *context, const char *path) {
+  struct stat about;
+  if (stat(path, &about) != 0) {
+    const int number = errno;
+    const ern_status code = number == ENOENT || number == ENOTDIR ? ERN_E_MISSING : ERN_E_IO;
+    return ern_fail(context, code, "%s: cannot open: %s", path, std::strerror(number));
+  }
+  if (S_ISREG(about.st_mode)) return ERN_OK;
+  return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file", path,
+                  S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
+}
+
+/* A picture being read. The file outlives the reader: members go in reverse order. */
+struct still {
+  std::unique_ptr<OIIO::Filesystem::IOFile> file;
+  std::unique_ptr<OIIO::ImageInput> input;
+};
+
+/* Opens a still and checks what its header says. Alpha stays as stored: not multiplied into the colours. */
+ern_status open_still(ern_context *context, const char *path, still &opened) {
+  ern_status status = check_regular(context, path);
+  if (status != ERN_OK) return status;
+  OIIO::ImageSpec config;
+  config.attribute("oiio:UnassociatedAlpha", 1);
+  std::unique_ptr<OIIO::ImageInput> &input = opened.input;
+  if (std::strchr(path, '?') == nullptr) {
+    input = OIIO::ImageInput::open(path, &config);
+  } else { /* OpenImageIO takes what follows a '?' for options: such a name is kept from it */
+    opened.file = std::make_unique<OIIO::Filesystem::IOFile>(path, OIIO::Filesystem::IOProxy::Read);
+    OIIO::Filesystem::IOProxy *proxy = opened.file.get();
+    config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+    const char *dot = std::strrchr(path, '.');
+    const std::string ending = dot != nullptr && std::strpbrk(dot, "?/") == nullptr ? dot : "";
+    input = OIIO::ImageInput::open("picture" + ending, &config, opened.file.get());
+  }
+  if (!input) {
+    return ern_fail(context, ERN_E_FORMAT, "%s: is not a picture that can be read: %s", path,
+                    one_line(OIIO::geterror()).c_str());
+  }
+  const OIIO::ImageSpec &spec = input->spec();
+  if (spec.get_int_attribute("oiio:Movie") != 0) {
+    return ern_fail(context, ERN_E_FORMAT, "%s: is a video (%s), expected a still picture", path, input->format_name());
+  }
+  if (spec.deep || spec.nchannels < 1 || spec.depth > 1) {
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: has %d channels%s, expected a flat picture", path, spec.nchannels,
+                    spec.deep ? " of deep samples" : "");
+  }
+  return ern_image_check_sides(context, path, spec.width, spec.height);
+}
+
+/* Decodes the first `stored` channels into `pixels` [height][width][stored]. */
+ern_status decode(ern_context *context, const char *path, OIIO::ImageInput &input, int stored, uint8_t *pixels) {
+  const bool done = input.read_image(0, 0, 0, stored, OIIO::TypeDesc::UINT8, pixels);
+  if (done && !input.has_error()) return ERN_OK;
+  return ern_fail(context, ERN_E_FORMAT, "%s: the picture is damaged or cut short: %s", path,
+                  one_line(input.geterror()).c_str());
+}
+
+/* stored -> 3 or 4 channels, by pixel: grey is repeated, alpha is 255 where `alpha` is -1. */
+void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int channels, uint8_t *to) {
+  const int green = stored >= 3 ? 1 : 0, blue = stored >= 3 ? 2 : 0;
+  for (size_t i = 0; i < pixels; i++, from += stored, to += channels) {
+    to[0] = from[0];
+    to[1] = from[green];
+    to[2] = from[blue];
+    if (channels == 4) to[3] = alpha >= 0 ? from[alpha] : 255;
+  }
+}
+
+ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
+  still opened;
+  ern_status status = open_still(context, path, opened);
+  if (status != ERN_OK) return status;
+  OIIO::ImageInput &input = *opened.input;
+  const OIIO::ImageSpec spec = input.spec();
+  const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
+  const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
+  status = ern_image_make(context, path, spec.width, spec.height, channels, image);
+  if (status != ERN_OK) return status;
+  if (stored == channels && (channels == 3 || alpha == 3)) return decode(context, path, input, stored, image->data);
+  const size_t pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
+  std::vector<uint8_t> raw(pixels * static_cast<size_t>(stored));
+  status = decode(context, path, input, stored, raw.data());
+  if (status == ERN_OK) spread(raw.data(), stored, alpha, pixels, channels, image->data);
+  return status;
+}
+
+bool ends_with(const std::string &text, const char *ending) {
+  const size_t length = std::strlen(ending);
+  return text.size() > length && text.compare(text.size() - length, length, ending) == 0;
+}
+
+/* "png", "jpeg", or NULL: by the extension, in any case. */
+const char *format_of(const char *path) {
+  std::string lower(path);
+  for (char &letter : lower) {
+    if (letter >= 'A' && letter <= 'Z') letter = static_cast<char>(letter - 'A' + 'a');
+  }
+  if (ends_with(lower, ".png")) return "png";
+  if (ends_with(lower, ".jpg") || ends_with(lower, ".jpeg")) return "jpeg";
+  return nullptr;
+}
+
+/* Encodes pixels of `type` as `format` and writes the bytes to `path`. */
+ern_status encode(ern_context *context, const char *path, const char *format, const OIIO::ImageSpec &spec,
+                  OIIO::TypeDesc type, const void *pixels) {
+  std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(format);
+  if (!output) {
+    return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO cannot write %s: %s", path, format,
+                    one_line(OIIO::geterror()).c_str());
+  }
+  OIIO::Filesystem::IOVecOutput memory;
+  /* the name picks nothing here; it must not be `path`, whose file is not to be touched yet */
+  const bool done = output->set_ioproxy(&memory) && output->open(std::string("picture.") + format, spec) &&
+                    output->write_image(type, pixels) && output->close();
+  if (!done || output->has_error()) {
+    return ern_fail(context, ERN_E_MEDIA, "%s: cannot encode %d x %d pixels as %s: %s", path, spec.width, spec.height,
+                    format, one_line(output->geterror()).c_str());
+  }
+  return ern_file_write(context, path, memory.buffer().data(), memory.buffer().size());
+}
+
+ern_status write_pixels(ern_context *context, const char *path, const char *format, const ern_image *image,
+                        int quality) {
+  OIIO::ImageSpec spec(image->width, image->height, image->channels, OIIO::TypeDesc::UINT8);
+  if (image->channels == 4) spec.attribute("oiio:UnassociatedAlpha", 1);
+  if (std::strcmp(format, "jpeg") == 0) {
+    spec.attribute("Compression", std::string("jpeg:") + std::to_string(quality));
+    spec.attribute("jpeg:subsampling", quality >= 95 ? "4:4:4" : "4:2:0");
+  }
+  return encode(context, path, format, spec, OIIO::TypeDesc::UINT8, image->data);
+}
+
+ern_status write_floats(ern_context *context, const char *path, const float *data, int width, int height, int channels,
+                        const char *const *names) {
+  OIIO::ImageSpec spec(width, height, channels, OIIO::TypeDesc::FLOAT);
+  spec.alpha_channel = spec.z_channel = -1;
+  for (int i = 0; i < channels; i++) {
+    spec.channelnames[static_cast<size_t>(i)] = names[i];
+    if (std::strcmp(names[i], "A") == 0) spec.alpha_channel = i;
+    if (std::strcmp(names[i], "Z") == 0) spec.z_channel = i;
+  }
+  spec.attribute("compression", "zip");
+  spec.attribute("DateTime", "1970:01:01 00:00:00"); /* else the time of day: same picture, same bytes */
+  return encode(context, path, "openexr", spec, OIIO::TypeDesc::FLOAT, data);
+}
+
+}  // namespace
+
+extern "C" ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image) {
+  if (path == nullptr || image == nullptr) {
+    return ern_fail(context, ERN_E_ARGUMENT, "picture: path or image is NULL");
+  }
+  *image = ern_image{};
+  if (channels != 3 && channels != 4) {
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: %d channels were asked for, expected 3 or 4", path, channels);
+  }
+  const ern_status status = guarded(context, path, [&] { return read_pixels(context, path, channels, image); });
+  if (status != ERN_OK) ern_image_free(context, image);
+  return status;
+}
+
+extern "C" ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height) {
+  if (path == nullptr || width == nullptr || height == nullptr) {
+    return ern_fail(context, ERN_E_ARGUMENT, "picture: path, width or height is NULL");
+  }
+  *width = *height = 0;
+  return guarded(context, path, [&] {
+    still opened;
+    const ern_status status = open_still(context, path, opened);
+    if (status == ERN_OK) {
+      *width = opened.input->spec().width;
+      *height = opened.input->spec().height;
+    }
+    return status;
+  });
+}
+
+extern "C" ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image, int quality) {
+  if (path == nullptr) return ern_fail(context, ERN_E_ARGUMENT, "picture: path is NULL");
+  const ern_status status = ern_image_check(context, path, image);
+  if (status != ERN_OK) return status;
+  const char *format = format_of(path);
+  if (format == nullptr) {
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: the extension names no known format, expected .png or .jpg", path);
+  }
+  if (std::strcmp(format, "jpeg") == 0) {
+    if (image->channels == 4) {
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: JPEG has no alpha, expected 1 or 3 channels or .png", path);
+    }
+    if (quality < 1 || quality > 100) {
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: quality is %d, expected 1 to 100", path, quality);
+    }
+  }
+  return guarded(context, path, [&] { return write_pixels(context, path, format, image, quality); });
+}
+
+extern "C" ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data, int width,
+                                          int height, int channels, const char *const *names) {
+  if (path == nullptr || data == nullptr || names == nullptr) {
+    return ern_fail(context, ERN_E_ARGUMENT, "picture: path, data or names is NULL");
+  }
+  const ern_status status = ern_image_check_sides(context, path, width, height);
+  if (status != ERN_OK) return status;
+  if (channels < 1 || channels > 64) {
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: %d channels, expected 1 to 64", path, channels);
+  }
+  for (int i = 0; i < channels; i++) {
+    if (names[i] == nullptr || names[i][0] == 0) {
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: channel %d has no name", path, i);
+    }
+    for (int j = 0; j < i; j++) {
+      if (std::strcmp(names[i], names[j]) != 0) continue;
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: channels %d and %d are both named \"%s\"", path, j, i, names[i]);
+    }
+  }
+  return guarded(context, path, [&] { return write_floats(context, path, data, width, height, channels, names); });
+}
