@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: MIT
+ * Marching rays through the occupancy grid, and the samples that come of it (model.md section 5). In float in every
+ * build, so that float and double evaluate the model at the same points. */
+#include <math.h>
+
+#include "render/morton.h"
+#include "render/render_kernels.h"
+
+static const double two_root_three = 3.46410161513775459; /* the diagonal of [-1, 1]^3 */
+
+struct stepping {
+  float gamma, shortest, longest;
+};
+
+static struct stepping stepping_of(const struct ern_march_settings *settings) {
+  struct stepping stepping = {settings->dt_gamma, (float)(two_root_three / settings->max_steps),
+                              (float)(two_root_three / ERN_OCCUPANCY_SIDE)};
+  if (stepping.shortest > stepping.longest) stepping.shortest = stepping.longest;
+  return stepping;
+}
+
+/* NaN becomes `low`, so that a cell number is always one of the grid. */
+static float clamp(float value, float low, float high) { return value > low ? (value < high ? value : high) : low; }
+
+/* dt(t) = clamp(gamma t, shortest, longest) */
+static float step_at(const struct stepping *stepping, float t) {
+  return clamp(t * stepping->gamma, stepping->shortest, stepping->longest);
+}
+
+/* Where the ray is inside the box: near <= t <= far. False where it misses, and where it runs within the plane of a
+ * face (0 * infinity). */
+static bool box_enter(float *near, float *far, const float origin[3], const float d[3], float bound) {
+  const float half[3] = {bound, bound / 2, bound};
+  *near = -INFINITY, *far = INFINITY;
+  for (int axis = 0; axis < 3; axis++) {
+    const float inverse = 1 / d[axis];
+    const float t0 = (-half[axis] - origin[axis]) * inverse, t1 = (half[axis] - origin[axis]) * inverse;
+    if (isnan(t0) || isnan(t1)) return false;
+    *near = fmaxf(*near, fminf(t0, t1));
+    *far = fminf(*far, fmaxf(t0, t1));
+  }
+  return *near <= *far;
+}
+
+/* The cell of point p on one axis: clamp(int(64 (p/bound + 1)), 0, 127). */
+static uint32_t cell_of(float p, float inverse_bound) {
+  return (uint32_t)clamp(0.5f * (p * inverse_bound + 1.0f) * ERN_OCCUPANCY_SIDE, 0.0f, ERN_OCCUPANCY_SIDE - 1);
+}
+
+/* Distance along one axis from p to the border of its cell that the ray is heading for; infinite or NaN where it heads
+ * for neither (d = 0). */
+static float border_distance(float p, uint32_t cell, float d, float bound) {
+  const float border = ((float)cell + 0.5f + 0.5f * copysignf(1.0f, d)) / ERN_OCCUPANCY_SIDE * 2.0f - 1.0f;
+  return (border * bound - p) * (1 / d);
+}
+
+/* One ray; t gets the distances of its samples, and their number is returned. */
+static int march_ray(ern_real *t_out, const float origin[3], const float d[3], float jitter, const uint8_t *bits,
+                     const struct ern_march_settings *settings, const struct stepping *stepping) {
+  const float bound = settings->bound, inverse_bound = 1 / bound;
+  float near, far;
+  if (!box_enter(&near, &far, origin, d, bound)) return 0;
+  near = fmaxf(near, settings->near);
+  /* Longer than any way through the box, so it binds only where d is not a unit vector; then it ends the loops. */
+  far = fminf(far, near + 4 * bound);
+  float t = near + step_at(stepping, near) * jitter;
+  int count = 0;
+  while (t < far && count < settings->max_steps) {
+    float border = INFINITY;
+    uint32_t cell[3];
+    for (int axis = 0; axis < 3; axis++) {
+      const float p = clamp(origin[axis] + t * d[axis], -bound, bound);
+      cell[axis] = cell_of(p, inverse_bound);
+      const float distance = border_distance(p, cell[axis], d[axis], bound);
+      if (distance < border) border = distance;
+    }
+    const uint32_t number = ern_morton(cell[0], cell[1], cell[2]);
+    const bool occupied = bits[number >> 3] >> (number & 7) & 1;
+    float next = t + step_at(stepping, t);
+    if (occupied) {
+      t_out[count++] = t;
+    } else {
+      /* steps until past the border, so that a ray's samples stay on its own ladder t_{k+1} = t_k + dt(t_k) */
+      border = t + fmaxf(0.0f, border);
+      for (float last = t; last < next && next < border && next < far;) {
+        last = next;
+        next += step_at(stepping, last);
+      }
+    }
+    if (!(next > t)) break; /* so far away that t + dt = t */
+    t = next;
+  }
+  return count;
+}
+
+void ERN_REF(ern_march)(ern_real *t, int32_t *count, const ern_real *dir, size_t stride, const ern_real *jitter,
+                        const uint8_t *bits, const float origin[3], const struct ern_march_settings *settings,
+                        size_t n) {
+  const struct stepping stepping = stepping_of(settings);
+  for (size_t r = 0; r < n; r++) {
+    const float d[3] = {(float)dir[r], (float)dir[stride + r], (float)dir[2 * stride + r]};
+    const float start = jitter ? (float)jitter[r] : 0.0f;
+    count[r] = march_ray(&t[r * (size_t)settings->max_steps], origin, d, start, bits, settings, &stepping);
+  }
+}
+
+/* x = clamp(o + t d), dt = dt(t), depth = t + dt, for the samples of ray r packed from first[r] on. */
+void ERN_REF(ern_samples)(ern_real *x, size_t x_stride, ern_real *dt, ern_real *depth, int32_t *ray, const ern_real *t,
+                          const int32_t *first, const ern_real *dir, size_t dir_stride, const float origin[3],
+                          const struct ern_march_settings *settings, size_t ray_begin, size_t n) {
+  const struct stepping stepping = stepping_of(settings);
+  const float bound = settings->bound;
+  for (size_t r = 0; r < n; r++) {
+    const float d[3] = {(float)dir[r], (float)dir[dir_stride + r], (float)dir[2 * dir_stride + r]};
+    const ern_real *t_ray = &t[r * (size_t)settings->max_steps];
+    const size_t begin = (size_t)first[r], end = (size_t)first[r + 1];
+    for (size_t i = begin; i < end; i++) {
+      const float distance = (float)t_ray[i - begin], step = step_at(&stepping, distance);
+      for (size_t axis = 0; axis < 3; axis++) {
+        x[axis * x_stride + i] = clamp(origin[axis] + distance * d[axis], -bound, bound);
+      }
+      dt[i] = step;
+      depth[i] = distance + step;
+      ray[i] = (int32_t)(ray_begin + r);
+    }
+  }
+}

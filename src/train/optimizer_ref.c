@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT
+ * AdamW, the moving average of the weights, and the test for finite values (model.md section 6). */
+#include <float.h>
+#include <tgmath.h>
+
+#include "train/train_kernels.h"
+
+#ifdef ERN_DOUBLE
+static const ern_real largest = DBL_MAX;
+#else
+static const ern_real largest = FLT_MAX;
+#endif
+
+/* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps).
+ * The root is split, so that v/bias_correction cannot overflow; v is held at the largest number, so that one gradient
+ * whose square is infinite does not stop its parameter for good. */
+void ERN_REF(ern_adamw)(ern_real *parameters, ern_real *second_moment, const ern_real *gradient, float rate,
+                        float decay, float beta2, float eps, double bias_correction, size_t n) {
+  const ern_real keep = (ern_real)(1 - (double)rate * (double)decay), fresh = (ern_real)(1 - (double)beta2);
+  const ern_real unbias = (ern_real)(1 / sqrt(bias_correction));
+  for (size_t i = 0; i < n; i++) {
+    const ern_real g = gradient[i], v = beta2 * second_moment[i] + fresh * g * g;
+    const ern_real held = v > largest ? largest : v;
+    second_moment[i] = held;
+    parameters[i] = keep * parameters[i] - rate * (g / (sqrt(held) * unbias + eps));
+  }
+}
+
+/* average += (1 - decay)(parameters - average) */
+void ERN_REF(ern_ema)(ern_real *average, const ern_real *parameters, float decay, size_t n) {
+  const ern_real fresh = (ern_real)(1 - (double)decay);
+  for (size_t i = 0; i < n; i++) average[i] += fresh * (parameters[i] - average[i]);
+}
+
+bool ERN_REF(ern_finite)(const ern_real *values, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    if (!isfinite(values[i])) return false;
+  }
+  return true;
+}
