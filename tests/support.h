@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ * What the tests share: a context, a place for files, and a look at the words of an error. */
+#ifndef ERN_TESTS_SUPPORT_H
+#define ERN_TESTS_SUPPORT_H
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "ernerf/base.h"
+
+static inline ern_context *support_context(void) {
+  ern_context *context = NULL;
+  assert_int_equal(ern_context_create(&context, NULL), ERN_OK);
+  return context;
+}
+
+/* Writes a file in the working folder of the test. */
+static inline void support_write(const char *path, const void *bytes, size_t count) {
+  FILE *file = fopen(path, "wb");
+  assert_non_null(file);
+  assert_int_equal(fwrite(bytes, 1, count, file), count);
+  assert_int_equal(fclose(file), 0);
+}
+
+static inline void support_write_text(const char *path, const char *text) { support_write(path, text, strlen(text)); }
+
+/* The status, and that the last error holds each of the words; the list ends with NULL. */
+static inline void support_expect(const ern_context *context, ern_status found, ern_status expected, ...) {
+  if (found != expected) {
+    fail_msg("status %s, expected %s: %s", ern_status_name(found), ern_status_name(expected), ern_last_error(context));
+  }
+  va_list words;
+  va_start(words, expected);
+  for (const char *word = va_arg(words, const char *); word != NULL; word = va_arg(words, const char *)) {
+    if (strstr(ern_last_error(context), word) == NULL) {
+      fail_msg("the error \"%s\" does not say \"%s\"", ern_last_error(context), word);
+    }
+  }
+  va_end(words);
+}
+
+/* ERNERF_SHARED/NAME in `path`, or the test is skipped where it is unset. */
+static inline void support_shared(const char *name, char path[1024]) {
+  const char *shared = getenv("ERNERF_SHARED");
+  if (shared == NULL || shared[0] == 0) skip();
+  snprintf(path, 1024, "%s/%s", shared, name);
+}
+
+#endif
