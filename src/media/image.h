@@ -17,4 +17,8 @@ ERN_NODISCARD ern_status ern_image_check_sides(ern_context *context, const char 
 /* ERN_E_ARGUMENT where a picture of the caller's cannot be one. */
 ERN_NODISCARD ern_status ern_image_check(ern_context *context, const char *what, const ern_image *image);
 
+/* ERN_E_FORMAT where the file starts as a PNG and does not go on to its last chunk; anything else is ERN_OK. libpng,
+ * under OpenImageIO, prints and leaks on such files, so they are kept from it. */
+ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path);
+
 #endif

@@ -63,6 +63,7 @@ struct still {
 /* Opens a still and checks what its header says. Alpha stays as stored: not multiplied into the colours. */
 ern_status open_still(ern_context *context, const char *path, still &opened) {
   ern_status status = check_regular(context, path);
+  if (status == ERN_OK) status = ern_image_check_png_whole(context, path);
   if (status != ERN_OK) return status;
   OIIO::ImageSpec config;
   config.attribute("oiio:UnassociatedAlpha", 1);
