@@ -173,4 +173,29 @@ typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_
 typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, float threshold, uint32_t byte_begin,
                                        uint32_t byte_end);
 
+/* ---- fused: a tile of rays from direction to pixel ---- */
+
+struct ern_field;
+
+/* March, field and composite of n rays; nothing but the outputs is kept. Audio code, eye value and individual code are the
+ * frame's. */
+struct ern_render_rays_args {
+  ern_rows pixel;        /* out: [3] per ray, over the background, clamped */
+  ern_rows colour;       /* out: [3] per ray, sum w rgb; zeroed: not wanted */
+  ern_span opacity;      /* out: real [n] */
+  ern_span depth, attention, eye; /* out: real [n] */
+  ern_span pixel_number; /* int32 [n] */
+  struct ern_view view;
+  ern_rows background;   /* [3] per ray */
+  ern_span bits;
+  ern_span parameters;
+  const struct ern_field *field;
+  ern_span code;         /* real [A], the audio code */
+  float eye_value;
+  size_t individual;     /* row of the individual codes */
+  struct ern_march_settings settings;
+  float transmittance_stop;
+  size_t n;
+};
+
 #endif

@@ -117,4 +117,52 @@ struct ern_finite_args {
 };
 typedef bool ern_finite_kernel(const ern_real *values, size_t n);
 
+/* ---- fused: a whole step of the head, forward and backward ---- */
+
+struct ern_field;
+struct ern_view;
+struct ern_march_settings;
+
+struct ern_head_step_args {
+  ern_span dparameters;     /* accumulates, the whole block */
+  double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included */
+  size_t samples;           /* out, on the host */
+  double squared_error;     /* out, on the host: mean over rays and channels of (pixel - truth)^2, unweighted */
+  ern_span parameters;
+  const struct ern_field *field;
+  const struct ern_view *view;
+  const struct ern_march_settings *settings;
+  ern_span bits;
+  ern_span pixel_number;    /* int32 [n] */
+  ern_span jitter;          /* real [n]; zeroed: none */
+  ern_rows truth, background; /* [3] per ray */
+  ern_span face;            /* real [n] */
+  ern_span windows;         /* real [8][window_length][width] */
+  float eye_value;
+  size_t individual;        /* row of the individual codes */
+  struct ern_loss_weights weights;
+  float transmittance_stop;
+  bool smooth;              /* with the smoothness term */
+  const float *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
+  uint64_t seed, step;
+  size_t n;                 /* rays */
+};
+
+/* ---- and of the torso ---- */
+
+struct ern_torso_step_args {
+  ern_span dparameters;
+  double terms[ERN_LOSS_TERMS]; /* photometric and key points */
+  size_t samples;           /* pixels inside the torso's occupancy */
+  ern_span parameters;
+  const struct ern_field *field;
+  const struct ern_view *view;
+  ern_span grid;            /* the torso's occupancy */
+  float threshold, shrink;
+  ern_span pixel_number;
+  ern_rows truth, background;
+  size_t individual;
+  size_t n;
+};
+
 #endif

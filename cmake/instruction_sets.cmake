@@ -1,0 +1,13 @@
+# Instruction-set flags are given by file; the choice between the files is made at run time. Appends to engine_objects.
+set(ERN_X86_KERNELS OFF)
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$" AND NOT ERNERF_REF_ONLY)
+  set(ERN_X86_KERNELS ON)
+  function(ern_instruction_set name)
+    file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/backend_cpu/*_${name}.c)
+    add_library(ernerf_${name} OBJECT ${sources})
+    target_compile_options(ernerf_${name} PRIVATE -O3 -ffp-contract=fast ${ARGN})
+  endfunction()
+  ern_instruction_set(avx2 -mavx2 -mfma)
+  ern_instruction_set(avx512 -mavx512f -mavx512dq -mavx512bw -mavx512vl -mfma -mprefer-vector-width=512)
+  list(APPEND engine_objects ernerf_avx2 ernerf_avx512)
+endif()

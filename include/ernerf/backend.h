@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ * Where a portrait is computed: the CPU with one of its instruction sets, or (later) an OpenCL device. */
+#ifndef ERNERF_BACKEND_H
+#define ERNERF_BACKEND_H
+
+#include <stdbool.h>
+
+#include "ernerf/base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct ern_backend ern_backend;
+
+typedef struct ern_backend_config {
+  uint32_t cookie;
+  const char *name; /* "auto" (the CPU), "cpu"; "opencl" is refused until its table is whole */
+  const char *isa;  /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
+                       "ref64" the reference in double, "avx2", "avx512" */
+  int device;       /* number of an OpenCL device, as ern_devices_list counts */
+} ern_backend_config;
+
+ERN_API ern_backend_config ern_backend_config_default(void);
+
+/* On success the caller owns *backend; it serves any number of models, renderers and trainers of the context, and must
+ * outlive them. ERN_E_UNSUPPORTED names what the machine or the build lacks. config NULL: the defaults. */
+ERN_API ERN_NODISCARD ern_status ern_backend_create(ern_backend **backend, ern_context *context,
+                                                    const ern_backend_config *config);
+ERN_API void ern_backend_free(ern_backend **backend); /* accepts NULL and a pointer to NULL */
+
+typedef struct ern_backend_info {
+  const char *name, *isa; /* live as long as the backend */
+  int real_bytes;         /* 4, or 8 for ref64 */
+  bool deterministic;     /* same inputs, same bytes, for any number of threads */
+} ern_backend_info;
+ERN_API void ern_backend_describe(const ern_backend *backend, ern_backend_info *info);
+
+/* One line of `ernerf info devices`. */
+typedef struct ern_device_info {
+  const char *kind;       /* "cpu" or "opencl" */
+  int number;             /* of the OpenCL device; 0 for the CPU */
+  const char *name, *version;
+  const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
+  unsigned compute_units;
+  uint64_t memory_bytes;
+} ern_device_info;
+
+/* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */
+ERN_API ERN_NODISCARD ern_status ern_devices_list(ern_context *context,
+                                                  void (*say)(void *user, const ern_device_info *device), void *user);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

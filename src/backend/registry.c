@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: MIT
+ * Which backends there are, and the choice of one: the only file that names them. */
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "backend_cpu/backend_cpu.h"
+#include "backend_opencl/devices.h"
+#include "core/status.h"
+#include "ernerf/backend.h"
+
+enum { CONFIG_COOKIE = 0x45524e32, TEXT_BYTES = 128 };
+
+ern_backend_config ern_backend_config_default(void) {
+  return (ern_backend_config){.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
+}
+
+static ern_status choose_isa(ern_context *context, const char *wanted, ern_isa *isa) {
+  char list[TEXT_BYTES];
+  if (wanted == NULL || strcmp(wanted, "auto") == 0) wanted = getenv("ERNERF_ISA");
+  if (wanted == NULL || wanted[0] == 0 || strcmp(wanted, "auto") == 0) {
+    *isa = ern_isa_available(ERN_ISA_AVX512) ? ERN_ISA_AVX512 : ern_isa_available(ERN_ISA_AVX2) ? ERN_ISA_AVX2 : ERN_ISA_REF;
+    return ERN_OK;
+  }
+  for (*isa = ERN_ISA_REF; *isa < ERN_ISAS; (*isa)++)
+    if (strcmp(wanted, ern_isa_name(*isa)) == 0 && ern_isa_available(*isa)) return ERN_OK;
+  ern_isa_list(list, sizeof list);
+  return ern_fail(context, ERN_E_UNSUPPORTED, "instruction set: found \"%s\", expected one that this machine has: auto %s",
+                  wanted, list);
+}
+
+ern_status ern_backend_create(ern_backend **backend, ern_context *context, const ern_backend_config *config) {
+  const ern_backend_config chosen = config != NULL ? *config : ern_backend_config_default();
+  ern_isa isa = ERN_ISA_REF;
+  *backend = NULL;
+  if (chosen.cookie != CONFIG_COOKIE)
+    return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
+  if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "backend: opencl lists its devices but does not train or render yet; use --backend cpu");
+  if (chosen.name != NULL && strcmp(chosen.name, "auto") != 0 && strcmp(chosen.name, "cpu") != 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED, "backend: found \"%s\", expected auto, cpu or opencl", chosen.name);
+  ern_status status = choose_isa(context, chosen.isa, &isa);
+  if (status == ERN_OK) status = ern_cpu_backend_make(context, isa, backend);
+  if (status == ERN_OK) ern_log(context, ERN_LOG_INFO, "backend: cpu, instruction set %s", ern_isa_name(isa));
+  return status;
+}
+
+void ern_backend_free(ern_backend **backend) {
+  if (backend == NULL || *backend == NULL) return;
+  (*backend)->free(*backend);
+  *backend = NULL;
+}
+
+void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
+  *info = (ern_backend_info){backend->name, backend->isa, (int)backend->real_bytes, backend->deterministic};
+}
+
+ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const ern_device_info *device), void *user) {
+  char name[TEXT_BYTES], list[TEXT_BYTES];
+  ern_cpu_name(name, sizeof name);
+  ern_isa_list(list, sizeof list);
+  const long cores = sysconf(_SC_NPROCESSORS_ONLN), pages = sysconf(_SC_PHYS_PAGES), page = sysconf(_SC_PAGESIZE);
+  const ern_device_info cpu = {.kind = "cpu",
+                               .name = name,
+                               .version = "",
+                               .instruction_sets = list,
+                               .compute_units = cores > 0 ? (unsigned)cores : 0,
+                               .memory_bytes = pages > 0 && page > 0 ? (uint64_t)pages * (uint64_t)page : 0};
+  say(user, &cpu);
+  return ern_opencl_devices_list(context, say, user);
+}

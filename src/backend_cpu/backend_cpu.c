@@ -1,0 +1,136 @@
+/* SPDX-License-Identifier: MIT
+ * The reference table first, then what each instruction set overwrites. */
+#include "backend_cpu/backend_cpu.h"
+
+#include "backend_cpu/cpu_kernels.h"
+#include "core/memory.h"
+#if defined(ERN_X86_KERNELS)
+#include "backend_cpu/kernels_x86.h"
+#endif
+
+/* Big enough for the kernels of either scalar: members are all pointers. */
+enum { KERNEL_TABLE_BYTES = sizeof(struct ern_cpu_kernels) };
+
+static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count, struct ern_buffer **buffer) {
+  static const size_t fixed[] = {[ERN_ELEMENT_REAL] = 0, [ERN_ELEMENT_INT32] = 4, [ERN_ELEMENT_BYTE] = 1};
+  void *room = NULL;
+  *buffer = NULL;
+  ern_status status = ern_allocate(backend->context, 1, sizeof(struct ern_buffer), &room);
+  if (status != ERN_OK) return status;
+  struct ern_buffer *made = room;
+  made->element = element;
+  made->count = count;
+  status = ern_allocate(backend->context, count, element == ERN_ELEMENT_REAL ? backend->real_bytes : fixed[element],
+                        &made->memory);
+  if (status != ERN_OK) {
+    ern_release(backend->context, made);
+    return status;
+  }
+  *buffer = made;
+  return ERN_OK;
+}
+
+static void buffer_free(struct ern_backend *backend, struct ern_buffer *buffer) {
+  if (buffer == NULL) return;
+  ern_release(backend->context, buffer->memory);
+  ern_release(backend->context, buffer);
+}
+
+static void stream_free(struct ern_stream *stream) {
+  if (stream == NULL) return;
+  struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
+  ern_context *context = stream->backend->context;
+  for (int i = 0; i < cpu->lanes; i++) stream_free(cpu->lane[i] != NULL ? &cpu->lane[i]->base : NULL);
+  ern_release(context, cpu->lane);
+  ern_pool_free(cpu->pool);
+  ern_arena_free(stream->arena);
+  ern_release(context, cpu);
+}
+
+/* A stream without a pool: a lane. */
+static ern_status serial_stream_make(struct ern_backend *backend, struct ern_cpu_stream **stream) {
+  void *room = NULL;
+  ern_status status = ern_allocate(backend->context, 1, sizeof(struct ern_cpu_stream), &room);
+  *stream = room;
+  if (status != ERN_OK) return status;
+  (*stream)->base.backend = backend;
+  return ern_arena_make(backend, &(*stream)->base.arena);
+}
+
+static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
+  struct ern_cpu_stream *made = NULL;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  *stream = NULL;
+  ERN_TRY(serial_stream_make(backend, &made));
+  ERN_TRY(ern_pool_make(backend->context, threads, &made->pool));
+  const int lanes = ern_pool_threads(made->pool);
+  ERN_TRY(ern_allocate(backend->context, (size_t)lanes, sizeof(struct ern_cpu_stream *), &room));
+  made->lane = room;
+  made->lanes = lanes;
+  for (int i = 0; i < lanes; i++) ERN_TRY(serial_stream_make(backend, &made->lane[i]));
+  *stream = &made->base;
+  return ERN_OK;
+fail:
+  stream_free(made != NULL ? &made->base : NULL);
+  return status;
+}
+
+static void backend_free(struct ern_backend *backend) {
+  if (backend == NULL) return;
+  struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)backend;
+  ern_release(backend->context, cpu->kernel_room);
+  ern_release(backend->context, cpu);
+}
+
+#if defined(ERN_X86_KERNELS)
+static void overwrite_avx2(struct ern_cpu_kernels *k) {
+  k->mlp_fwd = ern_mlp_fwd_avx2;
+  k->mlp_bwd = ern_mlp_bwd_avx2;
+  k->grid_fwd = ern_grid_fwd_avx2;
+  k->grid_bwd = ern_grid_bwd_avx2;
+}
+static void overwrite_avx512(struct ern_cpu_kernels *k) {
+  k->mlp_fwd = ern_mlp_fwd_avx512;
+  k->mlp_bwd = ern_mlp_bwd_avx512;
+  k->grid_fwd = ern_grid_fwd_avx512;
+  k->grid_bwd = ern_grid_bwd_avx512;
+}
+#endif
+
+ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend) {
+  void *room = NULL;
+  *backend = NULL;
+  ern_status status = ern_allocate(context, 1, sizeof(struct ern_cpu_backend), &room);
+  if (status != ERN_OK) return status;
+  struct ern_cpu_backend *made = room;
+  struct ern_backend *table = &made->table;
+  table->context = context;
+  status = ern_allocate(context, 1, KERNEL_TABLE_BYTES, &made->kernel_room);
+  if (status != ERN_OK) {
+    ern_release(context, made);
+    return status;
+  }
+  made->kernels = made->kernel_room;
+  table->name = "cpu";
+  table->isa = ern_isa_name(isa);
+  table->deterministic = true;
+  table->buffer_make = buffer_make;
+  table->buffer_free = buffer_free;
+  table->stream_make = stream_make;
+  table->stream_free = stream_free;
+  table->free = backend_free;
+  if (isa == ERN_ISA_REF64) {
+    ern_cpu_fill_slots_ref64(table);
+    ern_cpu_fill_kernels_ref64(made->kernel_room);
+  } else {
+    ern_cpu_fill_slots_ref(table);
+    ern_cpu_fill_kernels_ref(made->kernel_room);
+  }
+#if defined(ERN_X86_KERNELS)
+  if (isa == ERN_ISA_AVX2 || isa == ERN_ISA_AVX512) overwrite_avx2(made->kernel_room);
+  if (isa == ERN_ISA_AVX512) overwrite_avx512(made->kernel_room);
+#endif
+  *backend = table;
+  return ERN_OK;
+}

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * The CPU as a backend. */
+#ifndef ERN_BACKEND_CPU_H
+#define ERN_BACKEND_CPU_H
+
+#include "core/backend.h"
+#include "core/cpu.h"
+
+/* The caller has checked ern_isa_available. */
+ERN_NODISCARD ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend);
+
+#endif

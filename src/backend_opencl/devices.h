@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * The OpenCL devices of the machine. */
+#ifndef ERN_OPENCL_DEVICES_H
+#define ERN_OPENCL_DEVICES_H
+
+#include "ernerf/backend.h"
+
+/* Calls `say` for each device of each platform, numbered through from 0. None is no error. */
+ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
+                                                 void (*say)(void *user, const ern_device_info *device), void *user);
+
+#endif

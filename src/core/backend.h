@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: MIT
+ * THE dispatch table: what a device must be able to do for a portrait to be trained and rendered on it.
+ *
+ * A backend is immutable once made; a stream is one renderer's or trainer's own queue and scratch on it. A slot is
+ * ern_status f(stream, args): sizes and spans in, spans filled, and a few figures for the host in the args. No slot is NULL. */
+#ifndef ERN_CORE_BACKEND_H
+#define ERN_CORE_BACKEND_H
+
+#include "core/types.h"
+#include "hashgrid/hashgrid_ops.h"
+#include "mlp/audio_ops.h"
+#include "mlp/mlp_ops.h"
+#include "model/attention_ops.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
+#include "train/train_ops.h"
+
+/* slot, its argument struct */
+#define ERN_SLOTS(SLOT)                                   \
+  SLOT(rays, ern_rays_args)                               \
+  SLOT(march, ern_march_args)                             \
+  SLOT(scan, ern_scan_args)                               \
+  SLOT(samples, ern_samples_args)                         \
+  SLOT(grid_fwd, ern_grid_args)                           \
+  SLOT(grid_bwd, ern_grid_bwd_args)                       \
+  SLOT(mlp_fwd, ern_mlp_args)                             \
+  SLOT(mlp_bwd, ern_mlp_bwd_args)                         \
+  SLOT(activate_fwd, ern_activate_args)                   \
+  SLOT(activate_bwd, ern_activate_bwd_args)               \
+  SLOT(sh_fwd, ern_sh_args)                               \
+  SLOT(freq_fwd, ern_freq_args)                           \
+  SLOT(freq_bwd, ern_freq_bwd_args)                       \
+  SLOT(audio_fwd, ern_audio_args)                         \
+  SLOT(audio_bwd, ern_audio_bwd_args)                     \
+  SLOT(attention_fwd, ern_attention_args)                 \
+  SLOT(attention_bwd, ern_attention_bwd_args)             \
+  SLOT(composite_fwd, ern_composite_args)                 \
+  SLOT(composite_bwd, ern_composite_bwd_args)             \
+  SLOT(occupancy_mark, ern_occupancy_mark_args)           \
+  SLOT(occupancy_list, ern_occupancy_list_args)           \
+  SLOT(occupancy_points, ern_occupancy_points_args)       \
+  SLOT(occupancy_scatter, ern_occupancy_scatter_args)     \
+  SLOT(occupancy_update, ern_occupancy_update_args)       \
+  SLOT(torso_pose_fwd, ern_torso_pose_args)               \
+  SLOT(torso_pose_bwd, ern_torso_pose_bwd_args)           \
+  SLOT(torso_coords, ern_torso_coords_args)               \
+  SLOT(torso_select, ern_torso_select_args)               \
+  SLOT(torso_deform_fwd, ern_torso_deform_args)           \
+  SLOT(torso_deform_bwd, ern_torso_deform_bwd_args)       \
+  SLOT(torso_composite_fwd, ern_torso_composite_args)     \
+  SLOT(torso_composite_bwd, ern_torso_composite_bwd_args) \
+  SLOT(torso_points, ern_torso_points_args)               \
+  SLOT(torso_update, ern_torso_update_args)               \
+  SLOT(head_loss, ern_head_loss_args)                     \
+  SLOT(smooth_loss, ern_smooth_loss_args)                 \
+  SLOT(smooth_points, ern_smooth_points_args)             \
+  SLOT(mse, ern_mse_args)                                 \
+  SLOT(key_points_loss, ern_key_points_loss_args)         \
+  SLOT(adamw, ern_adamw_args)                             \
+  SLOT(ema, ern_ema_args)                                 \
+  SLOT(finite, ern_finite_args)                           \
+  SLOT(render_rays, ern_render_rays_args)                 \
+  SLOT(head_step, ern_head_step_args)                     \
+  SLOT(torso_step, ern_torso_step_args)
+
+struct ern_backend {
+  ern_context *context;
+  const char *name; /* "cpu" */
+  const char *isa;  /* "ref", "ref64", "avx2", ... */
+  size_t real_bytes;
+  bool deterministic; /* same inputs, same bytes, whatever the number of threads */
+
+  /* Zeroed memory. The caller owns *buffer. */
+  ern_status (*buffer_make)(struct ern_backend *, ern_element, size_t count, struct ern_buffer **buffer);
+  void (*buffer_free)(struct ern_backend *, struct ern_buffer *); /* accepts NULL */
+
+  ern_status (*stream_make)(struct ern_backend *, int threads, struct ern_stream **);
+  void (*stream_free)(struct ern_stream *); /* accepts NULL */
+  void (*free)(struct ern_backend *);
+
+  /* Between the host and the device; they block. Reals are converted. `count` elements at the start of the span. */
+  ern_status (*upload_reals)(struct ern_stream *, ern_span to, const float *from, size_t count);
+  ern_status (*download_reals)(struct ern_stream *, float *to, ern_span from, size_t count);
+  ern_status (*upload_int32)(struct ern_stream *, ern_span to, const int32_t *from, size_t count);
+  ern_status (*download_int32)(struct ern_stream *, int32_t *to, ern_span from, size_t count);
+  ern_status (*upload_bytes)(struct ern_stream *, ern_span to, const uint8_t *from, size_t count);
+  ern_status (*download_bytes)(struct ern_stream *, uint8_t *to, ern_span from, size_t count);
+  ern_status (*zero)(struct ern_stream *, ern_span);
+  ern_status (*copy)(struct ern_stream *, ern_span to, ern_span from, size_t count);
+
+#define ERN_SLOT_MEMBER(slot, args) ern_status (*slot)(struct ern_stream *, struct args *);
+  ERN_SLOTS(ERN_SLOT_MEMBER)
+#undef ERN_SLOT_MEMBER
+};
+
+/* Every backend's stream begins with this. */
+struct ern_stream {
+  struct ern_backend *backend;
+  struct ern_arena *arena;
+};
+
+/* ---- scratch of a stream: taken in order, given back to a mark ---- */
+
+struct ern_arena;
+ern_status ern_arena_make(struct ern_backend *backend, struct ern_arena **arena);
+void ern_arena_free(struct ern_arena *arena); /* accepts NULL */
+
+struct ern_arena_mark {
+  size_t block[3], used[3]; /* by element */
+};
+struct ern_arena_mark ern_arena_mark(const struct ern_stream *stream);
+void ern_arena_release(struct ern_stream *stream, struct ern_arena_mark mark);
+
+/* *span = room for `count` elements, at a multiple of 64; contents undefined. */
+ERN_NODISCARD ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span);
+/* The same as `rows` channels of n values, stride n rounded up to 64. */
+ERN_NODISCARD ern_status ern_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out);
+
+/* The rows [first, first + count) of `from`. */
+static inline ern_rows ern_rows_part(ern_rows from, int first, int count) {
+  const size_t skip = (size_t)first * from.stride;
+  return (ern_rows){{from.span.buffer, from.span.at + skip, from.span.count - skip}, from.stride, count, from.per};
+}
+static inline ern_span ern_span_part(ern_span from, size_t first, size_t count) {
+  return (ern_span){from.buffer, from.at + first, count};
+}
+static inline ern_span ern_span_of_row(ern_rows from, int row, size_t n) {
+  return (ern_span){from.span.buffer, from.span.at + (size_t)row * from.stride, n};
+}
+
+#endif

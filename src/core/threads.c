@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: MIT */
+#define _GNU_SOURCE /* sched_getaffinity */
+#include "core/threads.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+
+#include "core/memory.h"
+
+enum { MAX_THREADS = 256 };
+
+struct ern_pool {
+  ern_context *context;
+  int threads;
+  int started; /* helper threads that must be joined */
+  pthread_t helper[MAX_THREADS];
+  struct lane {
+    struct ern_pool *pool;
+    int number;
+  } lane[MAX_THREADS];
+  pthread_mutex_t mutex;
+  pthread_cond_t work, done;
+  uint64_t round; /* grows by one a run */
+  int busy;       /* helpers that have not finished the round */
+  bool closing;
+  void (*task)(void *user, size_t index, int lane);
+  void *user;
+  size_t count;
+  atomic_size_t next;
+};
+
+static void work_through(struct ern_pool *pool, int lane) {
+  for (;;) {
+    const size_t index = atomic_fetch_add(&pool->next, 1);
+    if (index >= pool->count) return;
+    pool->task(pool->user, index, lane);
+  }
+}
+
+static void *helper_main(void *argument) {
+  const struct lane *lane = argument;
+  struct ern_pool *pool = lane->pool;
+  uint64_t seen = 0;
+  for (;;) {
+    pthread_mutex_lock(&pool->mutex);
+    while (!pool->closing && pool->round == seen) pthread_cond_wait(&pool->work, &pool->mutex);
+    const bool closing = pool->closing;
+    seen = pool->round;
+    pthread_mutex_unlock(&pool->mutex);
+    if (closing) return NULL;
+    work_through(pool, lane->number);
+    pthread_mutex_lock(&pool->mutex);
+    if (--pool->busy == 0) pthread_cond_signal(&pool->done);
+    pthread_mutex_unlock(&pool->mutex);
+  }
+}
+
+static int cores(void) {
+  cpu_set_t set;
+  if (sched_getaffinity(0, sizeof set, &set) != 0) return 1;
+  const int count = CPU_COUNT(&set);
+  return count < 1 ? 1 : count;
+}
+
+ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **pool) {
+  *pool = NULL;
+  if (threads < 0 || threads > MAX_THREADS)
+    return ern_fail(context, ERN_E_ARGUMENT, "threads: found %d, expected 0 to %d", threads, MAX_THREADS);
+  void *room = NULL;
+  const ern_status status = ern_allocate(context, 1, sizeof(struct ern_pool), &room);
+  if (status != ERN_OK) return status;
+  struct ern_pool *made = room;
+  made->context = context;
+  made->threads = threads > 0 ? threads : cores();
+  if (made->threads > MAX_THREADS) made->threads = MAX_THREADS;
+  pthread_mutex_init(&made->mutex, NULL);
+  pthread_cond_init(&made->work, NULL);
+  pthread_cond_init(&made->done, NULL);
+  for (int i = 1; i < made->threads; i++) {
+    made->lane[i] = (struct lane){made, i};
+    if (pthread_create(&made->helper[i], NULL, helper_main, &made->lane[i]) != 0) {
+      ern_pool_free(made);
+      return ern_fail(context, ERN_E_NO_MEMORY, "threads: the system refused thread %d of %d", i + 1, threads);
+    }
+    made->started++;
+  }
+  *pool = made;
+  return ERN_OK;
+}
+
+void ern_pool_free(struct ern_pool *pool) {
+  if (pool == NULL) return;
+  pthread_mutex_lock(&pool->mutex);
+  pool->closing = true;
+  pthread_cond_broadcast(&pool->work);
+  pthread_mutex_unlock(&pool->mutex);
+  for (int i = 1; i <= pool->started; i++) pthread_join(pool->helper[i], NULL);
+  pthread_cond_destroy(&pool->done);
+  pthread_cond_destroy(&pool->work);
+  pthread_mutex_destroy(&pool->mutex);
+  ern_release(pool->context, pool);
+}
+
+int ern_pool_threads(const struct ern_pool *pool) { return pool != NULL ? pool->threads : 1; }
+
+void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, size_t index, int lane), void *user) {
+  if (pool == NULL || pool->started == 0 || count < 2) {
+    for (size_t i = 0; i < count; i++) task(user, i, 0);
+    return;
+  }
+  pthread_mutex_lock(&pool->mutex);
+  pool->task = task;
+  pool->user = user;
+  pool->count = count;
+  atomic_store(&pool->next, 0);
+  pool->busy = pool->started;
+  pool->round++;
+  pthread_cond_broadcast(&pool->work);
+  pthread_mutex_unlock(&pool->mutex);
+  work_through(pool, 0);
+  pthread_mutex_lock(&pool->mutex);
+  while (pool->busy > 0) pthread_cond_wait(&pool->done, &pool->mutex);
+  pthread_mutex_unlock(&pool->mutex);
+}

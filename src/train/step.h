@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * Whole training steps by calling the stages: what a backend without faster ones of its own puts into head_step and
+ * torso_step. */
+#ifndef ERN_TRAIN_STEP_H
+#define ERN_TRAIN_STEP_H
+
+#include "core/backend.h"
+
+ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args);
+ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args);
+
+#endif
