@@ -1,0 +1,321 @@
+/* SPDX-License-Identifier: MIT
+ * A preprocessed clip: all its files checked when it is opened, its pixels read when they are asked for. */
+#include "media/clip.h"
+
+#include <inttypes.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "io/file.h"
+#include "io/landmarks.h"
+
+enum { OPTIONS_COOKIE = 0x45524e43, TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
+
+/* A kind of picture: the ones that stay in memory, by split and frame, and the one that was read last and did not fit.
+ */
+struct pictures {
+  ern_clip_part part;
+  int channels;
+  uint8_t **kept[2]; /* [split][frame], NULL: not in memory */
+  ern_image last;
+};
+
+struct ern_clip {
+  ern_context *context;
+  char *folder, *features_file;
+  ern_clip_info info;
+  ern_features features;
+  ern_image background;
+  ern_clip_frame *frames[2]; /* by ern_split */
+  struct pictures truth, torso;
+  uint64_t budget, used; /* bytes of kept pictures */
+};
+
+ern_clip_options ern_clip_options_default(void) {
+  return (ern_clip_options){.cookie = OPTIONS_COOKIE, .memory_bytes = 0, .features = NULL, .asr_model = NULL};
+}
+
+static uint64_t half_of_memory(void) {
+  const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
+  if (pages <= 0 || page_bytes <= 0) return (uint64_t)1 << 31;
+  return (uint64_t)pages * (uint64_t)page_bytes / 2;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static ern_status check_folder(ern_context *context, const char *folder) {
+  struct stat about;
+  if (stat(folder, &about) != 0) {
+    return ern_fail(context, ERN_E_MISSING, "%s: is missing, expected the folder of a preprocessed clip", folder);
+  }
+  if (S_ISDIR(about.st_mode)) return ERN_OK;
+  return ern_fail(context, ERN_E_IO, "%s: is no folder, expected that of a preprocessed clip", folder);
+}
+
+static ern_status open_features(ern_clip *clip, const ern_clip_options *options) {
+  ern_status status = ERN_OK;
+  const char *name = options->features;
+  char *path = NULL;
+  if (name == NULL) {
+    ERN_TRY(ern_clip_features_name(clip->context, clip->folder, options->asr_model, &name));
+    ERN_TRY(ern_path_join(clip->context, clip->folder, name, &path));
+  }
+  ERN_TRY(ern_string_copy(clip->context, name, &clip->features_file));
+  ERN_TRY(ern_features_load(clip->context, path != NULL ? path : name, &clip->features));
+fail:
+  ern_release(clip->context, path);
+  return status;
+}
+
+/* The picture, brought to the clip's size, and the clip's identity: transforms_train.json, then bc.jpg, as bytes. */
+static ern_status open_background(ern_clip *clip) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  ern_image read = {0};
+  char *transforms_path = NULL, *path = NULL;
+  uint8_t *transforms = NULL, *picture = NULL;
+  size_t transforms_bytes = 0, picture_bytes = 0;
+  void *both = NULL;
+  ERN_TRY(ern_path_join(context, clip->folder, "transforms_train.json", &transforms_path));
+  ERN_TRY(ern_path_join(context, clip->folder, "bc.jpg", &path));
+  ERN_TRY(ern_file_read(context, transforms_path, TRANSFORMS_LIMIT, &transforms, &transforms_bytes));
+  ERN_TRY(ern_file_read(context, path, BACKGROUND_LIMIT, &picture, &picture_bytes));
+  ERN_TRY(ern_allocate(context, transforms_bytes + picture_bytes, 1, &both));
+  memcpy(both, transforms, transforms_bytes);
+  memcpy((uint8_t *)both + transforms_bytes, picture, picture_bytes);
+  ern_sha256_hex(both, transforms_bytes + picture_bytes, clip->info.identity);
+  ERN_TRY(ern_image_read(context, path, 3, &read));
+  if (read.width == clip->info.width && read.height == clip->info.height) {
+    clip->background = read;
+    read = (ern_image){0};
+  } else {
+    ern_log(context, ERN_LOG_INFO, "%s: size is %d x %d, scaled to %d x %d", path, read.width, read.height,
+            clip->info.width, clip->info.height);
+    ERN_TRY(ern_image_resize(context, &read, clip->info.width, clip->info.height, &clip->background));
+  }
+fail:
+  ern_image_free(context, &read);
+  ern_release(context, transforms_path);
+  ern_release(context, path);
+  ern_release(context, transforms);
+  ern_release(context, picture);
+  ern_release(context, both);
+  return status;
+}
+
+static ern_status check_picture(const ern_clip *clip, ern_clip_part part, int64_t img_id) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  ERN_TRY(ern_clip_part_path(clip->context, clip->folder, part, img_id, &path));
+  ERN_TRY(ern_clip_picture_check(clip->context, path, clip->info.width, clip->info.height));
+fail:
+  ern_release(clip->context, path);
+  return status;
+}
+
+/* Everything of a frame but its pixels; of its pictures the headers, so that a bad one is found now and not hours
+ * later. */
+static ern_status open_frame(const ern_clip *clip, ern_clip_frame *frame, const float *blink) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  if (blink != NULL) {
+    const float raw = blink[frame->pose.img_id];
+    frame->eye = (raw < 0 ? 0.0f : raw > 2 ? 2.0f : raw) / 2; /* clamp(AU45_r, 0, 2)/2 */
+  }
+  ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
+  if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
+  if (clip->info.has_landmarks) {
+    ERN_TRY(ern_clip_part_path(clip->context, clip->folder, ERN_PART_LANDMARKS, frame->pose.img_id, &path));
+    ERN_TRY(ern_landmarks_read(clip->context, path, frame->landmarks));
+    frame->has_landmarks = true;
+  }
+fail:
+  ern_release(clip->context, path);
+  return status;
+}
+
+static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_list *list, const float *blink) {
+  ern_status status = ERN_OK;
+  void *frames = NULL, *truth = NULL, *torso = NULL;
+  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(ern_clip_frame), &frames));
+  clip->frames[split] = frames;
+  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(uint8_t *), &truth));
+  clip->truth.kept[split] = truth;
+  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(uint8_t *), &torso));
+  clip->torso.kept[split] = torso;
+  clip->info.frames[split] = list->count;
+  const int64_t windows = (int64_t)clip->features.windows;
+  for (size_t i = 0; i < list->count; i++) {
+    clip->frames[split][i].pose = list->poses[i];
+    ERN_TRY(open_frame(clip, &clip->frames[split][i], blink));
+    if (list->poses[i].aud_id >= windows) clip->frames[split][i].pose.aud_id = windows - 1;
+  }
+fail:
+  return status;
+}
+
+/* What is there besides the needed files. */
+static ern_status find_optional(ern_clip *clip) {
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_TORSO), &clip->info.has_torso));
+  ERN_TRY(
+      ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_LANDMARKS), &clip->info.has_landmarks));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, "aud.wav", &clip->info.has_sound));
+fail:
+  return status;
+}
+
+static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  ern_pose_list lists[2] = {0};
+  float *blink = NULL;
+  size_t blink_count = 0;
+  int64_t img_id = 0, aud_id = 0;
+  ERN_TRY(ern_clip_train_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN]));
+  ERN_TRY(ern_clip_val_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN], &lists[ERN_SPLIT_VAL]));
+  if (lists[ERN_SPLIT_VAL].count == 0) {
+    ern_log(context, ERN_LOG_WARNING, "%s/transforms_val.json: is missing, no frames to validate on", clip->folder);
+  }
+  const ern_pose_list *train = &lists[ERN_SPLIT_TRAIN];
+  clip->info.width = train->width;
+  clip->info.height = train->height;
+  clip->info.focal = train->focal;
+  clip->info.cx = train->cx;
+  clip->info.cy = train->cy;
+  ern_clip_largest_ids(lists, &img_id, &aud_id);
+  ERN_TRY(open_features(clip, options));
+  if ((uint64_t)aud_id >= clip->features.windows) {
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: has %zu windows, the largest aud_id is %" PRId64 ": the last one is repeated", clip->features_file,
+            clip->features.windows, aud_id);
+  }
+  ERN_TRY(open_background(clip));
+  ERN_TRY(ern_clip_blink(context, clip->folder, img_id, &blink, &blink_count));
+  clip->info.has_blink = blink != NULL;
+  ERN_TRY(find_optional(clip));
+  ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink));
+  ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink));
+fail:
+  ern_release(context, blink);
+  ern_pose_list_free(context, &lists[ERN_SPLIT_TRAIN]);
+  ern_pose_list_free(context, &lists[ERN_SPLIT_VAL]);
+  return status;
+}
+
+ern_status ern_clip_open(ern_context *context, const char *folder, const ern_clip_options *options, ern_clip **clip) {
+  if (clip == NULL || folder == NULL) return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or clip is NULL");
+  *clip = NULL;
+  const ern_clip_options chosen = options != NULL ? *options : ern_clip_options_default();
+  if (chosen.cookie != OPTIONS_COOKIE) {
+    return ern_fail(context, ERN_E_ARGUMENT, "clip: options are not from ern_clip_options_default()");
+  }
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  ern_clip *made = NULL;
+  ERN_TRY(check_folder(context, folder));
+  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
+  made = room;
+  made->context = context;
+  made->budget = chosen.memory_bytes != 0 ? chosen.memory_bytes : half_of_memory();
+  made->truth = (struct pictures){.part = ERN_PART_TRUTH, .channels = 3};
+  made->torso = (struct pictures){.part = ERN_PART_TORSO, .channels = 4};
+  ERN_TRY(ern_string_copy(context, folder, &made->folder));
+  ERN_TRY(open_parts(made, &chosen));
+  made->info.features_file = made->features_file;
+  *clip = made;
+  return ERN_OK;
+fail:
+  ern_clip_free(&made);
+  return status;
+}
+
+static void free_pictures(ern_clip *clip, struct pictures *pictures) {
+  for (int split = 0; split < 2; split++) {
+    for (size_t i = 0; pictures->kept[split] != NULL && i < clip->info.frames[split]; i++) {
+      ern_release(clip->context, pictures->kept[split][i]);
+    }
+    ern_release(clip->context, pictures->kept[split]);
+  }
+  ern_image_free(clip->context, &pictures->last);
+}
+
+void ern_clip_free(ern_clip **clip) {
+  if (clip == NULL || *clip == NULL) return;
+  ern_clip *dying = *clip;
+  *clip = NULL;
+  free_pictures(dying, &dying->truth);
+  free_pictures(dying, &dying->torso);
+  ern_image_free(dying->context, &dying->background);
+  ern_features_free(dying->context, &dying->features);
+  ern_release(dying->context, dying->frames[ERN_SPLIT_TRAIN]);
+  ern_release(dying->context, dying->frames[ERN_SPLIT_VAL]);
+  ern_release(dying->context, dying->features_file);
+  ern_release(dying->context, dying->folder);
+  ern_release(dying->context, dying);
+}
+
+/* ---- looking ----------------------------------------------------------------------------------------------------- */
+
+void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) { *info = clip->info; }
+
+const ern_features *ern_clip_features(const ern_clip *clip) { return &clip->features; }
+
+const ern_image *ern_clip_background(const ern_clip *clip) { return &clip->background; }
+
+static bool has_frame(const ern_clip *clip, ern_split split, size_t index) {
+  return (split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL) && index < clip->info.frames[split];
+}
+
+const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index) {
+  return has_frame(clip, split, index) ? &clip->frames[split][index] : NULL;
+}
+
+/* One picture of a frame, from memory or from its file. The first to come stay while they fit the budget: training
+ * draws frames evenly, so which ones stay makes no difference. */
+static ern_status get_picture(ern_clip *clip, struct pictures *pictures, ern_split split, size_t index,
+                              ern_image *image) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  char *path = NULL;
+  uint8_t **kept = &pictures->kept[split][index];
+  const int width = clip->info.width, height = clip->info.height;
+  const uint64_t bytes = (uint64_t)width * (uint64_t)height * (uint64_t)pictures->channels;
+  if (*kept == NULL) {
+    ern_image_free(context, &pictures->last);
+    ERN_TRY(ern_clip_part_path(context, clip->folder, pictures->part, clip->frames[split][index].pose.img_id, &path));
+    ERN_TRY(ern_image_read(context, path, pictures->channels, &pictures->last));
+    if (pictures->last.width != width || pictures->last.height != height) {
+      ERN_TRY(ern_fail(context, ERN_E_SHAPE,
+                       "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path,
+                       pictures->last.width, pictures->last.height, width, height));
+    }
+  }
+  if (*kept == NULL && clip->budget - clip->used >= bytes) {
+    *kept = pictures->last.data;
+    pictures->last = (ern_image){0};
+    clip->used += bytes;
+  }
+  *image = (ern_image){.width = width, .height = height, .channels = pictures->channels};
+  image->data = *kept != NULL ? *kept : pictures->last.data;
+fail:
+  ern_release(context, path);
+  return status;
+}
+
+ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth, ern_image *torso) {
+  ern_status status = ERN_OK;
+  if (truth != NULL) *truth = (ern_image){0};
+  if (torso != NULL) *torso = (ern_image){0};
+  if (!has_frame(clip, split, index)) {
+    return ern_fail(clip->context, ERN_E_ARGUMENT, "%s: frame %zu of split %d was asked for, it has %zu", clip->folder,
+                    index, (int)split,
+                    split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL ? clip->info.frames[split] : 0);
+  }
+  if (truth != NULL) ERN_TRY(get_picture(clip, &clip->truth, split, index, truth));
+  if (torso != NULL && clip->info.has_torso) ERN_TRY(get_picture(clip, &clip->torso, split, index, torso));
+fail:
+  return status;
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ * The parts of a preprocessed clip, found and read one by one; what opening a clip and checking one share. */
+#ifndef ERN_MEDIA_CLIP_H
+#define ERN_MEDIA_CLIP_H
+
+#include "core/status.h"
+#include "ernerf/media.h"
+
+/* A frame's files: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms. */
+typedef enum ern_clip_part { ERN_PART_TRUTH, ERN_PART_TORSO, ERN_PART_LANDMARKS } ern_clip_part;
+const char *ern_clip_part_folder(ern_clip_part part); /* "gt_imgs" */
+
+/* *there = whether FOLDER/NAME exists. */
+ERN_NODISCARD ern_status ern_clip_has(ern_context *context, const char *folder, const char *name, bool *there);
+
+/* *path = the frame's file, owned by the caller (ern_release); ERN_E_MISSING where there is none. */
+ERN_NODISCARD ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part,
+                                            int64_t img_id, char **path);
+
+/* ERN_E_SHAPE where the picture's header does not say width x height. */
+ERN_NODISCARD ern_status ern_clip_picture_check(ern_context *context, const char *path, int width, int height);
+
+/* transforms_train.json. */
+ERN_NODISCARD ern_status ern_clip_train_poses(ern_context *context, const char *folder, ern_pose_list *train);
+/* transforms_val.json, whose camera must be the training's; an empty list where there is no such file. */
+ERN_NODISCARD ern_status ern_clip_val_poses(ern_context *context, const char *folder, const ern_pose_list *train,
+                                            ern_pose_list *val);
+/* The largest img_id and aud_id of both lists. */
+void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t *aud_id);
+
+/* *name = the clip's feature file for this model (NULL: the first there is); ERN_E_MISSING names what was looked for.
+ */
+ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model,
+                                                const char **name);
+
+/* *blink = column AU45_r of au.csv, owned by the caller, with a row for every img_id up to the largest; NULL where
+ * there is no au.csv. */
+ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
+                                        size_t *count);
+
+#endif

@@ -1,0 +1,349 @@
+/* SPDX-License-Identifier: MIT
+ * `ernerf check`: what a clip has, what it lacks, what follows from that and which step of the public preprocessing
+ * makes what is missing, in sentences. */
+#include <inttypes.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "core/memory.h"
+#include "io/landmarks.h"
+#include "media/clip.h"
+
+enum { SENTENCE_BYTES = 2560, REASON_BYTES = 2048, THERE = 1, OPTIONAL = 0, NEEDED = -1 };
+
+static const double frame_rate = 25; /* of video and windows alike, a second */
+
+struct report {
+  ern_context *context;
+  const char *folder;
+  void (*say)(void *user, int ok, const char *sentence);
+  void *user;
+  ern_status first; /* of what is needed and missing or wrong */
+  char first_reason[REASON_BYTES];
+  ern_pose_list lists[2]; /* by ern_split; empty where they could not be read */
+  bool poses, blink, torso, landmarks;
+  const char *features_name;
+  int features_width;
+};
+
+static void say(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
+static void say(struct report *report, int ok, const char *format, ...) {
+  char sentence[SENTENCE_BYTES];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(sentence, sizeof sentence, format, arguments);
+  va_end(arguments);
+  report->say(report->user, ok, sentence);
+}
+
+/* Says the last error and what helps. */
+static void say_wrong(struct report *report, ern_status status, const char *help) {
+  const char *reason = ern_last_error(report->context);
+  if (report->first == ERN_OK) {
+    report->first = status;
+    snprintf(report->first_reason, sizeof report->first_reason, "%s", reason);
+  }
+  say(report, NEEDED, "%s.%s%s", reason, help[0] != 0 ? " " : "", help);
+}
+
+static void check_poses(struct report *report) {
+  ern_context *context = report->context;
+  ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN], *val = &report->lists[ERN_SPLIT_VAL];
+  ern_status status = ern_clip_train_poses(context, report->folder, train);
+  if (status != ERN_OK) {
+    say_wrong(report, status, "The steps face tracking and save transforms (process.py, tasks 8 and 9) make it.");
+    return;
+  }
+  report->poses = true;
+  say(report, THERE, "transforms_train.json: %zu frames of %d x %d pixels to train on, focal length %.6g.",
+      train->count, train->width, train->height, train->focal);
+  status = ern_clip_val_poses(context, report->folder, train, val);
+  if (status != ERN_OK) {
+    say_wrong(report, status, "The step save transforms (process.py, task 9) makes it.");
+  } else if (val->count == 0) {
+    say(report, OPTIONAL,
+        "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
+        "(process.py, "
+        "task 9) makes it.");
+  } else {
+    say(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
+  }
+}
+
+static void check_background(struct report *report) {
+  char path[REASON_BYTES];
+  int width = 0, height = 0;
+  const ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN];
+  snprintf(path, sizeof path, "%s/bc.jpg", report->folder);
+  const ern_status status = ern_image_size(report->context, path, &width, &height);
+  if (status != ERN_OK) {
+    say_wrong(report, status, "The step extract background (process.py, task 5) makes it.");
+  } else if (report->poses && (width != train->width || height != train->height)) {
+    say(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
+        train->width, train->height);
+  } else {
+    say(report, THERE, "bc.jpg: the background, %d x %d pixels.", width, height);
+  }
+}
+
+/* A frame's file of one part: is it there, and right as far as can be told without decoding pixels? */
+static ern_status check_file(struct report *report, ern_clip_part part, int64_t img_id) {
+  ern_status status = ERN_OK;
+  const ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN];
+  float points[ERN_LANDMARKS][2];
+  char *path = NULL;
+  ERN_TRY(ern_clip_part_path(report->context, report->folder, part, img_id, &path));
+  if (part == ERN_PART_LANDMARKS) {
+    ERN_TRY(ern_landmarks_read(report->context, path, points));
+  } else {
+    ERN_TRY(ern_clip_picture_check(report->context, path, train->width, train->height));
+  }
+fail:
+  ern_release(report->context, path);
+  return status;
+}
+
+/* All frames' files of one part; one sentence for all that is wrong. Returns whether all is well. */
+static bool check_files(struct report *report, ern_clip_part part, const char *what, const char *help) {
+  ern_status first = ERN_OK;
+  char reason[REASON_BYTES] = "";
+  size_t wrong = 0, count = 0;
+  for (int split = 0; split < 2; split++) {
+    for (size_t i = 0; i < report->lists[split].count; i++, count++) {
+      const ern_status status = check_file(report, part, report->lists[split].poses[i].img_id);
+      if (status == ERN_OK) continue;
+      if (wrong++ == 0) {
+        first = status;
+        snprintf(reason, sizeof reason, "%s", ern_last_error(report->context));
+      }
+    }
+  }
+  if (wrong == 0) {
+    say(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
+    return true;
+  }
+  ern_fail(report->context, first, "%s: %zu of %zu frames have no good file, the first is %s",
+           ern_clip_part_folder(part), wrong, count, reason);
+  say_wrong(report, first, help);
+  return false;
+}
+
+/* The alpha of the first torso picture: everywhere opaque or transparent says that something is amiss. */
+static void check_alpha(struct report *report) {
+  char *path = NULL;
+  ern_image image = {0};
+  size_t opaque = 0, transparent = 0;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_clip_part_path(report->context, report->folder, ERN_PART_TORSO,
+                             report->lists[ERN_SPLIT_TRAIN].poses[0].img_id, &path));
+  ERN_TRY(ern_image_read(report->context, path, 4, &image));
+  const size_t pixels = (size_t)image.width * (size_t)image.height;
+  for (size_t i = 0; i < pixels; i++) {
+    opaque += image.data[4 * i + 3] == 255;
+    transparent += image.data[4 * i + 3] == 0;
+  }
+  if (opaque == pixels) {
+    say(report, OPTIONAL,
+        "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
+        "transparent outside the torso (process.py, task 6).",
+        path);
+  } else if (transparent == pixels) {
+    say(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
+  }
+fail:
+  if (status != ERN_OK) say_wrong(report, status, "");
+  ern_image_free(report->context, &image);
+  ern_release(report->context, path);
+}
+
+static void check_frames(struct report *report) {
+  static const char *const optional[2][2] = {
+      {"torso_imgs",
+       "torso_imgs: missing. A head can be trained, over the plain background, but no torso; the step extract torso "
+       "and ground truth (process.py, task 6) makes it."},
+      {"ori_imgs",
+       "ori_imgs: missing. Nothing tells the face from the rest in training, and eval gives no figures of head and "
+       "mouth; the step landmarks (process.py, task 7) makes its .lms files."}};
+  bool there[2] = {false, false};
+  for (int i = 0; i < 2; i++) {
+    const ern_status status = ern_clip_has(report->context, report->folder, optional[i][0], &there[i]);
+    if (status != ERN_OK) say_wrong(report, status, "");
+  }
+  if (report->poses) {
+    check_files(report, ERN_PART_TRUTH, "the pictures",
+                "The steps extract images, and extract torso and ground truth (process.py, tasks 3 and 6), make them.");
+  }
+  if (!there[0]) say(report, OPTIONAL, "%s", optional[0][1]);
+  if (there[0] && report->poses) {
+    report->torso = check_files(report, ERN_PART_TORSO, "the torso pictures",
+                                "The step extract torso and ground truth (process.py, task 6) makes them.");
+    if (report->torso) check_alpha(report);
+  }
+  if (!there[1]) say(report, OPTIONAL, "%s", optional[1][1]);
+  if (there[1] && report->poses) {
+    report->landmarks =
+        check_files(report, ERN_PART_LANDMARKS, "the landmarks", "The step landmarks (process.py, task 7) makes them.");
+  }
+}
+
+static const char *features_kind(int width) {
+  return width == 29 ? "DeepSpeech" : width == 44 ? "wav2vec" : width == 1024 ? "HuBERT" : "an unknown kind";
+}
+
+/* There is one window for every 1/25 s of sound and one frame for every picture of the video. Where their numbers are
+ * far apart, the video is not one of 25 frames a second, or sound and pictures are not of the same length. */
+static void check_lengths(struct report *report, size_t windows) {
+  int64_t img_id = 0, aud_id = 0;
+  ern_clip_largest_ids(report->lists, &img_id, &aud_id);
+  const double frames = (double)aud_id + 1, difference = fabs(frames - (double)windows);
+  if (!report->poses || difference <= fmax(8, 0.01 * frames)) return;
+  static const double rates[] = {23.976, 24, 30, 48, 50, 60};
+  const double rate = frame_rate * frames / (double)windows;
+  for (size_t i = 0; i < sizeof rates / sizeof rates[0]; i++) {
+    if (fabs(rate / rates[i] - 1) > 0.01) continue;
+    say(report, OPTIONAL,
+        "%s: %zu windows, but frames up to aud_id %" PRId64
+        ": the video looks like one of %.5g frames a second, so sound "
+        "and picture drift apart. Convert it to 25 (ffmpeg -r 25) and preprocess it again.",
+        report->features_name, windows, aud_id, rates[i]);
+    return;
+  }
+  if ((double)windows < frames) {
+    say(report, OPTIONAL,
+        "%s: %zu windows, but frames up to aud_id %" PRId64
+        ": the frames past the end repeat the last window. Sound and "
+        "picture may drift apart; extract audio and its features again (process.py, tasks 1 and 2).",
+        report->features_name, windows, aud_id);
+  } else {
+    say(report, OPTIONAL,
+        "%s: %zu windows, but frames only up to aud_id %" PRId64
+        ": right where only a part of the video was tracked, "
+        "else sound and picture drift apart.",
+        report->features_name, windows, aud_id);
+  }
+}
+
+static void check_features(struct report *report) {
+  static const char help[] =
+      "The steps extract audio and extract features (process.py, tasks 1 and 2; DeepSpeech, wav2vec.py or hubert.py) "
+      "make them.";
+  ern_features features = {0};
+  char path[REASON_BYTES];
+  ern_status status = ern_clip_features_name(report->context, report->folder, NULL, &report->features_name);
+  if (status == ERN_OK) {
+    snprintf(path, sizeof path, "%s/%s", report->folder, report->features_name);
+    status = ern_features_load(report->context, path, &features);
+  }
+  if (status != ERN_OK) {
+    say_wrong(report, status, help);
+    return;
+  }
+  report->features_width = features.width;
+  say(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
+      features_kind(features.width), features.windows, features.window_length, features.width);
+  check_lengths(report, features.windows);
+  ern_features_free(report->context, &features);
+}
+
+static void check_blink(struct report *report) {
+  static const char help[] = "OpenFace's FeatureExtraction (-aus) makes it from the whole video.";
+  int64_t img_id = 0, aud_id = 0;
+  float *blink = NULL, most = 0;
+  size_t count = 0;
+  ern_clip_largest_ids(report->lists, &img_id, &aud_id);
+  const ern_status status = ern_clip_blink(report->context, report->folder, img_id, &blink, &count);
+  if (status != ERN_OK) {
+    say_wrong(report, status, help);
+    return;
+  }
+  if (blink == NULL) {
+    say(report, OPTIONAL,
+        "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
+    return;
+  }
+  for (size_t i = 0; i < count; i++) most = blink[i] > most ? blink[i] : most;
+  report->blink = most > 0;
+  if (most > 0) {
+    say(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
+  } else {
+    say(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.", count);
+  }
+  ern_release(report->context, blink);
+}
+
+/* The sound is needed by nobody but the viewer: whatever is wrong with it stops no training. */
+static void check_sound(struct report *report) {
+  char path[REASON_BYTES];
+  bool there = false;
+  ern_sound sound = {0};
+  int64_t img_id = 0, aud_id = 0;
+  ern_status status = ern_clip_has(report->context, report->folder, "aud.wav", &there);
+  if (status == ERN_OK && !there) {
+    say(report, OPTIONAL,
+        "aud.wav: missing. Rendered videos will have no sound; the step extract audio (process.py, task 1) makes it.");
+    return;
+  }
+  snprintf(path, sizeof path, "%s/aud.wav", report->folder);
+  if (status == ERN_OK) status = ern_sound_read(report->context, path, &sound);
+  if (status != ERN_OK) {
+    say(report, OPTIONAL, "%s. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.",
+        ern_last_error(report->context));
+    return;
+  }
+  ern_clip_largest_ids(report->lists, &img_id, &aud_id);
+  const double seconds = (double)sound.frames / sound.rate, pictures = ((double)aud_id + 1) / frame_rate;
+  say(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);
+  if (report->poses && fabs(seconds - pictures) > fmax(0.4, 0.01 * pictures)) {
+    say(report, OPTIONAL,
+        "aud.wav: %.2f s, but pictures up to %.2f s at 25 frames a second: right where only a part of the video was "
+        "tracked, else sound and picture drift apart.",
+        seconds, pictures);
+  }
+  ern_sound_free(report->context, &sound);
+}
+
+static void summarise(struct report *report) {
+  if (report->first != ERN_OK) {
+    say(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
+    return;
+  }
+  say(report, THERE,
+      "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
+      report->lists[ERN_SPLIT_TRAIN].count, features_kind(report->features_width),
+      report->blink ? ", its blinking from au.csv" : ", no blinking",
+      report->landmarks ? ", the face told from the rest by its landmarks" : "",
+      report->torso ? "will learn the torso" : "cannot run on it");
+}
+
+static ern_status check_folder(struct report *report) {
+  struct stat about;
+  if (stat(report->folder, &about) == 0 && S_ISDIR(about.st_mode)) return ERN_OK;
+  const ern_status status = ern_fail(report->context, ERN_E_MISSING,
+                                     "%s: is no folder, expected that of a preprocessed clip", report->folder);
+  say_wrong(report, status, "");
+  return status;
+}
+
+ern_status ern_clip_check(ern_context *context, const char *folder,
+                          void (*say_sentence)(void *user, int ok, const char *sentence), void *user) {
+  if (folder == NULL || say_sentence == NULL) {
+    return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or say is NULL");
+  }
+  struct report report = {.context = context, .folder = folder, .say = say_sentence, .user = user};
+  if (check_folder(&report) == ERN_OK) {
+    check_poses(&report);
+    check_features(&report);
+    check_background(&report);
+    check_frames(&report);
+    check_blink(&report);
+    check_sound(&report);
+    summarise(&report);
+  }
+  ern_pose_list_free(context, &report.lists[ERN_SPLIT_TRAIN]);
+  ern_pose_list_free(context, &report.lists[ERN_SPLIT_VAL]);
+  if (report.first == ERN_OK) return ERN_OK;
+  return ern_fail(context, report.first, "%s", report.first_reason);
+}

@@ -1,0 +1,163 @@
+/* SPDX-License-Identifier: MIT */
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "core/memory.h"
+#include "io/csv.h"
+#include "io/file.h"
+#include "media/clip.h"
+
+static const char *const part_folders[] = {
+    [ERN_PART_TRUTH] = "gt_imgs", [ERN_PART_TORSO] = "torso_imgs", [ERN_PART_LANDMARKS] = "ori_imgs"};
+/* Extensions looked for, in order. */
+static const char *const part_endings[][3] = {
+    [ERN_PART_TRUTH] = {"jpg", "png", "jpeg"}, [ERN_PART_TORSO] = {"png"}, [ERN_PART_LANDMARKS] = {"lms"}};
+
+const char *ern_clip_part_folder(ern_clip_part part) { return part_folders[part]; }
+
+ern_status ern_clip_has(ern_context *context, const char *folder, const char *name, bool *there) {
+  char *path = NULL;
+  struct stat about;
+  const ern_status status = ern_path_join(context, folder, name, &path);
+  *there = status == ERN_OK && stat(path, &about) == 0;
+  ern_release(context, path);
+  return status;
+}
+
+ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part, int64_t img_id,
+                              char **path) {
+  ern_status status = ERN_OK;
+  char name[64];
+  *path = NULL;
+  for (size_t i = 0; i < 3 && part_endings[part][i] != NULL; i++) {
+    bool there = false;
+    snprintf(name, sizeof name, "%s/%" PRId64 ".%s", part_folders[part], img_id, part_endings[part][i]);
+    ERN_TRY(ern_clip_has(context, folder, name, &there));
+    if (there) return ern_path_join(context, folder, name, path);
+  }
+  return ern_fail(context, ERN_E_MISSING, "%s/%s/%" PRId64 ".%s: is missing, and img_id %" PRId64 " needs it", folder,
+                  part_folders[part], img_id, part_endings[part][0], img_id);
+fail:
+  return status;
+}
+
+ern_status ern_clip_picture_check(ern_context *context, const char *path, int width, int height) {
+  ern_status status = ERN_OK;
+  int found_width = 0, found_height = 0;
+  ERN_TRY(ern_image_size(context, path, &found_width, &found_height));
+  if (found_width == width && found_height == height) return ERN_OK;
+  return ern_fail(context, ERN_E_SHAPE, "%s: size is %d x %d, expected %d x %d, the size in transforms_train.json",
+                  path, found_width, found_height, width, height);
+fail:
+  return status;
+}
+
+ern_status ern_clip_train_poses(ern_context *context, const char *folder, ern_pose_list *train) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  *train = (ern_pose_list){0};
+  ERN_TRY(ern_path_join(context, folder, "transforms_train.json", &path));
+  ERN_TRY(ern_pose_list_load(context, path, train));
+fail:
+  ern_release(context, path);
+  return status;
+}
+
+static ern_status check_same(ern_context *context, const char *path, const char *field, double found, double expected) {
+  if (fabs(found - expected) <= 1e-6 * fabs(expected)) return ERN_OK;
+  return ern_fail(context, ERN_E_MISMATCH, "%s: field %s is %.9g, expected %.9g as in transforms_train.json", path,
+                  field, found, expected);
+}
+
+ern_status ern_clip_val_poses(ern_context *context, const char *folder, const ern_pose_list *train,
+                              ern_pose_list *val) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  bool there = false;
+  *val = (ern_pose_list){0};
+  ERN_TRY(ern_clip_has(context, folder, "transforms_val.json", &there));
+  if (!there) return ERN_OK;
+  ERN_TRY(ern_path_join(context, folder, "transforms_val.json", &path));
+  ERN_TRY(ern_pose_list_load(context, path, val));
+  ERN_TRY(check_same(context, path, "focal_len", val->focal, train->focal));
+  ERN_TRY(check_same(context, path, "cx", val->cx, train->cx));
+  ERN_TRY(check_same(context, path, "cy", val->cy, train->cy));
+  ERN_TRY(check_same(context, path, "w", val->width, train->width));
+  ERN_TRY(check_same(context, path, "h", val->height, train->height));
+  ern_release(context, path);
+  return ERN_OK;
+fail:
+  ern_pose_list_free(context, val);
+  ern_release(context, path);
+  return status;
+}
+
+void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t *aud_id) {
+  *img_id = *aud_id = 0;
+  for (int split = 0; split < 2; split++) {
+    for (size_t i = 0; i < lists[split].count; i++) {
+      const ern_pose *pose = &lists[split].poses[i];
+      if (pose->img_id > *img_id) *img_id = pose->img_id;
+      if (pose->aud_id > *aud_id) *aud_id = pose->aud_id;
+    }
+  }
+}
+
+ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model, const char **name) {
+  static const struct {
+    const char *model, *name; /* the public code goes by a part of the model's name */
+  } kinds[] = {{"deepspeech", "aud_ds.npy"}, {"esperanto", "aud_eo.npy"}, {"hubert", "aud_hu.npy"}, {NULL, "aud.npy"}};
+  ern_status status = ERN_OK;
+  bool known = asr_model == NULL;
+  *name = NULL;
+  for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+    bool there = false;
+    if (asr_model != NULL && (kinds[i].model == NULL || strstr(asr_model, kinds[i].model) == NULL)) continue;
+    known = true;
+    *name = kinds[i].name;
+    ERN_TRY(ern_clip_has(context, folder, kinds[i].name, &there));
+    if (there) return ERN_OK;
+  }
+  if (!known) {
+    return ern_fail(context, ERN_E_ARGUMENT, "asr_model is \"%s\", expected deepspeech, esperanto or hubert",
+                    asr_model);
+  }
+  if (asr_model != NULL) {
+    return ern_fail(context, ERN_E_MISSING, "%s/%s: is missing, and asr_model \"%s\" needs it", folder, *name,
+                    asr_model);
+  }
+  *name = NULL;
+  return ern_fail(context, ERN_E_MISSING,
+                  "%s: no speech features, expected one of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy", folder);
+fail:
+  return status;
+}
+
+ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
+                          size_t *count) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  bool there = false;
+  *blink = NULL;
+  *count = 0;
+  ERN_TRY(ern_clip_has(context, folder, "au.csv", &there));
+  if (!there) return ERN_OK;
+  ERN_TRY(ern_path_join(context, folder, "au.csv", &path));
+  ERN_TRY(ern_csv_read_column(context, path, "AU45_r", blink, count));
+  if ((uint64_t)largest_img_id >= *count) {
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE,
+                     "%s: column AU45_r has %zu rows, expected at least %" PRId64 ": the largest img_id is %" PRId64,
+                     path, *count, largest_img_id + 1, largest_img_id));
+  }
+  ern_release(context, path);
+  return ERN_OK;
+fail:
+  ern_release(context, path);
+  ern_release(context, *blink);
+  *blink = NULL;
+  *count = 0;
+  return status;
+}
