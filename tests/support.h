@@ -3,6 +3,7 @@
 #ifndef ERN_TESTS_SUPPORT_H
 #define ERN_TESTS_SUPPORT_H
 
+#include <dirent.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -51,6 +52,23 @@ static inline void support_shared(const char *name, char path[1024]) {
   const char *shared = getenv("ERNERF_SHARED");
   if (shared == NULL || shared[0] == 0) skip();
   snprintf(path, 1024, "%s/%s", shared, name);
+}
+
+/* ERN_OK, or the test fails in the library's own words. */
+static inline void support_ok(const ern_context *context, ern_status found) {
+  if (found != ERN_OK) fail_msg("status %s: %s", ern_status_name(found), ern_last_error(context));
+}
+
+/* Removes a file, or a folder with all that is in it, that an earlier run of the test left in its working folder. */
+static inline void support_clear(const char *path) {
+  DIR *list = opendir(path);
+  for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list)) {
+    char inside[2048];
+    if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0) continue;
+    if (snprintf(inside, sizeof inside, "%s/%s", path, entry->d_name) < (int)sizeof inside) support_clear(inside);
+  }
+  if (list != NULL) closedir(list);
+  remove(path);
 }
 
 #endif

@@ -3,8 +3,6 @@
  * first and put in place by io/file, so that a full disk is seen where it happens. */
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
-#include <sys/stat.h>
-#include <cerrno>
 #include <cstring>
 #include <exception>
 #include <memory>
@@ -15,6 +13,7 @@
 extern "C" {
 #include "io/file.h"
 #include "media/image.h"
+#include "media/input.h"
 }
 
 namespace {
@@ -42,18 +41,6 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   }
 }
 
-ern_status check_regular(ern_context *context, const char *path) {
-  struct stat about;
-  if (stat(path, &about) != 0) {
-    const int number = errno;
-    const ern_status code = number == ENOENT || number == ENOTDIR ? ERN_E_MISSING : ERN_E_IO;
-    return ern_fail(context, code, "%s: cannot open: %s", path, std::strerror(number));
-  }
-  if (S_ISREG(about.st_mode)) return ERN_OK;
-  return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file", path,
-                  S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
-}
-
 /* A picture being read. The file outlives the reader: members go in reverse order. */
 struct still {
   std::unique_ptr<OIIO::Filesystem::IOFile> file;
@@ -62,7 +49,7 @@ struct still {
 
 /* Opens a still and checks what its header says. Alpha stays as stored: not multiplied into the colours. */
 ern_status open_still(ern_context *context, const char *path, still &opened) {
-  ern_status status = check_regular(context, path);
+  ern_status status = ern_input_check(context, path);
   if (status == ERN_OK) status = ern_image_check_png_whole(context, path);
   if (status != ERN_OK) return status;
   OIIO::ImageSpec config;

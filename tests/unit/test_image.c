@@ -1,17 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Pictures: what is written comes back, and what is no picture is refused in words. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-/* cmocka needs the four above */
-#include <cmocka.h>
 #include <dirent.h>
 #include <signal.h>
 #include <stdbool.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -19,6 +10,7 @@
 #include "core/memory.h"
 #include "ernerf/media.h"
 #include "io/file.h"
+#include "support.h"
 
 static ern_context *context;
 
@@ -33,10 +25,7 @@ static int tear_down(void **state) {
   return 0;
 }
 
-/* Fails with the library's own words. */
-static void assert_ok(ern_status status) {
-  if (status != ERN_OK) fail_msg("%s: %s", ern_status_name(status), ern_last_error(context));
-}
+static void assert_ok(ern_status status) { support_ok(context, status); }
 
 static ern_image picture(int width, int height, int channels, bool noise) {
   ern_image image = {.width = width, .height = height, .channels = channels};
@@ -76,10 +65,6 @@ static int files_here(void) {
   for (const struct dirent *entry = readdir(folder); entry != NULL; entry = readdir(folder)) count++;
   closedir(folder);
   return count;
-}
-
-static void put(const char *path, const void *bytes, size_t count) {
-  assert_ok(ern_file_write(context, path, bytes, count));
 }
 
 static void test_png_round_trip(void **state) {
@@ -212,7 +197,7 @@ static void test_cut_short(void **state) {
     assert_ok(ern_file_read(context, files[i], 1 << 20, &bytes, &count));
     const size_t lengths[] = {0, 1, 3, 20, count / 4, count / 2, count * 3 / 4, count - 300, count - 40, count - 20};
     for (size_t j = 0; j < sizeof lengths / sizeof *lengths; j++) {
-      put(cuts[i], bytes, lengths[j]);
+      support_write(cuts[i], bytes, lengths[j]);
       const ern_status status = ern_image_read(context, cuts[i], 3, &read);
       if (status != ERN_E_FORMAT) {
         fail_msg("%s cut to %zu of %zu: %s", files[i], lengths[j], count, ern_status_name(status));
@@ -221,7 +206,7 @@ static void test_cut_short(void **state) {
       assert_non_null(strstr(ern_last_error(context), cuts[i]));
     }
     if (i == 1) { /* all but the end marker */
-      put(cuts[i], bytes, count - 2);
+      support_write(cuts[i], bytes, count - 2);
       assert_int_equal(ern_image_read(context, cuts[i], 3, &read), ERN_E_FORMAT);
     }
     ern_release(context, bytes);
@@ -251,7 +236,7 @@ static void test_claimed_size_is_refused(void **state) {
     png[19] = png[23] = sides[i].low;
     const uint32_t crc = crc32_of(png + 12, 17);
     for (int k = 0; k < 4; k++) png[29 + k] = (uint8_t)(crc >> (24 - 8 * k));
-    put("huge.png", png, sizeof png);
+    support_write("huge.png", png, sizeof png);
     ern_image read = {0};
     int width = 0, height = 0;
     assert_int_equal(ern_image_read(context, "huge.png", 3, &read), ERN_E_SHAPE);
@@ -265,10 +250,11 @@ static void test_no_picture(void **state) {
   (void)state;
   ern_image read = {0};
   int width = 1, height = 1;
-  put("text.png", "this is a text, no picture\n", 27);
-  put("text.jpg", "this is a text, no picture\n", 27);
-  put("text.txt", "this is a text, no picture\n", 27);
+  support_write("text.png", "this is a text, no picture\n", 27);
+  support_write("text.jpg", "this is a text, no picture\n", 27);
+  support_write("text.txt", "this is a text, no picture\n", 27);
   mkdir("folder.png", 0777);
+  unlink("pipe.png");
   assert_int_equal(mkfifo("pipe.png", 0666), 0);
   assert_int_equal(ern_image_read(context, "text.png", 3, &read), ERN_E_FORMAT);
   assert_int_equal(ern_image_read(context, "text.jpg", 3, &read), ERN_E_FORMAT);
@@ -343,6 +329,7 @@ static void test_refused_writes_leave_nothing(void **state) {
   assert_int_equal(ern_image_write(context, "a.png", &wrong, 90), ERN_E_SHAPE);
   assert_int_equal(files_here(), before);
   if (geteuid() != 0) { /* root may write anywhere */
+    rmdir("locked");
     assert_int_equal(mkdir("locked", 0500), 0);
     assert_int_equal(ern_image_write(context, "locked/a.png", &made, 90), ERN_E_IO);
   }
@@ -399,17 +386,15 @@ static void test_resize_is_the_area_average(void **state) {
 
 static void test_real_pictures(void **state) {
   (void)state;
-  const char *shared = getenv("ERNERF_SHARED");
-  if (shared == NULL) skip();
   char path[1024];
   ern_image background = {0}, torso = {0}, again = {0};
-  snprintf(path, sizeof path, "%s/real/presenter/bc.jpg", shared);
+  support_shared("real/presenter/bc.jpg", path);
   assert_ok(ern_image_read(context, path, 3, &background));
   assert_int_equal(background.width, 472);
   assert_int_equal(background.height, 472);
   const uint8_t *middle = background.data + 3 * (236 * 472 + 236);
   assert_true(middle[1] > middle[0] && middle[1] > middle[2]); /* a green screen */
-  snprintf(path, sizeof path, "%s/real/presenter/torso_imgs/46.png", shared);
+  support_shared("real/presenter/torso_imgs/46.png", path);
   assert_ok(ern_image_read(context, path, 4, &torso));
   size_t clear = 0, solid = 0;
   for (size_t i = 0; i < 472 * 472; i++) {
