@@ -7,6 +7,7 @@
 
 #include "ernerf/base.h"
 #include "ernerf/data.h"
+#include "ernerf/train.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -165,6 +166,9 @@ ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split 
  * they fit the budget, and are read again past it. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
+
+/* The clip as the trainer takes it. The clip must outlive the dataset. */
+ERN_API void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset);
 
 /* `ernerf check`: what is there, what is missing, what follows and which step makes what is missing, a sentence a call
  * of `say`. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's header. Returns

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT */
+#include "model/model.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
+
+ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config) {
+  void *room = NULL;
+  *model = NULL;
+  ern_status status = ern_allocate(context, 1, sizeof(ern_model), &room);
+  if (status != ERN_OK) return status;
+  ern_model *made = room;
+  made->context = context;
+  ERN_TRY(ern_parameters_build(context, config, &made->field, &made->table));
+  ERN_TRY(ern_allocate(context, made->field.parameters, sizeof(float), &room));
+  made->block = room;
+  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_BYTES, 1, &room));
+  made->bits = room;
+  if (config->torso) {
+    ERN_TRY(ern_allocate(context, ERN_TORSO_CELLS, sizeof(float), &room));
+    made->torso_grid = room;
+  }
+  *model = made;
+  return ERN_OK;
+fail:
+  ern_model_free(&made);
+  return status;
+}
+
+void ern_model_free(ern_model **model) {
+  if (model == NULL || *model == NULL) return;
+  ern_context *context = (*model)->context;
+  ern_release(context, (*model)->block);
+  ern_release(context, (*model)->bits);
+  ern_release(context, (*model)->torso_grid);
+  ern_release(context, *model);
+  *model = NULL;
+}
+
+void ern_model_describe(const ern_model *model, ern_model_info *info) {
+  const struct ern_model_config *config = &model->field.config;
+  *info = (ern_model_info){.has_torso = config->torso,
+                           .has_eye = config->eye,
+                           .has_codes = config->codes > 0,
+                           .has_gamma = config->torso_gamma,
+                           .levels = config->levels,
+                           .feature_width = config->feature_width,
+                           .codes = config->codes,
+                           .bound = config->bound,
+                           .head_steps = model->head_steps,
+                           .torso_steps = model->torso_steps};
+  memcpy(info->clip, model->clip, sizeof info->clip);
+  for (int r = 0; r < model->table.rows; r++) info->parameters += model->table.row[r].count;
+  info->parameter_bytes = info->parameters * sizeof(float);
+}
+
+static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtype dtype, int dims, size_t first, size_t second,
+                       size_t third, const void *data) {
+  struct ern_tensor *tensor = &out->tensor[out->count++];
+  *tensor = (struct ern_tensor){.name = name, .dtype = dtype, .dims = dims, .shape = {first, second, third}, .data = data};
+  tensor->count = 1;
+  for (int d = 0; d < dims; d++) tensor->count *= tensor->shape[d];
+}
+
+/* First entry of each level and the end, as the public checkpoints hold them. */
+static void add_offsets(struct ern_model_tensors *out, int slot, const char *name, const struct ern_grid *grid) {
+  for (int l = 0; l < grid->levels; l++) out->offsets[slot][l] = (int32_t)grid->level[l].offset;
+  out->offsets[slot][grid->levels] = (int32_t)grid->entries;
+  add_tensor(out, name, ERN_I32, 1, (size_t)grid->levels + 1, 0, 0, out->offsets[slot]);
+}
+
+void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
+  static const char *const offsets_name[ERN_PLANES] = {"encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets"};
+  const float b = model->field.config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
+  out->count = 0;
+  memcpy(out->box, box, sizeof box);
+  for (int r = 0; r < model->table.rows; r++) {
+    const struct ern_parameter *row = &model->table.row[r];
+    add_tensor(out, row->name, ERN_F32, row->dims, row->shape[0], row->shape[1], row->shape[2], model->block + row->at);
+  }
+  add_tensor(out, "aabb_train", ERN_F32, 1, 6, 0, 0, out->box);
+  add_tensor(out, "aabb_infer", ERN_F32, 1, 6, 0, 0, out->box);
+  for (int p = 0; p < ERN_PLANES; p++) add_offsets(out, p, offsets_name[p], &model->field.plane[p]);
+  add_tensor(out, "density_bitfield", ERN_U8, 1, ERN_OCCUPANCY_BYTES, 0, 0, model->bits);
+  if (model->field.config.torso) {
+    add_offsets(out, ERN_PLANES, "torso_encoder.offsets", &model->field.torso_grid);
+    add_tensor(out, "density_grid_torso", ERN_F32, 1, ERN_TORSO_CELLS, 0, 0, model->torso_grid);
+  }
+}
+
+ern_status ern_model_save(const ern_model *model, const char *path) {
+  void *room = NULL;
+  char *json = NULL;
+  ern_status status = ern_allocate(model->context, 1, sizeof(struct ern_model_tensors), &room);
+  if (status != ERN_OK) return status;
+  ern_model_tensors(model, room);
+  struct ern_model_tensors *tensors = room;
+  ERN_TRY(ern_model_metadata(model, &json));
+  const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", json}};
+  status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2);
+fail:
+  ern_release(model->context, json);
+  ern_release(model->context, room);
+  return status;
+}

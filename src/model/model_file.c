@@ -1,0 +1,263 @@
+/* SPDX-License-Identifier: MIT
+ * A model from a file: the configuration from our metadata or from names and shapes, then every tensor, strictly. */
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "io/npy.h"
+#include "model/model.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
+
+ern_status ern_model_metadata(const ern_model *model, char **json) {
+  const struct ern_model_config *c = &model->field.config;
+  *json = NULL;
+  json_t *root = json_pack("{s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "levels", c->levels, "feature_width",
+                           c->feature_width, "window_length", c->window_length, "eye", c->eye, "torso", c->torso,
+                           "torso_gamma", c->torso_gamma, "codes", c->codes, "bound", (double)c->bound, "head_steps",
+                           (json_int_t)model->head_steps, "torso_steps", (json_int_t)model->torso_steps, "clip", model->clip,
+                           "consent", "");
+  char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
+  json_decref(root);
+  if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
+  const ern_status status = ern_string_copy(model->context, text, json);
+  free(text);
+  return status;
+}
+
+static void shape_text(char *text, size_t bytes, int dims, const size_t *shape) {
+  size_t used = (size_t)snprintf(text, bytes, "[");
+  for (int d = 0; d < dims && used < bytes; d++)
+    used += (size_t)snprintf(text + used, bytes - used, d > 0 ? ", %zu" : "%zu", shape[d]);
+  if (used < bytes) snprintf(text + used, bytes - used, "]");
+}
+
+/* The tensor of that name and shape, or an error that says what is there instead. */
+static ern_status find_exact(ern_context *context, const struct ern_tensor_file *file, const char *path, const char *name,
+                             int dims, const size_t *shape, const struct ern_tensor **found) {
+  char expected[96], actual[96];
+  shape_text(expected, sizeof expected, dims, shape);
+  *found = ern_tensor_file_find(file, name);
+  if (*found == NULL)
+    return ern_fail(context, ERN_E_MISSING, "%s: tensor %s is missing, expected shape %s", path, name, expected);
+  bool same = (*found)->dims == dims;
+  for (int d = 0; same && d < dims; d++) same = (*found)->shape[d] == shape[d];
+  if (same) return ERN_OK;
+  shape_text(actual, sizeof actual, (*found)->dims, (*found)->shape);
+  return ern_fail(context, ERN_E_SHAPE, "%s: tensor %s has shape %s, expected %s", path, name, actual, expected);
+}
+
+ern_status ern_tensor_take(ern_context *context, const struct ern_tensor_file *file, const char *path, const char *name,
+                           int dims, const size_t *shape, float *out) {
+  const struct ern_tensor *tensor = NULL;
+  ern_status status = find_exact(context, file, path, name, dims, shape, &tensor);
+  if (status == ERN_OK) status = ern_tensor_to_float(context, tensor, out);
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < tensor->count; i++)
+    if (!isfinite(out[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "%s: tensor %s holds %g at %zu, expected finite values", path, name,
+                      (double)out[i], i);
+  return ERN_OK;
+}
+
+/* ---- configuration ----------------------------------------------------------------------------------------------- */
+
+static ern_status wrong_field(ern_context *context, const char *path, const char *field) {
+  return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": field %s is missing or of another type", path, field);
+}
+
+static ern_status read_metadata(ern_context *context, const char *text, const char *path, struct ern_model_config *config,
+                                ern_model *identity) {
+  json_error_t error;
+  json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error);
+  if (!json_is_object(root)) {
+    json_decref(root);
+    return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\" is no JSON object: %s", path, error.text);
+  }
+  const struct {
+    const char *name;
+    int *to;
+  } integers[] = {{"levels", &config->levels},
+                  {"feature_width", &config->feature_width},
+                  {"window_length", &config->window_length},
+                  {"codes", &config->codes}};
+  const struct {
+    const char *name;
+    bool *to;
+  } flags[] = {{"eye", &config->eye}, {"torso", &config->torso}, {"torso_gamma", &config->torso_gamma}};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < sizeof integers / sizeof *integers; i++) {
+    const json_t *value = json_object_get(root, integers[i].name);
+    const json_int_t number = json_integer_value(value);
+    if (!json_is_integer(value) || number < 0 || number > 1000000) ERN_TRY(wrong_field(context, path, integers[i].name));
+    *integers[i].to = (int)number;
+  }
+  for (size_t i = 0; i < sizeof flags / sizeof *flags; i++) {
+    const json_t *value = json_object_get(root, flags[i].name);
+    if (!json_is_boolean(value)) ERN_TRY(wrong_field(context, path, flags[i].name));
+    *flags[i].to = json_is_true(value);
+  }
+  const json_t *bound = json_object_get(root, "bound"), *clip = json_object_get(root, "clip");
+  if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
+  config->bound = (float)json_number_value(bound);
+  if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
+  identity->head_steps = (uint64_t)json_integer_value(json_object_get(root, "head_steps"));
+  identity->torso_steps = (uint64_t)json_integer_value(json_object_get(root, "torso_steps"));
+fail:
+  json_decref(root);
+  return status;
+}
+
+/* Side `axis` of a tensor, 0 where it is not there. */
+static size_t side(const struct ern_tensor_file *file, const char *name, int axis) {
+  const struct ern_tensor *tensor = ern_tensor_file_find(file, name);
+  return tensor != NULL && axis < tensor->dims ? tensor->shape[axis] : 0;
+}
+
+static ern_status config_from_shapes(ern_context *context, const struct ern_tensor_file *file, const char *path,
+                                     struct ern_model_config *config) {
+  const size_t offsets = side(file, "encoder_xy.offsets", 0), width = side(file, "audio_net.encoder_conv.0.weight", 1),
+               codes = side(file, "individual_codes", 0), density = side(file, "sigma_net.net.0.weight", 1);
+  if (offsets < 3 || offsets > ERN_GRID_MAX_LEVELS + 1)
+    return ern_fail(context, ERN_E_FORMAT, "%s: encoder_xy.offsets has %zu values, expected 3 to %d: is this a model?", path,
+                    offsets, ERN_GRID_MAX_LEVELS + 1);
+  if (width < 1 || width > 4096)
+    return ern_fail(context, ERN_E_SHAPE, "%s: audio_net.encoder_conv.0.weight takes %zu channels, expected 1 to 4096", path,
+                    width);
+  if (codes > 1000000) return ern_fail(context, ERN_E_SHAPE, "%s: individual_codes has %zu rows", path, codes);
+  config->levels = (int)offsets - 1;
+  config->feature_width = (int)width;
+  config->window_length = 16;
+  config->codes = (int)codes;
+  config->eye = density == 3 * (offsets - 1) + ERN_AUDIO_CODE + 1;
+  config->torso = ern_tensor_file_find(file, "torso_net.net.0.weight") != NULL;
+  config->torso_gamma = ern_tensor_file_find(file, "torso_gamma") != NULL;
+  config->bound = 1;
+  if (ern_tensor_file_find(file, "aabb_train") != NULL) {
+    float box[6];
+    const ern_status status = ern_tensor_take(context, file, path, "aabb_train", 1, (size_t[]){6}, box);
+    if (status != ERN_OK) return status;
+    config->bound = box[3];
+  }
+  return ERN_OK;
+}
+
+/* ---- tensors ----------------------------------------------------------------------------------------------------- */
+
+/* Names that a file may hold beside the parameters. */
+static bool is_buffer(const char *name) {
+  static const char *const known[] = {"aabb_train", "aabb_infer", "density_grid", "density_bitfield", "density_grid_torso",
+                                      "step_counter", "encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets",
+                                      "torso_encoder.offsets", "camera_dR", "camera_dT"};
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+    if (strcmp(name, known[i]) == 0) return true;
+  return strncmp(name, "state.", 6) == 0;
+}
+
+/* A file without the bits has the grid: occupied where grid > min(mean, 10), marked cells counting as 0 in the mean. */
+static ern_status bits_from_grid(ern_model *model, const struct ern_tensor_file *file, const char *path) {
+  void *room = NULL;
+  ern_status status = ern_allocate(model->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room);
+  if (status != ERN_OK) return status;
+  float *grid = room;
+  double sum = 0;
+  ERN_TRY(ern_tensor_take(model->context, file, path, "density_grid", 2, (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
+  for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++) sum += grid[i] > 0 ? (double)grid[i] : 0;
+  const double mean = sum / ERN_OCCUPANCY_CELLS, threshold = mean < 10 ? mean : 10;
+  for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++)
+    if ((double)grid[i] > threshold) model->bits[i / 8] |= (uint8_t)(1u << (i % 8));
+fail:
+  ern_release(model->context, room);
+  return status;
+}
+
+static ern_status take_occupancy(ern_model *model, const struct ern_tensor_file *file, const char *path) {
+  const struct ern_tensor *bits = ern_tensor_file_find(file, "density_bitfield");
+  if (bits == NULL && ern_tensor_file_find(file, "density_grid") != NULL) return bits_from_grid(model, file, path);
+  ern_status status =
+      find_exact(model->context, file, path, "density_bitfield", 1, (size_t[]){ERN_OCCUPANCY_BYTES}, &bits);
+  if (status != ERN_OK) return status;
+  if (bits->dtype != ERN_U8)
+    return ern_fail(model->context, ERN_E_FORMAT, "%s: tensor density_bitfield is %s, expected U8", path,
+                    ern_dtype_name(bits->dtype));
+  memcpy(model->bits, bits->data, ERN_OCCUPANCY_BYTES);
+  if (model->field.config.torso)
+    status = ern_tensor_take(model->context, file, path, "density_grid_torso", 1, (size_t[]){ERN_TORSO_CELLS},
+                             model->torso_grid);
+  return status;
+}
+
+ern_status ern_model_from_file(ern_model **model, ern_context *context, const struct ern_tensor_file *file,
+                               const char *path) {
+  struct ern_model_config config = {.head = true};
+  ern_model identity = {.head_steps = 0}, *made = NULL;
+  ern_status status = ERN_OK;
+  const char *text = ern_tensor_file_metadata(file, "ernerf");
+  *model = NULL;
+  if (text != NULL)
+    ERN_TRY(read_metadata(context, text, path, &config, &identity));
+  else
+    ERN_TRY(config_from_shapes(context, file, path, &config));
+  ERN_TRY(ern_model_make(&made, context, &config));
+  made->head_steps = identity.head_steps;
+  made->torso_steps = identity.torso_steps;
+  memcpy(made->clip, identity.clip, sizeof made->clip);
+  for (int r = 0; r < made->table.rows; r++) {
+    const struct ern_parameter *row = &made->table.row[r];
+    ERN_TRY(ern_tensor_take(context, file, path, row->name, row->dims, row->shape, made->block + row->at));
+  }
+  for (size_t t = 0; t < file->tensor_count; t++) {
+    const char *name = file->tensors[t].name;
+    if (ern_parameters_find(&made->table, name) == NULL && !is_buffer(name))
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: tensor %s belongs to no model that this version knows", path, name));
+  }
+  ERN_TRY(take_occupancy(made, file, path));
+  *model = made;
+  return ERN_OK;
+fail:
+  ern_model_free(&made);
+  return status;
+}
+
+ern_status ern_model_load(ern_model **model, ern_context *context, const char *path) {
+  struct ern_tensor_file file = {0};
+  *model = NULL;
+  ern_status status = ern_safetensors_read(context, path, &file);
+  if (status == ERN_OK) status = ern_model_from_file(model, context, &file, path);
+  ern_tensor_file_free(context, &file);
+  return status;
+}
+
+/* ---- listing ----------------------------------------------------------------------------------------------------- */
+
+static ern_status npy_tensor(ern_context *context, const char *path, void (*say)(void *, const ern_tensor_info *),
+                             void *user) {
+  static const char *const type[] = {"F16", "F32", "F64", "U8", "I32", "I64"};
+  struct ern_npy array = {0};
+  const ern_status status = ern_npy_read(context, path, &array);
+  if (status != ERN_OK) return status;
+  ern_tensor_info info = {.name = "", .dtype = type[array.type], .dims = array.dims};
+  for (int d = 0; d < array.dims; d++) info.shape[d] = array.shape[d];
+  say(user, &info);
+  ern_npy_free(context, &array);
+  return ERN_OK;
+}
+
+ern_status ern_file_tensors(ern_context *context, const char *path, void (*say)(void *user, const ern_tensor_info *tensor),
+                            void *user) {
+  const char *dot = strrchr(path, '.');
+  if (dot != NULL && strcmp(dot, ".npy") == 0) return npy_tensor(context, path, say, user);
+  struct ern_tensor_file file = {0};
+  const ern_status status = ern_safetensors_read(context, path, &file);
+  for (size_t t = 0; status == ERN_OK && t < file.tensor_count; t++) {
+    const struct ern_tensor *tensor = &file.tensors[t];
+    ern_tensor_info info = {.name = tensor->name, .dtype = ern_dtype_name(tensor->dtype), .dims = tensor->dims};
+    for (int d = 0; d < tensor->dims; d++) info.shape[d] = tensor->shape[d];
+    say(user, &info);
+  }
+  ern_tensor_file_free(context, &file);
+  return status;
+}
