@@ -2,7 +2,6 @@
  * Files, whole: limits of reading, atomic writing, what is left when writing fails, folders, SHA-256. */
 #include "../support.h"
 
-#include <dirent.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -49,7 +48,7 @@ static void test_read(void **state) {
   support_expect(context, ern_file_read(context, ".", 4, &bytes, &count), ERN_E_IO, ".", "folder", NULL);
   support_expect(context, ern_file_read(context, "/dev/zero", 4, &bytes, &count), ERN_E_IO, "/dev/zero", "device",
                  NULL);
-  unlink("pipe");
+  support_clear("pipe");
   assert_int_equal(mkfifo("pipe", 0600), 0);
   support_expect(context, ern_file_read(context, "pipe", 4, &bytes, &count), ERN_E_IO, "pipe", "regular file", NULL);
   support_write_text("empty.txt", "");
@@ -173,6 +172,7 @@ static void test_folders(void **state) {
   ern_context *context = support_context();
   struct stat about;
   char *path = NULL;
+  support_clear("one");
   assert_int_equal(ern_folder_make(context, "one/two//three/"), ERN_OK);
   assert_int_equal(ern_folder_make(context, "one/two/three"), ERN_OK);
   assert_int_equal(stat("one/two/three", &about), 0);

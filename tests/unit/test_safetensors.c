@@ -230,6 +230,7 @@ static void test_write_refused(void **state) {
                           reserved = {"__metadata__", ERN_F32, 1, {2}, 2, data};
   const struct ern_tensor latin = {"\xe9", ERN_F32, 1, {2}, 2, data};
   const struct ern_metadata same[2] = {{"k", "1"}, {"k", "2"}};
+  support_clear("o.safetensors");
   support_expect(context, ern_safetensors_write(context, "o.safetensors", twice, 2, NULL, 0), ERN_E_ARGUMENT,
                  "o.safetensors", "\"a\"", "twice", NULL);
   support_expect(context, ern_safetensors_write(context, "o.safetensors", &wrong, 1, NULL, 0), ERN_E_ARGUMENT,

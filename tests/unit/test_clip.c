@@ -1,0 +1,596 @@
+/* SPDX-License-Identifier: MIT
+ * Clips: made by hand piece by piece, each piece broken in turn; real ones; the memory budget; the words of `check`. */
+#include "../support.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "io/npy.h"
+
+enum { WIDTH = 24, HEIGHT = 16, TRAIN = 4, VAL = 2, FRAMES = TRAIN + VAL };
+
+/* ---- a clip made by hand ------------------------------------------------------------------------------------------
+ */
+
+/* `count` frames from `first` on; the aud_id is the img_id. */
+static void write_transforms(const char *path, int first, int count, double focal) {
+  FILE *file = fopen(path, "w");
+  assert_non_null(file);
+  fprintf(file, "{\"focal_len\": %.6f, \"cx\": %d, \"cy\": %d, \"frames\": [", focal, WIDTH / 2, HEIGHT / 2);
+  for (int i = first; i < first + count; i++) {
+    fprintf(file,
+            "%s{\"img_id\": %d, \"aud_id\": %d, \"transform_matrix\": "
+            "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, %d], [0, 0, 0, 1]]}",
+            i > first ? ", " : "", i, i, i);
+  }
+  fprintf(file, "]}");
+  assert_int_equal(fclose(file), 0);
+}
+
+/* A picture of one colour that tells the frame: with k = frame + 1 it is (10 k, 20 k, 30 k), alpha 40 k. */
+static void write_picture(ern_context *context, const char *path, int width, int height, int channels, int frame) {
+  ern_image image = {.width = width, .height = height, .channels = channels};
+  const size_t bytes = (size_t)(width * height * channels);
+  image.data = malloc(bytes);
+  assert_non_null(image.data);
+  for (size_t i = 0; i < bytes; i++) image.data[i] = (uint8_t)((int)(i % (size_t)channels + 1) * 10 * (frame + 1));
+  assert_int_equal(ern_image_write(context, path, &image, 100), ERN_OK);
+  free(image.data);
+}
+
+static void write_landmarks(const char *path, int count, int frame) {
+  FILE *file = fopen(path, "w");
+  assert_non_null(file);
+  for (int i = 0; i < count; i++) fprintf(file, "%d.25 %d\n", i % WIDTH, frame);
+  assert_int_equal(fclose(file), 0);
+}
+
+static void write_features(ern_context *context, const char *path, size_t windows, size_t length, size_t width) {
+  float *data = calloc(windows * length * width, sizeof *data);
+  assert_non_null(data);
+  assert_int_equal(ern_npy_write_f32(context, path, data, 3, (const size_t[]){windows, length, width}), ERN_OK);
+  free(data);
+}
+
+static void write_blink(const char *path, const char *header, int rows) {
+  FILE *file = fopen(path, "w");
+  assert_non_null(file);
+  fprintf(file, "%s\n", header);
+  for (int i = 0; i < rows; i++) fprintf(file, "%d, %.2f\n", i + 1, i * 0.75);
+  assert_int_equal(fclose(file), 0);
+}
+
+static const char *in_folder(const char *folder, const char *name) {
+  static char path[256];
+  snprintf(path, sizeof path, "%s/%s", folder, name);
+  return path;
+}
+
+static void write_clip(ern_context *context, const char *folder) {
+  static const char *const parts[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
+  char name[64];
+  for (int i = 0; i < 3; i++) assert_int_equal(ern_folder_make(context, in_folder(folder, parts[i])), ERN_OK);
+  write_transforms(in_folder(folder, "transforms_train.json"), 0, TRAIN, 100);
+  write_transforms(in_folder(folder, "transforms_val.json"), TRAIN, VAL, 100);
+  for (int i = 0; i < FRAMES; i++) {
+    snprintf(name, sizeof name, "gt_imgs/%d.jpg", i);
+    write_picture(context, in_folder(folder, name), WIDTH, HEIGHT, 3, i);
+    snprintf(name, sizeof name, "torso_imgs/%d.png", i);
+    write_picture(context, in_folder(folder, name), WIDTH, HEIGHT, 4, i);
+    snprintf(name, sizeof name, "ori_imgs/%d.lms", i);
+    write_landmarks(in_folder(folder, name), 68, i);
+  }
+  write_picture(context, in_folder(folder, "bc.jpg"), WIDTH, HEIGHT, 3, 5);
+  write_features(context, in_folder(folder, "aud_ds.npy"), FRAMES, 16, 29);
+  write_blink(in_folder(folder, "au.csv"), "frame, AU45_r", FRAMES);
+  static const int16_t silence[FRAMES * 640];
+  const ern_sound sound = {.rate = 16000, .channels = 1, .frames = FRAMES * 640, .data = (int16_t *)silence};
+  assert_int_equal(ern_sound_write_wav(context, in_folder(folder, "aud.wav"), &sound), ERN_OK);
+}
+
+/* ---- opening ------------------------------------------------------------------------------------------------------
+ */
+
+static void test_open(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_clip *clip = NULL;
+  ern_clip_info info;
+  support_clear("whole");
+  write_clip(context, "whole");
+  support_expect(context, ern_clip_open(context, "whole", NULL, &clip), ERN_OK, NULL);
+  ern_clip_describe(clip, &info);
+  assert_int_equal(info.width, WIDTH);
+  assert_int_equal(info.height, HEIGHT);
+  assert_true(info.focal == 100 && info.cx == WIDTH / 2 && info.cy == HEIGHT / 2);
+  assert_int_equal(info.frames[ERN_SPLIT_TRAIN], TRAIN);
+  assert_int_equal(info.frames[ERN_SPLIT_VAL], VAL);
+  assert_string_equal(info.features_file, "aud_ds.npy");
+  assert_true(info.has_blink && info.has_torso && info.has_sound && info.has_landmarks);
+
+  /* identity: SHA-256 of transforms_train.json, then bc.jpg */
+  uint8_t *first = NULL, *second = NULL, both[65536];
+  size_t first_bytes = 0, second_bytes = 0;
+  char hex[65];
+  assert_int_equal(ern_file_read(context, "whole/transforms_train.json", 32768, &first, &first_bytes), ERN_OK);
+  assert_int_equal(ern_file_read(context, "whole/bc.jpg", 32768, &second, &second_bytes), ERN_OK);
+  memcpy(both, first, first_bytes);
+  memcpy(both + first_bytes, second, second_bytes);
+  ern_sha256_hex(both, first_bytes + second_bytes, hex);
+  assert_string_equal(info.identity, hex);
+  ern_release(context, first);
+  ern_release(context, second);
+
+  const ern_features *features = ern_clip_features(clip);
+  assert_int_equal(features->windows, FRAMES);
+  assert_int_equal(features->width, 29);
+  const ern_image *background = ern_clip_background(clip);
+  assert_int_equal(background->channels, 3);
+  assert_int_equal(background->width, WIDTH);
+
+  /* blink rows are 0, 0.75, 1.5, 2.25 ...: eye = clamp(row, 0, 2)/2 */
+  const float eyes[] = {0, 0.375f, 0.75f, 1, 1, 1};
+  for (size_t i = 0; i < FRAMES; i++) {
+    const ern_clip_frame *frame =
+        i < TRAIN ? ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i) : ern_clip_frame_at(clip, ERN_SPLIT_VAL, i - TRAIN);
+    assert_non_null(frame);
+    assert_int_equal(frame->pose.img_id, i);
+    assert_int_equal(frame->pose.aud_id, i);
+    assert_true(frame->pose.matrix[11] == (float)i);
+    assert_true(frame->eye == eyes[i]);
+    assert_true(frame->has_landmarks);
+    assert_true(frame->landmarks[5][0] == 5.25f && frame->landmarks[5][1] == (float)i);
+  }
+  assert_null(ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, TRAIN));
+  assert_null(ern_clip_frame_at(clip, ERN_SPLIT_VAL, VAL));
+  assert_null(ern_clip_frame_at(clip, (ern_split)2, 0));
+  ern_clip_free(&clip);
+  assert_null(clip);
+  ern_clip_free(&clip);
+  ern_clip_free(NULL);
+  ern_context_free(&context);
+}
+
+/* What may be missing, and what follows. */
+static void test_optional(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_clip *clip = NULL;
+  ern_clip_info info;
+  ern_image truth, torso;
+  support_clear("bare");
+  write_clip(context, "bare");
+  assert_int_equal(unlink("bare/transforms_val.json"), 0);
+  assert_int_equal(unlink("bare/au.csv"), 0);
+  assert_int_equal(unlink("bare/aud.wav"), 0);
+  assert_int_equal(rename("bare/torso_imgs", "bare/other"), 0);
+  assert_int_equal(rename("bare/ori_imgs", "bare/another"), 0);
+  assert_int_equal(rename("bare/gt_imgs/1.jpg", "bare/other/1.jpg"), 0);
+  write_picture(context, "bare/gt_imgs/1.png", WIDTH, HEIGHT, 3, 1); /* in place of the .jpg */
+  write_picture(context, "bare/bc.jpg", 2 * WIDTH + 6, 3 * HEIGHT, 3, 5);
+  support_expect(context, ern_clip_open(context, "bare", NULL, &clip), ERN_OK, NULL);
+  ern_clip_describe(clip, &info);
+  assert_int_equal(info.frames[ERN_SPLIT_TRAIN], TRAIN);
+  assert_int_equal(info.frames[ERN_SPLIT_VAL], 0);
+  assert_false(info.has_blink || info.has_torso || info.has_sound || info.has_landmarks);
+  const ern_clip_frame *frame = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, 3);
+  assert_true(frame->eye == 0);
+  assert_false(frame->has_landmarks);
+  const ern_image *background = ern_clip_background(clip);
+  assert_int_equal(background->width, WIDTH);
+  assert_int_equal(background->height, HEIGHT);
+  for (size_t i = 0; i < 3 * WIDTH * HEIGHT; i++) {
+    assert_in_range(background->data[i], 60 * (i % 3 + 1) - 3, 60 * (i % 3 + 1) + 3);
+  }
+  support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, 1, &truth, &torso), ERN_OK, NULL);
+  assert_int_equal(truth.data[1], 40); /* PNG: exact */
+  assert_null(torso.data);
+  ern_clip_free(&clip);
+  ern_context_free(&context);
+}
+
+static void test_features_choice(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_clip *clip = NULL;
+  ern_clip_info info;
+  support_clear("speech");
+  write_clip(context, "speech");
+  write_features(context, "speech/aud_eo.npy", FRAMES, 16, 44);
+  write_features(context, "speech/aud_hu.npy", FRAMES, 2, 1024);
+  write_features(context, "other.npy", 3, 16, 5);
+  static const struct {
+    const char *model, *features, *name;
+    int width, length;
+  } cases[] = {{NULL, NULL, "aud_ds.npy", 29, 16},
+               {"deepspeech", NULL, "aud_ds.npy", 29, 16},
+               {"cpierse/wav2vec2-large-xlsr-53-esperanto", NULL, "aud_eo.npy", 44, 16},
+               {"hubert", NULL, "aud_hu.npy", 1024, 2},
+               {NULL, "other.npy", "other.npy", 5, 16}};
+  for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+    ern_clip_options options = ern_clip_options_default();
+    options.asr_model = cases[i].model;
+    options.features = cases[i].features;
+    support_expect(context, ern_clip_open(context, "speech", &options, &clip), ERN_OK, NULL);
+    ern_clip_describe(clip, &info);
+    assert_string_equal(info.features_file, cases[i].name);
+    assert_int_equal(ern_clip_features(clip)->width, cases[i].width);
+    assert_int_equal(ern_clip_features(clip)->window_length, cases[i].length);
+    /* frames past the last window use the last one */
+    const int64_t windows = (int64_t)ern_clip_features(clip)->windows;
+    assert_int_equal(ern_clip_frame_at(clip, ERN_SPLIT_VAL, VAL - 1)->pose.aud_id, windows < FRAMES ? windows - 1 : 5);
+    ern_clip_free(&clip);
+  }
+  ern_clip_options options = ern_clip_options_default();
+  options.asr_model = "whisper";
+  support_expect(context, ern_clip_open(context, "speech", &options, &clip), ERN_E_ARGUMENT, "asr_model is \"whisper\"",
+                 "hubert", NULL);
+  assert_int_equal(unlink("speech/aud_hu.npy"), 0);
+  options.asr_model = "hubert";
+  support_expect(context, ern_clip_open(context, "speech", &options, &clip), ERN_E_MISSING, "speech/aud_hu.npy", NULL);
+  assert_int_equal(unlink("speech/aud_ds.npy"), 0);
+  assert_int_equal(rename("speech/aud_eo.npy", "speech/aud.npy"), 0);
+  support_expect(context, ern_clip_open(context, "speech", NULL, &clip), ERN_OK, NULL);
+  ern_clip_describe(clip, &info);
+  assert_string_equal(info.features_file, "aud.npy");
+  ern_clip_free(&clip);
+  assert_int_equal(unlink("speech/aud.npy"), 0);
+  support_expect(context, ern_clip_open(context, "speech", NULL, &clip), ERN_E_MISSING, "speech", "aud_ds.npy",
+                 "aud.npy", NULL);
+  assert_null(clip);
+  ern_clip_options raw;
+  memset(&raw, 0, sizeof raw);
+  support_expect(context, ern_clip_open(context, "speech", &raw, &clip), ERN_E_ARGUMENT, "ern_clip_options_default",
+                 NULL);
+  ern_context_free(&context);
+}
+
+/* Breaks one thing, expects the words, and mends it by making the clip anew. */
+static void expect_broken(ern_context *context, ern_status status, const char *first, const char *second) {
+  ern_clip *clip = NULL;
+  support_expect(context, ern_clip_open(context, "broken", NULL, &clip), status, first, second, NULL);
+  assert_null(clip);
+  write_clip(context, "broken");
+  support_expect(context, ern_clip_open(context, "broken", NULL, &clip), ERN_OK, NULL);
+  ern_clip_free(&clip);
+}
+
+static void test_broken(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_clip *clip = NULL;
+  support_clear("broken");
+  write_clip(context, "broken");
+  support_expect(context, ern_clip_open(context, "nowhere", NULL, &clip), ERN_E_MISSING, "nowhere", "folder", NULL);
+  support_write_text("a_file", "x");
+  support_expect(context, ern_clip_open(context, "a_file", NULL, &clip), ERN_E_IO, "a_file", "no folder", NULL);
+  unlink("broken/transforms_train.json");
+  expect_broken(context, ERN_E_MISSING, "broken/transforms_train.json", "No such file");
+  write_transforms("broken/transforms_val.json", TRAIN, VAL, 101);
+  expect_broken(context, ERN_E_MISMATCH, "broken/transforms_val.json", "focal_len is 101, expected 100");
+  support_write_text("broken/transforms_val.json", "{}");
+  expect_broken(context, ERN_E_FORMAT, "broken/transforms_val.json", "focal_len");
+  unlink("broken/bc.jpg");
+  expect_broken(context, ERN_E_MISSING, "broken/bc.jpg", "No such file");
+  support_write_text("broken/bc.jpg", "no picture");
+  expect_broken(context, ERN_E_FORMAT, "broken/bc.jpg", "");
+  support_write_text("broken/aud_ds.npy", "no features");
+  expect_broken(context, ERN_E_FORMAT, "broken/aud_ds.npy", "no .npy file");
+  write_blink("broken/au.csv", "frame, AU45_c", FRAMES);
+  expect_broken(context, ERN_E_MISSING, "broken/au.csv", "column AU45_r is missing");
+  write_blink("broken/au.csv", "frame, AU45_r", FRAMES - 1);
+  expect_broken(context, ERN_E_SHAPE, "broken/au.csv: column AU45_r has 5 rows", "expected at least 6");
+  unlink("broken/gt_imgs/5.jpg"); /* of the validation split */
+  expect_broken(context, ERN_E_MISSING, "broken/gt_imgs/5.jpg", "img_id 5");
+  write_picture(context, "broken/gt_imgs/2.jpg", HEIGHT, WIDTH, 3, 2);
+  expect_broken(context, ERN_E_SHAPE, "broken/gt_imgs/2.jpg", "size is 16 x 24, expected 24 x 16");
+  support_write_text("broken/gt_imgs/2.jpg", "no picture");
+  expect_broken(context, ERN_E_FORMAT, "broken/gt_imgs/2.jpg", "");
+  unlink("broken/torso_imgs/3.png");
+  expect_broken(context, ERN_E_MISSING, "broken/torso_imgs/3.png", "img_id 3");
+  write_picture(context, "broken/torso_imgs/3.png", WIDTH + 1, HEIGHT, 4, 3);
+  expect_broken(context, ERN_E_SHAPE, "broken/torso_imgs/3.png", "size is 25 x 16, expected 24 x 16");
+  unlink("broken/ori_imgs/0.lms");
+  expect_broken(context, ERN_E_MISSING, "broken/ori_imgs/0.lms", "img_id 0");
+  write_landmarks("broken/ori_imgs/0.lms", 67, 0);
+  expect_broken(context, ERN_E_SHAPE, "broken/ori_imgs/0.lms", "has 67 landmarks, expected 68");
+  ern_context_free(&context);
+}
+
+/* ---- pixels -------------------------------------------------------------------------------------------------------
+ */
+
+static void expect_pixels(ern_context *context, ern_clip *clip, ern_split split, size_t index, int frame) {
+  ern_image truth, torso;
+  support_expect(context, ern_clip_pixels(clip, split, index, &truth, &torso), ERN_OK, NULL);
+  assert_int_equal(truth.width, WIDTH);
+  assert_int_equal(truth.height, HEIGHT);
+  assert_int_equal(truth.channels, 3);
+  assert_int_equal(torso.channels, 4);
+  for (int i = 0; i < WIDTH * HEIGHT; i++) {
+    for (int c = 0; c < 3; c++) {
+      const int off = (int)truth.data[3 * i + c] - 10 * (frame + 1) * (c + 1);
+      assert_true(off >= -3 && off <= 3); /* JPEG of one colour at quality 100 */
+    }
+    for (int c = 0; c < 4; c++) assert_int_equal(torso.data[4 * i + c], 10 * (frame + 1) * (c + 1));
+  }
+}
+
+/* With room for everything, for two frames' worth, for one odd byte less, and for nothing. */
+static void test_pixels(void **state) {
+  (void)state;
+  const uint64_t frame_bytes = 7 * WIDTH * HEIGHT;
+  const uint64_t budgets[] = {0, 100 * frame_bytes, 2 * frame_bytes, 2 * frame_bytes - 1, 1};
+  const bool all_kept[] = {true, true, false, false, false};
+  ern_context *context = support_context();
+  for (size_t k = 0; k < sizeof budgets / sizeof budgets[0]; k++) {
+    ern_clip *clip = NULL;
+    ern_clip_options options = ern_clip_options_default();
+    options.memory_bytes = budgets[k];
+    write_clip(context, "pixels");
+    support_expect(context, ern_clip_open(context, "pixels", &options, &clip), ERN_OK, NULL);
+    for (int round = 0; round < 3; round++) {
+      for (size_t i = 0; i < TRAIN; i++) expect_pixels(context, clip, ERN_SPLIT_TRAIN, i, (int)i);
+      for (size_t i = 0; i < VAL; i++) expect_pixels(context, clip, ERN_SPLIT_VAL, i, (int)i + TRAIN);
+    }
+    /* the last frame is in memory, or it is read again and the loss of its file is noticed */
+    ern_image truth, torso;
+    assert_int_equal(unlink("pixels/gt_imgs/5.jpg"), 0);
+    support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_VAL, 1, NULL, &torso), ERN_OK, NULL);
+    const ern_status status = ern_clip_pixels(clip, ERN_SPLIT_VAL, 1, &truth, NULL);
+    if (all_kept[k]) {
+      assert_int_equal(status, ERN_OK);
+    } else {
+      support_expect(context, status, ERN_E_MISSING, "pixels/gt_imgs/5.jpg", NULL);
+      write_picture(context, "pixels/gt_imgs/5.jpg", WIDTH + 2, HEIGHT, 3, 5);
+      support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_VAL, 1, &truth, NULL), ERN_E_SHAPE,
+                     "pixels/gt_imgs/5.jpg", "26 x 16, expected 24 x 16", NULL);
+      assert_null(truth.data);
+      expect_pixels(context, clip, ERN_SPLIT_VAL, 0, TRAIN);
+    }
+    support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_VAL, VAL, &truth, &torso), ERN_E_ARGUMENT, "frame 2", NULL);
+    ern_clip_free(&clip);
+  }
+  ern_context_free(&context);
+}
+
+/* What is allocated and not yet released, through the context's hooks. */
+struct meter {
+  size_t now, most;
+};
+
+static void *meter_allocate(void *user, size_t bytes, size_t alignment) {
+  struct meter *meter = user;
+  uint8_t *block = aligned_alloc(alignment, bytes + alignment);
+  if (block == NULL) return NULL;
+  memcpy(block, &bytes, sizeof bytes);
+  meter->now += bytes;
+  meter->most = meter->now > meter->most ? meter->now : meter->most;
+  return block + 64;
+}
+
+static void meter_release(void *user, void *memory) {
+  struct meter *meter = user;
+  uint8_t *block = (uint8_t *)memory - 64;
+  size_t bytes = 0;
+  memcpy(&bytes, block, sizeof bytes);
+  meter->now -= bytes;
+  free(block);
+}
+
+/* Past the budget, reading more frames takes no more memory; and nothing is left when the clip is freed. */
+static void test_memory(void **state) {
+  (void)state;
+  struct meter meter = {0, 0};
+  ern_context_config config = ern_context_config_default();
+  config.allocate = meter_allocate;
+  config.release = meter_release;
+  config.user = &meter;
+  ern_context *context = NULL;
+  ern_clip *clip = NULL;
+  assert_int_equal(ern_context_create(&context, &config), ERN_OK);
+  const size_t before = meter.now;
+  write_clip(context, "metered");
+  assert_int_equal(meter.now, before);
+  ern_clip_options options = ern_clip_options_default();
+  options.memory_bytes = 7 * WIDTH * HEIGHT;
+  support_expect(context, ern_clip_open(context, "metered", &options, &clip), ERN_OK, NULL);
+  const size_t opened = meter.now;
+  for (size_t i = 0; i < TRAIN; i++) expect_pixels(context, clip, ERN_SPLIT_TRAIN, i, (int)i);
+  assert_true(meter.now <= opened + 2 * 7 * WIDTH * HEIGHT + 8 * 64); /* the budget, the two read last, padding */
+  assert_true(meter.now >= opened + 7 * WIDTH * HEIGHT);
+  ern_clip_free(&clip);
+  assert_int_equal(meter.now, before);
+  ern_context_free(&context);
+  assert_int_equal(meter.now, 0);
+}
+
+/* ---- check --------------------------------------------------------------------------------------------------------
+ */
+
+struct said {
+  char text[16384]; /* "+", "o" or "-", the sentence, a newline; and so on */
+  size_t used;
+};
+
+static void note(void *user, int ok, const char *sentence) {
+  struct said *said = user;
+  said->used += (size_t)snprintf(said->text + said->used, sizeof said->text - said->used, "%c%s\n",
+                                 ok > 0    ? '+'
+                                 : ok == 0 ? 'o'
+                                           : '-',
+                                 sentence);
+  assert_true(said->used < sizeof said->text);
+}
+
+/* A sentence that starts with this mark and these words and has `word` in it. */
+static void expect_said(const struct said *said, const char *start, const char *word) {
+  for (const char *line = said->text; *line != 0; line = strchr(line, '\n') + 1) {
+    char one[4096];
+    const size_t length = (size_t)(strchr(line, '\n') - line);
+    snprintf(one, sizeof one, "%.*s", (int)length, line);
+    if (strncmp(one, start, strlen(start)) == 0 && strstr(one, word) != NULL) return;
+  }
+  fail_msg("nothing says \"%s ... %s\" in:\n%s", start, word, said->text);
+}
+
+static void check_again(ern_context *context, ern_status expected, struct said *said) {
+  *said = (struct said){.used = 0};
+  support_expect(context, ern_clip_check(context, "judged", note, said), expected, NULL);
+}
+
+static void test_check(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  struct said said;
+  support_clear("judged");
+  write_clip(context, "judged");
+  check_again(context, ERN_OK, &said);
+  assert_int_equal(said.text[0], '+');
+  assert_null(strstr(said.text, "\no"));
+  assert_null(strstr(said.text, "\n-"));
+  expect_said(&said, "+transforms_train.json", "4 frames of 24 x 16");
+  expect_said(&said, "+transforms_val.json", "2 frames");
+  expect_said(&said, "+aud_ds.npy", "DeepSpeech, 6 windows of 16 vectors of 29");
+  expect_said(&said, "+gt_imgs", "all 6 frames");
+  expect_said(&said, "+torso_imgs", "all 6 frames");
+  expect_said(&said, "+ori_imgs", "all 6 frames");
+  expect_said(&said, "+au.csv", "6 rows");
+  expect_said(&said, "+aud.wav", "0.24 s of sound at 16000 Hz");
+  expect_said(&said, "+`ernerf train` will learn a head from 4 frames", "blinking from au.csv");
+  expect_said(&said, "+`ernerf train`", "will learn the torso");
+
+  unlink("judged/au.csv");
+  unlink("judged/aud.wav");
+  unlink("judged/transforms_val.json");
+  unlink("judged/aud_ds.npy");
+  write_features(context, "judged/aud_hu.npy", 5, 2, 1024);
+  write_picture(context, "judged/bc.jpg", 50, 50, 3, 1);
+  check_again(context, ERN_OK, &said);
+  expect_said(&said, "oau.csv: missing. No blinking will be learnt", "OpenFace's FeatureExtraction");
+  expect_said(&said, "oaud.wav: missing", "no sound");
+  expect_said(&said, "otransforms_val.json: missing", "task 9");
+  expect_said(&said, "+aud_hu.npy", "HuBERT, 5 windows of 2 vectors of 1024");
+  expect_said(&said, "+bc.jpg", "50 x 50 pixels and will be scaled to 24 x 16");
+  expect_said(&said, "+`ernerf train`", "no blinking");
+
+  /* several things at once: all are said, the first is the error */
+  unlink("judged/gt_imgs/1.jpg");
+  unlink("judged/gt_imgs/3.jpg");
+  unlink("judged/aud_hu.npy");
+  write_landmarks("judged/ori_imgs/2.lms", 3, 2);
+  check_again(context, ERN_E_MISSING, &said);
+  support_expect(context, ERN_E_MISSING, ERN_E_MISSING, "no speech features", NULL);
+  expect_said(&said, "-judged: no speech features", "hubert.py");
+  expect_said(&said, "-gt_imgs: 2 of 4 frames", "judged/gt_imgs/1.jpg: is missing");
+  expect_said(&said, "-ori_imgs: 1 of 4 frames", "2.lms: has 3 landmarks");
+  expect_said(&said, "-Not ready", "refuse");
+
+  support_expect(context, ern_clip_check(context, "nowhere", note, &said), ERN_E_MISSING, "nowhere", NULL);
+  expect_said(&said, "-nowhere", "folder");
+  unlink("judged/transforms_train.json");
+  check_again(context, ERN_E_MISSING, &said);
+  expect_said(&said, "-judged/transforms_train.json", "tasks 8 and 9");
+  ern_context_free(&context);
+}
+
+/* Clips that open but are suspicious. */
+static void test_check_suspicious(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  struct said said;
+  support_clear("judged");
+  write_clip(context, "judged");
+  enum { MANY = 120 };
+  for (int i = FRAMES; i < MANY; i++) {
+    char name[64];
+    snprintf(name, sizeof name, "gt_imgs/%d.jpg", i);
+    write_picture(context, in_folder("judged", name), WIDTH, HEIGHT, 3, 1);
+    snprintf(name, sizeof name, "torso_imgs/%d.png", i);
+    write_picture(context, in_folder("judged", name), WIDTH, HEIGHT, 4, 1);
+    snprintf(name, sizeof name, "ori_imgs/%d.lms", i);
+    write_landmarks(in_folder("judged", name), 68, 1);
+  }
+  write_transforms("judged/transforms_train.json", 0, MANY, 100);
+  write_blink("judged/au.csv", "AU45_r, frame", MANY);
+  write_features(context, "judged/aud_ds.npy", MANY * 25 / 30, 16, 29); /* a video of 30 frames a second */
+  check_again(context, ERN_OK, &said);
+  expect_said(&said, "oaud_ds.npy: 100 windows, but frames up to aud_id 119", "30 frames a second");
+  expect_said(&said, "oaud.wav: 0.24 s, but pictures up to 4.80 s", "drift");
+  write_features(context, "judged/aud_ds.npy", MANY / 3, 16, 29);
+  check_again(context, ERN_OK, &said);
+  expect_said(&said, "oaud_ds.npy: 40 windows, but frames up to aud_id 119", "repeat the last window");
+  write_features(context, "judged/aud_ds.npy", MANY * 3, 16, 29);
+  check_again(context, ERN_OK, &said);
+  expect_said(&said, "oaud_ds.npy: 360 windows, but frames only up to aud_id 119", "part of the video");
+  write_features(context, "judged/aud_ds.npy", MANY + 8, 16, 29); /* sound a little longer is the rule */
+  check_again(context, ERN_OK, &said);
+  assert_null(strstr(said.text, "windows, but frames"));
+
+  write_blink("judged/au.csv", "frame, AU45_r", 0);
+  check_again(context, ERN_E_SHAPE, &said);
+  expect_said(&said, "-judged/au.csv: column AU45_r has 0 rows", "OpenFace");
+  FILE *file = fopen("judged/au.csv", "w");
+  assert_non_null(file);
+  fprintf(file, "AU45_r\n");
+  for (int i = 0; i < MANY; i++) fprintf(file, "0\n");
+  fclose(file);
+  write_picture(context, "judged/torso_imgs/0.png", WIDTH, HEIGHT, 3, 1);
+  support_write_text("judged/aud.wav", "no sound");
+  check_again(context, ERN_OK, &said);
+  expect_said(&said, "oau.csv", "nobody blinks");
+  expect_said(&said, "ojudged/torso_imgs/0.png", "no pixel is transparent");
+  expect_said(&said, "ojudged/aud.wav", "no sound");
+  expect_said(&said, "+`ernerf train`", "no blinking");
+  ern_context_free(&context);
+}
+
+/* ---- real clips ---------------------------------------------------------------------------------------------------
+ */
+
+static void test_real(void **state) {
+  (void)state;
+  static const struct {
+    const char *name, *features;
+    int side;
+    size_t train, val;
+    bool blink;
+  } cases[] = {{"real/presenter", "aud_eo.npy", 472, 200, 20, false}, {"parity/clip", "aud_ds.npy", 128, 60, 6, true}};
+  ern_context *context = support_context();
+  for (size_t i = 0; i < 2; i++) {
+    char path[1024];
+    ern_clip *clip = NULL;
+    ern_clip_info info;
+    ern_image truth, torso;
+    struct said said = {.used = 0};
+    support_shared(cases[i].name, path);
+    support_expect(context, ern_clip_open(context, path, NULL, &clip), ERN_OK, NULL);
+    ern_clip_describe(clip, &info);
+    assert_int_equal(info.width, cases[i].side);
+    assert_int_equal(info.height, cases[i].side);
+    assert_int_equal(info.frames[0], cases[i].train);
+    assert_int_equal(info.frames[1], cases[i].val);
+    assert_string_equal(info.features_file, cases[i].features);
+    assert_int_equal(info.has_blink, cases[i].blink);
+    assert_true(info.has_torso && info.has_sound && info.has_landmarks);
+    support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_VAL, cases[i].val - 1, &truth, &torso), ERN_OK, NULL);
+    assert_int_equal(truth.width, cases[i].side);
+    assert_int_equal(torso.channels, 4);
+    ern_clip_free(&clip);
+    support_expect(context, ern_clip_check(context, path, note, &said), ERN_OK, NULL);
+    expect_said(&said, "+`ernerf train`", "will learn the torso");
+    assert_null(strstr(said.text, "windows, but frames"));
+  }
+  ern_context_free(&context);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_open),   cmocka_unit_test(test_optional),         cmocka_unit_test(test_features_choice),
+      cmocka_unit_test(test_broken), cmocka_unit_test(test_pixels),           cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_check),  cmocka_unit_test(test_check_suspicious), cmocka_unit_test(test_real)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
