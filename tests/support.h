@@ -71,4 +71,62 @@ static inline void support_clear(const char *path) {
   remove(path);
 }
 
+/* Counts what a context has allocated and not yet released, and refuses the allocation of number `refuse_at`. */
+struct support_meter {
+  size_t now, most;        /* bytes */
+  size_t count, refuse_at; /* allocations; refuse_at 0: none is refused */
+};
+
+static inline void *support_meter_allocate(void *user, size_t bytes, size_t alignment) {
+  struct support_meter *meter = (struct support_meter *)user;
+  if (++meter->count == meter->refuse_at) return NULL;
+  const size_t sizes[2] = {bytes, alignment}; /* stand right before the block, for release */
+  assert_true(alignment >= sizeof sizes);
+  uint8_t *block = (uint8_t *)aligned_alloc(alignment, bytes + alignment);
+  if (block == NULL) return NULL;
+  memcpy(block + alignment - sizeof sizes, sizes, sizeof sizes);
+  meter->now += bytes;
+  meter->most = meter->now > meter->most ? meter->now : meter->most;
+  return block + alignment;
+}
+
+static inline void support_meter_release(void *user, void *memory) {
+  struct support_meter *meter = (struct support_meter *)user;
+  size_t sizes[2];
+  memcpy(sizes, (uint8_t *)memory - sizeof sizes, sizeof sizes);
+  meter->now -= sizes[0];
+  free((uint8_t *)memory - sizes[1]);
+}
+
+static inline ern_context *support_metered_context(struct support_meter *meter) {
+  ern_context *context = NULL;
+  ern_context_config config = ern_context_config_default();
+  config.allocate = support_meter_allocate;
+  config.release = support_meter_release;
+  config.user = meter;
+  assert_int_equal(ern_context_create(&context, &config), ERN_OK);
+  return context;
+}
+
+/* Refuses each allocation of `work` in turn: it must say ERN_E_NO_MEMORY and leave nothing behind; at last it succeeds.
+ */
+static inline void support_refuse_each(ern_status (*work)(ern_context *context)) {
+  struct support_meter meter = {0};
+  ern_context *context = support_metered_context(&meter);
+  const size_t empty = meter.now;
+  ern_status status = ERN_E_NO_MEMORY;
+  for (size_t at = 1; status != ERN_OK; at++) {
+    meter.count = 0;
+    meter.refuse_at = at;
+    status = work(context);
+    if (status != ERN_OK && status != ERN_E_NO_MEMORY) {
+      fail_msg("allocation %zu refused: status %s: %s", at, ern_status_name(status), ern_last_error(context));
+    }
+    if (meter.now != empty) fail_msg("allocation %zu refused: %zu bytes are left over", at, meter.now - empty);
+    if (status == ERN_OK) assert_true(meter.count < at && at > 1); /* it got to the end without the refused one */
+  }
+  ern_context_free(&context);
+  assert_int_equal(meter.now, 0);
+}
+
 #endif

@@ -265,6 +265,22 @@ static void test_write_refused(void **state) {
   ern_context_free(&context);
 }
 
+static ern_status write_and_read(ern_context *context) {
+  struct ern_tensor_file file = {0};
+  const uint8_t data[16] = {1};
+  const struct ern_tensor tensors[] = {{"a", ERN_U8, 1, {3}, 3, data}, {"b", ERN_F32, 1, {2}, 2, data}};
+  const struct ern_metadata metadata = {"k", "v"};
+  ern_status status = ern_safetensors_write(context, "refused.safetensors", tensors, 2, &metadata, 1);
+  if (status == ERN_OK) status = ern_safetensors_read(context, "refused.safetensors", &file);
+  ern_tensor_file_free(context, &file);
+  return status;
+}
+
+static void test_no_memory(void **state) {
+  (void)state;
+  support_refuse_each(write_and_read);
+}
+
 static void test_real(void **state) {
   (void)state;
   ern_context *context = support_context();
@@ -299,6 +315,6 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip),  cmocka_unit_test(test_to_float),
                                      cmocka_unit_test(test_foreign),     cmocka_unit_test(test_bad),
                                      cmocka_unit_test(test_bad_lengths), cmocka_unit_test(test_write_refused),
-                                     cmocka_unit_test(test_real)};
+                                     cmocka_unit_test(test_no_memory),   cmocka_unit_test(test_real)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
