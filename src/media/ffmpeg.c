@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/ffmpeg.h"
+
+#include <errno.h>
+#include <libavutil/log.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "media/input.h"
+
+/* The codes of FFmpeg's own are far below the operating system's; of those, these four it also uses for its own ends.
+ */
+static bool is_of_the_system(int error) {
+  return error < 0 && error > -4096 && error != AVERROR(EINVAL) && error != AVERROR(EPERM) &&
+         error != AVERROR(ENOSYS) && error != AVERROR(EAGAIN);
+}
+
+ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *path, const char *doing, int error) {
+  char reason[AV_ERROR_MAX_STRING_SIZE];
+  if (av_strerror(error, reason, sizeof reason) < 0) snprintf(reason, sizeof reason, "error %d", error);
+  ern_status code = is_of_the_system(error) ? ERN_E_IO : otherwise;
+  if (error == AVERROR(ENOMEM)) code = ERN_E_NO_MEMORY;
+  if (error == AVERROR(ENOENT) || error == AVERROR(ENOTDIR)) code = ERN_E_MISSING;
+  return ern_fail(context, code, "%s: cannot %s: %s", path, doing, reason);
+}
+
+void ern_av_hush(void) {
+  if (av_log_get_level() == AV_LOG_INFO) av_log_set_level(AV_LOG_FATAL);
+}
+
+ern_status ern_av_url(ern_context *context, const char *path, char **url) {
+  static const char protocol[] = "file:";
+  *url = NULL;
+  void *room = NULL;
+  const size_t bytes = strlen(path) + sizeof protocol;
+  const ern_status status = ern_allocate(context, bytes, 1, &room);
+  if (status != ERN_OK) return status;
+  snprintf(room, bytes, "%s%s", protocol, path);
+  *url = room;
+  return ERN_OK;
+}
+
+/* Opens the container. Playlists may name files, never addresses. */
+static ern_status open_container(struct ern_decoder *decoder) {
+  ern_context *context = decoder->context;
+  ern_status status = ERN_OK;
+  char *url = NULL;
+  AVDictionary *options = NULL;
+  ERN_TRY(ern_av_url(context, decoder->path, &url));
+  int error = av_dict_set(&options, "protocol_whitelist", "file", 0);
+  if (error >= 0) error = avformat_open_input(&decoder->container, url, NULL, &options);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound or video", error));
+  error = avformat_find_stream_info(decoder->container, NULL);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));
+fail:
+  av_dict_free(&options);
+  ern_release(context, url);
+  return status;
+}
+
+static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType type, int threads) {
+  ern_context *context = decoder->context;
+  const char *kind = type == AVMEDIA_TYPE_AUDIO ? "sound" : "video";
+  const AVCodec *codec = NULL;
+  const int index = av_find_best_stream(decoder->container, type, -1, -1, &codec, 0);
+  if (index == AVERROR_DECODER_NOT_FOUND) {
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no decoder for its %s", decoder->path, kind);
+  }
+  if (index < 0) return ern_fail(context, ERN_E_FORMAT, "%s: has no %s", decoder->path, kind);
+  for (unsigned i = 0; i < decoder->container->nb_streams; i++) {
+    if ((int)i != index) decoder->container->streams[i]->discard = AVDISCARD_ALL;
+  }
+  decoder->stream = decoder->container->streams[index];
+  decoder->codec = avcodec_alloc_context3(codec);
+  decoder->packet = av_packet_alloc();
+  decoder->frame = av_frame_alloc();
+  if (decoder->codec == NULL || decoder->packet == NULL || decoder->frame == NULL) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a decoder", decoder->path);
+  }
+  int error = avcodec_parameters_to_context(decoder->codec, decoder->stream->codecpar);
+  decoder->codec->pkt_timebase = decoder->stream->time_base;
+  decoder->codec->thread_count = threads;
+  if (error >= 0) error = avcodec_open2(decoder->codec, codec, NULL);
+  if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, decoder->path, "open a decoder", error);
+  return ERN_OK;
+}
+
+ern_status ern_decoder_open(ern_context *context, const char *path, enum AVMediaType type, int threads,
+                            struct ern_decoder *decoder) {
+  ern_status status = ERN_OK;
+  *decoder = (struct ern_decoder){.context = context};
+  ern_av_hush();
+  ERN_TRY(ern_input_check(context, path));
+  ERN_TRY(ern_string_copy(context, path, &decoder->path));
+  ERN_TRY(open_container(decoder));
+  ERN_TRY(open_decoder(decoder, type, threads));
+  return ERN_OK;
+fail:
+  ern_decoder_close(decoder);
+  return status;
+}
+
+/* Hands the codec the next packet of the stream, or the word that there is none. */
+static ern_status feed(struct ern_decoder *decoder) {
+  ern_context *context = decoder->context;
+  AVPacket *packet = decoder->packet;
+  for (;;) {
+    int error = av_read_frame(decoder->container, packet);
+    if (error == AVERROR_EOF) {
+      decoder->drained = true;
+      error = avcodec_send_packet(decoder->codec, NULL);
+      return error >= 0 ? ERN_OK : ern_av_fail(context, ERN_E_FORMAT, decoder->path, "decode the end", error);
+    }
+    if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
+    if (packet->stream_index == decoder->stream->index) {
+      const bool damaged = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0;
+      error = damaged ? 0 : avcodec_send_packet(decoder->codec, packet);
+      av_packet_unref(packet);
+      if (damaged) return ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+      return error >= 0 ? ERN_OK : ern_av_fail(context, ERN_E_FORMAT, decoder->path, "decode it", error);
+    }
+    av_packet_unref(packet);
+  }
+}
+
+ern_status ern_decoder_next(struct ern_decoder *decoder, bool *end) {
+  *end = false;
+  for (;;) {
+    const int error = avcodec_receive_frame(decoder->codec, decoder->frame);
+    if (error >= 0) return ERN_OK;
+    if (error == AVERROR_EOF) {
+      *end = true;
+      return ERN_OK;
+    }
+    if (error != AVERROR(EAGAIN) || decoder->drained) {
+      return ern_av_fail(decoder->context, ERN_E_FORMAT, decoder->path, "decode it", error);
+    }
+    const ern_status status = feed(decoder);
+    if (status != ERN_OK) return status;
+  }
+}
+
+void ern_decoder_close(struct ern_decoder *decoder) {
+  av_frame_free(&decoder->frame);
+  av_packet_free(&decoder->packet);
+  avcodec_free_context(&decoder->codec);
+  avformat_close_input(&decoder->container);
+  ern_release(decoder->context, decoder->path);
+  *decoder = (struct ern_decoder){0};
+}
+
+ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream, const AVFrame *frame) {
+  ern_context *context = muxer->context;
+  int error = avcodec_send_frame(codec, frame);
+  if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
+  for (;;) {
+    error = avcodec_receive_packet(codec, muxer->packet);
+    if (error == AVERROR(EAGAIN) || error == AVERROR_EOF) return ERN_OK;
+    if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
+    av_packet_rescale_ts(muxer->packet, codec->time_base, stream->time_base);
+    muxer->packet->stream_index = stream->index;
+    error = av_interleaved_write_frame(muxer->container, muxer->packet); /* takes the packet */
+    if (error >= 0) error = muxer->container->pb->error;
+    if (error < 0) return ern_av_fail(context, ERN_E_IO, muxer->path, "write", error);
+  }
+}

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: MIT
+ * Sound files: read whole through FFmpeg, written as WAV. */
+#include <libavutil/channel_layout.h>
+#include <libavutil/opt.h>
+#include <libswresample/swresample.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "media/ffmpeg.h"
+
+enum { MAX_RATE = 384000, MAX_CHANNELS = 8, WAV_HEADER_BYTES = 44, WRITE_CHUNK_SAMPLES = 8192 };
+
+/* Samples of all channels together, 4 GiB: a small file may decode to any length. */
+static const size_t max_samples = (size_t)1 << 31;
+
+/* A sound of unknown length. */
+struct growing {
+  ern_sound sound;
+  size_t room;    /* frames that fit */
+  size_t surplus; /* frames at the end that the container says are padding */
+  SwrContext *convert;
+};
+
+static ern_status check_form(ern_context *context, const char *path, int rate, int channels) {
+  if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS) {
+    return ern_fail(context, ERN_E_SHAPE,
+                    "%s: sound has %d samples a second and %d channels, expected 1 to %d and 1 to %d", path, rate,
+                    channels, MAX_RATE, MAX_CHANNELS);
+  }
+  return ERN_OK;
+}
+
+/* Room for `more` frames past those that are there. */
+static ern_status make_room(ern_context *context, const char *path, struct growing *growing, size_t more) {
+  ern_sound *sound = &growing->sound;
+  const size_t channels = (size_t)sound->channels, most = max_samples / channels;
+  if (more > most || sound->frames > most - more) {
+    return ern_fail(context, ERN_E_SHAPE, "%s: sound is longer than %zu samples, the most that is read", path, most);
+  }
+  const size_t needed = sound->frames + more;
+  if (needed <= growing->room && sound->data != NULL) return ERN_OK;
+  size_t room = growing->room * 2 > needed ? growing->room * 2 : needed;
+  if (room > most) room = most;
+  void *larger = NULL;
+  const ern_status status = ern_allocate(context, room, channels * sizeof *sound->data, &larger);
+  if (status != ERN_OK) return status;
+  if (sound->frames > 0) memcpy(larger, sound->data, sound->frames * channels * sizeof *sound->data);
+  ern_release(context, sound->data);
+  sound->data = larger;
+  growing->room = room;
+  return ERN_OK;
+}
+
+/* From the form of the first frame to 16-bit interleaved, same rate and channels. */
+static ern_status start(ern_context *context, const char *path, const AVFrame *frame, struct growing *growing) {
+  AVChannelLayout layout = {0};
+  const int channels = frame->ch_layout.nb_channels;
+  const ern_status status = check_form(context, path, frame->sample_rate, channels);
+  if (status != ERN_OK) return status;
+  growing->sound.rate = frame->sample_rate;
+  growing->sound.channels = channels;
+  av_channel_layout_default(&layout, channels); /* the same on both sides: no mixing */
+  int error = swr_alloc_set_opts2(&growing->convert, &layout, AV_SAMPLE_FMT_S16, frame->sample_rate, &layout,
+                                  (enum AVSampleFormat)frame->format, frame->sample_rate, 0, NULL);
+  if (error >= 0) error = swr_init(growing->convert);
+  av_channel_layout_uninit(&layout);
+  return error >= 0 ? ERN_OK : ern_av_fail(context, ERN_E_MEDIA, path, "convert its samples", error);
+}
+
+/* An encoder fills its last packet up to its size; a container that counts in samples tells how many are meant. */
+static size_t surplus_of(const struct ern_decoder *decoder) {
+  const AVFrame *frame = decoder->frame;
+  const AVRational unit = decoder->stream->time_base;
+  const bool counts_samples = unit.num == 1 && unit.den == frame->sample_rate;
+  if (!counts_samples || frame->pkt_duration <= 0 || frame->pkt_duration >= frame->nb_samples) return 0;
+  return (size_t)(frame->nb_samples - frame->pkt_duration);
+}
+
+static ern_status append(ern_context *context, struct ern_decoder *decoder, struct growing *growing) {
+  const AVFrame *frame = decoder->frame;
+  ern_sound *sound = &growing->sound;
+  ern_status status = ERN_OK;
+  if (growing->convert == NULL) ERN_TRY(start(context, decoder->path, frame, growing));
+  if (frame->sample_rate != sound->rate || frame->ch_layout.nb_channels != sound->channels) {
+    ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels",
+                     decoder->path, sound->rate, sound->channels, frame->sample_rate, frame->ch_layout.nb_channels));
+  }
+  ERN_TRY(make_room(context, decoder->path, growing, (size_t)frame->nb_samples));
+  uint8_t *to = (uint8_t *)(sound->data + sound->frames * (size_t)sound->channels);
+  const int made =
+      swr_convert(growing->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
+  if (made < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, decoder->path, "convert its samples", made));
+  sound->frames += (size_t)made;
+  growing->surplus = surplus_of(decoder);
+fail:
+  return status;
+}
+
+ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound) {
+  if (path == NULL || sound == NULL) return ern_fail(context, ERN_E_ARGUMENT, "sound: path or sound is NULL");
+  *sound = (ern_sound){0};
+  ern_status status = ERN_OK;
+  struct ern_decoder decoder = {0};
+  struct growing growing = {0};
+  bool end = false;
+  ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_AUDIO, 1, &decoder));
+  for (;;) {
+    ERN_TRY(ern_decoder_next(&decoder, &end));
+    if (end) break;
+    ERN_TRY(append(context, &decoder, &growing));
+  }
+  if (growing.convert == NULL) { /* not one sample: the form is the header's */
+    growing.sound.rate = decoder.codec->sample_rate;
+    growing.sound.channels = decoder.codec->ch_layout.nb_channels;
+    ERN_TRY(check_form(context, path, growing.sound.rate, growing.sound.channels));
+    ERN_TRY(make_room(context, path, &growing, 0));
+  }
+  growing.sound.frames -= growing.surplus;
+  *sound = growing.sound;
+  growing.sound.data = NULL;
+fail:
+  swr_free(&growing.convert);
+  ern_release(context, growing.sound.data);
+  ern_decoder_close(&decoder);
+  return status;
+}
+
+static void put_little_endian(uint8_t *to, int bytes, uint32_t value) {
+  for (int i = 0; i < bytes; i++) to[i] = (uint8_t)(value >> (8 * i));
+}
+
+/* RIFF, "fmt " (16-bit PCM) and the head of "data". */
+static void make_header(uint8_t header[WAV_HEADER_BYTES], const ern_sound *sound, uint32_t data_bytes) {
+  const uint32_t frame_bytes = (uint32_t)sound->channels * 2, rate = (uint32_t)sound->rate;
+  memcpy(header, "RIFF    WAVEfmt ", 16);
+  put_little_endian(header + 4, 4, WAV_HEADER_BYTES - 8 + data_bytes);
+  put_little_endian(header + 16, 4, 16);
+  put_little_endian(header + 20, 2, 1);
+  put_little_endian(header + 22, 2, (uint32_t)sound->channels);
+  put_little_endian(header + 24, 4, rate);
+  put_little_endian(header + 28, 4, rate * frame_bytes);
+  put_little_endian(header + 32, 2, frame_bytes);
+  put_little_endian(header + 34, 2, 16);
+  memcpy(header + 36, "data", 4);
+  put_little_endian(header + 40, 4, data_bytes);
+}
+
+ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern_sound *sound) {
+  if (path == NULL || sound == NULL || (sound->data == NULL && sound->frames > 0)) {
+    return ern_fail(context, ERN_E_ARGUMENT, "sound: path, sound or its samples are NULL");
+  }
+  ern_status status = ERN_OK;
+  struct ern_file_writer writer = {0};
+  uint8_t header[WAV_HEADER_BYTES], chunk[2 * WRITE_CHUNK_SAMPLES];
+  ERN_TRY(check_form(context, path, sound->rate, sound->channels));
+  const size_t frame_bytes = (size_t)sound->channels * 2, most = (UINT32_MAX - WAV_HEADER_BYTES) / frame_bytes;
+  if (sound->frames > most) {
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: sound has %zu samples a channel, a WAV file holds at most %zu", path,
+                     sound->frames, most));
+  }
+  const size_t samples = sound->frames * (size_t)sound->channels;
+  make_header(header, sound, (uint32_t)(2 * samples));
+  ERN_TRY(ern_file_writer_open(context, path, &writer));
+  ERN_TRY(ern_file_writer_write(&writer, header, sizeof header));
+  for (size_t done = 0; done < samples;) {
+    const size_t count = samples - done < WRITE_CHUNK_SAMPLES ? samples - done : WRITE_CHUNK_SAMPLES;
+    for (size_t i = 0; i < count; i++) put_little_endian(chunk + 2 * i, 2, (uint16_t)sound->data[done + i]);
+    ERN_TRY(ern_file_writer_write(&writer, chunk, 2 * count));
+    done += count;
+  }
+  return ern_file_writer_commit(&writer);
+fail:
+  ern_file_writer_abandon(&writer);
+  return status;
+}
+
+void ern_sound_free(ern_context *context, ern_sound *sound) {
+  if (sound == NULL) return;
+  ern_release(context, sound->data);
+  *sound = (ern_sound){0};
+}

@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: MIT
+ * Sound files: what is written comes back to the sample, other forms become 16-bit, nonsense is refused. */
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "support.h"
+
+static ern_context *context;
+
+static int set_up(void **state) {
+  (void)state;
+  context = support_context();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+static ern_sound noise(int rate, int channels, size_t frames) {
+  void *data = NULL;
+  support_ok(context, ern_allocate(context, frames * (size_t)channels, sizeof(int16_t), &data));
+  ern_sound sound = {.rate = rate, .channels = channels, .frames = frames, .data = data};
+  uint32_t seed = 99;
+  for (size_t i = 0; i < frames * (size_t)channels; i++) {
+    seed = seed * 1664525u + 1013904223u;
+    sound.data[i] = (int16_t)(seed >> 16);
+  }
+  return sound;
+}
+
+static void test_round_trip(void **state) {
+  (void)state;
+  const struct {
+    int rate, channels;
+    size_t frames;
+  } cases[] = {{16000, 1, 16001}, {48000, 2, 30000}, {44100, 6, 5000},
+               {384000, 8, 4000}, {8000, 1, 1},      {11025, 3, 777}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    ern_sound made = noise(cases[i].rate, cases[i].channels, cases[i].frames), read = {0};
+    support_ok(context, ern_sound_write_wav(context, "round.wav", &made));
+    support_ok(context, ern_sound_read(context, "round.wav", &read));
+    assert_int_equal(read.rate, made.rate);
+    assert_int_equal(read.channels, made.channels);
+    assert_int_equal(read.frames, made.frames);
+    assert_memory_equal(read.data, made.data, made.frames * (size_t)made.channels * 2);
+    ern_sound_free(context, &made);
+    ern_sound_free(context, &read);
+    assert_null(read.data);
+  }
+}
+
+static void test_bytes_of_a_wav(void **state) {
+  (void)state;
+  int16_t samples[] = {1, -2, 0x1234, -32768};
+  const ern_sound made = {.rate = 16000, .channels = 2, .frames = 2, .data = samples};
+  const uint8_t expected[] = {'R', 'I', 'F', 'F', 44, 0, 0,    0,    'W', 'A', 'V',  'E',  'f',  'm',  't', ' ', 16, 0,
+                              0,   0,   1,   0,   2,  0, 0x80, 0x3e, 0,   0,   0,    0xfa, 0,    0,    4,   0,   16, 0,
+                              'd', 'a', 't', 'a', 8,  0, 0,    0,    1,   0,   0xfe, 0xff, 0x34, 0x12, 0,   0x80};
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  support_ok(context, ern_sound_write_wav(context, "bytes.wav", &made));
+  support_ok(context, ern_file_read(context, "bytes.wav", 1000, &bytes, &count));
+  assert_int_equal(count, sizeof expected);
+  assert_memory_equal(bytes, expected, sizeof expected);
+  ern_release(context, bytes);
+}
+
+/* A WAV of any form; returns its size. */
+static size_t make_wav(uint8_t *wav, int form, int rate, int channels, int bits, const void *data,
+                       uint32_t data_bytes) {
+  const uint32_t frame = (uint32_t)(channels * bits / 8), size = 36 + data_bytes, bytes = (uint32_t)rate * frame;
+  const uint32_t fields[][2] = {{4, 16},    {2, (uint32_t)form}, {2, (uint32_t)channels}, {4, (uint32_t)rate},
+                                {4, bytes}, {2, frame},          {2, (uint32_t)bits}};
+  memcpy(wav, "RIFF", 4);
+  for (int k = 0; k < 4; k++) wav[4 + k] = (uint8_t)(size >> (8 * k));
+  memcpy(wav + 8, "WAVEfmt ", 8);
+  uint8_t *at = wav + 16;
+  for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {
+    for (uint32_t k = 0; k < fields[i][0]; k++) *at++ = (uint8_t)(fields[i][1] >> (8 * k));
+  }
+  memcpy(at, "data", 4);
+  for (int k = 0; k < 4; k++) at[4 + k] = (uint8_t)(data_bytes >> (8 * k));
+  memcpy(at + 8, data, data_bytes);
+  return 44 + data_bytes;
+}
+
+static void test_other_forms_become_16_bit(void **state) {
+  (void)state;
+  uint8_t wav[200];
+  ern_sound read = {0};
+  const uint8_t bytes[] = {128, 0, 255, 129};
+  support_write("u8.wav", wav, make_wav(wav, 1, 22050, 1, 8, bytes, sizeof bytes));
+  support_ok(context, ern_sound_read(context, "u8.wav", &read));
+  const int16_t from_bytes[] = {0, -32768, 127 * 256, 256};
+  assert_int_equal(read.frames, 4);
+  assert_int_equal(read.rate, 22050);
+  assert_memory_equal(read.data, from_bytes, sizeof from_bytes);
+  ern_sound_free(context, &read);
+  const float floats[] = {0.0f, 0.5f, -0.5f, 1.0f, -1.0f, 2.0f};
+  support_write("float.wav", wav, make_wav(wav, 3, 48000, 2, 32, floats, sizeof floats));
+  support_ok(context, ern_sound_read(context, "float.wav", &read));
+  const int16_t from_floats[] = {0, 16384, -16384, 32767, -32768, 32767};
+  assert_int_equal(read.frames, 3);
+  assert_int_equal(read.channels, 2);
+  assert_memory_equal(read.data, from_floats, sizeof from_floats);
+  ern_sound_free(context, &read);
+}
+
+static void test_refused_files(void **state) {
+  (void)state;
+  uint8_t wav[200];
+  const int16_t samples[36] = {1, 2, 3};
+  ern_sound read = {0};
+  support_write_text("text.wav", "this is a text and no sound at all, though its name says otherwise\n");
+  support_write("empty.wav", "", 0);
+  support_write("fast.wav", wav, make_wav(wav, 1, 384001, 1, 16, samples, sizeof samples));
+  support_write("wide.wav", wav, make_wav(wav, 1, 48000, 9, 16, samples, sizeof samples));
+  mkdir("folder.wav", 0777);
+  unlink("pipe.wav");
+  assert_int_equal(mkfifo("pipe.wav", 0666), 0);
+  support_expect(context, ern_sound_read(context, "text.wav", &read), ERN_E_FORMAT, "text.wav", NULL);
+  support_expect(context, ern_sound_read(context, "empty.wav", &read), ERN_E_FORMAT, "empty.wav", NULL);
+  support_expect(context, ern_sound_read(context, "fast.wav", &read), ERN_E_SHAPE, "384001", NULL);
+  support_expect(context, ern_sound_read(context, "wide.wav", &read), ERN_E_SHAPE, "9 channels", NULL);
+  support_expect(context, ern_sound_read(context, "nothing.wav", &read), ERN_E_MISSING, "nothing.wav", NULL);
+  support_expect(context, ern_sound_read(context, "http://localhost/a.wav", &read), ERN_E_MISSING, "http", NULL);
+  support_expect(context, ern_sound_read(context, "folder.wav", &read), ERN_E_IO, "folder", NULL);
+  support_expect(context, ern_sound_read(context, "pipe.wav", &read), ERN_E_IO, "pipe", NULL);
+  assert_null(read.data);
+}
+
+static void test_names_are_files(void **state) {
+  (void)state;
+  const char *const names[] = {"a:b.wav", "pipe:1.wav", "50%d.wav", "what?.wav"};
+  ern_sound made = noise(16000, 1, 100), read = {0};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    support_ok(context, ern_sound_write_wav(context, names[i], &made));
+    support_ok(context, ern_sound_read(context, names[i], &read));
+    assert_int_equal(read.frames, 100);
+    ern_sound_free(context, &read);
+  }
+  ern_sound_free(context, &made);
+}
+
+static void test_no_samples(void **state) {
+  (void)state;
+  const ern_sound made = {.rate = 16000, .channels = 2};
+  ern_sound read = {0};
+  support_ok(context, ern_sound_write_wav(context, "none.wav", &made));
+  support_ok(context, ern_sound_read(context, "none.wav", &read));
+  assert_int_equal(read.frames, 0);
+  assert_int_equal(read.rate, 16000);
+  assert_int_equal(read.channels, 2);
+  ern_sound_free(context, &read);
+}
+
+static void test_refused_writes(void **state) {
+  (void)state;
+  ern_sound made = noise(16000, 1, 5000), wrong = made, read = {0};
+  unlink("kept.wav");
+  wrong.rate = 0;
+  assert_int_equal(ern_sound_write_wav(context, "kept.wav", &wrong), ERN_E_SHAPE);
+  wrong = made;
+  wrong.channels = 9;
+  assert_int_equal(ern_sound_write_wav(context, "kept.wav", &wrong), ERN_E_SHAPE);
+  wrong = made;
+  wrong.frames = (size_t)1 << 31;
+  assert_int_equal(ern_sound_write_wav(context, "kept.wav", &wrong), ERN_E_SHAPE);
+  wrong.data = NULL;
+  assert_int_equal(ern_sound_write_wav(context, "kept.wav", &wrong), ERN_E_ARGUMENT);
+  assert_int_equal(ern_sound_write_wav(context, "no/such/a.wav", &made), ERN_E_MISSING);
+  assert_int_equal(access("kept.wav", F_OK), -1);
+  support_ok(context, ern_sound_write_wav(context, "kept.wav", &made));
+  struct rlimit old, small;
+  assert_int_equal(getrlimit(RLIMIT_FSIZE, &old), 0);
+  small = (struct rlimit){.rlim_cur = 4096, .rlim_max = old.rlim_max};
+  assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+  const ern_status full = ern_sound_write_wav(context, "kept.wav", &made);
+  assert_int_equal(setrlimit(RLIMIT_FSIZE, &old), 0);
+  assert_int_equal(full, ERN_E_IO);
+  support_ok(context, ern_sound_read(context, "kept.wav", &read));
+  assert_int_equal(read.frames, made.frames);
+  ern_sound_free(context, &read);
+  ern_sound_free(context, &made);
+}
+
+static void test_real_sound(void **state) {
+  (void)state;
+  char path[1024];
+  ern_sound read = {0};
+  uint8_t *bytes = NULL;
+  size_t count = 0, loud = 0;
+  support_shared("real/presenter/aud.wav", path);
+  support_ok(context, ern_sound_read(context, path, &read));
+  assert_int_equal(read.rate, 16000);
+  assert_int_equal(read.channels, 1);
+  assert_in_range(read.frames, 220 * 16000 / 25, 20 * 16000); /* at least as long as the 220 pictures */
+  for (size_t i = 0; i < read.frames; i++) loud += read.data[i] > 1000 || read.data[i] < -1000;
+  assert_true(loud > 1000);
+  support_ok(context, ern_file_read(context, path, 1 << 24, &bytes, &count));
+  assert_memory_equal(bytes + count - 2 * read.frames, read.data, 2 * read.frames);
+  ern_release(context, bytes);
+  ern_sound_free(context, &read);
+}
+
+int main(void) {
+  signal(SIGXFSZ, SIG_IGN);
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_round_trip),
+      cmocka_unit_test(test_bytes_of_a_wav),
+      cmocka_unit_test(test_other_forms_become_16_bit),
+      cmocka_unit_test(test_refused_files),
+      cmocka_unit_test(test_names_are_files),
+      cmocka_unit_test(test_no_samples),
+      cmocka_unit_test(test_refused_writes),
+      cmocka_unit_test(test_real_sound),
+  };
+  return cmocka_run_group_tests_name("sound", tests, set_up, tear_down);
+}
