@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: MIT
+ * Video files, frame by frame, as RGB. */
+#include <libavutil/opt.h>
+#include <libavutil/pixdesc.h>
+#include <libswscale/swscale.h>
+#include <stdio.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "media/ffmpeg.h"
+#include "media/image.h"
+
+struct ern_video_reader {
+  ern_context *context;
+  struct ern_decoder decoder;
+  ern_video_info info;
+  struct SwsContext *convert; /* for frames of this form: */
+  int width, height, format;
+  enum AVColorSpace space;
+  enum AVColorRange range;
+};
+
+static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
+
+static void describe(ern_video_reader *reader) {
+  AVFormatContext *container = reader->decoder.container;
+  const AVCodecContext *codec = reader->decoder.codec;
+  ern_video_info *info = &reader->info;
+  const AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
+  *info = (ern_video_info){
+      .width = codec->width, .height = codec->height, .rate_numerator = rate.num, .rate_denominator = rate.den};
+  if (container->duration != AV_NOPTS_VALUE) info->duration = (double)container->duration / AV_TIME_BASE;
+  copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
+  copy_name(info->pixel_format, av_get_pix_fmt_name(codec->pix_fmt));
+  const int sound = av_find_best_stream(container, AVMEDIA_TYPE_AUDIO, -1, -1, NULL, 0);
+  if (sound < 0) return;
+  const AVCodecParameters *parameters = container->streams[sound]->codecpar;
+  info->has_sound = true;
+  info->sound_rate = parameters->sample_rate;
+  info->sound_channels = parameters->ch_layout.nb_channels;
+  copy_name(info->sound_codec, avcodec_get_name(parameters->codec_id));
+}
+
+ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
+  if (path == NULL || reader == NULL) return ern_fail(context, ERN_E_ARGUMENT, "video: path or reader is NULL");
+  *reader = NULL;
+  ern_status status = ERN_OK;
+  void *memory = NULL;
+  ern_video_reader *made = NULL;
+  ERN_TRY(ern_allocate(context, 1, sizeof *made, &memory));
+  made = memory;
+  made->context = context;
+  ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_VIDEO, 0, &made->decoder));
+  ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));
+  describe(made);
+  *reader = made;
+  return ERN_OK;
+fail:
+  ern_video_reader_free(&made);
+  return status;
+}
+
+void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) { *info = reader->info; }
+
+/* The matrix the file names; where it names none, what players take: BT.709 from 720 rows on, BT.601 below. */
+static const int *matrix_of(const AVFrame *frame) {
+  switch (frame->colorspace) {
+    case AVCOL_SPC_BT709: return sws_getCoefficients(SWS_CS_ITU709);
+    case AVCOL_SPC_BT470BG:
+    case AVCOL_SPC_SMPTE170M: return sws_getCoefficients(SWS_CS_ITU601);
+    case AVCOL_SPC_SMPTE240M: return sws_getCoefficients(SWS_CS_SMPTE240M);
+    case AVCOL_SPC_FCC: return sws_getCoefficients(SWS_CS_FCC);
+    case AVCOL_SPC_BT2020_NCL:
+    case AVCOL_SPC_BT2020_CL: return sws_getCoefficients(SWS_CS_BT2020);
+    default: return sws_getCoefficients(frame->height >= 720 ? SWS_CS_ITU709 : SWS_CS_ITU601);
+  }
+}
+
+/* The formats "yuvj" are full range by name; swscale wants the plain ones and the range beside them. */
+static enum AVPixelFormat plain_format(enum AVPixelFormat format, bool *full) {
+  switch (format) {
+    case AV_PIX_FMT_YUVJ420P: *full = true; return AV_PIX_FMT_YUV420P;
+    case AV_PIX_FMT_YUVJ422P: *full = true; return AV_PIX_FMT_YUV422P;
+    case AV_PIX_FMT_YUVJ440P: *full = true; return AV_PIX_FMT_YUV440P;
+    case AV_PIX_FMT_YUVJ444P: *full = true; return AV_PIX_FMT_YUV444P;
+    default: return format;
+  }
+}
+
+/* Makes the conversion to RGB for frames such as this one, unless it is the last one's. */
+static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
+  if (reader->convert != NULL && reader->width == frame->width && reader->height == frame->height &&
+      reader->format == frame->format && reader->space == frame->colorspace && reader->range == frame->color_range) {
+    return ERN_OK;
+  }
+  sws_freeContext(reader->convert);
+  struct SwsContext *made = reader->convert = sws_alloc_context();
+  int error = made != NULL ? 0 : AVERROR(ENOMEM);
+  bool full = frame->color_range == AVCOL_RANGE_JPEG;
+  const enum AVPixelFormat format = plain_format((enum AVPixelFormat)frame->format, &full);
+  const AVPixFmtDescriptor *about = av_pix_fmt_desc_get(format);
+  const bool left = frame->chroma_location == AVCHROMA_LOC_LEFT || frame->chroma_location == AVCHROMA_LOC_UNSPECIFIED;
+  const struct {
+    const char *name;
+    int value;
+  } options[] = {{"srcw", frame->width},
+                 {"srch", frame->height},
+                 {"src_format", format},
+                 {"dstw", frame->width},
+                 {"dsth", frame->height},
+                 {"dst_format", AV_PIX_FMT_RGB24},
+                 {"src_range", full},
+                 {"dst_range", 1},
+                 {"src_h_chr_pos", about != NULL && about->log2_chroma_w == 1 && left ? 0 : -513},
+                 {"sws_flags", SWS_BICUBIC | SWS_FULL_CHR_H_INT | SWS_ACCURATE_RND | SWS_BITEXACT}};
+  for (size_t i = 0; i < sizeof options / sizeof *options && error >= 0; i++) {
+    error = av_opt_set_int(made, options[i].name, options[i].value, 0);
+  }
+  /* fails for sources that are RGB already: nothing to set there */
+  if (error >= 0) {
+    (void)sws_setColorspaceDetails(made, matrix_of(frame), full, sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16,
+                                   1 << 16);
+    error = sws_init_context(made, NULL, NULL);
+  }
+  if (error < 0) {
+    sws_freeContext(made);
+    reader->convert = NULL;
+    return ern_av_fail(reader->context, ERN_E_MEDIA, reader->decoder.path, "convert the colours", error);
+  }
+  reader->width = frame->width;
+  reader->height = frame->height;
+  reader->format = frame->format;
+  reader->space = frame->colorspace;
+  reader->range = frame->color_range;
+  return ERN_OK;
+}
+
+ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
+  if (reader == NULL) return ERN_E_ARGUMENT;
+  ern_context *context = reader->context;
+  const char *path = reader->decoder.path;
+  if (image == NULL || seconds == NULL || end == NULL) {
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: image, seconds or end is NULL", path);
+  }
+  ern_status status = ERN_OK;
+  const AVFrame *frame = reader->decoder.frame;
+  ERN_TRY(ern_decoder_next(&reader->decoder, end));
+  if (*end) return ERN_OK;
+  ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
+  ERN_TRY(prepare(reader, frame));
+  if (image->data == NULL || image->width != frame->width || image->height != frame->height || image->channels != 3) {
+    ern_image_free(context, image);
+    ERN_TRY(ern_image_make(context, path, frame->width, frame->height, 3, image));
+  }
+  uint8_t *const to[4] = {image->data};
+  const int to_bytes[4] = {frame->width * 3};
+  const int error =
+      sws_scale(reader->convert, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height, to, to_bytes);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "convert the colours", error));
+  if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
+  }
+  const AVRational unit = reader->decoder.stream->time_base;
+  *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den;
+fail:
+  return status;
+}
+
+void ern_video_reader_free(ern_video_reader **reader) {
+  if (reader == NULL || *reader == NULL) return;
+  ern_video_reader *dying = *reader;
+  ern_context *context = dying->context;
+  *reader = NULL;
+  sws_freeContext(dying->convert);
+  ern_decoder_close(&dying->decoder);
+  ern_release(context, dying);
+}

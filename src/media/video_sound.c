@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/video_sound.h"
+
+#include <libavutil/channel_layout.h>
+#include <math.h>
+
+/* The codec's own rates, unless it takes any: `rate` itself, else the nearest above, else the highest. */
+static int rate_for(const AVCodec *codec, int rate) {
+  if (codec->supported_samplerates == NULL) return rate;
+  int above = 0, highest = 0;
+  for (const int *other = codec->supported_samplerates; *other != 0; other++) {
+    if (*other >= rate && (above == 0 || *other < above)) above = *other;
+    if (*other > highest) highest = *other;
+  }
+  return above != 0 ? above : highest;
+}
+
+/* Bits a second a channel: 3 a sample, within what AAC-LC gains from. */
+static int64_t bit_rate_for(int rate) {
+  const int64_t wanted = 3 * (int64_t)rate;
+  return wanted < 32000 ? 32000 : wanted > 128000 ? 128000 : wanted;
+}
+
+static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *track) {
+  const ern_sound *sound = track->sound;
+  const AVCodec *codec = avcodec_find_encoder(AV_CODEC_ID_AAC);
+  if (codec == NULL || codec->sample_fmts == NULL) {
+    return ern_fail(muxer->context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for AAC sound", muxer->path);
+  }
+  AVCodecContext *made = track->codec = avcodec_alloc_context3(codec);
+  track->stream = avformat_new_stream(muxer->container, NULL);
+  if (made == NULL || track->stream == NULL) {
+    return ern_fail(muxer->context, ERN_E_NO_MEMORY, "%s: no memory for an encoder of sound", muxer->path);
+  }
+  made->sample_fmt = codec->sample_fmts[0]; /* planar float for FFmpeg's own */
+  made->sample_rate = rate_for(codec, sound->rate);
+  made->bit_rate = bit_rate_for(made->sample_rate) * sound->channels;
+  made->time_base = (AVRational){1, made->sample_rate};
+  av_channel_layout_default(&made->ch_layout, sound->channels);
+  if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
+  int error = avcodec_open2(made, codec, NULL);
+  if (error >= 0) error = avcodec_parameters_from_context(track->stream->codecpar, made);
+  if (error < 0) return ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "open an encoder of sound", error);
+  track->stream->time_base = made->time_base;
+  return ERN_OK;
+}
+
+static ern_status open_buffers(struct ern_muxer *muxer, struct ern_sound_track *track) {
+  AVCodecContext *codec = track->codec;
+  int error = swr_alloc_set_opts2(&track->convert, &codec->ch_layout, codec->sample_fmt, codec->sample_rate,
+                                  &codec->ch_layout, AV_SAMPLE_FMT_S16, track->sound->rate, 0, NULL);
+  if (error >= 0) error = swr_init(track->convert);
+  track->waiting = av_audio_fifo_alloc(codec->sample_fmt, codec->ch_layout.nb_channels, 4096);
+  track->frame = av_frame_alloc();
+  if (error >= 0 && (track->waiting == NULL || track->frame == NULL)) error = AVERROR(ENOMEM);
+  if (error >= 0) {
+    track->frame->nb_samples = codec->frame_size > 0 ? codec->frame_size : 1024;
+    track->frame->format = codec->sample_fmt;
+    track->frame->sample_rate = codec->sample_rate;
+    error = av_channel_layout_copy(&track->frame->ch_layout, &codec->ch_layout);
+  }
+  if (error >= 0) error = av_frame_get_buffer(track->frame, 0);
+  return error >= 0 ? ERN_OK : ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the sound", error);
+}
+
+ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start,
+                                struct ern_sound_track *track) {
+  ern_status status = ERN_OK;
+  *track = (struct ern_sound_track){0};
+  if (sound == NULL) return ERN_OK;
+  const double first = floor(start * sound->rate + 0.5);
+  if (first >= (double)sound->frames) return ERN_OK;
+  track->sound = sound;
+  track->first = track->at = (size_t)first;
+  ERN_TRY(open_codec(muxer, track));
+  ERN_TRY(open_buffers(muxer, track));
+  return ERN_OK;
+fail:
+  ern_sound_track_close(track);
+  return status;
+}
+
+/* Converts `count` frames of the sound (0: what the resampler still holds) and lines them up. */
+static ern_status convert(struct ern_muxer *muxer, struct ern_sound_track *track, int count) {
+  const ern_sound *sound = track->sound;
+  const uint8_t *from = (const uint8_t *)(sound->data + track->at * (size_t)sound->channels);
+  uint8_t **to = NULL;
+  const int most = swr_get_out_samples(track->convert, count) + 64;
+  int error = av_samples_alloc_array_and_samples(&to, NULL, sound->channels, most, track->codec->sample_fmt, 0);
+  if (error >= 0) error = swr_convert(track->convert, to, most, count > 0 ? &from : NULL, count);
+  if (error > 0) error = av_audio_fifo_write(track->waiting, (void **)to, error);
+  if (to != NULL) av_freep(&to[0]);
+  av_freep(&to);
+  track->at += (size_t)count;
+  return error >= 0 ? ERN_OK : ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the sound", error);
+}
+
+/* Encodes the next `count` samples that wait, at most a packet's. */
+static ern_status encode(struct ern_muxer *muxer, struct ern_sound_track *track, int count) {
+  AVFrame *frame = track->frame;
+  int error = av_frame_make_writable(frame); /* the codec may still hold the last one */
+  if (error >= 0) error = av_audio_fifo_read(track->waiting, (void **)frame->extended_data, count);
+  if (error < 0) return ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "encode the sound", error);
+  const int whole = frame->nb_samples;
+  frame->nb_samples = count;
+  frame->pts = track->encoded;
+  track->encoded += count;
+  const ern_status status = ern_muxer_encode(muxer, track->codec, track->stream, frame);
+  frame->nb_samples = whole;
+  return status;
+}
+
+ern_status ern_sound_track_advance(struct ern_muxer *muxer, struct ern_sound_track *track, int64_t pictures,
+                                   AVRational rate, bool last) {
+  if (track->sound == NULL) return ERN_OK;
+  ern_status status = ERN_OK;
+  const AVRational seconds_each = {rate.den, rate.num};
+  const int64_t end =
+      av_rescale_q_rnd(pictures, seconds_each, (AVRational){1, track->codec->sample_rate}, AV_ROUND_DOWN);
+  const int64_t source = av_rescale_q_rnd(pictures, seconds_each, (AVRational){1, track->sound->rate}, AV_ROUND_UP);
+  const size_t left = track->sound->frames - track->first;
+  const size_t until = track->first + ((uint64_t)source < left ? (size_t)source : left);
+  const int packet = track->frame->nb_samples;
+  while (track->at < until) {
+    const size_t rest = until - track->at;
+    ERN_TRY(convert(muxer, track, rest < 65536 ? (int)rest : 65536));
+    while (av_audio_fifo_size(track->waiting) >= packet && track->encoded + packet <= end) {
+      ERN_TRY(encode(muxer, track, packet));
+    }
+  }
+  if (!last) return ERN_OK;
+  ERN_TRY(convert(muxer, track, 0));
+  while (track->encoded < end && av_audio_fifo_size(track->waiting) > 0) {
+    int64_t count = end - track->encoded;
+    if (count > av_audio_fifo_size(track->waiting)) count = av_audio_fifo_size(track->waiting);
+    ERN_TRY(encode(muxer, track, count < packet ? (int)count : packet));
+  }
+  ERN_TRY(ern_muxer_encode(muxer, track->codec, track->stream, NULL));
+fail:
+  return status;
+}
+
+void ern_sound_track_close(struct ern_sound_track *track) {
+  av_frame_free(&track->frame);
+  av_audio_fifo_free(track->waiting);
+  swr_free(&track->convert);
+  avcodec_free_context(&track->codec);
+  *track = (struct ern_sound_track){0};
+}

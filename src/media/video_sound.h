@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ * The sound of a video being written: AAC, encoded as the pictures arrive, cut where they end. */
+#ifndef ERN_MEDIA_VIDEO_SOUND_H
+#define ERN_MEDIA_VIDEO_SOUND_H
+
+#include <libavutil/audio_fifo.h>
+#include <libswresample/swresample.h>
+
+#include "ernerf/media.h"
+#include "media/ffmpeg.h"
+
+struct ern_sound_track {
+  const ern_sound *sound; /* NULL: silent, and all the rest is zero */
+  size_t first, at;       /* frame of `sound` that the first picture begins with; the one to be taken next */
+  AVCodecContext *codec;
+  AVStream *stream;
+  SwrContext *convert; /* to the rate and sample format of the codec */
+  AVAudioFifo *waiting;
+  AVFrame *frame;
+  int64_t encoded; /* samples at the codec's rate */
+};
+
+/* Adds a stream to the muxer's container, whose header is not written yet. Where nothing of the sound is left at
+ * `start` seconds, the track is silent and no stream is added. */
+ERN_NODISCARD ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start,
+                                              struct ern_sound_track *track);
+/* Encodes what belongs to the first `pictures` pictures of `rate` a second; with `last` exactly that, else as much of
+ * it as fills whole packets. Calls have growing `pictures`. */
+ERN_NODISCARD ern_status ern_sound_track_advance(struct ern_muxer *muxer, struct ern_sound_track *track,
+                                                 int64_t pictures, AVRational rate, bool last);
+void ern_sound_track_close(struct ern_sound_track *track); /* accepts a zeroed one */
+
+#endif
