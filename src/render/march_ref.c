@@ -27,61 +27,78 @@ static float step_at(const struct stepping *stepping, float t) {
   return clamp(t * stepping->gamma, stepping->shortest, stepping->longest);
 }
 
+struct ray {
+  float origin[3], d[3], inverse[3]; /* inverse = 1/d */
+};
+
+static struct ray ray_of(const float origin[3], const ern_real *dir, size_t stride) {
+  struct ray ray;
+  for (size_t axis = 0; axis < 3; axis++) {
+    ray.origin[axis] = origin[axis];
+    ray.d[axis] = (float)dir[axis * stride];
+    ray.inverse[axis] = 1 / ray.d[axis];
+  }
+  return ray;
+}
+
 /* Where the ray is inside the box: near <= t <= far. False where it misses, and where it runs within the plane of a
  * face (0 * infinity). */
-static bool box_enter(float *near, float *far, const float origin[3], const float d[3], float bound) {
+static bool box_enter(float *near, float *far, const struct ray *ray, float bound) {
   const float half[3] = {bound, bound / 2, bound};
   *near = -INFINITY, *far = INFINITY;
   for (int axis = 0; axis < 3; axis++) {
-    const float inverse = 1 / d[axis];
-    const float t0 = (-half[axis] - origin[axis]) * inverse, t1 = (half[axis] - origin[axis]) * inverse;
+    const float t0 = (-half[axis] - ray->origin[axis]) * ray->inverse[axis];
+    const float t1 = (half[axis] - ray->origin[axis]) * ray->inverse[axis];
     if (isnan(t0) || isnan(t1)) return false;
-    *near = fmaxf(*near, fminf(t0, t1));
-    *far = fminf(*far, fmaxf(t0, t1));
+    const float enter = t0 < t1 ? t0 : t1, leave = t0 < t1 ? t1 : t0;
+    if (enter > *near) *near = enter;
+    if (leave < *far) *far = leave;
   }
   return *near <= *far;
 }
 
 /* The cell of point p on one axis: clamp(int(64 (p/bound + 1)), 0, 127). */
 static uint32_t cell_of(float p, float inverse_bound) {
-  return (uint32_t)clamp(0.5f * (p * inverse_bound + 1.0f) * ERN_OCCUPANCY_SIDE, 0.0f, ERN_OCCUPANCY_SIDE - 1);
+  return (uint32_t)(int)clamp(0.5f * (p * inverse_bound + 1.0f) * ERN_OCCUPANCY_SIDE, 0.0f, ERN_OCCUPANCY_SIDE - 1);
 }
 
-/* Distance along one axis from p to the border of its cell that the ray is heading for; infinite or NaN where it heads
- * for neither (d = 0). */
-static float border_distance(float p, uint32_t cell, float d, float bound) {
-  const float border = ((float)cell + 0.5f + 0.5f * copysignf(1.0f, d)) / ERN_OCCUPANCY_SIDE * 2.0f - 1.0f;
-  return (border * bound - p) * (1 / d);
+/* Distance from p to where the ray leaves the cell. An axis along which it does not move says infinity or, right on a
+ * border, NaN, and neither is the smallest. */
+static float cell_leave(const struct ray *ray, const float p[3], const uint32_t cell[3], float bound) {
+  float least = INFINITY;
+  for (int axis = 0; axis < 3; axis++) {
+    const float side = ((float)cell[axis] + (signbit(ray->d[axis]) ? 0.0f : 1.0f)) / ERN_OCCUPANCY_SIDE * 2.0f - 1.0f;
+    const float distance = (side * bound - p[axis]) * ray->inverse[axis];
+    if (distance < least) least = distance;
+  }
+  return least > 0 ? least : 0;
 }
 
-/* One ray; t gets the distances of its samples, and their number is returned. */
-static int march_ray(ern_real *t_out, const float origin[3], const float d[3], float jitter, const uint8_t *bits,
+/* One ray; t_out gets the distances of its samples, and their number is returned. */
+static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, const uint8_t *bits,
                      const struct ern_march_settings *settings, const struct stepping *stepping) {
   const float bound = settings->bound, inverse_bound = 1 / bound;
   float near, far;
-  if (!box_enter(&near, &far, origin, d, bound)) return 0;
-  near = fmaxf(near, settings->near);
+  if (!box_enter(&near, &far, ray, bound)) return 0;
+  if (near < settings->near) near = settings->near;
   /* Longer than any way through the box, so it binds only where d is not a unit vector; then it ends the loops. */
-  far = fminf(far, near + 4 * bound);
+  if (far > near + 4 * bound) far = near + 4 * bound;
   float t = near + step_at(stepping, near) * jitter;
   int count = 0;
   while (t < far && count < settings->max_steps) {
-    float border = INFINITY;
+    float p[3];
     uint32_t cell[3];
     for (int axis = 0; axis < 3; axis++) {
-      const float p = clamp(origin[axis] + t * d[axis], -bound, bound);
-      cell[axis] = cell_of(p, inverse_bound);
-      const float distance = border_distance(p, cell[axis], d[axis], bound);
-      if (distance < border) border = distance;
+      p[axis] = clamp(ray->origin[axis] + t * ray->d[axis], -bound, bound);
+      cell[axis] = cell_of(p[axis], inverse_bound);
     }
     const uint32_t number = ern_morton(cell[0], cell[1], cell[2]);
-    const bool occupied = bits[number >> 3] >> (number & 7) & 1;
     float next = t + step_at(stepping, t);
-    if (occupied) {
+    if (bits[number >> 3] >> (number & 7) & 1) {
       t_out[count++] = t;
     } else {
       /* steps until past the border, so that a ray's samples stay on its own ladder t_{k+1} = t_k + dt(t_k) */
-      border = t + fmaxf(0.0f, border);
+      const float border = t + cell_leave(ray, p, cell, bound);
       for (float last = t; last < next && next < border && next < far;) {
         last = next;
         next += step_at(stepping, last);
@@ -98,9 +115,9 @@ void ERN_REF(ern_march)(ern_real *t, int32_t *count, const ern_real *dir, size_t
                         size_t n) {
   const struct stepping stepping = stepping_of(settings);
   for (size_t r = 0; r < n; r++) {
-    const float d[3] = {(float)dir[r], (float)dir[stride + r], (float)dir[2 * stride + r]};
+    const struct ray ray = ray_of(origin, dir + r, stride);
     const float start = jitter ? (float)jitter[r] : 0.0f;
-    count[r] = march_ray(&t[r * (size_t)settings->max_steps], origin, d, start, bits, settings, &stepping);
+    count[r] = march_ray(&t[r * (size_t)settings->max_steps], &ray, start, bits, settings, &stepping);
   }
 }
 

@@ -22,27 +22,72 @@ static float centre_of(uint32_t c, float bound) {
   return ((float)(2 * (int)c - (int)last_cell) / (float)last_cell) * (bound * (127.0f / 128.0f));
 }
 
-/* Camera coordinates q = transpose(R)(p - o). Seen: q2 > 0, |q0| < cx/f q2 + 2/128 bound, |q1| < cy/f q2 + 2/128 bound.
+enum { BLOCK_SIDE = 4, BLOCK_CELLS = BLOCK_SIDE * BLOCK_SIDE * BLOCK_SIDE }; /* contiguous in Morton order */
+
+/* A camera as the test for cells needs it: q = transpose(R)(p - o); q2 > 0, |q0| < x q2 + slack, |q1| < y q2 + slack.
  */
-static bool view_sees(const struct ern_view *view, const float p[3], float bound) {
-  float q[3] = {0, 0, 0};
-  for (size_t k = 0; k < 3; k++) {
-    const float from_camera = p[k] - view->pose[4 * k + 3];
-    for (size_t axis = 0; axis < 3; axis++) q[axis] += view->pose[4 * k + axis] * from_camera;
+struct sight {
+  float column[3][3], origin[3], slope_x, slope_y, slack;
+};
+
+static struct sight sight_of(const struct ern_view *view, float bound) {
+  struct sight sight = {
+      .slope_x = view->cx / view->focal, .slope_y = view->cy / view->focal, .slack = 2.0f / ERN_OCCUPANCY_SIDE * bound};
+  for (int k = 0; k < 3; k++) {
+    sight.origin[k] = view->pose[4 * k + 3];
+    for (int axis = 0; axis < 3; axis++) sight.column[axis][k] = view->pose[4 * k + axis];
   }
-  const float slack = 2.0f / ERN_OCCUPANCY_SIDE * bound;
-  return q[2] > 0 && fabsf(q[0]) < view->cx / view->focal * q[2] + slack &&
-         fabsf(q[1]) < view->cy / view->focal * q[2] + slack;
+  return sight;
+}
+
+static float dot(const float a[3], float x, float y, float z) { return a[0] * x + a[1] * y + a[2] * z; }
+
+/* Whether a point is seen; with reach > 0, whether one in the ball of that radius around it may be. */
+static int sees(const struct sight *s, float x, float y, float z, float reach) {
+  const float dx = x - s->origin[0], dy = y - s->origin[1], dz = z - s->origin[2];
+  const float depth = dot(s->column[2], dx, dy, dz) + reach, slack = s->slack + reach;
+  return (depth > 0) & (fabsf(dot(s->column[0], dx, dy, dz)) < s->slope_x * depth + slack) &
+         (fabsf(dot(s->column[1], dx, dy, dz)) < s->slope_y * depth + slack);
+}
+
+/* grid of the cells [begin, end), all of one block, by views. A clip has thousands of them, and the edges of few go
+ * through a block, so each is first asked for the ball around it; where the pose is a rotation that changes no cell. */
+static void mark_block(ern_real *grid, const struct ern_view *views, size_t view_count, float bound, uint32_t begin,
+                       uint32_t end) {
+  const uint32_t first = begin / BLOCK_CELLS * BLOCK_CELLS;
+  float x[BLOCK_CELLS], y[BLOCK_CELLS], z[BLOCK_CELLS];
+  int seen[BLOCK_CELLS] = {0};
+  for (uint32_t i = 0; i < BLOCK_CELLS; i++) {
+    const struct cell cell = cell_at(first + i);
+    x[i] = centre_of(cell.axis[0], bound);
+    y[i] = centre_of(cell.axis[1], bound);
+    z[i] = centre_of(cell.axis[2], bound);
+  }
+  const int far = BLOCK_CELLS - 1;
+  const float middle[3] = {(x[0] + x[far]) / 2, (y[0] + y[far]) / 2, (z[0] + z[far]) / 2};
+  /* The outermost centres are 0.65 of this away from the middle, which leaves room for rounding. */
+  const float reach = 2.0f / ERN_OCCUPANCY_SIDE * BLOCK_SIDE * bound;
+  bool all_seen = false;
+  for (size_t k = 0; k < view_count && !all_seen; k++) {
+    const struct sight sight = sight_of(&views[k], bound);
+    if (!sees(&sight, middle[0], middle[1], middle[2], reach)) continue;
+    int least = 1;
+    for (int i = 0; i < BLOCK_CELLS; i++) {
+      seen[i] |= sees(&sight, x[i], y[i], z[i], 0);
+      least &= seen[i];
+    }
+    all_seen = least == 1;
+  }
+  for (uint32_t number = begin; number < end; number++) grid[number] = seen[number - first] ? 0 : -1;
 }
 
 void ERN_REF(ern_occupancy_mark)(ern_real *grid, const struct ern_view *views, size_t view_count, float bound,
                                  uint32_t cell_begin, uint32_t cell_end) {
-  for (uint32_t number = cell_begin; number < cell_end; number++) {
-    const struct cell cell = cell_at(number);
-    const float p[3] = {centre_of(cell.axis[0], bound), centre_of(cell.axis[1], bound), centre_of(cell.axis[2], bound)};
-    bool seen = false;
-    for (size_t k = 0; k < view_count && !seen; k++) seen = view_sees(&views[k], p, bound);
-    grid[number] = seen ? 0 : -1;
+  for (uint32_t begin = cell_begin; begin < cell_end;) {
+    const uint32_t block_end = (begin / BLOCK_CELLS + 1) * BLOCK_CELLS,
+                   end = block_end < cell_end ? block_end : cell_end;
+    mark_block(grid, views, view_count, bound, begin, end);
+    begin = end;
   }
 }
 

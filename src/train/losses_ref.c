@@ -61,7 +61,8 @@ void ERN_REF(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_
   if (weights->adaptive && n > 0) softmax = softmax_of(view->uncertainty, n);
 
   for (size_t r = 0; r < n; r++) {
-    const ern_real u = view->uncertainty[r], face = view->face[r], attention = view->attention[r];
+    const ern_real u = view->uncertainty[r], face = view->face[r];
+    const ern_real attention = view->attention ? view->attention[r] : 0;
     const ern_real weight = weights->adaptive ? photometric_weight(u, softmax, s, n) : 1;
     ern_real squares = 0;
     for (size_t c = 0; c < 3; c++) {
@@ -79,7 +80,7 @@ void ERN_REF(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_
     entropy += entropy_term(&dopacity, view->opacity[r]);
     view->dopacity[r] = by_entropy * dopacity;
     audio += attention * (1 - face);
-    view->dattention[r] = by_audio * (1 - face);
+    if (view->dattention) view->dattention[r] = by_audio * (1 - face);
     if (view->eye) eye += view->eye[r] * attention * face;
     if (view->deye) view->deye[r] = by_eye * attention * face; /* no gradient to the attention */
   }
