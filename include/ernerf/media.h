@@ -157,6 +157,7 @@ ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char 
                                                ern_clip **clip);
 ERN_API void ern_clip_free(ern_clip **clip);
 ERN_API void ern_clip_describe(const ern_clip *clip, ern_clip_info *info); /* strings live as long as the clip */
+ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, see ern_clip_info */
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
 ERN_API const ern_image *ern_clip_background(const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
 ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);

@@ -261,6 +261,8 @@ void ern_clip_free(ern_clip **clip) {
 
 void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) { *info = clip->info; }
 
+const char *ern_clip_identity(const ern_clip *clip) { return clip->info.identity; }
+
 const ern_features *ern_clip_features(const ern_clip *clip) { return &clip->features; }
 
 const ern_image *ern_clip_background(const ern_clip *clip) { return &clip->background; }

@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ * A clip as the trainer takes it. */
+#include <string.h>
+
+#include "ernerf/media.h"
+
+static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *out) {
+  const ern_clip_frame *from = ern_clip_frame_at(user, (ern_split)split, index);
+  *out = (ern_dataset_frame){.aud_id = from->pose.aud_id, .eye = from->eye, .has_face = from->has_landmarks};
+  memcpy(out->matrix, from->pose.matrix, sizeof out->matrix);
+  if (!from->has_landmarks) return ERN_OK;
+  float low[2] = {from->landmarks[0][0], from->landmarks[0][1]}, high[2] = {low[0], low[1]};
+  for (int p = 1; p < 68; p++)
+    for (int axis = 0; axis < 2; axis++) {
+      const float value = from->landmarks[p][axis];
+      if (value < low[axis]) low[axis] = value;
+      if (value > high[axis]) high[axis] = value;
+    }
+  out->face = (ern_box){.top = (int)low[1], .bottom = (int)high[1], .left = (int)low[0], .right = (int)high[0]};
+  return ERN_OK;
+}
+
+static ern_status pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
+  ern_image truth_image = {0}, torso_image = {0};
+  const ern_status status = ern_clip_pixels(user, (ern_split)split, index, &truth_image, &torso_image);
+  *truth = truth_image.data;
+  *torso = torso_image.data;
+  return status;
+}
+
+void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
+  ern_clip_info info;
+  ern_clip_describe(clip, &info);
+  *dataset = (ern_dataset){.user = clip,
+                           .frames = {info.frames[0], info.frames[1]},
+                           .focal = info.focal,
+                           .cx = info.cx,
+                           .cy = info.cy,
+                           .width = info.width,
+                           .height = info.height,
+                           .scale = 4,
+                           .has_eye = info.has_blink,
+                           .has_torso = info.has_torso,
+                           .features = ern_clip_features(clip),
+                           .background = ern_clip_background(clip)->data,
+                           .identity = ern_clip_identity(clip),
+                           .frame = frame,
+                           .pixels = pixels};
+}

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT
+ * The eight windows of speech around a frame. */
+#include <string.h>
+
+#include "ernerf/render.h"
+#include "mlp/audio_ops.h"
+
+enum { BEFORE = 4 }; /* windows before the frame's own: t-4 .. t+3 */
+
+static size_t window_size(const ern_features *features) {
+  return (size_t)features->window_length * (size_t)features->width;
+}
+
+static int64_t clamped(int64_t index, size_t count) {
+  const int64_t last = (int64_t)count - 1;
+  return index < 0 ? 0 : index > last ? last : index;
+}
+
+void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad) {
+  const size_t size = window_size(features);
+  for (int k = 0; k < ERN_AUDIO_WINDOWS; k++) {
+    const int64_t at = index - BEFORE + k, nearest = clamped(at, features->windows);
+    float *to = windows + (size_t)k * size;
+    if (pad == ERN_AUDIO_PAD_ZERO && at != nearest)
+      memset(to, 0, size * sizeof *to);
+    else
+      memcpy(to, features->data + (size_t)nearest * size, size * sizeof *to);
+  }
+}
+
+void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
+                               int64_t index) {
+  const size_t size = window_size(features);
+  for (int k = 0; k < ERN_AUDIO_WINDOWS; k++) {
+    const int64_t at = index - BEFORE + k;
+    float *to = windows + (size_t)k * size;
+    if (at < 0 || at >= (int64_t)count)
+      memset(to, 0, size * sizeof *to);
+    else
+      memcpy(to, features->data + (size_t)clamped(rows[at], features->windows) * size, size * sizeof *to);
+  }
+}
