@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * mp4: H.264 pictures, AAC sound, through FFmpeg. */
-#include <errno.h>
-#include <libavutil/imgutils.h>
 #include <libavutil/opt.h>
 #include <libswscale/swscale.h>
+#include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -21,7 +20,8 @@ struct ern_video_writer {
   ern_context *context;
   char *path, *temporary;
   bool opened;       /* the temporary file is there */
-  ern_status broken; /* what the first call that failed returned */
+  ern_status broken; /* what the first frame that failed returned, and its words */
+  char broken_text[1024];
   int width, height; /* of the caller's frames */
   AVRational rate;
   struct ern_muxer muxer;
@@ -265,10 +265,12 @@ fail:
 ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba) {
   if (writer == NULL) return ERN_E_ARGUMENT;
   if (rgba == NULL) return ern_fail(writer->context, ERN_E_ARGUMENT, "%s: frame is NULL", writer->path);
-  if (writer->broken != ERN_OK) {
-    return ern_fail(writer->context, writer->broken, "%s: an earlier frame could not be written", writer->path);
+  if (writer->broken == ERN_OK) {
+    writer->broken = write_frame(writer, rgba);
+    if (writer->broken == ERN_OK) return ERN_OK;
+    snprintf(writer->broken_text, sizeof writer->broken_text, "%s", ern_last_error(writer->context));
   }
-  return writer->broken = write_frame(writer, rgba);
+  return ern_fail(writer->context, writer->broken, "%s", writer->broken_text);
 }
 
 /* Drains the encoders, writes the tail, closes the file. */
@@ -276,9 +278,7 @@ static ern_status finish(ern_video_writer *writer) {
   ern_context *context = writer->context;
   AVFormatContext *container = writer->muxer.container;
   ern_status status = ERN_OK;
-  if (writer->broken != ERN_OK) {
-    ERN_TRY(ern_fail(context, writer->broken, "%s: not made, for a frame could not be written", writer->path));
-  }
+  if (writer->broken != ERN_OK) ERN_TRY(ern_fail(context, writer->broken, "%s", writer->broken_text));
   if (writer->count == 0) {
     ERN_TRY(ern_fail(context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", writer->path));
   }

@@ -414,6 +414,7 @@ static void test_full_disk(void **state) {
     if (closed != ERN_E_IO) fail_msg("limit %ld of %ld: %s", (long)limits[i], (long)size, ern_status_name(closed));
     if (status != ERN_OK) assert_int_equal(status, ERN_E_IO);
     assert_non_null(strstr(ern_last_error(context), "full/a.mp4"));
+    assert_non_null(strstr(ern_last_error(context), "File too large"));
     assert_int_equal(files_in("full"), before);
   }
   assert_true(compare_video("full/a.mp4", &options, 5, &info) > 30);
@@ -442,6 +443,11 @@ static void test_cut_short_and_no_video(void **state) {
     ern_video_reader_free(&reader);
   }
   ern_release(context, bytes);
+  ern_image image = {0};
+  support_expect(context, ern_image_read(context, "cut_from.mp4", 3, &image), ERN_E_FORMAT, "cut_from.mp4", NULL);
+  write_video("place:of 50%d?.mp4", &options, 2); /* a name, no address */
+  ern_video_info info;
+  assert_true(compare_video("place:of 50%d?.mp4", &options, 2, &info) > 30);
   support_write_text("text.mp4", "no video here, only these words\n");
   support_expect(context, ern_video_reader_open(context, "text.mp4", &reader), ERN_E_FORMAT, "text.mp4", NULL);
   support_expect(context, ern_video_reader_open(context, "nothing.mp4", &reader), ERN_E_MISSING, "nothing.mp4", NULL);
