@@ -416,12 +416,13 @@ static void test_unwanted(void **state) {
   }
 }
 
-/* Relative error of an activation: exp by its series is good to 2 units in the last place, libm's to 1; forming 1 + e,
- * the quotient and the products adds half a unit each. Below the normal numbers only the absolute error counts; the
- * colour's subtraction of 0.001 leaves the error of the minuend. */
+/* How far two good activations may be apart, in units of 2^-23 relative to the value. exp: less than one unit off by
+ * libm, less than one by the series of eight terms. The others: that, and half a unit for each of the sum, the product
+ * and the quotient after it, so 3 for each side. The colour's subtraction leaves the error of the minuend, 0.001
+ * larger. Below the normal numbers only an absolute error counts. */
 static double activation_tolerance(ern_activation kind, double expected) {
-  const double relative = 8 * 2 * unit * fabs(expected);
-  return relative + (kind == ERN_ACT_COLOUR ? 8 * 2 * unit * 0.001 : 0) + FLT_MIN;
+  const double units = kind == ERN_ACT_DENSITY ? 2 : 6;
+  return units * 0x1p-23 * (fabs(expected) + (kind == ERN_ACT_COLOUR ? 0.001 : 0)) + FLT_MIN;
 }
 
 static float act_input(size_t i) {
@@ -568,7 +569,36 @@ static void measure_shape(const struct shape *shape, size_t n) {
   scene_free(&bench.scene);
 }
 
+struct activation_bench {
+  const struct kernel *kernel;
+  ern_activation kind;
+  float x[4096], y[4096];
+};
+
+static void activation_run(void *user) {
+  struct activation_bench *bench = user;
+  bench->kernel->activate_fwd(bench->y, bench->x, bench->kind, sizeof bench->x / sizeof *bench->x);
+}
+
+static void measure_activations(void) {
+  static struct activation_bench bench;
+  const size_t n = sizeof bench.x / sizeof *bench.x;
+  for (size_t i = 0; i < n; i++) bench.x[i] = random_at(1, i, 8);
+  for (bench.kind = ERN_ACT_DENSITY; bench.kind < ERN_ACT_SOFTPLUS; bench.kind++) {
+    double first = 0;
+    for (size_t k = 0; k < KERNELS; k++) {
+      if (!machine_has(kernels[k].isa)) continue;
+      bench.kernel = &kernels[k];
+      const double seconds = seconds_of(activation_run, &bench);
+      if (k == 0) first = seconds;
+      printf("activation %d %-6s: %7.1f million/s, %.1f times ref\n", (int)bench.kind, kernels[k].name,
+             (double)n / seconds * 1e-6, first / seconds);
+    }
+  }
+}
+
 static int measure(void) {
+  measure_activations();
   measure_shape(&shapes[0], 4096);
   measure_shape(&shapes[0], 96);
   measure_shape(&shapes[1], 4096);
