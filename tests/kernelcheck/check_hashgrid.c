@@ -193,14 +193,16 @@ static void test_wide(void **state) {
   check_shape(&wide);
 }
 
-/* A hashed and a tiled level whose size is no power of two, as rounding may leave one. */
+/* Hashed and tiled levels at the edges of the index rule: sizes that are no power of two, as rounding may leave them; a
+ * row, and a whole plane, of exactly the level's size. */
 static void test_odd_modulo(void **state) {
   (void)state;
   for (int hashed = 0; hashed < 2; hashed++) {
-    struct ern_grid grid = {.dims = 2, .levels = 3, .features = 2, .hashed = hashed != 0, .bound = 1, .entries = 1120};
+    struct ern_grid grid = {.dims = 2, .levels = 4, .features = 2, .hashed = hashed != 0, .bound = 1, .entries = 2144};
     grid.level[0] = (struct ern_grid_level){.scale = 20.3f, .resolution = 22, .offset = 0, .size = 120};
     grid.level[1] = (struct ern_grid_level){.scale = 99.9f, .resolution = 101, .offset = 120, .size = 488};
-    grid.level[2] = (struct ern_grid_level){.scale = 511, .resolution = 512, .offset = 608, .size = 512};
+    grid.level[2] = (struct ern_grid_level){.scale = 509.5f, .resolution = 511, .offset = 608, .size = 512};
+    grid.level[3] = (struct ern_grid_level){.scale = 30, .resolution = 31, .offset = 1120, .size = 1024};
     check_grid(&grid);
   }
 }

@@ -155,10 +155,11 @@ static void result_check_guards(const struct result *result, const struct scene 
   }
 }
 
-/* How far two float evaluations in different orders may be apart, to first order, by running error analysis in double:
- * a sum of K products in any order, fused or not, is off by at most K u sum|a b| (u = 2^-24), for each of the two
- * kernels, and carries the errors e of its factors: sum |w| e. A unit whose error reaches across 0 may be on in one and
- * off in the other: its whole slope counts as error. No constant is tuned. */
+/* How far two float evaluations in different orders may be apart, by an error analysis in double along the data.
+ * Rounding errors are independent, so they add like a random walk: a sum of K products, in any order, fused or not, is
+ * off by about sqrt(K) u sum|a b| / sqrt(3) at most, where all have one sign (u = 2^-24). Two kernels, and four
+ * standard deviations with it, make 4 sqrt(K) u sum|a b|. The errors e of the factors are carried as sqrt(sum (w e)^2).
+ * A unit whose error reaches across 0 may be on in one kernel and off in the other: its whole slope counts as error. */
 struct bound {
   double *h[ERN_MLP_MAX_LAYERS + 1], *e[ERN_MLP_MAX_LAYERS + 1]; /* [width][n]: values before the ReLU, errors */
   double *dw, *dw_error;                                         /* the block */
@@ -172,6 +173,10 @@ static double *doubles(size_t count) {
 }
 
 static const double unit = 0x1p-24, tiny = 0x1p-140; /* tiny: a few denormals */
+
+static double square(double x) { return x * x; }
+
+static double rounding(size_t terms, double absolute) { return 4 * sqrt((double)terms) * unit * absolute; }
 
 static double relu_value(double h, int layer) { return layer > 0 && h < 0 ? 0 : h; }
 
@@ -202,10 +207,10 @@ static void bound_fwd(struct bound *bound, const struct scene *scene) {
           const double h = relu_value(bound->h[l][c * n + i], l);
           sum += w * h;
           absolute += fabs(w * h);
-          carried += fabs(w) * bound->e[l][c * n + i];
+          carried += square(w * bound->e[l][c * n + i]);
         }
         bound->h[l + 1][j * n + i] = sum;
-        bound->e[l + 1][j * n + i] = carried + 2 * (double)ins * unit * absolute + tiny;
+        bound->e[l + 1][j * n + i] = sqrt(carried) + rounding(ins, absolute) + tiny;
       }
     }
   }
@@ -226,7 +231,7 @@ static void bound_bwd(struct bound *bound, const struct scene *scene) {
         for (size_t i = 0; i < n; i++) slope[j * n + i] = scene->dy.data[j * scene->stride + i];
       }
     }
-    double *next = doubles(ins * n), *next_error = doubles(ins * n);
+    double *next = doubles(ins * n), *next_error = doubles(ins * n), *next_absolute = doubles(ins * n);
     for (size_t j = 0; j < outs; j++) {
       for (size_t c = 0; c < ins; c++) {
         const size_t at = mlp->weight[l] + j * ins + c;
@@ -236,23 +241,26 @@ static void bound_bwd(struct bound *bound, const struct scene *scene) {
           const double h = relu_value(bound->h[l][c * n + i], l), s = slope[j * n + i];
           sum += s * h;
           absolute += fabs(s * h);
-          carried += fabs(s) * bound->e[l][c * n + i] + error[j * n + i] * fabs(h);
+          carried += square(s * bound->e[l][c * n + i]) + square(error[j * n + i] * h);
           next[c * n + i] += w * s;
-          next_error[c * n + i] += fabs(w) * error[j * n + i] + 2 * (double)outs * unit * fabs(w * s);
+          next_absolute[c * n + i] += fabs(w * s);
+          next_error[c * n + i] += square(w * error[j * n + i]);
         }
         bound->dw[at] = sum;
-        bound->dw_error[at] = carried + 2 * ((double)n + 1) * unit * (absolute + 0.25) + tiny;
+        bound->dw_error[at] = sqrt(carried) + rounding(n + 1, absolute + 0.25) + tiny;
       }
     }
-    for (size_t i = 0; l > 0 && i < ins * n; i++) {
+    for (size_t i = 0; i < ins * n; i++) {
       const double h = bound->h[l][i], e = bound->e[l][i];
+      next_error[i] = sqrt(next_error[i]) + rounding(outs, next_absolute[i]) + tiny;
+      if (l == 0) continue;
       if (fabs(h) <= e) {
         next_error[i] += fabs(next[i]);
       } else if (h < 0) {
         next[i] = next_error[i] = 0;
       }
     }
-    free(slope), free(error);
+    free(slope), free(error), free(next_absolute);
     slope = next;
     error = next_error;
   }
@@ -296,16 +304,16 @@ static void compare(const char *shape, const char *kernel, const struct scene *s
         const double dx = bound->dx[row * n + i], dx_error = bound->dx_error[row * n + i];
         sum += dx;
         absolute += fabs(dx);
-        error += dx_error;
+        error += square(dx_error);
         if (x->per != ERN_PER_SAMPLE) continue;
         const size_t at = r * x->stride + i;
-        const double tolerance = dx_error + 2 * unit * (fabs(dx) + 0.25);
+        const double tolerance = dx_error + rounding(2, fabs(dx) + 0.25);
         expect_near(shape, "ref", "dx", expected->dx[p].data[at] - 0.25, dx, tolerance, at);
         expect_near(shape, kernel, "dx", found->dx[p].data[at], expected->dx[p].data[at], tolerance, at);
       }
       if (x->per == ERN_PER_SAMPLE) continue;
-      if (x->per == ERN_PER_RAY) sum = absolute = error = 0; /* no gradient: what was there, exactly */
-      const double tolerance = error + (x->per == ERN_PER_RAY ? 0 : 2 * ((double)n + 1) * unit * (absolute + 0.25));
+      double tolerance = sqrt(error) + rounding(n + 1, absolute + 0.25);
+      if (x->per == ERN_PER_RAY) sum = tolerance = 0; /* no gradient: what was there, exactly */
       for (size_t i = 0; i < piece_items(scene, x->per); i++) {
         const size_t at = r * x->stride + i;
         expect_near(shape, "ref", "dx", expected->dx[p].data[at] - 0.25, sum, tolerance, at);
