@@ -65,6 +65,8 @@ static struct plan plan_level(const struct ern_grid *grid, int l) {
   return plan;
 }
 
+LANES_INLINE int corner_count(const int dims) { return dims == 3 ? 8 : dims == 2 ? 4 : 2; }
+
 /* The entries and weights of all corners of LANES samples; t is kept for the slopes. */
 struct corners {
   vu entry[CORNERS];
@@ -86,17 +88,17 @@ LANES_INLINE struct corners find_corners(const struct plan *plan, const struct p
     term[d][1] = term[d][0] + plan->multiplier[d];
   }
 #pragma GCC unroll 8
-  for (int b = 0; b < 1 << dims; b++) {
+  for (int b = 0; b < corner_count(dims); b++) {
     vu index = term[0][b & 1];
 #pragma GCC unroll 3
     for (int d = 1; d < dims; d++) index = hashed ? index ^ term[d][b >> d & 1] : index + term[d][b >> d & 1];
     corners.entry[b] = index & plan->mask;
   }
   if (plan->divide) {
-    for (int b = 0; b < 1 << dims; b++) corners.entry[b] %= plan->size;
+    for (int b = 0; b < corner_count(dims); b++) corners.entry[b] %= plan->size;
   }
 #pragma GCC unroll 8
-  for (int b = 0; b < 1 << dims; b++) corners.entry[b] += plan->offset;
+  for (int b = 0; b < corner_count(dims); b++) corners.entry[b] += plan->offset;
   return corners;
 }
 
@@ -119,7 +121,7 @@ LANES_INLINE void level_fwd_of(float *rows, size_t stride, const float *table, c
     for (size_t c = 0; c < features; c++) {
       vf sum = {0};
 #pragma GCC unroll 8
-      for (int b = 0; b < 1 << dims; b++) {
+      for (int b = 0; b < corner_count(dims); b++) {
         const vf value = vf_gather(table, corners.entry[b] * (uint32_t)features + (uint32_t)c);
         sum += vf_multiply_rounded(corner_weight(&corners, b, dims, -1), value);
       }
@@ -144,7 +146,7 @@ LANES_INLINE void add_to_table(float *dtable, const struct corners *corners, con
     vu entry[CORNERS];
     vf part[CORNERS];
 #pragma GCC unroll 8
-    for (int b = 0; b < 1 << dims; b++) {
+    for (int b = 0; b < corner_count(dims); b++) {
       entry[b] = corners->entry[b] * (uint32_t)features + (uint32_t)c;
       part[b] = vf_multiply_rounded(corner_weight(corners, b, dims, -1), df[c]);
     }
@@ -153,7 +155,7 @@ LANES_INLINE void add_to_table(float *dtable, const struct corners *corners, con
     for (size_t l = 0; l < count; l++) {
       if (!inside[l]) continue;
 #pragma GCC unroll 8
-      for (size_t b = 0; b < (size_t)1 << dims; b++) dtable[at[b * LANES + l]] += value[b * LANES + l];
+      for (size_t b = 0; b < (size_t)corner_count(dims); b++) dtable[at[b * LANES + l]] += value[b * LANES + l];
     }
   }
 }
@@ -164,7 +166,7 @@ LANES_INLINE void add_to_positions(float *const *dx, size_t at, const struct cor
                                    const size_t features) {
   vf sum[DIMS] = {{0}};
 #pragma GCC unroll 8
-  for (int b = 0; b < 1 << dims; b++) {
+  for (int b = 0; b < corner_count(dims); b++) {
     vf value = {0};
     for (size_t c = 0; c < features; c++) {
       value += vf_multiply_rounded(df[c], vf_gather(table, corners->entry[b] * (uint32_t)features + (uint32_t)c));
