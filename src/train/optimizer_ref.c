@@ -12,17 +12,16 @@ static const ern_real largest = FLT_MAX;
 #endif
 
 /* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps).
- * The root is split, so that v/bias_correction cannot overflow; v is held at the largest number, so that one gradient
- * whose square is infinite does not stop its parameter for good. */
+ * The root is split, so that v/bias_correction cannot overflow. Where the square of a gradient does, the step is 0 (g
+ * over infinity), and v is kept at the largest number, from which it comes down again. */
 void ERN_REF(ern_adamw)(ern_real *parameters, ern_real *second_moment, const ern_real *gradient, float rate,
                         float decay, float beta2, float eps, double bias_correction, size_t n) {
   const ern_real keep = (ern_real)(1 - (double)rate * (double)decay), fresh = (ern_real)(1 - (double)beta2);
   const ern_real unbias = (ern_real)(1 / sqrt(bias_correction));
   for (size_t i = 0; i < n; i++) {
     const ern_real g = gradient[i], v = beta2 * second_moment[i] + fresh * g * g;
-    const ern_real held = v > largest ? largest : v;
-    second_moment[i] = held;
-    parameters[i] = keep * parameters[i] - rate * (g / (sqrt(held) * unbias + eps));
+    parameters[i] = keep * parameters[i] - rate * (g / (sqrt(v) * unbias + eps));
+    second_moment[i] = v > largest ? largest : v;
   }
 }
 
