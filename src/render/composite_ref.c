@@ -2,7 +2,7 @@
  * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, model.md section 5).
  *
  * tau_i = sigma_i dt_i, alpha_i = 1 - exp(-tau_i), T_i = exp(-sum_{j<i} tau_j), w_i = alpha_i T_i. A sample counts
- * while the light before it is not spent: i is the first, or T_i >= stop. */
+ * while the light before it is not spent, T_i >= stop; with stop < 1 the first one always does. */
 #include <tgmath.h>
 
 #include "render/render_kernels.h"
@@ -23,7 +23,7 @@ static void composite_ray(const struct ern_composite_view *v, size_t r) {
   ern_real transmittance = 1, opacity = 0, depth = 0, attention = 0, eye = 0, uncertainty = 0;
   ern_real colour[3] = {0, 0, 0};
   for (size_t i = begin; i < end; i++) {
-    if (i > begin && transmittance < v->transmittance_stop) break;
+    if (transmittance < v->transmittance_stop) break;
     const ern_real tau = v->sigma[i] * v->dt[i];
     const ern_real w = -expm1(-tau) * transmittance; /* expm1: alpha keeps its digits for thin samples */
     for (size_t c = 0; c < 3; c++) colour[c] += w * v->rgb[c * v->rgb_stride + i];
@@ -83,7 +83,7 @@ static void composite_ray_bwd(const struct ern_composite_bwd_view *v, size_t r) 
   ern_real transmittance = 1;
   size_t counted = begin;
   for (; counted < end; counted++) {
-    if (counted > begin && transmittance < f->transmittance_stop) break;
+    if (transmittance < f->transmittance_stop) break;
     transmittance *= exp(-f->sigma[counted] * f->dt[counted]);
     v->dsigma[counted] = transmittance;
   }

@@ -91,17 +91,15 @@ void ERN_REF(ern_occupancy_mark)(ern_real *grid, const struct ern_view *views, s
   }
 }
 
-/* Numbers of the up to 6 cells that share a face with this one. */
+/* Numbers of the up to 6 cells that share a face with this one: a coordinate is every third bit of the number; with
+ * ones in the bits between, a carry runs on to its next bit, with zeros a borrow does. */
 static int neighbours(uint32_t number_out[6], uint32_t number) {
-  const struct cell cell = cell_at(number);
+  const uint32_t x_bits = 0x049249; /* 7 of them */
   int count = 0;
   for (int axis = 0; axis < 3; axis++) {
-    for (int side = 0; side < 2; side++) {
-      if (cell.axis[axis] == (side ? last_cell : 0)) continue;
-      struct cell other = cell;
-      other.axis[axis] += side ? 1u : (uint32_t)-1;
-      number_out[count++] = ern_morton(other.axis[0], other.axis[1], other.axis[2]);
-    }
+    const uint32_t bits = x_bits << axis, own = number & bits, rest = number & ~bits;
+    if (own != 0) number_out[count++] = ((own - 1) & bits) | rest;
+    if (own != bits) number_out[count++] = (((number | ~bits) + 1) & bits) | rest;
   }
   return count;
 }
