@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: MIT
+ * The training loop: batch, step, update; refresh, average, save and validate when they are due. */
+#include "train/trainer.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+#include "core/memory.h"
+#include "train/step.h"
+
+static double seconds_now(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
+}
+
+/* Progress of the coarse stage: s of model.md section 6. */
+static double progress(const ern_trainer *t) { return (double)t->step / (double)t->config.iters; }
+
+static const char *const term_name[ERN_LOSS_TERMS] = {
+    "photometric", "uncertainty", "static_uncertainty", "entropy", "audio_ambient", "eye_ambient", "smoothness", "key_points"};
+
+static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, double *terms, ern_train_report *report) {
+  const struct ern_march_settings march = ern_trainer_march(t);
+  struct ern_head_step_args args = {
+      .dparameters = t->gradient,
+      .parameters = t->parameters,
+      .field = &t->model->field,
+      .view = &t->views[batch->frame],
+      .settings = &march,
+      .bits = t->bits,
+      .pixel_number = batch->pixel_number,
+      .jitter = batch->jitter,
+      .truth = batch->truth,
+      .background = batch->background,
+      .face = batch->face,
+      .windows = batch->windows,
+      .eye_value = batch->eye,
+      .individual = ern_trainer_code(t, batch->frame),
+      .weights = {(float)progress(t), 1, 1e-3f, 1e-4f, 1e-4f, 1e-4f, 1e-5f, true},
+      .transmittance_stop = 1e-4f,
+      .smooth = t->step % ERN_REFRESH_EVERY == 0,
+      .seed = t->config.seed,
+      .step = t->step,
+      .n = (size_t)t->config.rays};
+  const ern_status status = t->backend->head_step(t->stream, &args);
+  memcpy(terms, args.terms, sizeof args.terms);
+  report->psnr = -10 * log10(args.squared_error > 1e-10 ? args.squared_error : 1e-10);
+  report->samples_per_ray = (double)args.samples / t->config.rays;
+  return status;
+}
+
+static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, double *terms, ern_train_report *report) {
+  struct ern_torso_step_args args = {.dparameters = t->gradient,
+                                     .parameters = t->parameters,
+                                     .field = &t->model->field,
+                                     .view = &t->views[batch->frame],
+                                     .grid = t->torso_grid,
+                                     .threshold = (float)fmin(t->torso_mean, 0.01),
+                                     .shrink = t->config.torso_shrink,
+                                     .pixel_number = batch->pixel_number,
+                                     .truth = batch->truth,
+                                     .background = batch->background,
+                                     .individual = ern_trainer_code(t, batch->frame),
+                                     .n = (size_t)t->config.rays};
+  const ern_status status = t->backend->torso_step(t->stream, &args);
+  memcpy(terms, args.terms, sizeof args.terms);
+  const double mse = args.terms[ERN_LOSS_PHOTOMETRIC];
+  report->psnr = -10 * log10(mse > 1e-10 ? mse : 1e-10);
+  report->samples_per_ray = (double)args.samples / t->config.rays;
+  return status;
+}
+
+/* Every term and every gradient, or the name of the first that is not finite. */
+static ern_status check_finite(ern_trainer *t, const double *terms) {
+  for (int i = 0; i < ERN_LOSS_TERMS; i++)
+    if (!isfinite(terms[i]))
+      return ern_fail(t->context, ERN_E_NONFINITE, "step %" PRIu64 ": the loss term %s is %g; the parameters are as before",
+                      t->step, term_name[i], terms[i]);
+  struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
+  ern_status status = t->backend->finite(t->stream, &all);
+  if (status != ERN_OK || all.finite) return status;
+  for (int r = 0; r < t->model->table.rows; r++) {
+    const struct ern_parameter *row = &t->model->table.row[r];
+    struct ern_finite_args one = {.values = ern_span_part(t->gradient, row->at, row->count), .n = row->count};
+    status = t->backend->finite(t->stream, &one);
+    if (status != ERN_OK) return status;
+    if (!one.finite)
+      return ern_fail(t->context, ERN_E_NONFINITE,
+                      "step %" PRIu64 ": the gradient of %s is not finite; the parameters are as before", t->step, row->name);
+  }
+  return ERN_OK;
+}
+
+/* AdamW by learning-rate group (model.md section 6); rates fall as 0.5^s. */
+static ern_status update(ern_trainer *t) {
+  const float factor = (float)pow(0.5, progress(t));
+  for (int r = 0; r < t->model->table.rows; r++) {
+    const struct ern_parameter *row = &t->model->table.row[r];
+    if (row->torso != t->config.torso) continue;
+    float rate = t->config.lr_net, decay = 0;
+    if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = 1e-2f;
+    if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = 1e-4f;
+    struct ern_adamw_args args = {.parameters = ern_span_part(t->parameters, row->at, row->count),
+                                  .second_moment = ern_span_part(t->moment, row->at, row->count),
+                                  .gradient = ern_span_part(t->gradient, row->at, row->count),
+                                  .rate = rate * factor,
+                                  .decay = decay,
+                                  .beta2 = 0.99f,
+                                  .eps = 1e-8f,
+                                  .step = t->step + 1,
+                                  .n = row->count};
+    const ern_status status = t->backend->adamw(t->stream, &args);
+    if (status != ERN_OK) return status;
+  }
+  return ERN_OK;
+}
+
+static ern_status average(ern_trainer *t) {
+  t->ema_updates++;
+  const double n = (double)t->ema_updates;
+  struct ern_ema_args args = {.average = t->average,
+                              .parameters = t->parameters,
+                              .decay = (float)fmin(0.95, (1 + n) / (10 + n)),
+                              .n = t->model->field.parameters};
+  return t->backend->ema(t->stream, &args);
+}
+
+ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const double began = seconds_now();
+  double terms[ERN_LOSS_TERMS] = {0};
+  struct ern_batch batch;
+  ern_status status = ERN_OK;
+  *report = (ern_train_report){.iters = t->config.iters};
+  if (t->step >= t->config.iters)
+    ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
+  if (t->step % ERN_REFRESH_EVERY == 0) ERN_TRY(ern_trainer_refresh(t));
+  ERN_TRY(ern_trainer_batch(t, &batch));
+  ERN_TRY(t->backend->zero(t->stream, t->gradient));
+  ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));
+  ERN_TRY(check_finite(t, terms));
+  ERN_TRY(update(t));
+  t->step++;
+  if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
+  for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += terms[i];
+  t->seconds += seconds_now() - began;
+fail:
+  report->step = t->step;
+  report->seconds = t->seconds;
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+/* ---- the loop ---------------------------------------------------------------------------------------------------- */
+
+/* Means since the last report, and the rate of this run. */
+struct tally {
+  double began, said, loss, psnr, samples;
+  uint64_t first, steps;
+};
+
+static ern_train_report tell(const ern_trainer *t, struct tally *tally) {
+  const double now = seconds_now(), n = tally->steps > 0 ? (double)tally->steps : 1;
+  ern_train_report report = {.step = t->step,
+                             .iters = t->config.iters,
+                             .loss = tally->loss / n,
+                             .psnr = tally->psnr / n,
+                             .samples_per_ray = tally->samples / n,
+                             .seconds = t->seconds};
+  report.steps_per_second = now > tally->began ? (double)(t->step - tally->first) / (now - tally->began) : 0;
+  if (report.steps_per_second > 0) report.seconds_left = (double)(t->config.iters - t->step) / report.steps_per_second;
+  tally->loss = tally->psnr = tally->samples = 0;
+  tally->steps = 0;
+  tally->said = now;
+  return report;
+}
+
+static ern_status note(ern_trainer *t, const ern_train_report *r, double validation) {
+  if (t->output == NULL) return ERN_OK;
+  ern_status status = ern_lines_add(t->context, &t->run.log_lines,
+                                    "{\"step\": %" PRIu64 ", \"seconds\": %.3f, \"loss\": %.8g, \"psnr\": %.4f, "
+                                    "\"samples_per_ray\": %.3f, \"steps_per_second\": %.4f}\n",
+                                    r->step, r->seconds, r->loss, r->psnr, r->samples_per_ray, r->steps_per_second);
+  if (status != ERN_OK || !(validation > 0)) return status;
+  return ern_lines_add(t->context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", r->step, r->seconds, validation);
+}
+
+static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
+
+static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
+  const bool last = t->step == t->config.iters;
+  double validation = 0;
+  ern_status status = ERN_OK;
+  if (last || due(t->step, t->config.validate_every)) ERN_TRY(ern_trainer_validate(t, hooks, &validation));
+  const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
+  if (say) {
+    const ern_train_report report = tell(t, tally);
+    ERN_TRY(note(t, &report, validation));
+    if (hooks != NULL && hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
+      if (t->output != NULL) ERN_TRY(ern_trainer_save(t));
+      ERN_TRY(ern_fail(t->context, ERN_E_CANCELLED, "train: stopped at step %" PRIu64 " of %" PRIu64 "%s", t->step,
+                       t->config.iters, t->output != NULL ? "; the state is saved" : ""));
+    }
+  }
+  if (t->output != NULL && (last || due(t->step, t->config.save_every))) ERN_TRY(ern_trainer_save(t));
+fail:
+  return status;
+}
+
+ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
+  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
+  if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
+  while (t->step < t->config.iters) {
+    ern_train_report report;
+    ern_status status = ern_trainer_step(t, &report);
+    if (status != ERN_OK) return status;
+    tally.loss += report.loss;
+    tally.psnr += report.psnr;
+    tally.samples += report.samples_per_ray;
+    tally.steps++;
+    status = finish_step(t, hooks, &tally);
+    if (status != ERN_OK) return status;
+  }
+  return ERN_OK;
+}
+
+ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
+  ern_status status = ern_trainer_download(t, t->parameters);
+  *model = NULL;
+  if (status == ERN_OK) status = ern_model_make(model, t->context, &t->model->field.config);
+  if (status != ERN_OK) return status;
+  memcpy((*model)->block, t->model->block, t->model->field.parameters * sizeof(float));
+  memcpy((*model)->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
+  if ((*model)->torso_grid != NULL) memcpy((*model)->torso_grid, t->model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
+  (*model)->head_steps = t->model->head_steps;
+  (*model)->torso_steps = t->model->torso_steps;
+  memcpy((*model)->clip, t->model->clip, sizeof (*model)->clip);
+  return ERN_OK;
+}
+
+const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer->run.folder; }

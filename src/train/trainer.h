@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: MIT
+ * A trainer in memory: data, model, its values on a backend, and the folder it writes to. Internal. */
+#ifndef ERN_TRAIN_TRAINER_H
+#define ERN_TRAIN_TRAINER_H
+
+#include "core/backend.h"
+#include "ernerf/train.h"
+#include "model/model.h"
+
+enum { ERN_REFRESH_EVERY = 16 /* steps between occupancy refreshes, and between smoothness terms */ };
+
+/* Lines of a text file that are kept until the next save. */
+struct ern_lines {
+  char *text;
+  size_t used, room;
+};
+
+/* X.run: the lock, and the names in it. All NULL without an output. */
+struct ern_run_folder {
+  char *folder, *state, *next, *previous, *log, *curve;
+  int lock;            /* descriptor, -1: none */
+  bool fresh;          /* nothing of this training has been written yet: what lies there is an earlier one's */
+  struct ern_lines log_lines, curve_lines;
+};
+
+struct ern_trainer {
+  ern_context *context;
+  struct ern_backend *backend;
+  struct ern_stream *stream;
+  ern_dataset data;
+  ern_train_config config;
+  char *output, identity[65];
+  ern_model *model;           /* configuration and table; its values are those of the last download */
+
+  struct ern_buffer *reals, *bits_buffer, *cells_buffer;
+  ern_span parameters, gradient, moment, average; /* [field.parameters] */
+  ern_span grid, fresh, bits, cells;              /* occupancy of the head */
+  size_t cell_count;                              /* cells that a refresh looks at */
+  ern_span torso_grid;
+  double torso_mean;
+
+  struct ern_view *views;     /* [training frames] */
+  uint64_t step, ema_updates;
+  double seconds;             /* of training, all runs together */
+  struct ern_run_folder run;
+
+  int32_t *host_pixels;       /* [rays] */
+  float *host_rows;           /* [8][rays]: truth, background, face, jitter */
+  float *host_windows;        /* [8][window_length][width] */
+};
+
+/* What one step trains on: a frame and its rays, on the backend (scratch). */
+struct ern_batch {
+  size_t frame;
+  float eye;
+  ern_span pixel_number, jitter, face, windows;
+  ern_rows truth, background;
+};
+
+static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
+  return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, 0.05f};
+}
+
+/* trainer_batch.c */
+ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);
+/* Uploads the speech of a training frame to `windows` (taken from scratch). */
+ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host);
+ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, ern_span *windows);
+/* The camera of a frame. */
+ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view);
+/* A training frame of [data_begin, data_end), by a random word. */
+size_t ern_trainer_pick(const ern_trainer *t, uint32_t word);
+/* Row of the individual codes of a training frame. */
+static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
+  return t->model->field.config.codes > 0 ? frame : 0;
+}
+
+/* trainer_refresh.c */
+ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t);  /* a new training: cells that no camera sees */
+ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t);  /* the cells to look at */
+ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
+
+/* trainer_state.c */
+ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /* values and occupancy into t->model */
+ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
+ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
+
+/* run_folder.c */
+ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run);
+void ern_run_folder_close(ern_context *context, struct ern_run_folder *run);
+ERN_NODISCARD ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...)
+    ERN_PRINTF(3, 4);
+/* Appends the kept lines to their files, or replaces the files of an earlier training with them. */
+ERN_NODISCARD ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run);
+
+/* trainer_validate.c */
+ERN_NODISCARD ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr);
+
+#endif

@@ -1,0 +1,270 @@
+/* SPDX-License-Identifier: MIT
+ * A trainer made and unmade: configuration and data checked, memory taken, values fresh, resumed or taken from a file. */
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "train/trainer.h"
+
+enum { CONFIG_COOKIE = 0x45524e34 };
+
+ern_train_config ern_train_config_default(void) {
+  return (ern_train_config){.cookie = CONFIG_COOKIE,
+                            .iters = 100000,
+                            .rays = 65536,
+                            .levels = 14,
+                            .seed = 0,
+                            .lr = 1e-2f,
+                            .lr_net = 1e-3f,
+                            .lr_att = 5e-3f,
+                            .codes = -1,
+                            .max_steps = 16,
+                            .dt_gamma = 1.0f / 256,
+                            .bound = 1,
+                            .torso_shrink = 0.8f,
+                            .audio_pad = ERN_AUDIO_PAD_EDGE,
+                            .save_every = 1000,
+                            .validate_every = 1000,
+                            .validate_frames = 16,
+                            .ema_every = 1000};
+}
+
+/* ---- checks ------------------------------------------------------------------------------------------------------ */
+
+static ern_status check_range(ern_context *context, const char *name, double found, double least, double most) {
+  if (found >= least && found <= most) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "train: %s is %g, expected %g to %g", name, found, least, most);
+}
+
+static ern_status check_config(ern_context *context, const ern_train_config *c) {
+  const struct {
+    const char *name;
+    double found, least, most;
+  } ranges[] = {{"iters", (double)c->iters, 1, 1e12},
+                {"rays", c->rays, 1, 1 << 20},
+                {"levels", c->levels, 2, ERN_GRID_MAX_LEVELS},
+                {"lr", (double)c->lr, 0, 1e3},
+                {"lr_net", (double)c->lr_net, 0, 1e3},
+                {"lr_att", (double)c->lr_att, 0, 1e3},
+                {"individual codes", c->codes, -1, 1e6},
+                {"max_steps", c->max_steps, 1, ERN_MAX_STEPS},
+                {"dt_gamma", (double)c->dt_gamma, 0, 1},
+                {"torso_shrink", (double)c->torso_shrink, 1e-3, 1},
+                {"validation frames", c->validate_frames, 0, 1e9},
+                {"ema_every", (double)c->ema_every, 1, 1e12}};
+  if (c->cookie != CONFIG_COOKIE)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: the configuration was not made by ern_train_config_default");
+  for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
+    const ern_status status = check_range(context, ranges[i].name, ranges[i].found, ranges[i].least, ranges[i].most);
+    if (status != ERN_OK) return status;
+  }
+  if (c->torso && c->head == NULL && c->from == NULL)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
+  return ERN_OK;
+}
+
+static ern_status check_data(ern_trainer *t) {
+  const ern_dataset *d = &t->data;
+  ern_train_config *c = &t->config;
+  if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
+      d->background == NULL)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
+  if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
+      !isfinite(d->cx) || !isfinite(d->cy))
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g", d->width, d->height,
+                    d->focal, d->cx, d->cy);
+  if (c->data_end == 0) c->data_end = d->frames[0];
+  if (c->data_begin >= c->data_end || c->data_end > d->frames[0])
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu", c->data_begin,
+                    c->data_end, d->frames[0]);
+  if (c->torso && !d->has_torso)
+    return ern_fail(t->context, ERN_E_MISSING, "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
+  if (c->codes < 0) c->codes = (int)d->frames[0];
+  if (c->codes > 0 && (size_t)c->codes < d->frames[0])
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: %d individual codes for %zu training frames, expected at least as many",
+                    c->codes, d->frames[0]);
+  return ERN_OK;
+}
+
+/* ---- model ------------------------------------------------------------------------------------------------------- */
+
+static struct ern_model_config head_config(const ern_trainer *t) {
+  return (struct ern_model_config){.levels = t->config.levels,
+                                   .feature_width = t->data.features->width,
+                                   .window_length = t->data.features->window_length,
+                                   .head = true,
+                                   .eye = t->data.has_eye,
+                                   .codes = t->config.codes,
+                                   .bound = t->config.bound};
+}
+
+static ern_status check_head(const ern_trainer *t, const ern_model *head) {
+  if (head->field.config.feature_width != t->data.features->width)
+    return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
+                    head->field.config.feature_width, t->data.features->width);
+  if (head->field.config.codes > 0 && (size_t)head->field.config.codes < t->data.frames[0])
+    return ern_fail(t->context, ERN_E_MISMATCH, "train: the head has %d individual codes, the clip %zu training frames",
+                    head->field.config.codes, t->data.frames[0]);
+  if (head->clip[0] == 0) ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
+  if (head->clip[0] != 0 && t->identity[0] != 0 && strcmp(head->clip, t->identity) != 0) {
+    if (!t->config.force)
+      return ern_fail(t->context, ERN_E_MISMATCH, "train: the head was trained on another clip (%.12s..., this one is %.12s...)",
+                      head->clip, t->identity);
+    ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip");
+  }
+  return ERN_OK;
+}
+
+/* The head's rows into a model with a torso. */
+static void copy_head(ern_model *to, const ern_model *head) {
+  for (int r = 0; r < head->table.rows; r++) {
+    const struct ern_parameter *from = &head->table.row[r], *row = ern_parameters_find(&to->table, from->name);
+    if (row != NULL && row->count == from->count && !row->torso)
+      memcpy(to->block + row->at, head->block + from->at, row->count * sizeof(float));
+  }
+  memcpy(to->bits, head->bits, ERN_OCCUPANCY_BYTES);
+  to->head_steps = head->head_steps;
+}
+
+static ern_status make_model(ern_trainer *t) {
+  struct ern_model_config config = head_config(t);
+  ern_status status = ERN_OK;
+  if (t->config.torso && t->config.head != NULL) {
+    ERN_TRY(check_head(t, t->config.head));
+    config = t->config.head->field.config;
+    t->config.bound = config.bound;
+  }
+  if (t->config.torso) {
+    config.torso = true;
+    config.torso_gamma = t->config.torso_gamma;
+  }
+  ERN_TRY(ern_model_make(&t->model, t->context, &config));
+  memcpy(t->model->clip, t->identity, sizeof t->model->clip);
+  ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
+  if (t->config.torso && t->config.head != NULL) copy_head(t->model, t->config.head);
+fail:
+  return status;
+}
+
+/* ---- memory ------------------------------------------------------------------------------------------------------ */
+
+static ern_status take_device(ern_trainer *t) {
+  const size_t n = (t->model->field.parameters + 63) / 64 * 64, cells = ERN_OCCUPANCY_CELLS;
+  const bool head = !t->config.torso;
+  size_t at = 0;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS, &t->reals));
+  ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->moment, &t->average};
+  for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->model->field.parameters};
+  t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
+  at += ERN_TORSO_CELLS;
+  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &t->bits_buffer));
+  t->bits = (ern_span){t->bits_buffer, 0, ERN_OCCUPANCY_BYTES};
+  if (head) {
+    t->grid = (ern_span){t->reals, at, cells};
+    t->fresh = (ern_span){t->reals, at + cells, cells};
+    ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_INT32, cells, &t->cells_buffer));
+    t->cells = (ern_span){t->cells_buffer, 0, cells};
+  }
+fail:
+  return status;
+}
+
+static ern_status take_host(ern_trainer *t) {
+  const size_t rays = (size_t)t->config.rays;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(t->context, t->data.frames[0], sizeof(struct ern_view), &room));
+  t->views = room;
+  for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
+  ERN_TRY(ern_allocate(t->context, rays, sizeof(int32_t), &room));
+  t->host_pixels = room;
+  ERN_TRY(ern_allocate(t->context, 8 * rays, sizeof(float), &room));
+  t->host_rows = room;
+  ERN_TRY(ern_allocate(t->context,
+                       (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
+                       sizeof(float), &room));
+  t->host_windows = room;
+fail:
+  return status;
+}
+
+/* Fresh values, then what a resume or --from puts in their place. */
+static ern_status fill(ern_trainer *t) {
+  const size_t n = t->model->field.parameters;
+  bool resumed = false;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, t->model->block, n));
+  ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, n));
+  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, t->model->bits, ERN_OCCUPANCY_BYTES));
+  if (!t->config.torso) {
+    ERN_TRY(ern_trainer_mark(t));
+    ERN_TRY(ern_trainer_list(t));
+  }
+  if (t->config.resume && t->output != NULL) {
+    ERN_TRY(ern_trainer_resume(t, &resumed));
+    if (!resumed) ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
+  }
+  if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
+  if (!resumed && t->output != NULL)
+    ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
+fail:
+  return status;
+}
+
+ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
+                              const ern_train_config *config) {
+  ern_context *context = backend->context;
+  const ern_train_config chosen = config != NULL ? *config : ern_train_config_default();
+  void *room = NULL;
+  ern_trainer *t = NULL;
+  ern_status status = ERN_OK;
+  *trainer = NULL;
+  ERN_TRY(check_config(context, &chosen));
+  ERN_TRY(ern_allocate(context, 1, sizeof *t, &room));
+  t = room;
+  t->context = context;
+  t->backend = backend;
+  t->data = *dataset;
+  t->config = chosen;
+  t->run.lock = -1;
+  if (dataset->identity != NULL && strlen(dataset->identity) < sizeof t->identity)
+    memcpy(t->identity, dataset->identity, strlen(dataset->identity) + 1);
+  ERN_TRY(check_data(t));
+  ERN_TRY(make_model(t));
+  ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
+  ERN_TRY(take_device(t));
+  ERN_TRY(take_host(t));
+  if (chosen.output != NULL) {
+    ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
+    ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
+  }
+  ERN_TRY(fill(t));
+  t->config.output = t->output;
+  t->config.from = NULL; /* the caller's words and head are used up; only copies are kept */
+  t->config.head = NULL;
+  *trainer = t;
+  return ERN_OK;
+fail:
+  ern_trainer_free(&t);
+  return status;
+}
+
+void ern_trainer_free(ern_trainer **trainer) {
+  if (trainer == NULL || *trainer == NULL) return;
+  ern_trainer *t = *trainer;
+  *trainer = NULL;
+  ern_run_folder_close(t->context, &t->run);
+  t->backend->buffer_free(t->backend, t->reals);
+  t->backend->buffer_free(t->backend, t->bits_buffer);
+  t->backend->buffer_free(t->backend, t->cells_buffer);
+  t->backend->stream_free(t->stream);
+  ern_release(t->context, t->views);
+  ern_release(t->context, t->host_pixels);
+  ern_release(t->context, t->host_rows);
+  ern_release(t->context, t->host_windows);
+  ern_release(t->context, t->output);
+  ern_model_free(&t->model);
+  ern_release(t->context, t);
+}

@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: MIT
+ * Occupancy while training: where the head and the torso may be (model.md sections 5 and 7). */
+#include <math.h>
+
+#include "core/rng.h"
+#include "core/status.h"
+#include "model/head.h"
+#include "model/torso.h"
+#include "train/trainer.h"
+
+enum { CHUNK = 1 << 14 /* cells looked at in one go: their activations stay in the cache */ };
+
+ern_status ern_trainer_mark(ern_trainer *t) {
+  struct ern_occupancy_mark_args mark = {
+      .grid = t->grid, .views = t->views, .view_count = t->data.frames[0], .bound = t->config.bound};
+  return t->backend->occupancy_mark(t->stream, &mark);
+}
+
+ern_status ern_trainer_list(ern_trainer *t) {
+  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid};
+  const ern_status status = t->backend->occupancy_list(t->stream, &list);
+  t->cell_count = list.count;
+  return status;
+}
+
+/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. */
+static ern_status look_at(ern_trainer *t, const struct ern_head_inputs *in, size_t begin, size_t n) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const ern_span cells = ern_span_part(t->cells, begin, n);
+  struct ern_head_batch batch;
+  ern_rows x;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_take_rows(t->stream, 3, n, &x));
+  struct ern_occupancy_points_args points = {
+      .x = x, .cells = cells, .bound = t->config.bound, .seed = t->config.seed, .step = t->step, .n = n};
+  ERN_TRY(t->backend->occupancy_points(t->stream, &points));
+  ERN_TRY(ern_head_batch_take(t->stream, in->field, n, ERN_BATCH_DENSITY, &batch));
+  ERN_TRY(ern_head_density_fwd(t->stream, in, x, &batch));
+  struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = batch.sigma.span, .n = n};
+  ERN_TRY(t->backend->occupancy_scatter(t->stream, &scatter));
+fail:
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+static ern_status refresh_head(ern_trainer *t, size_t frame) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  struct ern_audio_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
+  ern_dataset_frame about;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->data.frame(t->data.user, 0, frame, &about));
+  ERN_TRY(ern_trainer_upload_windows(t, frame, &audio.windows));
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
+  ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  const struct ern_head_inputs in = {
+      .field = &t->model->field, .parameters = t->parameters, .code = audio.code, .eye = about.eye};
+  for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
+    ERN_TRY(look_at(t, &in, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
+  struct ern_occupancy_update_args update = {
+      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = 0.95f, .limit = 10};
+  ERN_TRY(t->backend->occupancy_update(t->stream, &update));
+fail:
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+static ern_status refresh_torso(ern_trainer *t, size_t frame) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose, ern_trainer_code(t, frame)};
+  struct ern_torso_batch batch;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_torso_batch_take(t->stream, &t->model->field, ERN_TORSO_CELLS, &batch));
+  struct ern_torso_points_args points = {
+      .q = batch.q, .shrink = t->config.torso_shrink, .seed = t->config.seed, .step = t->step};
+  ERN_TRY(t->backend->torso_points(t->stream, &points));
+  ERN_TRY(ern_torso_fwd(t->stream, &in, &batch));
+  struct ern_torso_update_args update = {
+      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = 0.95f};
+  ERN_TRY(t->backend->torso_update(t->stream, &update));
+  t->torso_mean = update.mean;
+fail:
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+ern_status ern_trainer_refresh(ern_trainer *t) {
+  const size_t frame =
+      ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
+  return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
+}

@@ -1,0 +1,348 @@
+/* SPDX-License-Identifier: MIT
+ * What a resume needs, written and read: weights, second moments, average, density grid, step. */
+#include <errno.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "io/file.h"
+#include "train/trainer.h"
+
+/* What the JSON of a state says beside the model's. */
+struct state_about {
+  bool torso;
+  uint64_t step, ema_updates, seed;
+  int rays;
+  double seconds;
+};
+
+ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
+  ern_model *model = t->model;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->backend->download_reals(t->stream, model->block, from, model->field.parameters));
+  ERN_TRY(t->backend->download_bytes(t->stream, model->bits, t->bits, t->bits.count));
+  if (model->field.config.torso)
+    ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
+  *(t->config.torso ? &model->torso_steps : &model->head_steps) = t->step;
+fail:
+  return status;
+}
+
+/* ---- writing ----------------------------------------------------------------------------------------------------- */
+
+/* Everything of a state file in host memory, and the list of its tensors. */
+struct state_tensors {
+  float *moment, *average, *grid;
+  struct ern_model_tensors model;
+  struct ern_tensor tensor[3 * ERN_MODEL_TENSORS];
+  char name[2 * ERN_MAX_PARAMETERS][ERN_PARAMETER_NAME + 16];
+  size_t count, names;
+};
+
+static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *prefix, const float *block) {
+  for (int r = 0; r < t->model->table.rows; r++) {
+    const struct ern_parameter *row = &t->model->table.row[r];
+    if (row->torso != t->config.torso) continue;
+    char *name = s->name[s->names++];
+    snprintf(name, sizeof s->name[0], "%s%s", prefix, row->name);
+    s->tensor[s->count++] = (struct ern_tensor){.name = name,
+                                                .dtype = ERN_F32,
+                                                .dims = row->dims,
+                                                .shape = {row->shape[0], row->shape[1], row->shape[2]},
+                                                .count = row->count,
+                                                .data = block + row->at};
+  }
+}
+
+static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
+  const size_t n = t->model->field.parameters;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(t->context, n, sizeof(float), &room));
+  s->moment = room;
+  ERN_TRY(t->backend->download_reals(t->stream, s->moment, t->moment, n));
+  ERN_TRY(ern_allocate(t->context, n, sizeof(float), &room));
+  s->average = room;
+  ERN_TRY(t->backend->download_reals(t->stream, s->average, t->average, n));
+  if (!t->config.torso) {
+    ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
+    s->grid = room;
+    ERN_TRY(t->backend->download_reals(t->stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
+  }
+  ern_model_tensors(t->model, &s->model);
+  memcpy(s->tensor, s->model.tensor, s->model.count * sizeof s->tensor[0]);
+  s->count = s->model.count;
+  add_rows(s, t, "state.moment.", s->moment);
+  add_rows(s, t, "state.average.", s->average);
+  if (s->grid != NULL)
+    s->tensor[s->count++] = (struct ern_tensor){.name = "state.density_grid",
+                                                .dtype = ERN_F32,
+                                                .dims = 1,
+                                                .shape = {ERN_OCCUPANCY_CELLS},
+                                                .count = ERN_OCCUPANCY_CELLS,
+                                                .data = s->grid};
+fail:
+  return status;
+}
+
+static ern_status about_text(const ern_trainer *t, char **text) {
+  *text = NULL;
+  json_t *root = json_pack("{s:b, s:I, s:I, s:I, s:i, s:f}", "torso", t->config.torso, "step", (json_int_t)t->step,
+                           "ema_updates", (json_int_t)t->ema_updates, "seed", (json_int_t)t->config.seed, "rays",
+                           t->config.rays, "seconds", t->seconds);
+  char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+  json_decref(root);
+  if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
+  const ern_status status = ern_string_copy(t->context, json, text);
+  free(json);
+  return status;
+}
+
+static ern_status move(ern_context *context, const char *from, const char *to) {
+  if (rename(from, to) == 0) return ERN_OK;
+  return ern_fail(context, ERN_E_IO, "%s: cannot become %s: %s", from, to, strerror(errno));
+}
+
+/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
+ * three names that verifies. */
+static ern_status write_state(ern_trainer *t) {
+  struct state_tensors *s = NULL;
+  char *model_text = NULL, *state_text = NULL;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(t->context, 1, sizeof *s, &room));
+  s = room;
+  ERN_TRY(read_state(t, s));
+  ERN_TRY(ern_model_metadata(t->model, &model_text));
+  ERN_TRY(about_text(t, &state_text));
+  const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
+  ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3));
+  if (t->run.fresh) {
+    remove(t->run.previous);
+    remove(t->run.state);
+  } else if (access(t->run.state, F_OK) == 0) {
+    ERN_TRY(move(t->context, t->run.state, t->run.previous));
+  }
+  ERN_TRY(move(t->context, t->run.next, t->run.state));
+fail:
+  if (s != NULL) {
+    ern_release(t->context, s->moment);
+    ern_release(t->context, s->average);
+    ern_release(t->context, s->grid);
+  }
+  ern_release(t->context, s);
+  ern_release(t->context, model_text);
+  ern_release(t->context, state_text);
+  return status;
+}
+
+ern_status ern_trainer_save(ern_trainer *t) {
+  enum { LEAST_EMA_UPDATES = 10 };
+  ern_status status = ERN_OK;
+  if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
+  ERN_TRY(ern_trainer_download(t, t->parameters));
+  ERN_TRY(write_state(t));
+  if (t->config.ema) {
+    if (t->ema_updates < LEAST_EMA_UPDATES)
+      ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+                       "%s: the average has seen %llu updates, expected at least %d; the state is saved, the model is not",
+                       t->output, (unsigned long long)t->ema_updates, LEAST_EMA_UPDATES));
+    ERN_TRY(ern_trainer_download(t, t->average));
+  }
+  ERN_TRY(ern_model_save(t->model, t->output));
+  ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+fail:
+  return status;
+}
+
+/* ---- reading ----------------------------------------------------------------------------------------------------- */
+
+static ern_status parse_about(ern_trainer *t, const char *text, const char *path, struct state_about *about) {
+  json_error_t error;
+  json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error);
+  const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
+               *updates = json_object_get(root, "ema_updates"), *seed = json_object_get(root, "seed"),
+               *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds");
+  const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) && json_is_integer(seed) &&
+                     json_is_integer(rays) && json_is_number(seconds) && json_integer_value(step) >= 0 &&
+                     json_integer_value(updates) >= 0;
+  *about = (struct state_about){.torso = json_is_true(torso),
+                                .step = (uint64_t)json_integer_value(step),
+                                .ema_updates = (uint64_t)json_integer_value(updates),
+                                .seed = (uint64_t)json_integer_value(seed),
+                                .rays = (int)json_integer_value(rays),
+                                .seconds = json_number_value(seconds)};
+  json_decref(root);
+  if (whole) return ERN_OK;
+  return ern_fail(t->context, ERN_E_FORMAT, "%s: metadata \"ernerf.state\" lacks a field or holds one of another type", path);
+}
+
+static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path) {
+  const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
+  const struct {
+    const char *name;
+    double found, expected;
+  } fields[] = {{"levels", a->levels, b->levels},
+                {"feature width", a->feature_width, b->feature_width},
+                {"eye branch", a->eye, b->eye},
+                {"torso", a->torso, b->torso},
+                {"torso gamma", a->torso_gamma, b->torso_gamma},
+                {"individual codes", a->codes, b->codes},
+                {"bound", (double)a->bound, (double)b->bound}};
+  for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
+    if (fields[i].found != fields[i].expected)
+      return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %g, this training expects %g", path, fields[i].name,
+                      fields[i].found, fields[i].expected);
+  return ERN_OK;
+}
+
+/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. */
+static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
+                            ern_span to) {
+  void *room = NULL;
+  ern_status status = ern_allocate(t->context, t->model->field.parameters, sizeof(float), &room);
+  if (status != ERN_OK) return status;
+  for (int r = 0; r < t->model->table.rows; r++) {
+    const struct ern_parameter *row = &t->model->table.row[r];
+    char name[ERN_PARAMETER_NAME + 16];
+    if (row->torso != t->config.torso) continue;
+    snprintf(name, sizeof name, "%s%s", prefix, row->name);
+    ERN_TRY(ern_tensor_take(t->context, file, path, name, row->dims, row->shape, (float *)room + row->at));
+  }
+  status = t->backend->upload_reals(t->stream, to, room, t->model->field.parameters);
+fail:
+  ern_release(t->context, room);
+  return status;
+}
+
+/* Values and occupancy of `model` become the training's. */
+static ern_status upload_model(ern_trainer *t, const ern_model *model) {
+  ern_status status = ERN_OK;
+  ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, model->block, model->field.parameters));
+  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, model->bits, t->bits.count));
+  if (model->field.config.torso) {
+    double sum = 0;
+    for (size_t i = 0; i < t->torso_grid.count; i++) sum += (double)model->torso_grid[i];
+    t->torso_mean = sum / (double)t->torso_grid.count;
+    ERN_TRY(t->backend->upload_reals(t->stream, t->torso_grid, model->torso_grid, t->torso_grid.count));
+  }
+  t->model->head_steps = model->head_steps;
+  t->model->torso_steps = model->torso_steps;
+fail:
+  return status;
+}
+
+static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file, const char *path,
+                             const struct state_about *about, const ern_model *model) {
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(upload_model(t, model));
+  ERN_TRY(take_rows(t, file, path, "state.moment.", t->moment));
+  ERN_TRY(take_rows(t, file, path, "state.average.", t->average));
+  if (!t->config.torso) {
+    ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.density_grid", 1, (size_t[]){ERN_OCCUPANCY_CELLS}, room));
+    ERN_TRY(t->backend->upload_reals(t->stream, t->grid, room, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(ern_trainer_list(t));
+  }
+  t->step = about->step;
+  t->ema_updates = about->ema_updates;
+  t->seconds = about->seconds;
+  if (about->seed != t->config.seed || about->rays != t->config.rays)
+    ern_log(t->context, ERN_LOG_WARNING, "%s: was trained with seed %llu and %d rays; going on with %llu and %d", path,
+            (unsigned long long)about->seed, about->rays, (unsigned long long)t->config.seed, t->config.rays);
+fail:
+  ern_release(t->context, room);
+  return status;
+}
+
+/* A candidate of a resume, opened and verified. */
+struct candidate {
+  const char *path;
+  struct ern_tensor_file file;
+  ern_model *model;
+  struct state_about about;
+};
+
+static ern_status open_candidate(ern_trainer *t, const char *path, struct candidate *c) {
+  ern_status status = ERN_OK;
+  *c = (struct candidate){.path = path};
+  ERN_TRY(ern_safetensors_read(t->context, path, &c->file));
+  const char *text = ern_tensor_file_metadata(&c->file, "ernerf.state");
+  if (text == NULL) ERN_TRY(ern_fail(t->context, ERN_E_FORMAT, "%s: is no training state", path));
+  ERN_TRY(parse_about(t, text, path, &c->about));
+  ERN_TRY(ern_model_from_file(&c->model, t->context, &c->file, path));
+fail:
+  return status;
+}
+
+static void close_candidate(ern_trainer *t, struct candidate *c) {
+  ern_tensor_file_free(t->context, &c->file);
+  ern_model_free(&c->model);
+}
+
+ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
+  const char *const paths[] = {t->run.next, t->run.state, t->run.previous};
+  struct candidate best = {0};
+  ern_status status = ERN_OK, damaged = ERN_OK;
+  *resumed = false;
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+    struct candidate c;
+    if (access(paths[i], F_OK) != 0) continue;
+    const ern_status opened = open_candidate(t, paths[i], &c);
+    if (opened == ERN_E_NO_MEMORY) {
+      close_candidate(t, &c);
+      ERN_TRY(opened);
+    }
+    if (opened != ERN_OK) {
+      damaged = opened;
+      ern_log(t->context, ERN_LOG_WARNING, "%s", ern_last_error(t->context));
+    }
+    const bool newer = opened == ERN_OK && (best.model == NULL || c.about.step > best.about.step);
+    close_candidate(t, newer ? &best : &c);
+    if (newer) best = c;
+  }
+  if (best.model == NULL) return damaged; /* nothing saved yet, or nothing that can be read */
+  if (best.about.torso != t->config.torso)
+    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
+                     best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
+  if (strcmp(best.model->clip, t->identity) != 0)
+    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)", best.path,
+                     best.model->clip, t->identity));
+  ERN_TRY(check_config(t, best.model, best.path));
+  ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
+  t->run.fresh = false;
+  *resumed = true;
+fail:
+  close_candidate(t, &best);
+  return status;
+}
+
+ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
+  struct candidate c = {.path = path};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_safetensors_read(t->context, path, &c.file));
+  ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
+  ERN_TRY(check_config(t, c.model, path));
+  const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
+  if (text != NULL) {
+    ERN_TRY(parse_about(t, text, path, &c.about));
+    if (c.about.torso != t->config.torso)
+      ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path, c.about.torso ? "torso" : "head"));
+    ERN_TRY(take_state(t, &c.file, path, &c.about, c.model));
+  } else {
+    ERN_TRY(upload_model(t, c.model));
+    ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, t->model->field.parameters));
+    *(t->config.torso ? &t->model->torso_steps : &t->model->head_steps) = 0;
+  }
+  if (t->step >= t->config.iters)
+    ERN_TRY(ern_fail(t->context, ERN_E_STATE, "%s: is already at step %llu, expected below the %llu of --iters", path,
+                     (unsigned long long)t->step, (unsigned long long)t->config.iters));
+fail:
+  close_candidate(t, &c);
+  return status;
+}

@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT
+ * A look at where the training stands: validation frames rendered with the values of now, and a picture of one. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "train/trainer.h"
+
+enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */
+
+/* Frames of one size, in host memory. */
+struct look {
+  ern_renderer *renderer;
+  size_t pixels;
+  float *rgb, *attention, *eye;
+  uint8_t *picture; /* [height][PANELS*width][3] */
+};
+
+static void look_free(ern_trainer *t, struct look *look) {
+  ern_renderer_free(&look->renderer);
+  ern_release(t->context, look->rgb);
+  ern_release(t->context, look->attention);
+  ern_release(t->context, look->eye);
+  ern_release(t->context, look->picture);
+}
+
+static ern_status look_make(ern_trainer *t, struct look *look) {
+  ern_render_options options = ern_render_options_default();
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  *look = (struct look){.pixels = (size_t)t->data.width * (size_t)t->data.height};
+  options.threads = t->config.threads;
+  options.max_steps = t->config.max_steps;
+  options.dt_gamma = t->config.dt_gamma;
+  options.torso_shrink = t->config.torso_shrink;
+  ERN_TRY(ern_renderer_create(&look->renderer, t->backend, t->model, &options));
+  ERN_TRY(ern_allocate(t->context, 3 * look->pixels, sizeof(float), &room));
+  look->rgb = room;
+  ERN_TRY(ern_allocate(t->context, look->pixels, sizeof(float), &room));
+  look->attention = room;
+  ERN_TRY(ern_allocate(t->context, look->pixels, sizeof(float), &room));
+  look->eye = room;
+  ERN_TRY(ern_allocate(t->context, 3 * PANELS * look->pixels, 1, &room));
+  look->picture = room;
+  return ERN_OK;
+fail:
+  look_free(t, look);
+  return status;
+}
+
+static ern_status render(ern_trainer *t, struct look *look, int split, size_t frame, const uint8_t **truth) {
+  const uint8_t *torso = NULL;
+  struct ern_view view;
+  ern_dataset_frame about;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->data.frame(t->data.user, split, frame, &about));
+  ERN_TRY(t->data.pixels(t->data.user, split, frame, truth, &torso));
+  ERN_TRY(ern_trainer_view(t, split, frame, &view));
+  ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
+  ern_frame_input input = {.camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
+                           .windows = t->host_windows,
+                           .window_length = t->data.features->window_length,
+                           .eye = about.eye,
+                           .background = t->data.background,
+                           .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
+  memcpy(input.camera.pose, view.pose, sizeof view.pose);
+  const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
+  ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
+fail:
+  return status;
+}
+
+static uint8_t to_byte(float value) { return (uint8_t)lrintf(fminf(fmaxf(value, 0), 1) * 255); }
+
+static float largest(const float *values, size_t count) {
+  float most = 1e-9f;
+  for (size_t i = 0; i < count; i++) most = fmaxf(most, values[i]);
+  return most;
+}
+
+/* Side by side; the difference four times as large, the attentions with their largest value as white. */
+static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) {
+  const size_t width = (size_t)t->data.width;
+  const float most_attention = largest(look->attention, look->pixels), most_eye = largest(look->eye, look->pixels);
+  for (size_t i = 0; i < look->pixels; i++) {
+    uint8_t *at = look->picture + 3 * ((i / width) * PANELS * width + i % width);
+    for (size_t c = 0; c < 3; c++) {
+      const float found = look->rgb[3 * i + c], expected = (float)truth[3 * i + c] / 255;
+      at[c] = to_byte(found);
+      at[3 * width + c] = truth[3 * i + c];
+      at[6 * width + c] = to_byte(4 * fabsf(found - expected));
+      at[9 * width + c] = to_byte(look->attention[i] / most_attention);
+      at[12 * width + c] = to_byte(look->eye[i] / most_eye);
+    }
+  }
+}
+
+ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr) {
+  const int split = t->data.frames[1] > 0 ? 1 : 0;
+  const size_t most = t->config.validate_frames > 0 ? (size_t)t->config.validate_frames : SIZE_MAX;
+  const size_t all = split == 1 ? t->data.frames[1] : 1, count = all < most ? all : most;
+  struct look look = {0};
+  ern_status status = ERN_OK;
+  char name[40];
+  *psnr = 0;
+  ERN_TRY(ern_trainer_download(t, t->parameters));
+  ERN_TRY(look_make(t, &look));
+  for (size_t k = 0; k < count; k++) {
+    const uint8_t *truth = NULL;
+    const size_t frame = split == 1 ? k * all / count : t->config.data_begin;
+    ERN_TRY(render(t, &look, split, frame, &truth));
+    *psnr += ern_psnr(look.rgb, truth, t->data.width, t->data.height, NULL) / (double)count;
+    if (k == 0) draw(t, &look, truth);
+  }
+  snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
+  if (hooks != NULL && hooks->validation != NULL)
+    status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height, name);
+fail:
+  look_free(t, &look);
+  return status;
+}
