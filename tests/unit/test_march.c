@@ -253,7 +253,11 @@ static void test_box_faces(void **state) {
   const float face[3] = {0, 0.5f, 0};
   assert_int_equal(march_one(bits, face, 0, -1, 0, &long_ray, t), (int)ceil(0.95 / longest));
   assert_true(t[0] == 0.05f);
-  assert_int_equal(march_one(bits, face, 1, 0, 0, &long_ray, t), 0);
+  const float lower_face[3] = {0, -0.5f, 0};
+  for (int sign = 0; sign < 2; sign++) {
+    assert_int_equal(march_one(bits, face, 1, sign ? -0.0f : 0.0f, 0, &long_ray, t), 0);
+    assert_int_equal(march_one(bits, lower_face, 1, sign ? -0.0f : 0.0f, 0, &long_ray, t), 0);
+  }
   /* inside: the smallest distance is `near` */
   const float middle[3] = {0, 0, 0};
   assert_int_equal(march_one(bits, middle, 1, 0, 0, &long_ray, t), (int)ceil(0.95 / longest));
