@@ -89,12 +89,16 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->mlp_bwd = ern_mlp_bwd_avx2;
   k->grid_fwd = ern_grid_fwd_avx2;
   k->grid_bwd = ern_grid_bwd_avx2;
+  k->activate_fwd = ern_activate_fwd_avx2;
+  k->activate_bwd = ern_activate_bwd_avx2;
 }
 static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->mlp_fwd = ern_mlp_fwd_avx512;
   k->mlp_bwd = ern_mlp_bwd_avx512;
   k->grid_fwd = ern_grid_fwd_avx512;
   k->grid_bwd = ern_grid_bwd_avx512;
+  k->activate_fwd = ern_activate_fwd_avx512;
+  k->activate_bwd = ern_activate_bwd_avx512;
 }
 #endif
 
