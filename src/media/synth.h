@@ -12,9 +12,13 @@
 #include <stdint.h>
 
 #include "core/status.h"
+#include "core/threads.h"
 #include "io/landmarks.h"
 
-/* ---- small vectors ----------------------------------------------------------------------------------------------- */
+/* ---- numbers and small vectors ------------------------------------------------------------------- */
+
+static inline float minf(float a, float b) { return a < b ? a : b; }
+static inline float maxf(float a, float b) { return a > b ? a : b; }
 
 struct vec3 {
   float x, y, z;
@@ -31,7 +35,7 @@ static inline struct vec3 vec3_along(struct vec3 a, float s, struct vec3 b) {
 }
 static inline float vec3_dot(struct vec3 a, struct vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 static inline float vec3_length(struct vec3 a) { return sqrtf(vec3_dot(a, a)); }
-static inline struct vec3 vec3_unit(struct vec3 a) { return vec3_scale(a, 1.0f / fmaxf(vec3_length(a), 1e-12f)); }
+static inline struct vec3 vec3_unit(struct vec3 a) { return vec3_scale(a, 1.0f / maxf(vec3_length(a), 1e-12f)); }
 static inline struct vec3 vec3_mix(struct vec3 a, struct vec3 b, float t) { return vec3_along(a, t, vec3_sub(b, a)); }
 
 static inline float clampf(float x, float low, float high) { return x < low ? low : x > high ? high : x; }
@@ -42,11 +46,11 @@ static inline float smoothf(float a, float b, float x) {
   return t * t * (3.0f - 2.0f * t);
 }
 
-/* ---- distances: of shapes, and joined with a fillet of about k ---------------------------------------------------- */
+/* ---- distances: of shapes, and joined with a fillet of about k ----------------------------------- */
 
 static inline float join(float a, float b, float k) { /* union; quadratic fillet */
-  const float h = fmaxf(k - fabsf(a - b), 0.0f) / k;
-  return fminf(a, b) - h * h * k * 0.25f;
+  const float h = maxf(k - fabsf(a - b), 0.0f) / k;
+  return minf(a, b) - h * h * k * 0.25f;
 }
 static inline float cut(float a, float b, float k) { return -join(-a, b, k); } /* a without b */
 static inline float ball(struct vec3 p, struct vec3 centre, float radius) {
@@ -58,7 +62,7 @@ static inline float ellipsoid(struct vec3 p, struct vec3 centre, struct vec3 rad
   const struct vec3 a = vec3_of(d.x / radii.x, d.y / radii.y, d.z / radii.z);
   const struct vec3 b = vec3_of(a.x / radii.x, a.y / radii.y, a.z / radii.z);
   const float k = vec3_length(a);
-  return k * (k - 1.0f) / fmaxf(vec3_length(b), 1e-6f);
+  return k * (k - 1.0f) / maxf(vec3_length(b), 1e-6f);
 }
 /* A segment from a to b whose radius goes from ra to rb. */
 static inline float capsule(struct vec3 p, struct vec3 a, struct vec3 b, float ra, float rb) {
@@ -67,7 +71,15 @@ static inline float capsule(struct vec3 p, struct vec3 a, struct vec3 b, float r
   return vec3_length(vec3_along(pa, -t, ba)) - mixf(ra, rb, t);
 }
 
-/* ---- chance: a pure function of (seed, stream, counter) ----------------------------------------------------------- */
+/* About e^-u for u >= 0, and 0 from 6 on. */
+static inline float bell(float u) {
+  const float t = maxf(1.0f - u * (1.0f / 6.0f), 0.0f);
+  return t * t * t * t * t * t;
+}
+/* The same of (x/width)^2. */
+static inline float hump(float x, float width) { return bell(x * x / (width * width)); }
+
+/* ---- chance: a pure function of (seed, stream, counter) ------------------------------------------ */
 
 static inline uint64_t synth_hash(uint64_t seed, uint64_t stream, uint64_t counter) {
   uint64_t z = seed + 0x9e3779b97f4a7c15u * (stream * 0x100000001b3u + counter + 1);
@@ -85,60 +97,57 @@ float ern_synth_noise(struct vec3 p);
 /* octaves of it, each of half the size and strength; in about [-1, 1] */
 float ern_synth_noise_sum(struct vec3 p, int octaves);
 
-/* ---- who: looks that follow from the seed -------------------------------------------------------------------------- */
+/* ---- who: looks that follow from the seed -------------------------------------------------------- */
 
 struct ern_synth_person {
   /* Linear light, 0..1. */
   struct vec3 skin, lip, hair, iris, shirt, jacket, wall, lamp;
   /* Shape, 1 = middling. */
   float face_width, jaw_width, nose_width, nose_length, lip_fullness, eye_size, brow_weight;
-  float freckles;      /* 0..1 */
-  float hair_volume;   /* 0.. about 0.03, unit */
-  float part_side;     /* -1 or 1: side of the parting */
-  float voice;         /* Hz, fundamental */
-  struct vec3 grain;   /* offset of all noise */
+  float freckles;    /* 0..1 */
+  float hair_volume; /* 0.. about 0.03, unit */
+  float part_side;   /* -1 or 1: side of the parting */
+  float voice;       /* Hz, fundamental */
+  struct vec3 grain; /* offset of all noise */
 };
 
 void ern_synth_person_make(uint64_t seed, struct ern_synth_person *person);
 
-/* ---- how it moves --------------------------------------------------------------------------------------------------- */
+/* ---- how it moves -------------------------------------------------------------------------------- */
 
 enum { ERN_SYNTH_LETTERS = 29, ERN_SYNTH_WINDOW = 16, ERN_SYNTH_FPS = 25, ERN_SYNTH_RATE = 16000 };
+/* Speech is cut into steps of 20 ms; step ERN_SYNTH_BEFORE is time 0, so that frame t's window is steps 2t .. 2t + 15.
+ */
+enum { ERN_SYNTH_STEPS = 50, ERN_SYNTH_BEFORE = 8 };
 
-struct ern_synth_curve {
-  float jaw;   /* 0 closed .. 1 wide open */
-  float width; /* -1 pursed .. 1 spread */
-  float blink; /* 0 open .. 1 shut; above 1 squeezed */
-  float yaw, pitch, roll; /* degrees; turned to the picture's right, up, clockwise as seen */
-  float shift[3];         /* of the head's pivot, unit, along picture right, up, towards the camera */
-};
-
-struct ern_synth_motion {
-  struct ern_synth_curve *curves; /* [frames] */
-  float *features;                /* [frames][16][29] */
-  int16_t *sound;                 /* [samples] */
-  size_t frames, samples;
-};
-
-/* Everything that moves or sounds, for `frames` frames. The caller owns it (ern_synth_motion_free). */
-ERN_NODISCARD ern_status ern_synth_motion_make(ern_context *context, uint64_t seed, size_t frames, bool blink,
-                                               bool moving, const struct ern_synth_person *person,
-                                               struct ern_synth_motion *motion);
-void ern_synth_motion_free(ern_context *context, struct ern_synth_motion *motion);
-
-/* What the mouth does and the throat sounds like, 50 times a second. */
+/* What the mouth does and the throat sounds like. */
 struct ern_synth_speech {
   size_t steps;
-  float (*logits)[ERN_SYNTH_LETTERS]; /* [steps] */
-  float *jaw, *width;                 /* [steps], functions of the logits alone */
+  float (*logits)[ERN_SYNTH_LETTERS]; /* [steps]: the features */
+  float *jaw, *width;                 /* [steps], functions of the five logits around */
   float *loud, *hiss;                 /* [steps], 0..1: voiced and unvoiced strength */
   float (*formants)[3];               /* [steps], Hz */
 };
-/* int16 samples [samples] at 16 kHz of the speech. */
-ERN_NODISCARD ern_status ern_synth_sound_make(ern_context *context, uint64_t seed, float voice,
-                                              const struct ern_synth_speech *speech, int16_t *sound, size_t samples);
+ERN_NODISCARD ern_status ern_synth_speech_make(ern_context *context, uint64_t seed, size_t frames,
+                                               struct ern_synth_speech *speech);
+void ern_synth_speech_free(ern_context *context, struct ern_synth_speech *speech);
+/* sound[samples] at 16 kHz of the speech; `voice` is its pitch in Hz. */
+void ern_synth_sound_make(uint64_t seed, float voice, const struct ern_synth_speech *speech, int16_t *sound,
+                          size_t samples);
 
-/* ---- the head -------------------------------------------------------------------------------------------------------- */
+/* One frame. */
+struct ern_synth_curve {
+  float jaw;              /* 0 closed .. 1 wide open */
+  float width;            /* -1 pursed .. 1 spread */
+  float blink;            /* 0 open .. 1 shut; above 1 squeezed */
+  float yaw, pitch, roll; /* degrees; turned to the picture's right, up, clockwise as seen */
+  float shift[3];         /* of the head's pivot, unit, along picture right, up, towards the camera */
+};
+/* Fills jaw and width of curves[frames] from the speech, the rest from the seed. */
+void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving,
+                           struct ern_synth_curve *curves, size_t frames);
+
+/* ---- the head ------------------------------------------------------------------------------------ */
 
 /* A face at one moment, with all that its distance function needs precomputed. */
 struct ern_synth_head {
@@ -161,9 +170,9 @@ enum ern_synth_part {
 
 struct ern_synth_surface {
   enum ern_synth_part part;
-  struct vec3 rest;  /* where the point is on the face at rest: the place of its paint */
-  float lip;         /* height above (+) or below (-) the line of the mouth at rest, unit */
-  struct vec3 eye;   /* from the nearer eye's centre, x towards the temple */
+  struct vec3 rest;           /* where the point is on the face at rest: the place of its paint */
+  float lip;                  /* height above (+) or below (-) the line of the mouth at rest, unit */
+  struct vec3 eye;            /* from the nearer eye's centre, x towards the temple */
   float lid_upper, lid_lower; /* heights of the lids' edges at eye.x */
 };
 
@@ -171,47 +180,74 @@ void ern_synth_head_pose(struct ern_synth_head *head, const struct ern_synth_per
                          const struct ern_synth_curve *curve);
 /* A lower bound of the distance to the head's surface, negative inside; *surface (may be NULL) says what is there. */
 float ern_synth_head_distance(const struct ern_synth_head *head, struct vec3 p, struct ern_synth_surface *surface);
+/* An ellipsoid that holds the head with its hair. */
+extern const struct vec3 ern_synth_head_middle, ern_synth_head_radii;
+/* Where a point of the face at rest has moved to; side: above (1) or below (-1) the slit between the lips. */
+struct vec3 ern_synth_head_moved(const struct ern_synth_head *head, struct vec3 rest, float side);
 /* The 68 points in the frame of the head. */
 void ern_synth_head_landmarks(const struct ern_synth_head *head, struct vec3 points[ERN_LANDMARKS]);
 
-/* The hair alone, at rest; and its strands, in about [-1, 1]. */
+/* Parts at rest: skin without lids and ears; hair, and its strands in about [-1, 1]. */
+float ern_synth_skin_distance(const struct ern_synth_person *person, struct vec3 q);
 float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q);
 float ern_synth_strands(const struct ern_synth_person *person, struct vec3 q);
 
-/* Outlines that the shape and its paint share. x and y at rest, x >= 0. */
+/* Outlines that shape, paint and landmarks share, at rest. Lengths in units. */
+#define ERN_SYNTH_MOUTH_Y (-0.245f)
+#define ERN_SYNTH_MOUTH_HALF 0.094f
+#define ERN_SYNTH_EYE_HALF 0.0585f
+#define ERN_SYNTH_LID_RADIUS 0.0675f
 extern const struct vec3 ern_synth_eye_centre; /* the one at positive x */
-enum { ERN_SYNTH_LIP_UPPER = 0, ERN_SYNTH_LIP_LOWER = 1 };
-float ern_synth_mouth_line(float x);                                               /* y of the closed mouth */
+float ern_synth_mouth_line(float x);           /* y of the closed mouth */
+enum { ERN_SYNTH_LIP_UPPER, ERN_SYNTH_LIP_LOWER };
 float ern_synth_lip_height(const struct ern_synth_person *person, float x, int which); /* of the red, >= 0 */
-float ern_synth_mouth_half_width(void);
+/* Heights of the two lids' edges from the eye's centre; x from it towards the temple. */
+void ern_synth_lid_edges(const struct ern_synth_head *head, float x, float *upper, float *lower);
+float ern_synth_brow_line(float x); /* y of the brow's middle, x >= 0 */
 
+/* Lamps stand still with the head. */
+struct ern_synth_lamp {
+  struct vec3 way; /* towards it, unit vector */
+  struct vec3 light;
+};
+extern const struct ern_synth_lamp ern_synth_key, ern_synth_fill;
+/* Light from all round on a surface whose normal has y = up. */
+struct vec3 ern_synth_ambient(float up);
 /* Linear light that leaves `p` towards `towards` (unit vector from p to the camera). */
 struct vec3 ern_synth_head_shade(const struct ern_synth_head *head, struct vec3 p, struct vec3 towards);
 
-/* ---- torso and room ---------------------------------------------------------------------------------------------------- */
+/* ---- torso and room ------------------------------------------------------------------------------ */
 
-/* A picture of four floats a pixel: linear light times alpha, alpha. */
+/* Layers hold four floats a pixel: red, green, blue times alpha, and alpha; colours as in the files (sRGB's curve),
+ * since that is how the layers of a clip are put over each other. */
 struct ern_synth_layer {
   int width, height;
+  int samples; /* a pixel of the frames and axis */
   float (*pixels)[4];
 };
 
-/* The torso once, at rest, `scale` samples a pixel and axis, with a margin of a quarter of `size` on every side; frames
- * take it from there by a smooth displacement. */
-ERN_NODISCARD ern_status ern_synth_torso_make(ern_context *context, const struct ern_synth_person *person, int size,
+static inline float synth_encode(float linear) {
+  const float c = clampf(linear, 0.0f, 1.0f);
+  return c <= 0.0031308f ? 12.92f * c : 1.055f * powf(c, 1.0f / 2.4f) - 0.055f;
+}
+
+/* The torso once, at rest, with a margin of a quarter of `size` on every side; frames take it from there by a smooth
+ * displacement. The caller owns torso->pixels (ern_release). */
+ERN_NODISCARD ern_status ern_synth_torso_make(ern_context *context, struct ern_pool *pool,
+                                              const struct ern_synth_person *person, int size,
                                               struct ern_synth_layer *torso);
 /* The torso [size][size] for a pose: shoulders follow a part of the head's way, the top of the neck all of it. */
 void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_synth_curve *curve, int size,
                           float (*pixels)[4]);
 void ern_synth_room_draw(const struct ern_synth_person *person, uint64_t seed, int size, float (*pixels)[4]);
 
-/* ---- camera -------------------------------------------------------------------------------------------------------------- */
+/* ---- camera -------------------------------------------------------------------------------------- */
 
 enum { ERN_SYNTH_SCALE = 4 }; /* unit / world */
 
 struct ern_synth_camera {
-  double focal, centre;   /* pixels; the centre is the same in x and y */
-  double matrix[4][4];    /* camera to world as transforms_*.json has it: columns right, up, back, place */
+  double focal, centre; /* pixels; the centre is the same in x and y */
+  double matrix[4][4];  /* camera to world as transforms_*.json has it: columns right, up, back, place */
 };
 
 void ern_synth_camera_make(int size, const struct ern_synth_curve *curve, struct ern_synth_camera *camera);
@@ -220,5 +256,9 @@ void ern_synth_camera_project(const struct ern_synth_camera *camera, struct vec3
 /* The ray through a place of the picture, in the head's frame. */
 void ern_synth_camera_ray(const struct ern_synth_camera *camera, double x, double y, struct vec3 *origin,
                           struct vec3 *direction);
+
+/* The head [size][size] alone. */
+void ern_synth_head_draw(const struct ern_synth_head *head, const struct ern_synth_camera *camera, int size,
+                         float (*pixels)[4]);
 
 #endif

@@ -2,9 +2,9 @@
  * The camera of the made-up clip: the head stands still in its own frame, the camera moves round it. */
 #include "media/synth.h"
 
-static const double focal_share = 2.4;                    /* focal length / side of the picture */
-static const double pivot[3] = {0.0, -0.34, -0.10};       /* the top of the spine, in the head's frame, unit */
-static const double place[3] = {0.0, 0.105, -3.6};        /* of the head's origin before the camera, unit */
+static const double focal_share = 2.4;              /* focal length / side of the picture */
+static const double pivot[3] = {0.0, -0.34, -0.10}; /* the top of the spine, in the head's frame, unit */
+static const double place[3] = {0.0, 0.105, -3.6};  /* of the head's origin before the camera, unit */
 
 void ern_synth_camera_make(int size, const struct ern_synth_curve *curve, struct ern_synth_camera *camera) {
   const double degree = 3.14159265358979323846 / 180.0;

@@ -1,45 +1,43 @@
 /* SPDX-License-Identifier: MIT
  * The made-up head as a signed distance: a face at rest, bent by jaw, lips and lids, with eyes, teeth, tongue, hair.
- * A point of space is first carried back to the face at rest (the inverse of the movement), where shapes stand still. */
+ * A point of space is first carried back to the face at rest (the inverse of the movement), where shapes stand still.
+ */
 #include "media/synth.h"
 
 /* Places on the face at rest, unit. */
 static const float hinge_y = -0.045f, hinge_z = -0.02f; /* the axis of the jaw, along x */
-static const float mouth_y = -0.245f, mouth_half = 0.094f;
-static const float eye_radius = 0.060f, lid_radius = 0.0675f;
+static const float eye_radius = 0.060f, lid_radius = ERN_SYNTH_LID_RADIUS;
 const struct vec3 ern_synth_eye_centre = {0.123f, 0.0f, 0.218f};
+const struct vec3 ern_synth_head_middle = {0.0f, -0.01f, -0.02f}, ern_synth_head_radii = {0.36f, 0.50f, 0.44f};
 
 /* How much of the jaw's turn a point takes where there is no mouth opening, by its height at rest. */
 static float jaw_share(float y) { return smoothf(-0.15f, -0.37f, y); }
 
-float ern_synth_mouth_half_width(void) { return mouth_half; }
-
 float ern_synth_mouth_line(float x) {
-  const float t = fminf(fabsf(x) / mouth_half, 1.4f);
-  const float bow = 1.0f - t * t;
-  return mouth_y - 0.004f * bow + 0.006f * expf(-t * t * 9.0f) * 0.6f;
+  const float t = minf(fabsf(x) / ERN_SYNTH_MOUTH_HALF, 1.4f), dip = maxf(1.0f - 4.0f * t * t, 0.0f);
+  return ERN_SYNTH_MOUTH_Y - 0.004f * (1.0f - t * t) + 0.0036f * dip * dip;
 }
 
 float ern_synth_lip_height(const struct ern_synth_person *person, float x, int which) {
-  const float t = fabsf(x) / mouth_half;
+  const float t = fabsf(x) / ERN_SYNTH_MOUTH_HALF;
   if (t >= 1.0f) return 0.0f;
   const float arch = 1.0f - t * t;
-  if (which == ERN_SYNTH_LIP_LOWER) return person->lip_fullness * 0.040f * powf(arch, 0.75f);
+  if (which == ERN_SYNTH_LIP_LOWER) return person->lip_fullness * 0.040f * sqrtf(arch * sqrtf(arch));
   /* cupid's bow: two peaks beside a dip */
-  const float dip = 1.0f - 0.22f * expf(-t * t * 45.0f);
-  return person->lip_fullness * 0.031f * powf(1.0f - t, 0.62f) * (1.0f + 0.35f * t) * dip;
+  const float dip = 1.0f - 0.22f * bell(t * t * 45.0f), rest = 1.0f - t;
+  return person->lip_fullness * 0.031f * sqrtf(rest) * (0.88f + 0.12f * rest) * (1.0f + 0.35f * t) * dip;
 }
 
 void ern_synth_head_pose(struct ern_synth_head *head, const struct ern_synth_person *person,
                          const struct ern_synth_curve *curve) {
   head->person = person;
-  head->angle = 0.24f * curve->jaw;
+  head->angle = 0.21f * curve->jaw;
   head->width = curve->width;
-  head->pucker = fmaxf(-curve->width, 0.0f);
+  head->pucker = maxf(-curve->width, 0.0f);
   head->lids = clampf(curve->blink, 0.0f, 1.0f);
 }
 
-/* ---- the movement ---------------------------------------------------------------------------------------------------- */
+/* ---- the movement -------------------------------------------------------------------------------- */
 
 /* Turns p about the jaw's axis so that an opening by `angle` is undone. To third order in the angle. */
 static struct vec3 unturn(struct vec3 p, float angle) {
@@ -50,36 +48,40 @@ static struct vec3 unturn(struct vec3 p, float angle) {
 
 /* How open the slit is at x: 1 in the middle, 0 at the corners and beyond. */
 static float slit_profile(float x) {
-  const float t = x / mouth_half;
-  return fmaxf(1.0f - t * t, 0.0f);
+  const float t = x / ERN_SYNTH_MOUTH_HALF;
+  return maxf(1.0f - t * t, 0.0f);
 }
 
 /* Share of the jaw's turn of a point that is at height y at rest, above (+1) or below (-1) the slit. */
 static float turn_share(float x, float y, float side) {
   const float open = slit_profile(x), base = jaw_share(y) * (1.0f - open);
   if (side < 0.0f) return base + open;
-  return base - 0.16f * open * (1.0f - smoothf(mouth_y, mouth_y + 0.09f, y));
+  return base - 0.16f * open * (1.0f - smoothf(ERN_SYNTH_MOUTH_Y, ERN_SYNTH_MOUTH_Y + 0.09f, y));
 }
 
 /* Where the lips' own movement (spreading, pursing) of a point comes from. */
 static struct vec3 unspread(const struct ern_synth_head *head, struct vec3 p) {
-  const float dy = p.y - mouth_y;
-  const float near = expf(-(p.x * p.x + dy * dy) / (0.15f * 0.15f)) * smoothf(0.0f, 0.15f, p.z);
-  const float t = fminf(fabsf(p.x) / mouth_half, 1.5f);
+  const float dy = p.y - ERN_SYNTH_MOUTH_Y, away = p.x * p.x + dy * dy;
+  if (p.z <= 0.0f || away > 6.0f * 0.15f * 0.15f) return p;
+  const float front = smoothf(0.0f, 0.15f, p.z), near = front * bell(away / (0.15f * 0.15f));
+  const float t = minf(fabsf(p.x) / ERN_SYNTH_MOUTH_HALF, 1.5f);
   const float stretch = head->width > 0.0f ? 0.20f : 0.42f;
   struct vec3 q = p;
   q.x = p.x * (1.0f - stretch * head->width * near);
-  q.y = p.y - 0.010f * fmaxf(head->width, 0.0f) * near * t * t;
-  q.z = p.z - 0.034f * head->pucker * expf(-(p.x * p.x) / (0.085f * 0.085f) - dy * dy / (0.07f * 0.07f)) *
-                  smoothf(0.0f, 0.15f, p.z);
+  q.y = p.y - 0.010f * maxf(head->width, 0.0f) * near * t * t;
+  if (head->pucker > 0.0f) q.z = p.z - 0.034f * head->pucker * front * hump(p.x, 0.085f) * hump(dy, 0.07f);
   return q;
 }
 
 /* Heights of the slit's edges at x (after unspread), for a point at depth z. */
 static void slit_edges(const struct ern_synth_head *head, float x, float z, float *top, float *bottom) {
-  const float line = ern_synth_mouth_line(x), drop = head->angle * (z - hinge_z);
-  *top = line - drop * turn_share(x, line, 1.0f);
-  *bottom = line - drop * turn_share(x, line, -1.0f);
+  /* the lower edge is level behind the lip, where the jaw's turn would make it climb */
+  const float line = ern_synth_mouth_line(x);
+  *top = *bottom = line;
+  if (head->angle == 0.0f) return;
+  const float level = mixf(z, maxf(z, 0.30f), minf(4.0f * slit_profile(x), 1.0f));
+  *top = line - head->angle * (z - hinge_z) * turn_share(x, line, 1.0f);
+  *bottom = line - head->angle * (level - hinge_z) * turn_share(x, line, -1.0f);
 }
 
 /* The point at rest that `p` (after unspread) has come from. The share depends on the height at rest: iterated. */
@@ -91,7 +93,7 @@ static struct vec3 unbend(const struct ern_synth_head *head, struct vec3 p, floa
   return q;
 }
 
-/* ---- shapes at rest ---------------------------------------------------------------------------------------------------- */
+/* ---- shapes at rest ------------------------------------------------------------------------------ */
 
 /* |x| without the crease in the middle. */
 static struct vec3 mirrored(struct vec3 q) { return vec3_of(sqrtf(q.x * q.x + 0.0004f), q.y, q.z); }
@@ -102,10 +104,10 @@ static float skull_distance(const struct ern_synth_person *person, struct vec3 q
   d = join(d, ellipsoid(q, vec3_of(0.0f, -0.10f, 0.045f), vec3_of(0.208f * wide, 0.300f, 0.232f)), 0.10f);
   const struct vec3 m = mirrored(q);
   const float jaw = person->jaw_width;
-  d = join(d, capsule(m, vec3_of(0.155f * jaw, -0.20f, 0.00f), vec3_of(0.055f * jaw, -0.350f, 0.180f), 0.066f, 0.050f),
-           0.11f);
+  d = join(d, capsule(m, vec3_of(0.155f * jaw, -0.20f, 0.00f), vec3_of(0.062f * jaw, -0.345f, 0.175f), 0.066f, 0.054f),
+           0.12f);
   d = join(d, ellipsoid(m, vec3_of(0.105f, -0.185f, 0.125f), vec3_of(0.085f, 0.115f, 0.100f)), 0.10f);
-  d = join(d, ellipsoid(q, vec3_of(0.0f, -0.368f, 0.205f), vec3_of(0.070f, 0.052f, 0.060f)), 0.07f);
+  d = join(d, ellipsoid(q, vec3_of(0.0f, -0.368f, 0.205f), vec3_of(0.066f, 0.052f, 0.060f)), 0.09f);
   return d;
 }
 
@@ -114,8 +116,8 @@ static float nose_distance(const struct ern_synth_person *person, struct vec3 q,
   const float w = person->nose_width, l = person->nose_length;
   const float tip_y = -0.118f * l;
   d = join(d, capsule(q, vec3_of(0.0f, 0.055f, 0.262f), vec3_of(0.0f, tip_y + 0.02f, 0.343f), 0.020f, 0.029f), 0.050f);
-  d = join(d, ellipsoid(q, vec3_of(0.0f, tip_y, 0.357f), vec3_of(0.036f * w, 0.031f, 0.033f)), 0.040f);
-  d = join(d, ellipsoid(m, vec3_of(0.040f * w, tip_y - 0.010f, 0.318f), vec3_of(0.022f, 0.022f, 0.032f)), 0.026f);
+  d = join(d, ellipsoid(q, vec3_of(0.0f, tip_y, 0.357f), vec3_of(0.033f * w, 0.030f, 0.033f)), 0.040f);
+  d = join(d, ellipsoid(m, vec3_of(0.036f * w, tip_y - 0.009f, 0.318f), vec3_of(0.020f, 0.020f, 0.032f)), 0.026f);
   d = cut(d, ellipsoid(m, vec3_of(0.023f * w, tip_y - 0.038f, 0.340f), vec3_of(0.011f, 0.013f, 0.019f)), 0.012f);
   return d;
 }
@@ -124,29 +126,31 @@ static float nose_distance(const struct ern_synth_person *person, struct vec3 q,
 static float lip_bulge(const struct ern_synth_person *person, float x, float v) {
   const float up = ern_synth_lip_height(person, x, ERN_SYNTH_LIP_UPPER);
   const float low = ern_synth_lip_height(person, x, ERN_SYNTH_LIP_LOWER);
-  const float t = fminf(fabsf(x) / mouth_half, 1.0f), fade = 1.0f - t * t * t;
-  const float a = v >= 0.0f ? v / fmaxf(up, 1e-4f) : -v / fmaxf(low, 1e-4f);
-  const float roll = a < 1.0f ? sqrtf(fmaxf(a * (1.6f - a) * 1.5625f, 0.0f)) : 0.0f; /* 0 on the line, 1 at a = 0.8 */
-  const float tail = a >= 1.0f ? expf(-(a - 1.0f) * 1.8f) * 0.9682f : 1.0f;
+  const float t = minf(fabsf(x) / ERN_SYNTH_MOUTH_HALF, 1.0f), fade = 1.0f - t * t * t;
+  const float a = v >= 0.0f ? v / maxf(up, 1e-4f) : -v / maxf(low, 1e-4f);
+  const float roll = a < 1.0f ? sqrtf(maxf(a * (1.6f - a) * 1.5625f, 0.0f)) : 0.0f; /* 0 on the line, 1 at a = 0.8 */
+  const float tail = a >= 1.0f ? bell((a - 1.0f) * 1.8f) * 0.9682f : 1.0f;
   const float bulge = (v >= 0.0f ? 0.015f : 0.019f) * (a < 1.0f ? roll : tail);
-  return fade * (bulge - 0.006f * expf(-v * v / (0.006f * 0.006f)));
+  return smoothf(0.115f, 0.07f, fabsf(v)) * fade * (bulge - 0.006f * hump(v, 0.006f));
 }
 
 static float face_distance(const struct ern_synth_person *person, struct vec3 q, float v) {
   float d = skull_distance(person, q);
-  if (q.z < 0.05f || d > 0.15f) return d;
+  if (d > 0.20f) return d - 0.09f; /* the nose may be nearer */
+  if (q.z < 0.0f) return d;
   const struct vec3 m = mirrored(q);
-  d = join(d, ellipsoid(m, vec3_of(0.143f, -0.085f, 0.196f), vec3_of(0.062f, 0.050f, 0.055f)), 0.08f);
+  d = join(d, ellipsoid(m, vec3_of(0.138f, -0.088f, 0.196f), vec3_of(0.066f, 0.052f, 0.058f)), 0.08f);
   d = join(d, capsule(m, vec3_of(0.030f, 0.068f, 0.272f), vec3_of(0.165f, 0.066f, 0.205f), 0.022f, 0.020f), 0.06f);
   d = join(d, ellipsoid(q, vec3_of(0.0f, -0.235f, 0.222f), vec3_of(0.105f, 0.085f, 0.085f)), 0.06f);
-  d = cut(d, ball(m, vec3_of(0.118f, -0.004f, 0.322f), 0.062f), 0.055f); /* the hollow of the eye */
+  d = cut(d, ball(m, vec3_of(0.116f, 0.010f, 0.322f), 0.058f), 0.055f); /* the hollow of the eye */
   d = nose_distance(person, q, d);
-  d += 0.006f * expf(-q.x * q.x / (0.012f * 0.012f) - (q.y + 0.185f) * (q.y + 0.185f) / (0.022f * 0.022f)); /* philtrum */
+  if (d > 0.06f) return d;
+  d += 0.006f * hump(q.x, 0.012f) * hump(q.y + 0.185f, 0.022f); /* the groove under the nose */
   /* fold from the nose's wing to the mouth's corner */
   const float fold = m.x - mixf(0.068f, 0.118f, clampf((-0.145f - q.y) / 0.12f, 0.0f, 1.0f));
-  d += 0.004f * expf(-fold * fold / (0.010f * 0.010f)) * smoothf(-0.12f, -0.16f, q.y) * smoothf(-0.29f, -0.23f, q.y);
-  d += 0.010f * expf(-q.x * q.x / (0.06f * 0.06f) - (q.y + 0.322f) * (q.y + 0.322f) / (0.02f * 0.02f)); /* under the lip */
-  if (fabsf(q.x) < 1.3f * mouth_half && fabsf(v) < 0.12f) d -= lip_bulge(person, q.x, v);
+  d += 0.004f * hump(fold, 0.010f) * smoothf(-0.12f, -0.16f, q.y) * smoothf(-0.29f, -0.23f, q.y);
+  d += 0.010f * hump(q.x, 0.06f) * hump(q.y + 0.322f, 0.020f); /* under the lip */
+  if (fabsf(q.x) < 1.3f * ERN_SYNTH_MOUTH_HALF && fabsf(v) < 0.12f) d -= lip_bulge(person, q.x, v);
   return d;
 }
 
@@ -162,15 +166,15 @@ static float ear_distance(const struct ern_synth_person *person, struct vec3 q) 
   return join(d, ball(e, vec3_of(0.000f, -0.064f, -0.012f), 0.018f), 0.02f);
 }
 
-/* ---- eyes ---------------------------------------------------------------------------------------------------------------- */
+/* ---- eyes ---------------------------------------------------------------------------------------- */
 
 /* Heights of the two lids' edges at e.x, from the eye's centre. */
-static void lid_edges(const struct ern_synth_head *head, float x, float *upper, float *lower) {
-  const float size = head->person->eye_size, half = 0.0555f * size;
+void ern_synth_lid_edges(const struct ern_synth_head *head, float x, float *upper, float *lower) {
+  const float size = head->person->eye_size, half = ERN_SYNTH_EYE_HALF * size;
   const float t = clampf((x + 0.001f) / half, -1.0f, 1.0f);
   const float axis = 0.045f * x - 0.003f;
   const float arch = 1.0f - t * t, lean = 1.0f - 0.18f * t; /* highest towards the nose */
-  const float open = axis + size * 0.0220f * powf(arch, 0.70f) * lean;
+  const float open = axis + size * 0.0245f * sqrtf(arch * sqrtf(arch)) * lean;
   const float floor = axis - size * 0.0165f * arch * (1.0f + 0.2f * t);
   *lower = floor + 0.12f * head->lids * (open - floor);
   *upper = mixf(open, *lower - 0.0015f, head->lids);
@@ -184,23 +188,25 @@ static struct eye_parts eye_distance(struct vec3 e, float upper, float lower) {
   struct eye_parts parts = {vec3_length(e) - eye_radius, 0.0f};
   /* cornea */
   parts.ball = join(parts.ball, ball(e, vec3_of(0.0f, 0.0f, 0.030f), 0.034f), 0.008f);
-  const float gap = e.z > 0.0f ? 0.8f * fmaxf(e.y - upper, lower - e.y) + 0.6f * fmaxf(fabsf(e.x) - 0.050f, 0.0f) : 1.0f; /* negative between the lids */
-  const float over = e.y > 0.5f * (upper + lower) ? 0.0035f * expf(-(e.y - upper) * (e.y - upper) / (0.010f * 0.010f)) * smoothf(0.054f, 0.036f, fabsf(e.x))
-                                                  : 0.0f; /* the upper lid's rim is thicker */
+  const float gap = e.z > 0.0f ? 0.8f * maxf(e.y - upper, lower - e.y) + 0.6f * maxf(fabsf(e.x) - 0.053f, 0.0f)
+                               : 1.0f; /* negative between the lids */
+  const float over = e.y > 0.5f * (upper + lower)
+                         ? 0.0035f * hump(e.y - upper, 0.010f) * smoothf(0.057f, 0.038f, fabsf(e.x))
+                         : 0.0f; /* the upper lid's rim is thicker */
   parts.lids = cut(vec3_length(e) - lid_radius - over, gap, 0.004f);
   return parts;
 }
 
-/* ---- mouth ---------------------------------------------------------------------------------------------------------------- */
+/* ---- mouth --------------------------------------------------------------------------------------- */
 
 /* A row of teeth around an arch that is open to the back; `height` from the middle of the row. */
 static float teeth_distance(struct vec3 p, float arch, float height, float half_height) {
   const float x = p.x / (0.072f * arch), z = (p.z - 0.205f) / (0.090f * arch);
   const float ring = (sqrtf(x * x + z * z) - 1.0f) * 0.075f * arch;
-  const float angle = atan2f(p.x, fmaxf(p.z - 0.205f, 1e-3f));
-  const float tooth = fabsf(sinf(angle * 6.0f)); /* 0 between two teeth */
+  const float angle = atan2f(p.x, maxf(p.z - 0.205f, 1e-3f));
+  const float tooth = fabsf(sinf(angle * 7.5f)); /* 0 between two teeth */
   const float face = fabsf(ring) - 0.008f + 0.0025f * (1.0f - smoothf(0.0f, 0.25f, tooth));
-  return fmaxf(-join(-face, -(fabsf(height) - half_height), 0.006f), 0.19f - p.z);
+  return maxf(-join(-face, -(fabsf(height) - half_height), 0.006f), 0.19f - p.z);
 }
 
 struct mouth_parts {
@@ -209,19 +215,22 @@ struct mouth_parts {
 
 static struct mouth_parts mouth_distance(const struct ern_synth_head *head, struct vec3 p, float top, float bottom) {
   struct mouth_parts parts;
-  const float drop = head->angle * 0.30f;
-  parts.hollow = ellipsoid(p, vec3_of(0.0f, mouth_y - 0.45f * drop, 0.200f),
-                           vec3_of(0.088f, 0.045f + 0.5f * drop, 0.098f));
-  parts.slit = fmaxf(0.75f * fmaxf(p.y - top, bottom - p.y) + 0.5f * fmaxf(fabsf(p.x) - 0.9f * mouth_half, 0.0f), 0.20f - p.z); /* negative between the lips */
-  const struct vec3 low = unturn(p, head->angle);
-  const float upper = teeth_distance(p, 1.0f, p.y - (mouth_y + 0.018f), 0.024f);
-  const float lower = teeth_distance(low, 0.93f, low.y - (mouth_y - 0.031f), 0.019f);
-  parts.teeth = fminf(upper, lower);
-  parts.tongue = ellipsoid(low, vec3_of(0.0f, mouth_y - 0.040f, 0.195f), vec3_of(0.052f, 0.022f, 0.080f));
+  const struct vec3 low = unturn(p, head->angle), half = unturn(p, 0.5f * head->angle);
+  /* the hollow stretches from the palate to the floor, which goes with the jaw */
+  const struct vec3 middle = vec3_of(0.0f, ERN_SYNTH_MOUTH_Y, 0.200f), radii = vec3_of(0.088f, 0.045f, 0.096f);
+  const float between = ellipsoid(half, middle, vec3_of(0.088f, 0.045f + 0.13f * head->angle, 0.096f));
+  parts.hollow = minf(minf(ellipsoid(p, middle, radii), ellipsoid(low, middle, radii)), between);
+  parts.slit =
+      maxf(0.75f * maxf(p.y - top, bottom - p.y) + 0.5f * maxf(fabsf(p.x) - 0.96f * ERN_SYNTH_MOUTH_HALF, 0.0f),
+           0.20f - p.z); /* negative between the lips */
+  const float upper = teeth_distance(p, 1.0f, p.y - (ERN_SYNTH_MOUTH_Y + 0.018f), 0.024f);
+  const float lower = teeth_distance(low, 0.88f, low.y - (ERN_SYNTH_MOUTH_Y - 0.027f), 0.022f);
+  parts.teeth = minf(upper, lower);
+  parts.tongue = ellipsoid(low, vec3_of(0.0f, ERN_SYNTH_MOUTH_Y - 0.042f, 0.190f), vec3_of(0.050f, 0.022f, 0.076f));
   return parts;
 }
 
-/* ---- hair ---------------------------------------------------------------------------------------------------------------- */
+/* ---- hair ---------------------------------------------------------------------------------------- */
 
 /* Strands along the way the hair is combed, from the brow back, falling to both sides of the parting: locks, and hairs
  * in them. In about [-1, 1]. */
@@ -254,30 +263,52 @@ float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3
   return d;
 }
 
-/* ---- all of it ------------------------------------------------------------------------------------------------------------ */
+/* ---- all of it ----------------------------------------------------------------------------------- */
+
+/* `point` between spreading and bending, `rest` after both, and the edges of the slit at `point`. */
+struct carried {
+  struct vec3 point, rest;
+  float top, bottom;
+};
+
+/* side: above (1) or below (-1) the slit; 0: wherever p is. A point between the lips counts as on the nearer edge. */
+static struct carried carry_back(const struct ern_synth_head *head, struct vec3 p, float side) {
+  struct carried c = {.point = unspread(head, p)};
+  slit_edges(head, c.point.x, c.point.z, &c.top, &c.bottom);
+  struct vec3 clear = c.point;
+  if (side == 0.0f) {
+    side = clear.y >= 0.5f * (c.top + c.bottom) ? 1.0f : -1.0f;
+    clear.y = side > 0.0f ? maxf(clear.y, c.top) : minf(clear.y, c.bottom);
+  }
+  c.rest = unbend(head, clear, side);
+  return c;
+}
+
+struct vec3 ern_synth_head_moved(const struct ern_synth_head *head, struct vec3 rest, float side) {
+  struct vec3 p = rest;
+  for (int pass = 0; pass < 24; ++pass)
+    p = vec3_add(p, vec3_scale(vec3_sub(rest, carry_back(head, p, side).rest), 0.8f));
+  return p;
+}
+
+float ern_synth_skin_distance(const struct ern_synth_person *person, struct vec3 q) {
+  return face_distance(person, q, q.y - ern_synth_mouth_line(q.x));
+}
 
 float ern_synth_head_distance(const struct ern_synth_head *head, struct vec3 p, struct ern_synth_surface *surface) {
   const struct ern_synth_person *person = head->person;
-  const float far = ellipsoid(p, vec3_of(0.0f, -0.01f, -0.02f), vec3_of(0.36f, 0.50f, 0.44f));
-  if (far > 0.08f && surface == NULL) return far - 0.02f;
-
-  const struct vec3 s = unspread(head, p);
-  float top, bottom;
-  slit_edges(head, s.x, s.z, &top, &bottom);
-  const float side = s.y >= 0.5f * (top + bottom) ? 1.0f : -1.0f;
-  struct vec3 clear = s; /* a point between the lips counts as on the nearer edge */
-  clear.y = side > 0.0f ? fmaxf(s.y, top) : fminf(s.y, bottom);
-  const struct vec3 q = unbend(head, clear, side);
+  const struct carried c = carry_back(head, p, 0.0f);
+  const struct vec3 s = c.point, q = c.rest;
   const float v = q.y - ern_synth_mouth_line(q.x);
 
   float d = face_distance(person, q, v);
   enum ern_synth_part part = ERN_SYNTH_SKIN;
-  const bool by_mouth = d < 0.06f && q.z > 0.05f && fabsf(s.x) < 0.14f && s.y > -0.42f && s.y < -0.12f;
-  struct vec3 e = vec3_sub(vec3_of(fabsf(q.x), q.y, q.z), ern_synth_eye_centre);
+  const bool by_mouth = d < 0.03f && q.z > 0.05f && fabsf(s.x) < 0.14f && s.y > -0.42f && s.y < -0.12f;
+  const struct vec3 e = vec3_sub(vec3_of(fabsf(q.x), q.y, q.z), ern_synth_eye_centre);
   float upper = 0.0f, lower = 0.0f;
 
   if (vec3_dot(e, e) < 0.12f * 0.12f) {
-    lid_edges(head, e.x, &upper, &lower);
+    ern_synth_lid_edges(head, e.x, &upper, &lower);
     const struct eye_parts eye = eye_distance(e, upper, lower);
     d = cut(d, vec3_length(e) - lid_radius + 0.003f, 0.010f);
     if (eye.lids < d) part = ERN_SYNTH_LID;
@@ -287,20 +318,18 @@ float ern_synth_head_distance(const struct ern_synth_head *head, struct vec3 p, 
       part = ERN_SYNTH_EYE;
     }
   }
-  if (by_mouth) {
-    const struct mouth_parts mouth = mouth_distance(head, s, top, bottom);
-    if (head->angle > 1e-4f) {
-      const float opening = fminf(mouth.hollow, mouth.slit);
-      if (-opening > d) part = mouth.hollow < mouth.slit ? ERN_SYNTH_MOUTH : ERN_SYNTH_SKIN;
-      d = cut(d, opening, 0.007f);
-      if (mouth.tongue < d) {
-        d = mouth.tongue;
-        part = ERN_SYNTH_TONGUE;
-      }
-      if (mouth.teeth < d) {
-        d = mouth.teeth;
-        part = ERN_SYNTH_TEETH;
-      }
+  if (by_mouth && head->angle > 0.0f) {
+    const struct mouth_parts mouth = mouth_distance(head, s, c.top, c.bottom);
+    const float opening = minf(mouth.hollow, mouth.slit);
+    if (-opening > d && mouth.hollow < mouth.slit) part = ERN_SYNTH_MOUTH;
+    d = cut(d, opening, 0.005f);
+    if (mouth.tongue < d) {
+      d = mouth.tongue;
+      part = ERN_SYNTH_TONGUE;
+    }
+    if (mouth.teeth < d) {
+      d = mouth.teeth;
+      part = ERN_SYNTH_TEETH;
     }
   }
   d = join(d, ear_distance(person, q), 0.018f);
