@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: MIT
+ * Gradients of whole training steps, head and torso, through the double reference's table, against central differences.
+ *
+ * Some losses stop gradients on purpose (model.md section 6), so each run switches on the terms that do not, or looks
+ * only at the parameters that the stopped paths do not reach. */
+#define ERN_DOUBLE
+#include "../support.h"
+
+#include <math.h>
+
+#include "backend_cpu/backend_cpu.h"
+#include "backend_cpu/cpu_kernels.h"
+#include "core/rng.h"
+#include "model/parameters.h"
+#include "train/step.h"
+
+enum { RAYS = 24, SIDE = 16, TORSO_RAYS = 10, PROBES = 24 /* values looked at in a tensor */ };
+
+struct scene {
+  ern_context *context;
+  struct ern_backend *backend;
+  struct ern_stream *stream;
+  struct ern_field field;
+  struct ern_parameter_table table;
+  double *values, *gradient;
+  struct ern_head_step_args head;
+  struct ern_torso_step_args torso;
+  struct ern_view view;
+  struct ern_march_settings settings;
+};
+
+static double *reals_of(ern_span span) { return (double *)span.buffer->memory + span.at; }
+
+static ern_span take(struct scene *s, size_t count) {
+  ern_span span;
+  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_REAL, count, &span));
+  memset(reals_of(span), 0, count * sizeof(double));
+  return span;
+}
+
+static double random_at(uint32_t at, uint64_t seed) {
+  return ern_uniform(ern_random_at(seed, 7, at, ERN_RNG_PIXEL).word[0]);
+}
+
+static ern_rows random_rows(struct scene *s, int rows, size_t n, uint64_t seed) {
+  ern_rows out;
+  support_ok(s->context, ern_take_rows(s->stream, rows, n, &out));
+  for (int r = 0; r < rows; r++)
+    for (size_t i = 0; i < n; i++)
+      reals_of(out.span)[(size_t)r * out.stride + i] = 0.1 + 0.8 * random_at((uint32_t)(100 * r) + (uint32_t)i, seed);
+  return out;
+}
+
+/* Fresh values, but tables 1e3 times and speech network 4 times as large as a training begins with: what hardly
+ * matters to the loss cannot be told from its rounding, 1e-16/h = 1e-11. */
+static double enlarged(const struct ern_parameter *row) {
+  if (row->group == ERN_GROUP_GRID) return 1e3;
+  return strncmp(row->name, "audio_net", 9) == 0 ? 4 : 1;
+}
+
+/* A model of every effect; a camera before the face; all cells occupied. */
+static void scene_open(struct scene *s) {
+  const struct ern_model_config config = {.levels = 4,
+                                          .feature_width = 5,
+                                          .window_length = 16,
+                                          .head = true,
+                                          .eye = true,
+                                          .torso = true,
+                                          .torso_gamma = true,
+                                          .codes = 3,
+                                          .bound = 1};
+  *s = (struct scene){.context = support_context()};
+  support_ok(s->context, ern_cpu_backend_make(s->context, ERN_ISA_REF64, &s->backend));
+  support_ok(s->context, s->backend->stream_make(s->backend, 2, &s->stream));
+  support_ok(s->context, ern_parameters_build(s->context, &config, &s->field, &s->table));
+  const ern_span values = take(s, s->field.parameters), gradient = take(s, s->field.parameters);
+  float *fresh = (float *)calloc(s->field.parameters, sizeof *fresh);
+  ern_parameters_init(fresh, &s->table, false, 3);
+  ern_parameters_init(fresh, &s->table, true, 3);
+  s->values = reals_of(values);
+  s->gradient = reals_of(gradient);
+  for (int r = 0; r < s->table.rows; r++) {
+    const struct ern_parameter *row = &s->table.row[r];
+    for (size_t i = row->at; i < row->at + row->count; i++) s->values[i] = enlarged(row) * (double)fresh[i];
+  }
+  free(fresh);
+  s->settings = (struct ern_march_settings){.bound = 1, .max_steps = 16, .dt_gamma = 1.0f / 256, .near = 0.05f};
+  s->view = (struct ern_view){.pose = {1, 0, 0, 0.02f, 0, 0, -1, 3.4f, 0, 1, 0, 0.03f, 0, 0, 0, 1},
+                              .focal = 40,
+                              .cx = 8,
+                              .cy = 8,
+                              .width = SIDE,
+                              .height = SIDE};
+
+  ern_span pixel, bits;
+  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_INT32, RAYS, &pixel));
+  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &bits));
+  memset(bits.buffer->memory, 0xff, bits.at + ERN_OCCUPANCY_BYTES);
+  for (int i = 0; i < RAYS; i++)
+    ((int32_t *)pixel.buffer->memory)[pixel.at + (size_t)i] = (i * 37 + 60) % (SIDE * SIDE);
+  s->head = (struct ern_head_step_args){.dparameters = gradient,
+                                        .parameters = values,
+                                        .field = &s->field,
+                                        .view = &s->view,
+                                        .settings = &s->settings,
+                                        .bits = bits,
+                                        .pixel_number = pixel,
+                                        .truth = random_rows(s, 3, RAYS, 1),
+                                        .background = random_rows(s, 3, RAYS, 2),
+                                        .face = random_rows(s, 1, RAYS, 3).span,
+                                        .windows = random_rows(s, 1, 8 * 16 * 5, 4).span,
+                                        .eye_value = 0.4f,
+                                        .individual = 1,
+                                        .transmittance_stop = 1e-4f,
+                                        .n = RAYS};
+  for (int i = 0; i < RAYS; i++) reals_of(s->head.face)[i] = i % 3 == 0;
+  const ern_span grid = take(s, ERN_TORSO_CELLS);
+  for (int i = 0; i < ERN_TORSO_CELLS; i++) reals_of(grid)[i] = 1;
+  s->torso = (struct ern_torso_step_args){.dparameters = gradient,
+                                          .parameters = values,
+                                          .field = &s->field,
+                                          .view = &s->view,
+                                          .grid = grid,
+                                          .threshold = 0.01f,
+                                          .shrink = 0.8f,
+                                          .pixel_number = pixel,
+                                          .truth = s->head.truth,
+                                          .background = s->head.background,
+                                          .individual = 2,
+                                          .n = TORSO_RAYS};
+}
+
+static void scene_close(struct scene *s) {
+  s->backend->stream_free(s->stream);
+  s->backend->free(s->backend);
+  ern_context_free(&s->context);
+}
+
+static double loss(struct scene *s, bool torso) {
+  double sum = 0;
+  memset(s->gradient, 0, s->field.parameters * sizeof(double));
+  support_ok(s->context,
+             torso ? s->backend->torso_step(s->stream, &s->torso) : s->backend->head_step(s->stream, &s->head));
+  for (int t = 0; t < ERN_LOSS_TERMS; t++) sum += torso ? s->torso.terms[t] : s->head.terms[t];
+  return sum;
+}
+
+static double slope(struct scene *s, bool torso, size_t at, double h) {
+  const double kept = s->values[at];
+  s->values[at] = kept + h;
+  const double above = loss(s, torso);
+  s->values[at] = kept - h;
+  const double below = loss(s, torso);
+  s->values[at] = kept;
+  return (above - below) / (2 * h);
+}
+
+/* The values of a tensor with the largest gradients: random ones of a table would all be 0. */
+static void largest(const double *gradient, size_t count, size_t found[PROBES], size_t *probes) {
+  *probes = 0;
+  for (size_t i = 0; i < count; i++) {
+    size_t at = *probes < PROBES ? (*probes)++ : PROBES - 1;
+    if (at == PROBES - 1 && *probes == PROBES && fabs(gradient[found[at]]) >= fabs(gradient[i]) && i >= PROBES)
+      continue;
+    for (; at > 0 && fabs(gradient[found[at - 1]]) < fabs(gradient[i]); at--) found[at] = found[at - 1];
+    found[at] = i;
+  }
+}
+
+/* What the rounding of the loss does to a slope: a few units of its last place over 2 h, by value, summed as an L2
+ * norm. */
+static double slope_rounding(double loss_value, size_t probes) {
+  return 4 * 2.2e-16 * fabs(loss_value) / 2e-5 * sqrt((double)probes);
+}
+
+/* |g - g_fd| / |g_fd| <= 1e-6 by tensor, h = 1e-5 max(1, |x|), beside the rounding of the loss. A value is near a kink
+ * (ReLU, clamp, cell border) where the slopes over h and over 10 h differ by more than a smooth function's: 1e-6 of the
+ * tensor's largest. */
+static void check(struct scene *s, bool torso, const char *prefix) {
+  int tensors = 0, faint = 0; /* faint: the rounding leaves less than five digits of the slope */
+  size_t looked = 0, skipped = 0;
+  double *gradient = (double *)calloc(s->field.parameters, sizeof *gradient);
+  const double value = loss(s, torso);
+  memcpy(gradient, s->gradient, s->field.parameters * sizeof *gradient);
+  for (int r = 0; r < s->table.rows; r++) {
+    const struct ern_parameter *row = &s->table.row[r];
+    size_t found[PROBES] = {0}, probes = 0, near = 0;
+    if (row->torso != torso || strncmp(row->name, prefix, strlen(prefix)) != 0) continue;
+    largest(gradient + row->at, row->count, found, &probes);
+    const double top = fabs(gradient[row->at + found[0]]);
+    if (top == 0) continue;
+    double error = 0, norm = 0;
+    for (size_t p = 0; p < probes; p++) {
+      const size_t at = row->at + found[p];
+      const double h = 1e-5 * fmax(1, fabs(s->values[at])), fine = slope(s, torso, at, h),
+                   coarse = slope(s, torso, at, 10 * h);
+      if (fabs(coarse - fine) > 1e-6 * top) {
+        near++;
+        continue;
+      }
+      error += (gradient[at] - fine) * (gradient[at] - fine);
+      norm += fine * fine;
+    }
+    tensors++;
+    looked += probes;
+    skipped += near;
+    const double rounding = slope_rounding(value, probes);
+    if (rounding > 1e-5 * sqrt(norm)) faint++;
+    if (near < probes && !(sqrt(error) <= 1e-6 * sqrt(norm) + rounding))
+      fail_msg("%s: off by %.2e (largest %.2e)", row->name, sqrt(error / norm), top);
+  }
+  print_message("%d tensors, %d of them faint, %zu values, %zu near a kink\n", tensors, faint, looked, skipped);
+  assert_true(tensors > 0);
+  assert_true(3 * faint <= tensors);
+  assert_true(2 * skipped < looked);
+  free(gradient);
+}
+
+static void test_head_photometric_entropy_ambient(void **state) {
+  (void)state;
+  struct scene s;
+  scene_open(&s);
+  s.head.weights = (struct ern_loss_weights){.s = 0.5f, .entropy = 0.5f, .audio_ambient = 0.1f};
+  check(&s, false, "");
+  scene_close(&s);
+}
+
+/* The uncertainty net reaches the loss by its own output alone. */
+static void test_head_uncertainty(void **state) {
+  (void)state;
+  struct scene s;
+  scene_open(&s);
+  s.head.weights = (struct ern_loss_weights){.s = 0.5f, .uncertainty = 1, .static_uncertainty = 0.5f};
+  check(&s, false, "unc_net");
+  scene_close(&s);
+}
+
+/* The eye term stops the gradient of |v|, which the eye branch does not change. */
+static void test_head_eye_ambient(void **state) {
+  (void)state;
+  struct scene s;
+  scene_open(&s);
+  s.head.weights = (struct ern_loss_weights){.s = 0.5f, .eye_ambient = 0.5f};
+  check(&s, false, "eye_att_net");
+  scene_close(&s);
+}
+
+static void test_torso(void **state) {
+  (void)state;
+  struct scene s;
+  scene_open(&s);
+  check(&s, true, "");
+  scene_close(&s);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_photometric_entropy_ambient),
+                                     cmocka_unit_test(test_head_uncertainty), cmocka_unit_test(test_head_eye_ambient),
+                                     cmocka_unit_test(test_torso)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
