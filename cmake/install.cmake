@@ -1,0 +1,49 @@
+# `cmake --install`: headers, both libraries, the program, pkg-config files, a CMake package.
+include(CMakePackageConfigHelpers)
+
+# libernerf-media holds its own copy of core and io; it shows media.h alone, so that a program that links both libraries
+# has every function once.
+get_target_property(media_kind ernerf-media TYPE)
+if(media_kind STREQUAL "SHARED_LIBRARY")
+  set(media_map ${CMAKE_CURRENT_LIST_DIR}/libernerf-media.map)
+  target_link_options(ernerf-media PRIVATE -Wl,--version-script=${media_map})
+  set_property(TARGET ernerf-media APPEND PROPERTY LINK_DEPENDS ${media_map})
+endif()
+
+set_target_properties(ernerf ernerf-media PROPERTIES INSTALL_RPATH "$ORIGIN")
+set_target_properties(ernerf-media PROPERTIES EXPORT_NAME media)
+install(
+  TARGETS ernerf ernerf-media ernerf-cli
+  EXPORT ernerf-targets
+  RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
+
+set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/ernerf)
+install(EXPORT ernerf-targets NAMESPACE ernerf:: DESTINATION ${package_folder})
+configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/ernerf-config.cmake.in ${PROJECT_BINARY_DIR}/ernerf-config.cmake
+                              INSTALL_DESTINATION ${package_folder})
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/ernerf-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/ernerf-config.cmake ${PROJECT_BINARY_DIR}/ernerf-config-version.cmake
+        DESTINATION ${package_folder})
+
+# pkg-config: paths relative to the .pc file, so that an installed tree may be moved. Who links a shared library needs
+# nothing of what it was built with; who links a static one needs all of it.
+set(pc_folder ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+file(RELATIVE_PATH pc_prefix /prefix/${pc_folder} /prefix)
+set(pc_engine_needs "")
+set(pc_media_needs "")
+set(pc_libraries "")
+if(NOT BUILD_SHARED_LIBS)
+  set(pc_engine_needs "jansson libzip")
+  if(ERNERF_OPENCL)
+    string(APPEND pc_engine_needs " OpenCL")
+  endif()
+  set(pc_media_needs "jansson libzip libavformat libavcodec libavutil libswscale libswresample OpenImageIO opencv4")
+  set(pc_libraries "-lstdc++ -lm -pthread")
+endif()
+foreach(library libernerf libernerf-media)
+  configure_file(${CMAKE_CURRENT_LIST_DIR}/${library}.pc.in ${PROJECT_BINARY_DIR}/${library}.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/${library}.pc DESTINATION ${pc_folder})
+endforeach()

@@ -1,0 +1,116 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# The installed tree, as another program meets it: moved to another place after the install, the examples built against it
+# with a plain C compiler and with CMake's find_package, and run.
+# Usage: test_install.sh SOURCE BUILD, with CC, CFLAGS, CMAKE, LIBDIR of the build in the environment
+set -euo pipefail
+source=$1 build=$2
+work=$build/tests/work/test_install
+root=$work/moved
+steps=150 frames=45 side=64
+fail() { echo "FAIL: $*"; exit 1; }
+stage() { echo "[$((SECONDS))s] $*"; }
+read -ra flags <<<"${CFLAGS:-}"
+
+stage install
+rm -rf "$work" && mkdir -p "$work"
+"${CMAKE:-cmake}" --install "$build" --prefix "$work/first" >"$work/install.log" || { cat "$work/install.log"; fail install; }
+mv "$work/first" "$root"
+lib=$root/$LIBDIR
+for file in include/ernerf/ernerf.h include/ernerf/media.h bin/ernerf "$LIBDIR/pkgconfig/libernerf.pc" \
+  "$LIBDIR/pkgconfig/libernerf-media.pc" "$LIBDIR/cmake/ernerf/ernerf-config.cmake"; do
+  [ -f "$root/$file" ] || fail "$file was not installed"
+done
+for header in "$source"/include/ernerf/*.h; do
+  cmp -s "$header" "$root/include/ernerf/$(basename "$header")" || fail "$(basename "$header") was not installed as it is"
+done
+"$root/bin/ernerf" info devices >"$work/devices.log" || fail "the installed program does not run"
+
+# What the two libraries show: marked functions alone, and none twice.
+if [ -e "$lib/libernerf.so" ]; then
+  shown() { nm -D --defined-only "$1" | awk '{ sub(/@.*/, "", $3); print $3 }' | grep -vE '^(__(asan|odr|ubsan|tsan|lsan)|_(init|fini|edata|end)|__bss)' | sort; }
+  shown "$lib/libernerf.so" >"$work/engine.txt"
+  shown "$lib/libernerf-media.so" >"$work/media.txt"
+  other=$(cat "$work/engine.txt" "$work/media.txt" | grep -v '^ern_' || true)
+  [ -z "$other" ] || fail "functions that are not ours to show: $other"
+  twice=$(comm -12 "$work/engine.txt" "$work/media.txt")
+  [ -z "$twice" ] || fail "functions that both libraries show: $twice"
+  [ "$(wc -l <"$work/engine.txt")" -ge 40 ] || fail "libernerf shows $(wc -l <"$work/engine.txt") functions"
+fi
+
+stage "pkg-config and a plain compiler"
+export PKG_CONFIG_PATH=$lib/pkgconfig
+static=() && [ -e "$lib/libernerf.so" ] || static=(--static)
+for example in render_minimal train_minimal; do
+  read -ra found <<<"$(pkg-config "${static[@]}" --cflags --libs libernerf)"
+  "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/$example.c" "${found[@]}" -lm \
+    -Wl,-rpath,"$lib" -o "$work/$example"
+done
+version=$(pkg-config --modversion libernerf)
+cat >"$work/with_media.c" <<'C'
+#include <ernerf/ernerf.h>
+#include <ernerf/media.h>
+#include <stdio.h>
+int main(void) {
+  ern_context *context = NULL;
+  ern_clip *clip = NULL;
+  if (ern_context_create(&context, NULL) != ERN_OK) return 1;
+  const int refused = ern_clip_open(context, "no-such-folder", NULL, &clip) == ERN_E_MISSING;
+  printf("%s %d %s\n", ern_version(), refused, ern_last_error(context));
+  ern_context_free(&context);
+  return refused ? 0 : 1;
+}
+C
+read -ra found <<<"$(pkg-config "${static[@]}" --cflags --libs libernerf-media)"
+"${CC:-cc}" -std=c17 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$work/with_media.c" "${found[@]}" -Wl,-rpath,"$lib" \
+  -o "$work/with_media"
+said=$("$work/with_media") || fail "with_media: $said"
+[ "${said%% *}" = "$version" ] || fail "libernerf.pc says $version, ern_version $said"
+needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv|OpenImageIO|ernerf-media' || true)
+[ -z "$needs" ] || fail "a program that links libernerf alone needs $needs"
+
+stage "find_package"
+mkdir -p "$work/project"
+cp "$source"/examples/*.c "$source/examples/CMakeLists.txt" "$work/with_media.c" "$work/project"
+printf 'add_executable(with_media with_media.c)\ntarget_link_libraries(with_media PRIVATE ernerf::media)\n' \
+  >>"$work/project/CMakeLists.txt"
+{
+  "${CMAKE:-cmake}" -S "$work/project" -B "$work/project/build" -DCMAKE_PREFIX_PATH="$root" -DCMAKE_C_COMPILER="${CC:-cc}" \
+    -DCMAKE_C_FLAGS="${CFLAGS:-}" &&
+    "${CMAKE:-cmake}" --build "$work/project/build"
+} >"$work/project.log" 2>&1 || { cat "$work/project.log"; fail "the project with find_package"; }
+said=$("$work/project/build/with_media") || fail "with_media of find_package: $said"
+
+stage "train"
+mkdir "$work/ball"
+"$work/train_minimal" "$work/ball" $steps | tee "$work/train.log"
+psnr=$(awk '/^.*ball.safetensors: PSNR/ { print $(NF - 1) }' "$work/train.log")
+awk -v psnr="$psnr" 'BEGIN { exit !(psnr > 20) }' || fail "PSNR $psnr dB after $steps steps, expected more than 20"
+"$root/bin/ernerf" info "$work/ball/ball.safetensors" >"$work/info.log" || fail "ernerf info does not read the model"
+
+stage "render"
+inputs=("$work/ball/ball.safetensors" "$work/ball/speech.npy" "$work/ball/poses.json")
+"$work/render_minimal" "${inputs[@]}" "$work/ball.rgba"
+"$work/project/build/render_minimal" "${inputs[@]}" "$work/again.rgba"
+"$work/render_minimal" "${inputs[@]}" "$work/ball.ppm"
+[ "$(stat -c %s "$work/ball.rgba")" -eq $((frames * side * side * 4)) ] || fail "ball.rgba has another size"
+cmp "$work/ball.rgba" "$work/again.rgba" || fail "the program of find_package renders other frames"
+[ "$(stat -c %s "$work/ball.ppm")" -eq $((frames * (side * side * 3 + 13))) ] || fail "ball.ppm has another size"
+# The first frame: there where the ball is, clear in the corner.
+pixel() { od -An -tu1 -j $((($1 * side * side + $2 * side + $3) * 4)) -N 4 "$work/ball.rgba"; }
+read -r red green _ alpha <<<"$(pixel 0 26 32)"
+[ "$alpha" -gt 128 ] && [ "$red" -gt "$green" ] || fail "the ball's pixel is $red $green, alpha $alpha"
+read -r _ _ _ alpha <<<"$(pixel 0 1 1)"
+[ "$alpha" -lt 50 ] || fail "the corner's alpha is $alpha"
+# From one pose, so that only the speech can move anything: the mouth is shut in frame 0 and open in frame 12.
+{ head -n 2 "$work/ball/poses.json" | sed 's/,$//'; echo ']}'; } >"$work/still.json"
+"$work/render_minimal" "${inputs[@]:0:2}" "$work/still.json" "$work/still.rgba"
+frame() { tail -c +$(($1 * side * side * 4 + 1)) "$work/still.rgba" | head -c $((side * side * 4)); }
+moved=$(cmp -l <(frame 0) <(frame 12) | wc -l || true)
+[ "$moved" -ge 100 ] || fail "only $moved values differ between two moments of the speech"
+echo "$moved values of $((side * side * 4)) differ between two moments of the speech"
+if "$work/render_minimal" "$work/ball/speech.npy" "${inputs[@]:1}" "$work/none.rgba" 2>"$work/refused.log"; then
+  fail "a model file that is none was accepted"
+fi
+grep -q 'speech.npy' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
+stage done

@@ -1,0 +1,232 @@
+/* SPDX-License-Identifier: MIT
+ * Which folder includes which: every #include of include/, src/, tools/ and examples/ against the floor plan of
+ * docs/architecture.md. The rules stand in the tables below; a folder without a rule fails. */
+#include <fnmatch.h>
+#include <stdbool.h>
+#include <sys/stat.h>
+
+#include "../support.h"
+
+enum { PATH_BYTES = 1024, LINE_BYTES = 512, ALLOWED = 20 };
+
+/* Patterns are fnmatch's without FNM_PATHNAME: a star matches slashes too. */
+struct rule {
+  const char *folder;           /* as written in includes: below src/, or "include", "tools", "examples" */
+  const char *allowed[ALLOWED]; /* what a quoted include may name, besides the folder itself */
+};
+
+/* Types and signatures of operations; whoever calls or fills a slot needs them. They see core/types.h alone. */
+#define OPS "*/*_ops.h"
+#define BELOW_MODEL "ernerf/*", "core/*", "io/*", "hashgrid/*", "mlp/*", OPS
+/* What a backend fills its table with: reference kernels, and the stages behind the fused slots. */
+#define FILLS                                                                                       \
+  "ernerf/*", "core/*", OPS, "model/field.h", "hashgrid/hashgrid.h", "mlp/mlp.h", "mlp/mlp_tile.h", \
+      "model/model_kernels.h", "render/render_kernels.h", "train/train_kernels.h", "render/stages.h", "train/step.h"
+
+static const struct rule rules[] = {
+    {"include", {"ernerf/*"}},
+    {"core", {"ernerf/*", OPS}},
+    {"io", {"ernerf/*", "core/*", OPS}},
+    {"hashgrid", {"ernerf/*", "core/*", OPS}},
+    {"mlp", {"ernerf/*", "core/*", OPS}},
+    {"model", {BELOW_MODEL}},
+    {"render", {BELOW_MODEL, "model/*"}},
+    {"train", {BELOW_MODEL, "model/*", "render/*"}},
+    {"backend_cpu", {FILLS}},
+    {"backend_opencl", {FILLS}},
+    {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
+    {"media", {"ernerf/*", "core/*", "io/*"}},
+    {"tools", {"ernerf/*"}},
+    {"examples", {"ernerf/*"}},
+};
+
+/* Headers from outside that only some folders may see; all else between angle brackets is the C library's. */
+static const struct {
+  const char *header;
+  const char *folders[5];
+} outside[] = {
+    {"jansson.h", {"io", "model", "train", "media", "tools"}},
+    {"zip.h", {"io"}},
+    {"CL/*", {"backend_opencl"}},
+    {"*intrin.h", {"backend_cpu"}},
+    {"opencv2/*", {"media"}},
+    {"OpenImageIO/*", {"media"}},
+    {"libav*", {"media"}},
+    {"libsw*", {"media"}},
+    {"ernerf/*", {"tools", "examples"}},
+};
+
+struct tally {
+  size_t files, includes, faults;
+  char text[8192]; /* the faults */
+};
+
+static void fault(struct tally *tally, const char *path, int line, const char *what, const char *header) {
+  const size_t used = strlen(tally->text);
+  tally->faults++;
+  snprintf(tally->text + used, sizeof tally->text - used, "\n  %s:%d: %s %s", path, line, what, header);
+}
+
+static const struct rule *rule_of(const char *folder) {
+  for (size_t i = 0; i < sizeof rules / sizeof *rules; i++)
+    if (strcmp(rules[i].folder, folder) == 0) return &rules[i];
+  return NULL;
+}
+
+/* NULL where `header`, written in a file `name` of `folder`, is fine; else what is wrong. */
+static const char *judge_quoted(const char *folder, const char *name, const char *header) {
+  const struct rule *rule = rule_of(folder);
+  if (rule == NULL) return "no rule for the folder";
+  if (fnmatch("*_ops.h", name, 0) == 0) return strcmp(header, "core/types.h") == 0 ? NULL : "an _ops.h includes";
+  if (strcmp(folder, "backend") == 0 && strcmp(name, "registry.c") != 0 && fnmatch("backend_*", header, 0) == 0)
+    return "only registry.c names backends, found";
+  if (strchr(header, '/') == NULL) /* beside the file itself: the program's own headers have no folder in their name */
+    return strcmp(folder, "tools") == 0 ? NULL : "no folder in the include of";
+  const size_t length = strlen(folder);
+  if (strncmp(header, folder, length) == 0 && header[length] == '/') return NULL;
+  for (size_t i = 0; i < ALLOWED && rule->allowed[i] != NULL; i++)
+    if (fnmatch(rule->allowed[i], header, 0) == 0) return NULL;
+  return "may not see";
+}
+
+static const char *judge_bracketed(const char *folder, const char *header) {
+  for (size_t i = 0; i < sizeof outside / sizeof *outside; i++) {
+    if (fnmatch(outside[i].header, header, 0) != 0) continue;
+    for (size_t k = 0; k < 5 && outside[i].folders[k] != NULL; k++)
+      if (strcmp(outside[i].folders[k], folder) == 0) return NULL;
+    return "may not see";
+  }
+  return strchr(header, '/') == NULL || strncmp(header, "sys/", 4) == 0 ? NULL : "no rule for";
+}
+
+/* `header` and which bracket, out of a line; false where the line includes nothing. */
+static bool parse_include(const char *line, char header[LINE_BYTES], char *bracket) {
+  line += strspn(line, " \t");
+  if (*line++ != '#') return false;
+  line += strspn(line, " \t");
+  if (strncmp(line, "include", 7) != 0) return false;
+  line += 7 + strspn(line + 7, " \t");
+  *bracket = *line;
+  if (*bracket != '"' && *bracket != '<') return false;
+  const size_t length = strcspn(line + 1, *bracket == '"' ? "\"" : ">");
+  memcpy(header, line + 1, length);
+  header[length] = 0;
+  return true;
+}
+
+static void check_file(struct tally *tally, const char *path, const char *folder, const char *name) {
+  char line[LINE_BYTES], header[LINE_BYTES], bracket = 0;
+  FILE *file = fopen(path, "rb");
+  assert_non_null(file);
+  tally->files++;
+  for (int number = 1; fgets(line, sizeof line, file) != NULL; number++) {
+    if (!parse_include(line, header, &bracket)) continue;
+    tally->includes++;
+    const char *wrong = bracket == '"' ? judge_quoted(folder, name, header) : judge_bracketed(folder, header);
+    if (wrong != NULL) fault(tally, path, number, wrong, header);
+  }
+  fclose(file);
+}
+
+/* folder NULL: each folder in `path` is one of its own. */
+static void check_tree(struct tally *tally, const char *path, const char *folder) {
+  DIR *list = opendir(path);
+  if (list == NULL) fail_msg("%s: the folder is missing", path);
+  for (struct dirent *entry = readdir(list); entry != NULL; entry = readdir(list)) {
+    char inside[PATH_BYTES];
+    struct stat about;
+    if (entry->d_name[0] == '.') continue;
+    assert_true(snprintf(inside, sizeof inside, "%s/%s", path, entry->d_name) < (int)sizeof inside);
+    assert_int_equal(stat(inside, &about), 0);
+    if (S_ISDIR(about.st_mode)) {
+      check_tree(tally, inside, folder != NULL ? folder : entry->d_name);
+      continue;
+    }
+    const char *dot = strrchr(entry->d_name, '.');
+    if (dot == NULL) continue;
+    if (strcmp(dot, ".c") != 0 && strcmp(dot, ".h") != 0 && strcmp(dot, ".cpp") != 0 && strcmp(dot, ".cl") != 0)
+      continue;
+    if (folder == NULL) fail_msg("%s: code that is in no folder", inside);
+    check_file(tally, inside, folder, entry->d_name);
+  }
+  closedir(list);
+}
+
+static void test_tree(void **state) {
+  (void)state;
+  static const struct {
+    const char *path, *folder;
+  } trees[] = {{"include", "include"}, {"src", NULL}, {"tools", "tools"}, {"examples", "examples"}};
+  const char *source = getenv("ERNERF_SOURCE");
+  assert_non_null(source);
+  struct tally tally = {0};
+  for (size_t i = 0; i < sizeof trees / sizeof *trees; i++) {
+    char path[PATH_BYTES];
+    assert_true(snprintf(path, sizeof path, "%s/%s", source, trees[i].path) < (int)sizeof path);
+    check_tree(&tally, path, trees[i].folder);
+  }
+  assert_true(tally.files > 80 && tally.includes > 300); /* the tree was really read */
+  if (tally.faults != 0) fail_msg("%zu includes against the floor plan:%s", tally.faults, tally.text);
+}
+
+/* The rules themselves, on includes that must be refused and ones that must not. */
+static void test_rules(void **state) {
+  (void)state;
+  static const struct {
+    const char *folder, *name, *header;
+    bool fine;
+  } quoted[] = {
+      {"core", "arena.c", "core/memory.h", true},
+      {"core", "backend.h", "train/train_ops.h", true},
+      {"core", "arena.c", "io/file.h", false},
+      {"io", "npy.c", "hashgrid/hashgrid.h", false},
+      {"io", "npy.c", "model/model.h", false},
+      {"mlp", "mlp_ref.c", "hashgrid/hashgrid.h", false},
+      {"mlp", "mlp_ref.c", "mlp/mlp.h", true},
+      {"hashgrid", "hashgrid_ref.c", "io/npy.h", false},
+      {"model", "model.c", "io/npy.h", true},
+      {"model", "model.c", "render/stages.h", false},
+      {"render", "frame.c", "model/model.h", true},
+      {"render", "frame.c", "train/step.h", false},
+      {"train", "step.c", "backend_cpu/adapt.h", false},
+      {"backend_cpu", "adapt.c", "render/stages.h", true},
+      {"backend_cpu", "adapt.c", "model/head.h", false},
+      {"backend_cpu", "adapt.c", "io/file.h", false},
+      {"media", "clip.c", "io/npy.h", true},
+      {"media", "clip.c", "model/model.h", false},
+      {"media", "clip.c", "render/render_kernels.h", false},
+      {"backend", "registry.c", "backend_cpu/backend_cpu.h", true},
+      {"backend", "other.c", "backend_cpu/backend_cpu.h", false},
+      {"train", "trainer.c", "core/x.h", true},
+      {"train", "train_ops.h", "core/backend.h", false},
+      {"train", "train_ops.h", "core/types.h", true},
+      {"tools", "main.c", "args.h", true},
+      {"tools", "main.c", "core/status.h", false},
+      {"tools", "main.c", "ernerf/media.h", true},
+      {"core", "arena.c", "memory.h", false},
+      {"examples", "a.c", "io/npy.h", false},
+      {"attic", "a.c", "core/types.h", false},
+  };
+  for (size_t i = 0; i < sizeof quoted / sizeof *quoted; i++) {
+    const char *wrong = judge_quoted(quoted[i].folder, quoted[i].name, quoted[i].header);
+    if ((wrong == NULL) != quoted[i].fine)
+      fail_msg("%s/%s with \"%s\": %s", quoted[i].folder, quoted[i].name, quoted[i].header,
+               wrong != NULL ? wrong : "let pass");
+  }
+  assert_null(judge_bracketed("core", "stdio.h"));
+  assert_null(judge_bracketed("io", "sys/stat.h"));
+  assert_null(judge_bracketed("media", "opencv2/imgproc.hpp"));
+  assert_non_null(judge_bracketed("model", "libavutil/log.h"));
+  assert_non_null(judge_bracketed("mlp", "immintrin.h"));
+  assert_non_null(judge_bracketed("train", "CL/cl.h"));
+  assert_non_null(judge_bracketed("core", "gsl/gsl.h"));
+  char header[LINE_BYTES], bracket = 0;
+  assert_true(parse_include("  # include <math.h> /* x */", header, &bracket) && bracket == '<');
+  assert_string_equal(header, "math.h");
+  assert_false(parse_include("int include;", header, &bracket));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rules), cmocka_unit_test(test_tree)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

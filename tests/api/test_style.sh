@@ -1,0 +1,62 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# What a reviewer should not have to look for; CONTRIBUTING.md gives the rules. Prints every place, fails if there is one.
+# Usage: test_style.sh SOURCE
+set -euo pipefail
+cd "$1"
+
+# All files of ours that are text; the pictures and data of docs/ and data/ are not.
+mapfile -t texts < <(find include src tools tests examples cmake docs .ci ./*.md ./*.txt ./*.json .clang-format .editorconfig \
+  .gitignore LICENSE -type f ! -name '*.png' ! -name '*.npy' | sort)
+mapfile -t code < <(printf '%s\n' "${texts[@]}" | grep -E '\.(c|h|cpp|cl)$')
+mapfile -t library < <(printf '%s\n' "${code[@]}" | grep -E '^src/')
+[ "${#library[@]}" -gt 60 ] || { echo "FAIL: only ${#library[@]} files in src/"; exit 1; }
+
+faults=0
+fault() { # what; the places on standard input
+  local places
+  places=$(cat)
+  [ -z "$places" ] && return
+  printf '%s:\n%s\n' "$1" "$(sed 's/^/  /' <<<"$places")"
+  faults=$((faults + $(wc -l <<<"$places")))
+}
+
+fault 'a tab' < <(grep -nH $'\t' "${texts[@]}" || true)
+fault 'blanks at the end of a line' < <(grep -nHE ' +$' "${texts[@]}" || true)
+fault 'a carriage return' < <(grep -nH $'\r' "${texts[@]}" || true)
+fault 'no newline at the end of the file' < <(
+  for file in "${texts[@]}"; do [ -z "$(tail -c 1 "$file")" ] || echo "$file"; done)
+fault 'more than 600 lines' < <(wc -l "${code[@]}" | awk '$2 != "total" && $1 > 600 { print $2 ": " $1 }')
+fault 'unfinished by its own words' < <(
+  grep -nHE 'TODO|FIXME|XXX' "${texts[@]}" | grep -vE '^(tests/api/test_style\.sh|CONTRIBUTING\.md):' || true)
+fault 'the library prints or ends the process' < <(
+  grep -nHE '\b(abort|exit|_exit|quick_exit|printf|vprintf|puts|putchar|perror|assert) *\(|fprintf *\( *std(out|err)' \
+    "${library[@]}" | grep -v 'static_assert' || true)
+# Public headers may share a name with an inner one: they are always written ernerf/NAME.
+fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -v '^include/' | sed 's|.*/||' | sort | uniq -d)
+fault 'no licence line at the top' < <(
+  for file in "${code[@]}"; do head -n 1 "$file" | grep -q 'SPDX-License-Identifier: MIT' || echo "$file"; done)
+fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|/root/|/home/)' "${texts[@]}" |
+  grep -v '^tests/api/test_style\.sh:' || true)
+
+version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
+header=include/ernerf/base.h
+declared=$(version $header 'VERSION_MAJOR [0-9]+').$(version $header 'VERSION_MINOR [0-9]+').$(version $header 'VERSION_PATCH [0-9]+')
+configured=$(version CMakeLists.txt 'VERSION [0-9.]+ LANGUAGES')
+compiled=$(version src/core/context.c 'ern_version\(void\) \{ return "[0-9.]+"')
+if [ "$declared" != "$configured" ] || [ "$declared" != "$compiled" ]; then
+  fault 'versions differ' <<<"$header $declared, CMakeLists.txt $configured, src/core/context.c $compiled"
+fi
+
+formatter=$(command -v clang-format-14 || command -v clang-format || true)
+if [ -n "$formatter" ] && "$formatter" --version | grep -q 'version 14\.'; then
+  mapfile -t formatted < <(printf '%s\n' "${code[@]}" | grep -E '\.(c|h|cpp)$')
+  fault "not as $(basename "$formatter") would have it" < <(
+    "$formatter" --dry-run "${formatted[@]}" 2>&1 | grep -oE '^[^ :]+:[0-9]+:[0-9]+: warning' | cut -d: -f1 | sort | uniq -c |
+      awk '{ print $2 ": " $1 " places" }' || true)
+else
+  echo "clang-format 14 is not here: its part is skipped"
+fi
+
+[ "$faults" -eq 0 ] || { echo "FAIL: $faults faults of style"; exit 1; }
+echo "${#texts[@]} files are in style"
