@@ -1,0 +1,444 @@
+/* SPDX-License-Identifier: MIT
+ * The trainer as a promise: the same bytes for any number of threads and after any resume; nothing lost when a training
+ * fails, is stopped, or meets the wrong files. */
+#include <math.h>
+#include <unistd.h>
+
+#include "ernerf/ernerf.h"
+#include "support.h"
+
+enum { SIDE = 20, FRAMES = 4, WINDOWS = 6, WIDTH = 5 };
+
+/* A clip in memory: noise that differs by frame, seen by cameras that swing a little. */
+struct made {
+  ern_context *context;
+  ern_backend *backend;
+  ern_features features;
+  ern_dataset data;
+  float speech[WINDOWS * 16 * WIDTH];
+  uint8_t background[SIDE * SIDE * 3], truth[FRAMES][SIDE * SIDE * 3], torso[FRAMES][SIDE * SIDE * 4];
+  float poison; /* what the eye value of every frame becomes where it is not 0 */
+};
+
+static ern_status made_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const struct made *m = (const struct made *)user;
+  const float angle = 0.1f * (float)index - 0.1f, s = sinf(angle), c = cosf(angle);
+  (void)split;
+  *frame = (ern_dataset_frame){.matrix = {c, 0, s, s * 0.8f, 0, 1, 0, 0, -s, 0, c, c * 0.8f, 0, 0, 0, 1},
+                               .aud_id = (int64_t)index,
+                               .eye = m->poison != 0 ? m->poison : 0.2f * (float)index,
+                               .has_face = true,
+                               .face = {4, 16, 4, 16}};
+  return ERN_OK;
+}
+
+static ern_status made_pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
+  struct made *m = (struct made *)user;
+  (void)split;
+  *truth = m->truth[index];
+  *torso = m->torso[index];
+  return ERN_OK;
+}
+
+static void made_open(struct made *m) {
+  memset(m, 0, sizeof *m);
+  m->context = support_context();
+  support_ok(m->context, ern_backend_create(&m->backend, m->context, NULL));
+  for (int i = 0; i < WINDOWS * 16 * WIDTH; i++) m->speech[i] = sinf(0.37f * (float)i);
+  for (int i = 0; i < SIDE * SIDE * 3; i++) m->background[i] = (uint8_t)(i % 97 + 60);
+  for (int f = 0; f < FRAMES; f++) {
+    for (int i = 0; i < SIDE * SIDE * 3; i++) m->truth[f][i] = (uint8_t)((i * (f + 3)) % 201 + 20);
+    for (int i = 0; i < SIDE * SIDE * 4; i++)
+      m->torso[f][i] = (uint8_t)(i % 4 == 3 && i > SIDE * SIDE * 2 ? 255 : i % 181);
+  }
+  m->features = (ern_features){m->speech, WINDOWS, 16, WIDTH};
+  m->data = (ern_dataset){.user = m,
+                          .frames = {FRAMES, 1},
+                          .focal = 48,
+                          .cx = SIDE / 2,
+                          .cy = SIDE / 2,
+                          .width = SIDE,
+                          .height = SIDE,
+                          .scale = 4,
+                          .has_eye = true,
+                          .has_torso = true,
+                          .features = &m->features,
+                          .background = m->background,
+                          .identity = "11112222333344445555666677778888aaaabbbbccccddddeeeeffff00009999",
+                          .frame = made_frame,
+                          .pixels = made_pixels};
+}
+
+static void made_close(struct made *m) {
+  ern_backend_free(&m->backend);
+  ern_context_free(&m->context);
+}
+
+static ern_train_config small_config(uint64_t iters, const char *output) {
+  ern_train_config config = ern_train_config_default();
+  config.iters = iters;
+  config.rays = 96;
+  config.levels = 4;
+  config.output = output;
+  config.threads = 2;
+  config.ema_every = 2;
+  config.save_every = 0;
+  config.validate_every = 0;
+  return config;
+}
+
+static void clear_run(const char *name) {
+  char path[64];
+  snprintf(path, sizeof path, "%s.run", name);
+  support_clear(path);
+  snprintf(path, sizeof path, "%s.safetensors", name);
+  support_clear(path);
+}
+
+static ern_status train(struct made *m, const ern_train_config *config, const ern_train_hooks *hooks) {
+  ern_trainer *trainer = NULL;
+  ern_status status = ern_trainer_create(&trainer, m->backend, &m->data, config);
+  if (status == ERN_OK) status = ern_trainer_run(trainer, hooks);
+  ern_trainer_free(&trainer);
+  return status;
+}
+
+static char *read_file(const char *path, size_t *count) {
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) fail_msg("%s: cannot be opened", path);
+  fseek(file, 0, SEEK_END);
+  *count = (size_t)ftell(file);
+  rewind(file);
+  char *bytes = (char *)malloc(*count + 1);
+  assert_int_equal(fread(bytes, 1, *count, file), *count);
+  bytes[*count] = 0;
+  fclose(file);
+  return bytes;
+}
+
+static void expect_same(const char *a, const char *b) {
+  size_t a_count = 0, b_count = 0;
+  char *a_bytes = read_file(a, &a_count), *b_bytes = read_file(b, &b_count);
+  assert_int_equal(a_count, b_count);
+  if (memcmp(a_bytes, b_bytes, a_count) != 0) fail_msg("%s and %s differ", a, b);
+  free(a_bytes), free(b_bytes);
+}
+
+static int stop_hook(void *user, const ern_train_report *report) {
+  (void)user;
+  return report->step > 0;
+}
+
+/* ---- determinism ------------------------------------------------------------------------------------------------- */
+
+static void train_to(struct made *m, const char *output, uint64_t iters, int threads, uint64_t save_every) {
+  ern_train_config config = small_config(iters, output);
+  config.threads = threads;
+  config.save_every = save_every;
+  support_ok(m->context, train(m, &config, NULL));
+}
+
+static void test_threads(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("one"), clear_run("two"), clear_run("four"), clear_run("again");
+  train_to(&m, "one.safetensors", 20, 1, 0);
+  train_to(&m, "two.safetensors", 20, 2, 0);
+  train_to(&m, "four.safetensors", 20, 4, 7);
+  train_to(&m, "again.safetensors", 20, 2, 0);
+  expect_same("one.safetensors", "two.safetensors");
+  expect_same("one.safetensors", "four.safetensors");
+  expect_same("one.safetensors", "again.safetensors");
+  made_close(&m);
+}
+
+/* Another seed must not give the same. */
+static void test_seed(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("seed0"), clear_run("seed1");
+  ern_train_config config = small_config(3, "seed0.safetensors");
+  support_ok(m.context, train(&m, &config, NULL));
+  config.output = "seed1.safetensors";
+  config.seed = 1;
+  support_ok(m.context, train(&m, &config, NULL));
+  size_t a_count = 0, b_count = 0;
+  char *a = read_file("seed0.safetensors", &a_count), *b = read_file("seed1.safetensors", &b_count);
+  assert_int_equal(a_count, b_count);
+  assert_true(memcmp(a, b, a_count) != 0);
+  free(a), free(b);
+  made_close(&m);
+}
+
+/* Kills a training at step `at` by leaving after its save, then resumes it to the end. */
+static void train_in_two(struct made *m, const char *output, uint64_t at, uint64_t iters, const ern_model *head) {
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  ern_train_config config = small_config(iters, output);
+  config.torso = head != NULL;
+  config.head = head;
+  support_ok(m->context, ern_trainer_create(&trainer, m->backend, &m->data, &config));
+  for (uint64_t k = 0; k < at; k++) support_ok(m->context, ern_trainer_step(trainer, &report));
+  support_ok(m->context, ern_trainer_save(trainer));
+  support_ok(m->context, ern_trainer_step(trainer, &report)); /* lost with the process */
+  ern_trainer_free(&trainer);
+  config.resume = true;
+  support_ok(m->context, train(m, &config, NULL));
+}
+
+static void test_resume(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("straight"), clear_run("resumed");
+  train_to(&m, "straight.safetensors", 24, 2, 0);
+  train_in_two(&m, "resumed.safetensors", 17, 24, NULL);
+  expect_same("straight.safetensors", "resumed.safetensors");
+  made_close(&m);
+}
+
+static void test_torso_resume(void **state) {
+  (void)state;
+  struct made m;
+  ern_model *head = NULL, *portrait = NULL;
+  ern_model_info info;
+  made_open(&m);
+  clear_run("head"), clear_run("torso"), clear_run("torso2");
+  train_to(&m, "head.safetensors", 4, 2, 0);
+  support_ok(m.context, ern_model_load(&head, m.context, "head.safetensors"));
+  ern_train_config config = small_config(40, "torso.safetensors");
+  config.torso = true;
+  config.head = head;
+  support_ok(m.context, train(&m, &config, NULL));
+  train_in_two(&m, "torso2.safetensors", 21, 40, head);
+  expect_same("torso.safetensors", "torso2.safetensors");
+  support_ok(m.context, ern_model_load(&portrait, m.context, "torso.safetensors"));
+  ern_model_describe(portrait, &info);
+  assert_true(info.has_torso && info.has_eye && !info.has_gamma);
+  assert_int_equal(info.head_steps, 4);
+  assert_int_equal(info.torso_steps, 40);
+  ern_model_free(&head), ern_model_free(&portrait);
+  made_close(&m);
+}
+
+/* A damaged newest state: the one before it is taken. */
+static void test_damaged_state(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("hurt");
+  train_to(&m, "hurt.safetensors", 8, 2, 4);
+  size_t count = 0;
+  char *bytes = read_file("hurt.run/state.safetensors", &count);
+  support_write("hurt.run/state.safetensors", bytes, count / 2);
+  free(bytes);
+  ern_train_config config = small_config(12, "hurt.safetensors");
+  config.resume = true;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(report.step, 5);
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
+/* ---- what must not happen ---------------------------------------------------------------------------------------- */
+
+static void test_nonfinite(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  made_open(&m);
+  clear_run("nan");
+  const ern_train_config config = small_config(50, "nan.safetensors");
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  for (int k = 0; k < 3; k++) support_ok(m.context, ern_trainer_step(trainer, &report));
+  support_ok(m.context, ern_trainer_save(trainer));
+  m.poison = NAN;
+  support_expect(m.context, ern_trainer_step(trainer, &report), ERN_E_NONFINITE, "step 3", "as before", NULL);
+  m.poison = 0;
+  support_ok(m.context, ern_trainer_step(trainer, &report)); /* the values were not touched */
+  assert_int_equal(report.step, 4);
+  assert_true(isfinite(report.loss));
+  ern_trainer_free(&trainer);
+  ern_model *model = NULL;
+  support_ok(m.context, ern_model_load(&model, m.context, "nan.safetensors"));
+  ern_model_free(&model);
+  made_close(&m);
+}
+
+static void test_lock(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *first = NULL, *second = NULL;
+  made_open(&m);
+  clear_run("locked");
+  const ern_train_config config = small_config(5, "locked.safetensors");
+  support_ok(m.context, ern_trainer_create(&first, m.backend, &m.data, &config));
+  support_expect(m.context, ern_trainer_create(&second, m.backend, &m.data, &config), ERN_E_BUSY, "locked.run/lock",
+                 "another training", NULL);
+  ern_trainer_free(&first);
+  support_ok(m.context, ern_trainer_create(&second, m.backend, &m.data, &config));
+  ern_trainer_free(&second);
+  made_close(&m);
+}
+
+static void test_another_clip_or_configuration(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_model *head = NULL;
+  made_open(&m);
+  clear_run("other");
+  train_to(&m, "other.safetensors", 3, 2, 0);
+  ern_train_config config = small_config(5, "other.safetensors");
+  config.resume = true;
+  config.levels = 5;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "other.run",
+                 "levels is 4", "expects 5", NULL);
+  config.levels = 4;
+  m.data.identity = "9999222233334444555566667777888899999999ccccddddeeeeffff00001111";
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "another clip",
+                 NULL);
+  support_ok(m.context, ern_model_load(&head, m.context, "other.safetensors"));
+  config = small_config(5, NULL);
+  config.torso = true;
+  config.head = head;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "another clip",
+                 NULL);
+  config.force = true;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  ern_trainer_free(&trainer);
+  ern_model_free(&head);
+  made_close(&m);
+}
+
+/* Without --resume an earlier training stands until the first save of the new one. */
+static void test_earlier_training_untouched(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  clear_run("earlier"), clear_run("copy");
+  train_to(&m, "earlier.safetensors", 3, 2, 0);
+  train_to(&m, "copy.safetensors", 3, 2, 0);
+  const ern_train_config config = small_config(6, "earlier.safetensors");
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  ern_train_report report;
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  ern_trainer_free(&trainer);
+  expect_same("earlier.safetensors", "copy.safetensors");
+  ern_train_config resume = small_config(3, "earlier.safetensors");
+  resume.resume = true;
+  support_ok(m.context, train(&m, &resume, NULL)); /* the state of step 3 is still there */
+  expect_same("earlier.safetensors", "copy.safetensors");
+  made_close(&m);
+}
+
+static void test_stop_saves(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("stopped");
+  ern_train_config config = small_config(100000, "stopped.safetensors");
+  const ern_train_hooks hooks = {.progress = stop_hook};
+  support_expect(m.context, train(&m, &config, &hooks), ERN_E_CANCELLED, "stopped at step", "the state is saved", NULL);
+  assert_int_equal(access("stopped.run/state.safetensors", F_OK), 0);
+  made_close(&m);
+}
+
+/* ---- where a training starts ------------------------------------------------------------------------------------- */
+
+static void test_from(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  made_open(&m);
+  clear_run("source"), clear_run("target");
+  train_to(&m, "source.safetensors", 6, 2, 0);
+  ern_train_config config = small_config(9, NULL);
+  config.from = "source.safetensors"; /* weights alone: from step 0 */
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(report.step, 1);
+  ern_trainer_free(&trainer);
+  config.from = "source.run/state.safetensors"; /* with its state: from step 6 */
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(report.step, 7);
+  ern_trainer_free(&trainer);
+  config.iters = 6;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_STATE, "already at step 6",
+                 NULL);
+  made_close(&m);
+}
+
+static void test_ema(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("average");
+  ern_train_config config = small_config(10, "average.safetensors"); /* 5 updates */
+  config.ema = true;
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_STATE, "5 updates", "at least 10", NULL);
+  config = small_config(22, "average.safetensors"); /* 11 updates */
+  support_ok(m.context, train(&m, &config, NULL));
+  size_t raw_count = 0, average_count = 0;
+  char *raw = read_file("average.safetensors", &raw_count);
+  config.ema = config.resume = true; /* at the last step it only writes */
+  support_ok(m.context, train(&m, &config, NULL));
+  char *average = read_file("average.safetensors", &average_count);
+  assert_int_equal(raw_count, average_count);
+  assert_true(memcmp(raw, average, raw_count) != 0);
+  free(raw), free(average);
+  made_close(&m);
+}
+
+static void test_bad_configuration(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  ern_train_config config = small_config(5, "missing/folder/x.safetensors");
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_IO, "missing/folder/x.run",
+                 NULL);
+  config = small_config(5, NULL);
+  config.rays = 0;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "rays is 0",
+                 NULL);
+  config = small_config(5, NULL);
+  config.torso = true;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "needs the head",
+                 NULL);
+  config = small_config(5, NULL);
+  config.codes = 2;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT,
+                 "individual codes", NULL);
+  config = small_config(5, NULL);
+  config.data_begin = 4;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "frames 4",
+                 NULL);
+  made_close(&m);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads),
+                                     cmocka_unit_test(test_seed),
+                                     cmocka_unit_test(test_resume),
+                                     cmocka_unit_test(test_torso_resume),
+                                     cmocka_unit_test(test_damaged_state),
+                                     cmocka_unit_test(test_nonfinite),
+                                     cmocka_unit_test(test_lock),
+                                     cmocka_unit_test(test_another_clip_or_configuration),
+                                     cmocka_unit_test(test_earlier_training_untouched),
+                                     cmocka_unit_test(test_stop_saves),
+                                     cmocka_unit_test(test_from),
+                                     cmocka_unit_test(test_ema),
+                                     cmocka_unit_test(test_bad_configuration)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
