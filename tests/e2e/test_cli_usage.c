@@ -1,0 +1,168 @@
+/* SPDX-License-Identifier: MIT
+ * The words of the command line: help, names, ranges, what does not go together, exit status. */
+#include "cli.h"
+
+static const char *const verbs[] = {"train", "render", "eval", "check", "info", "synth"};
+enum { VERBS = sizeof verbs / sizeof verbs[0] };
+static struct cli cli;
+
+static void test_help(void **state) {
+  (void)state;
+  cli_run(&cli, "--help");
+  cli_expect_out(&cli, 0, "train", "render", "eval", "check", "info", "synth", NULL);
+  assert_null(strstr(cli.out, "bench")); /* nothing is promised that is not there */
+  assert_null(strstr(cli.out, "convert"));
+  for (int i = 0; i < VERBS; i++) {
+    cli_run(&cli, "%s --help", verbs[i]);
+    cli_expect_out(&cli, 0, verbs[i], "--quiet", "--json", NULL);
+    assert_string_equal(cli.err, "");
+  }
+  cli_run(&cli, "train word --quiet -h"); /* wherever it stands */
+  cli_expect(&cli, 0, NULL);
+  char version[64];
+  snprintf(version, sizeof version, "ernerf %s\n", ern_version());
+  cli_run(&cli, "--version");
+  cli_expect(&cli, 0, NULL);
+  assert_string_equal(cli.out, version);
+}
+
+static void test_verbs(void **state) {
+  (void)state;
+  cli_run(&cli, "%s", "");
+  cli_expect(&cli, 2, "verb is missing", NULL);
+  cli_run(&cli, "rendr head.safetensors");
+  cli_expect(&cli, 2, "rendr", "nearest is render", NULL);
+  static const char *const later[] = {"convert", "bench"};
+  for (size_t i = 0; i < sizeof later / sizeof later[0]; i++) {
+    cli_run(&cli, "%s", later[i]);
+    cli_expect(&cli, 2, "unknown verb", later[i], NULL);
+  }
+}
+
+/* A line, and two words that its refusal holds. */
+static const char *const refused[][3] = {
+    {"train", "CLIP is missing", "--help"},
+    {"train clip", "-o", "missing"},
+    {"train clip -o x.pth", "x.pth", ".safetensors"},
+    {"train clip -o x.safetensors --iter 5", "unknown option --iter", "nearest is --iters"},
+    {"train clip -o x.safetensors --torso", "--torso needs", "--head"},
+    {"train clip -o x.safetensors --head h.safetensors", "--head", "needs --torso"},
+    {"train clip -o x.safetensors --torso --head h.safetensors --levels 12", "--levels", "--torso"},
+    {"train clip -o x.safetensors --resume --from y.safetensors", "--from", "--resume"},
+    {"train clip -o x.safetensors --device 1", "--device", "--backend opencl"},
+    {"train clip -o x.safetensors --audio a.npy --asr_model hubert", "--asr_model", "--audio"},
+    {"render m.safetensors -o x.mp4", "--clip", "neither"},
+    {"render m.safetensors --clip c --poses p.json -o x.mp4", "--poses", "both"},
+    {"render --clip c -o x.mp4", "MODEL", "missing"},
+    {"render m.safetensors --clip c -o x.avi", "x.avi", ".mp4"},
+    {"render m.safetensors --clip c -o x.png", "x.png", "%d"},
+    {"render m.safetensors --clip c -o x%d%d.png", "x%d%d.png", "%05d"},
+    {"render m.safetensors --clip c -o %d/x.png", "%d/x.png", "%05d"},
+    {"render m.safetensors --poses p.json -o x.mp4", "--poses", "--audio"},
+    {"render m.safetensors --poses p.json --audio a.npy --split val -o x.mp4", "--split", "--clip"},
+    {"render m.safetensors --clip c --wav w.wav -o x%d.png", "--wav", ".mp4"},
+    {"render m.safetensors --clip c --smooth_path_window 5 -o x.mp4", "--smooth_path_window", "--smooth_path"},
+    {"render m.safetensors --clip c --smooth_path --smooth_path_window 4 -o x.mp4", "4", "odd"},
+    {"render m.safetensors --clip c --fix_eye 0.5 --smooth_eye -o x.mp4", "--smooth_eye", "--fix_eye"},
+    {"render m.safetensors --clip c -o - --json", "--json", "standard output"},
+    {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "no more than 1"},
+    {"eval m.safetensors", "CLIP", "missing"},
+    {"eval m.safetensors clip --fix_eye 0.5", "unknown option --fix_eye", "nearest"}, /* not of this verb */
+    {"check clip --threads 2", "unknown option --threads", "nearest"},
+    {"check clip --json=there.txt", "there.txt", ".json"},
+    {"synth", "DIR", "missing"},
+    {"synth there --no-blink=yes", "--no-blink", "switch"},
+};
+
+static void test_refused(void **state) {
+  (void)state;
+  for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
+    cli_run(&cli, "%s", refused[i][0]);
+    cli_expect(&cli, 2, refused[i][1], refused[i][2], "--help", NULL);
+    assert_string_equal(cli.out, "");
+  }
+}
+
+/* Verb and option, a value that is refused, what is expected instead. */
+static const char *const out_of_range[][4] = {
+    {"train", "iters", "0", "from 1"},
+    {"train", "rays", "1048577", "from 1 to 1048576"},
+    {"train", "levels", "25", "from 2 to 24"},
+    {"train", "lr_net", "0", "number from"},
+    {"train", "torso_shrink", "1.5", "to 1"},
+    {"train", "data_range", "5 2", "A < B"},
+    {"train", "memory", "99999999999G", "number of bytes"},
+    {"train", "backend", "cuda", "auto|cpu|opencl"},
+    {"render", "frames", "4:2", "A < B"},
+    {"render", "size", "64x8193", "from 1 to 8192"},
+    {"render", "fix_eye", "1.01", "from 0 to 1"},
+    {"render", "split", "test", "train|val|all"},
+    {"synth", "size", "1025", "from 64 to 1024"},
+    {"synth", "frames", "7", "from 8"},
+};
+
+static void test_ranges(void **state) {
+  (void)state;
+  for (size_t i = 0; i < sizeof out_of_range / sizeof out_of_range[0]; i++) {
+    const char *const *row = out_of_range[i];
+    char found[64], *space = NULL;
+    cli_run(&cli, "%s a --%s %s", row[0], row[1], row[2]);
+    snprintf(found, sizeof found, "%s", row[2]);
+    if ((space = strchr(found, ' ')) != NULL) *space = ':'; /* two words are told as one range */
+    cli_expect(&cli, 2, found, "expected", row[3], NULL);
+  }
+  cli_run(&cli, "train clip -o --iters 5");
+  cli_expect(&cli, 2, "needs a value", NULL);
+}
+
+/* Every name that users of the public code know is understood, with dashes or underscores, with '=' or without: the
+ * clip that is missing is then the only thing to say. */
+static void test_public_names(void **state) {
+  (void)state;
+  static const char *const lines[] = {
+      "train nowhere -o x.safetensors --iters 10 --lr 0.01 --lr_net 0.001 --num_rays 64 --seed 3 --asr_model "
+      "deepspeech "
+      "--data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4",
+      "train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
+      "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --audio_pad=zero --save_every=5",
+      "train nowhere --memory 1G --output=x.safetensors --data_range 3 7 --validate-every 10 --ema_every=2 --ema",
+  };
+  for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+    cli_run(&cli, "%s", lines[i]);
+    cli_expect(&cli, 1, "nowhere", "missing", NULL);
+  }
+  cli_run(&cli,
+          "render nowhere.safetensors --clip c -o x.mp4 --aud a.npy --smooth_path --smooth_path_window 7 --fix_eye 0.2 "
+          "--smooth_lips --bg_img white --max_steps 16 --torso_shrink 0.8 --size 64X32 --frames 2: --seed 1");
+  cli_expect(&cli, 1, "nowhere.safetensors", NULL);
+  cli_run(
+      &cli,
+      "render nowhere.safetensors --clip c --output=x.mp4 --smooth-eye --smooth-path --asr-model=hubert --split=val");
+  cli_expect(&cli, 1, "nowhere.safetensors", NULL);
+  cli_run(&cli, "eval nowhere.safetensors c --smooth-lips --force --frames :5 --audio-pad=zero");
+  cli_expect(&cli, 1, "nowhere.safetensors", NULL);
+  assert_false(cli_there("x.safetensors") || cli_there("x.run") || cli_there("x.mp4"));
+}
+
+static void test_json(void **state) {
+  (void)state;
+  support_clear("said.json");
+  cli_run(&cli, "info devices --json");
+  json_decref(cli_json(&cli, NULL));
+  cli_run(&cli, "info --json devices"); /* the next word is taken only if it is - or ends in .json */
+  json_decref(cli_json(&cli, NULL));
+  cli_run(&cli, "info devices --json said.json");
+  cli_expect_out(&cli, 0, "cpu", NULL);
+  json_decref(cli_json(&cli, "said.json"));
+  support_clear("said.json");
+  cli_run(&cli, "info devices --json=said.json");
+  cli_expect(&cli, 0, NULL);
+  json_decref(cli_json(&cli, "said.json"));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_help),         cmocka_unit_test(test_verbs),
+                                     cmocka_unit_test(test_refused),      cmocka_unit_test(test_ranges),
+                                     cmocka_unit_test(test_public_names), cmocka_unit_test(test_json)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,399 @@
+/* SPDX-License-Identifier: MIT */
+#include "args.h"
+
+#include <ctype.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NAME_BYTES = 64, TEXT_BYTES = 256 };
+
+int args_refuse(const struct args *args, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  fprintf(stderr, "ernerf %s: ", args->verb);
+  vfprintf(stderr, format, values);
+  va_end(values);
+  fprintf(stderr, "\n`ernerf %s --help` lists what there is\n", args->verb);
+  return EXIT_USAGE;
+}
+
+/* What stands before a name: one dash before a single letter. */
+static const char *dashes_of(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
+
+/* ---- names ------------------------------------------------------------------------------------------------------- */
+
+static char plain(char c) { return c == '_' ? '-' : c; }
+
+/* Whether the `length` letters at `a` are the name `b`. */
+static bool same_name(const char *a, size_t length, const char *b) {
+  if (strlen(b) != length) return false;
+  for (size_t i = 0; i < length; i++)
+    if (plain(a[i]) != plain(b[i])) return false;
+  return true;
+}
+
+/* The name, or one of its other names. */
+static bool names_option(const struct option *option, const char *name, size_t length) {
+  if (same_name(name, length, option->name)) return true;
+  char alias[NAME_BYTES];
+  for (const char *at = option->alias; at != NULL && *at != 0;) {
+    const size_t bytes = strcspn(at, " ");
+    snprintf(alias, sizeof alias, "%.*s", (int)bytes, at);
+    if (same_name(name, length, alias)) return true;
+    at += bytes + strspn(at + bytes, " ");
+  }
+  return false;
+}
+
+static struct option *find_option(const struct args *args, const char *name, size_t length) {
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (names_option(&args->groups[g].options[i], name, length)) return &args->groups[g].options[i];
+  return NULL;
+}
+
+bool args_given(const struct args *args, const char *name) {
+  const struct option *option = find_option(args, name, strlen(name));
+  return option != NULL && option->given;
+}
+
+int args_forbid(const struct args *args, const char *names, const char *why) {
+  for (const char *at = names; *at != 0;) {
+    const size_t bytes = strcspn(at, " ");
+    const struct option *option = find_option(args, at, bytes);
+    if (option != NULL && option->given) return args_refuse(args, "--%.*s %s", (int)bytes, at, why);
+    at += bytes + strspn(at + bytes, " ");
+  }
+  return -1;
+}
+
+/* Levenshtein's distance: letters to put in, take out or change. */
+static size_t distance(const char *a, const char *b) {
+  size_t row[NAME_BYTES + 1];
+  const size_t length = strlen(b) < NAME_BYTES ? strlen(b) : NAME_BYTES;
+  for (size_t j = 0; j <= length; j++) row[j] = j;
+  for (size_t i = 0; a[i] != 0; i++) {
+    size_t corner = row[0];
+    row[0] = i + 1;
+    for (size_t j = 1; j <= length; j++) {
+      const size_t change = corner + (plain(a[i]) != plain(b[j - 1]));
+      const size_t shift = (row[j] < row[j - 1] ? row[j] : row[j - 1]) + 1;
+      corner = row[j];
+      row[j] = change < shift ? change : shift;
+    }
+  }
+  return row[length];
+}
+
+const char *args_nearest(const char *name, const char *const *names, size_t count) {
+  const char *best = count > 0 ? names[0] : "";
+  for (size_t i = 1; i < count; i++)
+    if (distance(name, names[i]) < distance(name, best)) best = names[i];
+  return best;
+}
+
+static int refuse_unknown(const struct args *args, const char *word, size_t length) {
+  char name[NAME_BYTES];
+  const char *names[128];
+  size_t count = 0;
+  snprintf(name, sizeof name, "%.*s", (int)length, word + strspn(word, "-"));
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count && count < 128; i++) names[count++] = args->groups[g].options[i].name;
+  const char *nearest = args_nearest(name, names, count);
+  return args_refuse(args, "unknown option %.*s, the nearest is %s%s", (int)(length + strspn(word, "-")), word,
+                     dashes_of(nearest), nearest);
+}
+
+/* ---- values ------------------------------------------------------------------------------------------------------ */
+
+static int refuse_value(const struct args *args, const struct option *option, const char *found, const char *expected) {
+  return args_refuse(args, "%s%s is \"%s\", expected %s", dashes_of(option->name), option->name, found, expected);
+}
+
+/* What a number may be, in words. */
+static const char *limits(const struct option *option, const char *what, char text[TEXT_BYTES]) {
+  if (option->kind == OPTION_COUNT && option->high == 0)
+    snprintf(text, TEXT_BYTES, "%s, %.0f or more", what, option->low);
+  else
+    snprintf(text, TEXT_BYTES, option->kind == OPTION_FLOAT ? "%s from %g to %g" : "%s from %.0f to %.0f", what,
+             option->low, option->high);
+  return text;
+}
+
+/* Whole words only: digits, nothing before or after. */
+static bool read_count(const char *text, size_t length, uint64_t *value) {
+  *value = 0;
+  if (length == 0) return false;
+  for (size_t i = 0; i < length; i++) {
+    if (text[i] < '0' || text[i] > '9') return false;
+    const uint64_t digit = (uint64_t)(text[i] - '0');
+    if (*value > (UINT64_MAX - digit) / 10) return false;
+    *value = *value * 10 + digit;
+  }
+  return true;
+}
+
+static int take_number(const struct args *args, struct option *option, const char *text) {
+  char expected[TEXT_BYTES];
+  uint64_t count = 0;
+  if (option->kind == OPTION_FLOAT) {
+    char *end = NULL;
+    const double value = strtod(text, &end);
+    if (end == text || *end != 0 || !isfinite(value) || value < option->low || value > option->high)
+      return refuse_value(args, option, text, limits(option, "a number", expected));
+    *(float *)option->target = (float)value;
+    return -1;
+  }
+  const bool minus = text[0] == '-';
+  const bool read = read_count(text + minus, strlen(text + minus), &count);
+  const double value = minus ? -(double)count : (double)count;
+  if (!read || value < option->low || (value > option->high && (option->kind == OPTION_INT || option->high != 0)))
+    return refuse_value(args, option, text, limits(option, "a whole number", expected));
+  if (option->kind == OPTION_INT)
+    *(int *)option->target = (int)value;
+  else
+    *(uint64_t *)option->target = count;
+  return -1;
+}
+
+static int take_bytes(const struct args *args, struct option *option, const char *text) {
+  static const char units[] = "kmgt";
+  const size_t digits = strspn(text, "0123456789");
+  const char *unit = text[digits] != 0 ? strchr(units, tolower((unsigned char)text[digits])) : NULL;
+  const int shift = unit != NULL ? 10 * (int)(unit - units + 1) : 0;
+  uint64_t count = 0;
+  const bool read = read_count(text, digits, &count) && text[digits + (unit != NULL)] == 0;
+  if (!read || count == 0 || count > UINT64_MAX >> shift)
+    return refuse_value(args, option, text, "a number of bytes such as 800000000, 512M or 4G");
+  *(uint64_t *)option->target = count << shift;
+  return -1;
+}
+
+static int take_choice(const struct args *args, struct option *option, const char *text) {
+  char expected[TEXT_BYTES];
+  int index = 0;
+  for (const char *at = option->choices; *at != 0; index++) {
+    const size_t bytes = strcspn(at, "|");
+    if (strlen(text) == bytes && strncmp(text, at, bytes) == 0) {
+      *(int *)option->target = index;
+      return -1;
+    }
+    at += bytes + (at[bytes] == '|');
+  }
+  snprintf(expected, sizeof expected, "one of %s", option->choices);
+  return refuse_value(args, option, text, expected);
+}
+
+static int take_range(const struct args *args, struct option *option, const char *text) {
+  struct range *range = option->target;
+  const char *colon = strchr(text, ':');
+  *range = (struct range){0};
+  bool read = colon != NULL && (colon == text || read_count(text, (size_t)(colon - text), &range->begin));
+  if (read) {
+    const bool last = strcmp(colon + 1, "-1") == 0 && option->kind == OPTION_RANGE_PAIR;
+    range->open_end = colon[1] == 0 || last;
+    read = range->open_end || read_count(colon + 1, strlen(colon + 1), &range->end);
+  }
+  if (!read || (!range->open_end && range->begin >= range->end))
+    return refuse_value(args, option, text, "A:B with 0 <= A < B; A alone or B alone may be left out");
+  return -1;
+}
+
+static int take_dimensions(const struct args *args, struct option *option, const char *text) {
+  struct dimensions *size = option->target;
+  const size_t digits = strspn(text, "0123456789");
+  uint64_t width = 0, height = 0;
+  const bool read = read_count(text, digits, &width) && tolower((unsigned char)text[digits]) == 'x' &&
+                    read_count(text + digits + 1, strlen(text + digits + 1), &height);
+  const double low = option->low, high = option->high;
+  if (!read || (double)width < low || (double)width > high || (double)height < low || (double)height > high) {
+    char expected[TEXT_BYTES];
+    snprintf(expected, sizeof expected, "WxH in pixels, each from %.0f to %.0f, such as 512x512", low, high);
+    return refuse_value(args, option, text, expected);
+  }
+  *size = (struct dimensions){.width = (int)width, .height = (int)height};
+  return -1;
+}
+
+static bool ends_in(const char *text, const char *ending) {
+  const size_t bytes = strlen(text), tail = strlen(ending);
+  return bytes > tail && strcmp(text + bytes - tail, ending) == 0;
+}
+
+static int take_value(const struct args *args, struct option *option, const char *text) {
+  switch (option->kind) {
+    case OPTION_INT:
+    case OPTION_COUNT:
+    case OPTION_FLOAT: return take_number(args, option, text);
+    case OPTION_BYTES: return take_bytes(args, option, text);
+    case OPTION_CHOICE: return take_choice(args, option, text);
+    case OPTION_RANGE:
+    case OPTION_RANGE_PAIR: return take_range(args, option, text);
+    case OPTION_DIMENSIONS: return take_dimensions(args, option, text);
+    case OPTION_JSON:
+      if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
+        return refuse_value(args, option, text, "- or a name that ends in .json");
+      *(const char **)option->target = text;
+      return -1;
+    default:
+      if (text[0] == 0) return refuse_value(args, option, text, "a value");
+      *(const char **)option->target = text;
+      return -1;
+  }
+}
+
+/* ---- the line ---------------------------------------------------------------------------------------------------- */
+
+/* Takes the option in argv[0] and as many words as it needs; *used says how many. `value` is what stood behind '='. */
+static int take_option(const struct args *args, struct option *option, const char *value, int argc, char **argv,
+                       int *used) {
+  *used = 1;
+  option->given = true;
+  if (option->kind == OPTION_FLAG || option->kind == OPTION_OFF) {
+    if (value != NULL) return refuse_value(args, option, value, "nothing: it is a switch");
+    *(bool *)option->target = option->kind == OPTION_FLAG;
+    return -1;
+  }
+  if (option->kind == OPTION_JSON && value == NULL) {
+    const bool takes = argc > 1 && (strcmp(argv[1], "-") == 0 || (argv[1][0] != '-' && ends_in(argv[1], ".json")));
+    *used += takes;
+    return take_value(args, option, takes ? argv[1] : "-");
+  }
+  if (value == NULL) {
+    if (argc < 2 || strncmp(argv[1], "--", 2) == 0)
+      return args_refuse(args, "%s%s needs a value", dashes_of(option->name), option->name);
+    value = argv[1];
+    *used = 2;
+  }
+  if (option->kind == OPTION_RANGE_PAIR && strchr(value, ':') == NULL && argc > *used) {
+    char pair[TEXT_BYTES];
+    if (snprintf(pair, sizeof pair, "%s:%s", value, argv[*used]) < (int)sizeof pair) {
+      *used += 1;
+      return take_value(args, option, pair);
+    }
+  }
+  return take_value(args, option, value);
+}
+
+static void print_help(const struct args *args);
+
+int args_parse(struct args *args, int argc, char **argv) {
+  size_t words = 0;
+  bool options_end = false;
+  for (int i = 0; i < argc; i++)
+    if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
+      print_help(args);
+      return EXIT_SUCCESS;
+    }
+  for (int i = 0, used = 1; i < argc; i += used) {
+    const char *word = argv[i];
+    used = 1;
+    if (!options_end && strcmp(word, "--") == 0) {
+      options_end = true;
+    } else if (!options_end && word[0] == '-' && word[1] != 0) {
+      const size_t dashes = word[1] == '-' ? 2 : 1;
+      const size_t length = strcspn(word + dashes, "=");
+      struct option *option = find_option(args, word + dashes, length);
+      /* one dash is for names of one letter */
+      if (option == NULL || (dashes == 1) != (length == 1)) return refuse_unknown(args, word, length);
+      const char *value = word[dashes + length] == '=' ? word + dashes + length + 1 : NULL;
+      const int status = take_option(args, option, value, argc - i, argv + i, &used);
+      if (status >= 0) return status;
+    } else if (words < args->word_count && word[0] != 0) {
+      *args->words[words++].target = word;
+    } else {
+      return args_refuse(args, "found the word \"%s\", expected no more than %zu", word, args->word_count);
+    }
+  }
+  if (words < args->word_count) return args_refuse(args, "%s is missing", args->words[words].name);
+  return -1;
+}
+
+/* ---- help -------------------------------------------------------------------------------------------------------- */
+
+enum { HELP_COLUMN = 34, HELP_WIDTH = 100 };
+
+static const char *value_name(const struct option *option) {
+  if (option->choices != NULL) return option->choices;
+  switch (option->kind) {
+    case OPTION_INT:
+    case OPTION_COUNT: return "N";
+    case OPTION_FLOAT: return "X";
+    case OPTION_TEXT: return "FILE";
+    case OPTION_BYTES: return "BYTES";
+    case OPTION_RANGE:
+    case OPTION_RANGE_PAIR: return "A:B";
+    case OPTION_DIMENSIONS: return "WxH";
+    case OPTION_JSON: return "[FILE.json|-]";
+    default: return NULL;
+  }
+}
+
+/* Words from column HELP_COLUMN on, broken at HELP_WIDTH; `column` is where the pen is. */
+static void print_wrapped(int column, const char *text) {
+  if (column >= HELP_COLUMN) {
+    printf("\n");
+    column = 0;
+  }
+  printf("%*s", HELP_COLUMN - column, "");
+  column = HELP_COLUMN;
+  while (*text != 0) {
+    const int bytes = (int)strcspn(text, " ");
+    if (column > HELP_COLUMN && column + 1 + bytes > HELP_WIDTH) {
+      printf("\n%*s", HELP_COLUMN, "");
+      column = HELP_COLUMN;
+    }
+    column += printf(column > HELP_COLUMN ? " %.*s" : "%.*s", bytes, text);
+    text += bytes;
+    text += strspn(text, " ");
+  }
+  printf("\n");
+}
+
+/* What a number is without the option, where the help does not tell it already. */
+static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
+  text[0] = 0;
+  if (strstr(option->help, "default") != NULL) return text;
+  if (option->kind == OPTION_INT) snprintf(text, TEXT_BYTES, " (default %d)", *(int *)option->target);
+  if (option->kind == OPTION_COUNT) snprintf(text, TEXT_BYTES, " (default %" PRIu64 ")", *(uint64_t *)option->target);
+  if (option->kind == OPTION_FLOAT) snprintf(text, TEXT_BYTES, " (default %g)", (double)*(float *)option->target);
+  return text;
+}
+
+static void print_option(const struct option *option) {
+  char aliases[TEXT_BYTES] = "";
+  size_t used = 0;
+  for (const char *at = option->alias; at != NULL && *at != 0;) {
+    const size_t bytes = strcspn(at, " ");
+    used +=
+        (size_t)snprintf(aliases + used, sizeof aliases - used, ", %s%.*s", bytes == 1 ? "-" : "--", (int)bytes, at);
+    at += bytes + strspn(at + bytes, " ");
+  }
+  const char *value = value_name(option);
+  const int column = printf("  %s%s%s%s%s", dashes_of(option->name), option->name, aliases, value != NULL ? " " : "",
+                            value != NULL ? value : "");
+  char help[1024], preset[TEXT_BYTES];
+  snprintf(help, sizeof help, "%s%s", option->help, preset_of(option, preset));
+  print_wrapped(column, help);
+}
+
+static void print_help(const struct args *args) {
+  printf("%s\n\n", args->summary);
+  for (const char *at = args->usage; *at != 0;) {
+    const size_t bytes = strcspn(at, "\n");
+    printf("  ernerf %.*s\n", (int)bytes, at);
+    at += bytes + (at[bytes] == '\n');
+  }
+  printf("\n");
+  for (size_t i = 0; i < args->word_count; i++) print_wrapped(printf("  %s", args->words[i].name), args->words[i].help);
+  for (int g = 0; g < ARGS_GROUPS; g++) {
+    if (args->groups[g].count == 0) continue;
+    printf("\n%s\n", args->groups[g].title);
+    for (size_t i = 0; i < args->groups[g].count; i++) print_option(&args->groups[g].options[i]);
+  }
+  if (args->notes != NULL) printf("\n%s\n", args->notes);
+}

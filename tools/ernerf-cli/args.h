@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT
+ * The words of a command line, read by tables: a row an option, a table a group. Dashes and underscores are the same in
+ * names; `--name value` and `--name=value` both do. */
+#ifndef ERN_CLI_ARGS_H
+#define ERN_CLI_ARGS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "ernerf/base.h"
+
+enum { EXIT_USAGE = 2 }; /* wrong words; 1 (EXIT_FAILURE) is for work that failed */
+
+/* Half-open, counted from 0. open_end: to the last, `end` is then unused. */
+struct range {
+  uint64_t begin, end;
+  bool open_end;
+};
+
+/* Pixels. */
+struct dimensions {
+  int width, height;
+};
+
+enum option_kind {
+  OPTION_FLAG,       /* bool: set to true */
+  OPTION_OFF,        /* bool: set to false */
+  OPTION_INT,        /* int in [low, high] */
+  OPTION_COUNT,      /* uint64_t in [low, high]; high 0: no end */
+  OPTION_FLOAT,      /* float in [low, high] */
+  OPTION_TEXT,       /* const char *, not empty */
+  OPTION_BYTES,      /* uint64_t >= 1 with K, M, G for powers of 1024 */
+  OPTION_CHOICE,     /* int: index of the word in `choices`, split at '|' */
+  OPTION_RANGE,      /* struct range: A:B, either may be left out */
+  OPTION_RANGE_PAIR, /* struct range: A:B, or the two words A B; B -1: to the last */
+  OPTION_DIMENSIONS, /* struct dimensions: WxH, each in [low, high] */
+  OPTION_JSON        /* const char *: "-", a name ending in .json, or nothing ("-" then) */
+};
+
+struct option {
+  const char *name, *alias; /* without dashes; alias NULL or other names split at spaces */
+  enum option_kind kind;
+  void *target;
+  double low, high;
+  const char *choices; /* of OPTION_CHOICE; of others what the help calls the value, NULL: by kind */
+  const char *help;
+  bool given; /* set by the parser */
+};
+
+struct word {
+  const char *name; /* as the help says it: "CLIP" */
+  const char **target;
+  const char *help;
+};
+
+enum { ARGS_GROUPS = 3 };
+
+struct args {
+  const char *verb;    /* for messages; of `ernerf VERB` */
+  const char *summary; /* what the verb does, in a line */
+  const char *usage;   /* how it is called, lines without "ernerf " */
+  const char *notes;   /* paragraphs after the options; NULL: none */
+  struct word *words;
+  size_t word_count;
+  struct {
+    const char *title;
+    struct option *options;
+    size_t count;
+  } groups[ARGS_GROUPS];
+};
+
+/* Reads argv[0 .. argc - 1], the words after the verb. Returns -1 to go on, else the exit status: EXIT_SUCCESS after
+ * --help, EXIT_USAGE after a sentence on stderr. */
+int args_parse(struct args *args, int argc, char **argv);
+
+/* Whether the option was on the command line. `name` must be one of the tables. */
+bool args_given(const struct args *args, const char *name);
+
+/* Says "ernerf VERB: ..." and where the help is, on stderr. Returns EXIT_USAGE. */
+int args_refuse(const struct args *args, const char *format, ...) ERN_PRINTF(2, 3);
+
+/* EXIT_USAGE with a sentence when one of `names` (split at spaces) was given, for the reason `why`; else -1. */
+int args_forbid(const struct args *args, const char *names, const char *why);
+
+/* Of `count` names the one nearest to `name` by edits. */
+const char *args_nearest(const char *name, const char *const *names, size_t count);
+
+#endif

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf check: what a clip has, what it lacks, what follows. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "ernerf/media.h"
+#include "session.h"
+#include "verbs.h"
+
+struct findings {
+  struct session *session;
+  json_t *list;
+};
+
+static void take_finding(void *user, int ok, const char *sentence) {
+  struct findings *findings = user;
+  const char *mark = ok > 0 ? "ok" : ok == 0 ? "missing" : "wrong";
+  if (!session_json_on_stdout(findings->session) && (ok <= 0 || !findings->session->quiet))
+    printf("%-8s %s\n", mark, sentence);
+  json_array_append_new(findings->list, json_pack("{s:s, s:s}", "mark", mark, "sentence", sentence));
+}
+
+int cmd_check(int argc, char **argv) {
+  struct session session = {0};
+  const char *clip = NULL;
+  struct option output[SESSION_OUTPUT_OPTIONS];
+  struct word words[] = {{"CLIP", &clip, "folder of a preprocessed clip"}};
+  struct args args = {
+      .verb = "check",
+      .summary = "Says what a clip has, what it lacks, what will be learnt and which step makes what is missing.",
+      .usage = "check CLIP",
+      .notes =
+          "Marks: ok, missing (not needed: it says what goes without), wrong. Exit status 1 where a training could\n"
+          "not start. With --quiet the lines marked ok are left out.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  session_output_options(&session, output);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = session_open(&session, &args);
+  if (status >= 0) return status;
+
+  struct findings findings = {.session = &session, .list = json_array()};
+  const ern_status found = ern_clip_check(session.context, clip, take_finding, &findings);
+  fflush(stdout);
+  status = found == ERN_OK ? EXIT_SUCCESS : session_fail(&session);
+  const int written = session_report(
+      &session, json_pack("{s:s, s:b, s:o}", "clip", clip, "ok", found == ERN_OK, "findings", findings.list));
+  session_close(&session);
+  return status != EXIT_SUCCESS ? status : written;
+}

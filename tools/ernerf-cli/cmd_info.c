@@ -1,0 +1,215 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf info: the contents of a file, or the devices. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/data.h"
+#include "ernerf/model.h"
+#include "session.h"
+#include "verbs.h"
+
+/* ---- devices ----------------------------------------------------------------------------------------------------- */
+
+struct device_list {
+  struct session *session;
+  json_t *list;
+};
+
+static void take_device(void *user, const ern_device_info *device) {
+  struct device_list *devices = user;
+  const double gib = (double)device->memory_bytes / (1024.0 * 1024 * 1024);
+  if (!session_json_on_stdout(devices->session)) {
+    printf("%-7s %d  %s, %u compute units, %.1f GiB%s%s\n", device->kind, device->number, device->name,
+           device->compute_units, gib, device->version[0] != 0 ? ", " : "", device->version);
+    if (device->instruction_sets[0] != 0) printf("           instruction sets: %s\n", device->instruction_sets);
+  }
+  json_array_append_new(
+      devices->list,
+      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I}", "kind", device->kind, "number", device->number, "name",
+                device->name, "version", device->version, "instruction_sets", device->instruction_sets, "compute_units",
+                (json_int_t)device->compute_units, "memory_bytes", (json_int_t)device->memory_bytes));
+}
+
+static int list_devices(struct session *session) {
+  struct device_list devices = {.session = session, .list = json_array()};
+  if (ern_devices_list(session->context, take_device, &devices) != ERN_OK) {
+    json_decref(devices.list);
+    return session_fail(session);
+  }
+  if (!session_json_on_stdout(session))
+    printf("\nbackends: auto (the CPU), cpu; opencl lists its devices and is refused by the other verbs for now\n");
+  return session_report(session, json_pack("{s:[s, s], s:o}", "backends", "auto", "cpu", "devices", devices.list));
+}
+
+/* ---- tensors ----------------------------------------------------------------------------------------------------- */
+
+struct tensor_list {
+  json_t *list;
+  bool state; /* holds the rest of a training's state */
+  int dims;
+  size_t shape[4]; /* of the last one */
+};
+
+static void take_tensor(void *user, const ern_tensor_info *tensor) {
+  struct tensor_list *tensors = user;
+  json_t *shape = json_array();
+  for (int d = 0; d < tensor->dims; d++) json_array_append_new(shape, json_integer((json_int_t)tensor->shape[d]));
+  json_array_append_new(tensors->list, json_pack("{s:s, s:s, s:o}", "name", tensor->name != NULL ? tensor->name : "",
+                                                 "dtype", tensor->dtype, "shape", shape));
+  tensors->state |= tensor->name != NULL && strncmp(tensor->name, "state.", 6) == 0;
+  tensors->dims = tensor->dims;
+  memcpy(tensors->shape, tensor->shape, sizeof tensors->shape);
+}
+
+static void print_tensors(json_t *list) {
+  size_t index;
+  json_t *tensor;
+  printf("tensors:\n");
+  json_array_foreach(list, index, tensor) {
+    char *shape = json_dumps(json_object_get(tensor, "shape"), 0);
+    printf("  %-44s %-4s %s\n", json_string_value(json_object_get(tensor, "name")),
+           json_string_value(json_object_get(tensor, "dtype")), shape != NULL ? shape : "");
+    free(shape);
+  }
+}
+
+/* ---- models ------------------------------------------------------------------------------------------------------ */
+
+static json_t *effects_of(const ern_model_info *info) {
+  json_t *effects = json_pack("[s]", "audio");
+  if (info->has_eye) json_array_append_new(effects, json_string("eye"));
+  json_array_append_new(effects, json_string("view"));
+  if (info->has_codes) json_array_append_new(effects, json_string("code"));
+  if (info->has_torso) json_array_append_new(effects, json_string("torso"));
+  return effects;
+}
+
+static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
+  char *list = json_dumps(effects, 0);
+  printf("%s: %s\n", path, kind);
+  printf("  steps            head %" PRIu64 ", torso %" PRIu64 "\n", info->head_steps, info->torso_steps);
+  printf("  levels           %d\n", info->levels);
+  printf("  features         %d wide\n", info->feature_width);
+  printf("  effects          %s\n", list != NULL ? list : "");
+  printf("  codes            %d\n", info->codes);
+  printf("  bound            %g\n", (double)info->bound);
+  printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
+  printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
+  free(list);
+}
+
+static int describe_model(struct session *session, const char *path) {
+  struct tensor_list tensors = {.list = json_array()};
+  ern_model *model = NULL;
+  ern_model_info info;
+  ern_status status = ern_file_tensors(session->context, path, take_tensor, &tensors);
+  if (status == ERN_OK) status = ern_model_load(&model, session->context, path);
+  if (status != ERN_OK) {
+    json_decref(tensors.list);
+    return session_fail(session);
+  }
+  ern_model_describe(model, &info);
+  const char *kind = tensors.state ? "state" : info.has_torso ? "head+torso" : "head";
+  json_t *effects = effects_of(&info);
+  if (!session_json_on_stdout(session)) {
+    print_model(path, kind, &info, effects);
+    print_tensors(tensors.list);
+  }
+  ern_model_free(&model);
+  const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
+  return session_report(
+      session, json_pack("{s:s, s:s, s:I, s:I, s:I, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:o}", "file", path,
+                         "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
+                         "torso_steps", (json_int_t)info.torso_steps, "levels", info.levels, "effects", effects,
+                         "feature_width", info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma,
+                         "bound", (double)info.bound, "clip", info.clip, "parameters", (json_int_t)info.parameters,
+                         "parameter_bytes", (json_int_t)info.parameter_bytes, "tensors", tensors.list));
+}
+
+/* ---- other files ------------------------------------------------------------------------------------------------- */
+
+static const char *features_kind(int width) {
+  return width == 29 ? "deepspeech" : width == 44 ? "wav2vec" : width == 1024 ? "hubert" : "unknown";
+}
+
+/* An array that has the shape of speech features must be some; any other is listed alone. */
+static int describe_array(struct session *session, const char *path) {
+  struct tensor_list tensors = {.list = json_array()};
+  ern_features features = {0};
+  ern_status status = ern_file_tensors(session->context, path, take_tensor, &tensors);
+  const bool speech = tensors.dims == 3 && tensors.shape[1] >= 1 && tensors.shape[1] <= 16 && tensors.shape[2] <= 4096;
+  if (status == ERN_OK && speech) status = ern_features_load(session->context, path, &features);
+  if (status != ERN_OK) {
+    json_decref(tensors.list);
+    return session_fail(session);
+  }
+  if (!session_json_on_stdout(session)) {
+    printf("%s: %s\n", path, speech ? "clip features" : "array");
+    if (speech)
+      printf("  windows          %zu (%.2f s)\n  window           %d vectors of %d values (%s)\n", features.windows,
+             (double)features.windows / 25, features.window_length, features.width, features_kind(features.width));
+    print_tensors(tensors.list);
+  }
+  json_t *object =
+      json_pack("{s:s, s:s, s:o}", "file", path, "kind", speech ? "clip features" : "array", "tensors", tensors.list);
+  if (speech && object != NULL) {
+    json_object_set_new(object, "windows", json_integer((json_int_t)features.windows));
+    json_object_set_new(object, "window_length", json_integer(features.window_length));
+    json_object_set_new(object, "width", json_integer(features.width));
+    json_object_set_new(object, "features", json_string(features_kind(features.width)));
+  }
+  ern_features_free(session->context, &features);
+  return session_report(session, object);
+}
+
+static int describe_poses(struct session *session, const char *path) {
+  ern_pose_list list = {0};
+  if (ern_pose_list_load(session->context, path, &list) != ERN_OK) return session_fail(session);
+  if (!session_json_on_stdout(session))
+    printf(
+        "%s: poses\n  frames           %zu\n  picture          %d x %d\n  focal length     %g\n  centre           %g, "
+        "%g\n",
+        path, list.count, list.width, list.height, list.focal, list.cx, list.cy);
+  json_t *object = json_pack("{s:s, s:s, s:I, s:i, s:i, s:f, s:f, s:f}", "file", path, "kind", "poses", "frames",
+                             (json_int_t)list.count, "width", list.width, "height", list.height, "focal", list.focal,
+                             "cx", list.cx, "cy", list.cy);
+  ern_pose_list_free(session->context, &list);
+  return session_report(session, object);
+}
+
+static int describe(struct session *session, const char *path) {
+  static const struct {
+    const char *ending;
+    int (*run)(struct session *session, const char *path);
+  } kinds[] = {{".safetensors", describe_model}, {".npy", describe_array}, {".json", describe_poses}};
+  const char *dot = strrchr(path, '.');
+  if (strcmp(path, "devices") == 0) return list_devices(session);
+  for (size_t i = 0; dot != NULL && i < sizeof kinds / sizeof kinds[0]; i++)
+    if (strcmp(dot, kinds[i].ending) == 0) return kinds[i].run(session, path);
+  return session_fail_with(session,
+                           "%s: of an unknown kind, expected .safetensors (a model), .npy (speech features) or .json "
+                           "(poses); `ernerf check` looks at the folder of a clip",
+                           path);
+}
+
+int cmd_info(int argc, char **argv) {
+  struct session session = {0};
+  const char *path = NULL;
+  struct option output[SESSION_OUTPUT_OPTIONS];
+  struct word words[] = {{"FILE", &path, "a .safetensors, .npy or .json file, or the word devices"}};
+  struct args args = {.verb = "info",
+                      .summary = "Lists what is in a model, a feature or a pose file, or the devices that can compute.",
+                      .usage = "info FILE\ninfo devices",
+                      .words = words,
+                      .word_count = 1,
+                      .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  session_output_options(&session, output);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = session_open(&session, &args);
+  if (status >= 0) return status;
+  status = describe(&session, path);
+  session_close(&session);
+  return status;
+}

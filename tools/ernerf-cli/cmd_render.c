@@ -1,0 +1,358 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf render: a model, speech and head poses to a video or pictures. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "backdrop.h"
+#include "portrait.h"
+#include "progress.h"
+#include "sink.h"
+#include "verbs.h"
+
+enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11 };
+
+/* Milliseconds, summed over the frames. */
+struct stages {
+  double read, encode;
+  ern_frame_times draw;
+};
+
+struct render_job {
+  struct session session;
+  struct portrait portrait;
+  /* from the command line */
+  const char *poses, *audio, *wav, *background, *out;
+  struct dimensions size;
+  float fix_eye;
+  bool smooth_eye, smooth_path;
+  int smooth_window;
+  /* made */
+  struct sink sink;
+  struct shots shots;
+  struct backdrop backdrop;
+  ern_features own_features; /* of --audio */
+  const ern_features *features;
+  ern_sound sound;
+  double sound_start; /* seconds */
+  float *windows;
+  struct stages stages;
+};
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static void own_options(struct render_job *job, struct option options[OWN_OPTIONS]) {
+  const struct option rows[OWN_OPTIONS] = {
+      {.name = "clip",
+       .kind = OPTION_TEXT,
+       .target = &job->portrait.clip_path,
+       .choices = "CLIP",
+       .help = "folder of a preprocessed clip: poses, speech, sound, eyes and what stands behind the head"},
+      {.name = "poses",
+       .kind = OPTION_TEXT,
+       .target = &job->poses,
+       .help = "poses alone, in the form of transforms_train.json; with --audio"},
+      {.name = "audio",
+       .alias = "aud",
+       .kind = OPTION_TEXT,
+       .target = &job->audio,
+       .help = "features of another speech (.npy): one frame a window, poses forward and back, sound from --wav"},
+      {.name = "wav", .kind = OPTION_TEXT, .target = &job->wav, .help = "sound for the video"},
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &job->out,
+       .choices = "OUT",
+       .help =
+           "NAME.mp4; pictures such as out/%05d.png or out/%05d.exr, numbered as the output's frames; - for raw RGBA8"},
+      {.name = "size",
+       .kind = OPTION_DIMENSIONS,
+       .target = &job->size,
+       .low = 1,
+       .high = ERN_IMAGE_MAX_SIDE,
+       .help = "of the frames (default that of the poses)"},
+      {.name = "bg_img",
+       .kind = OPTION_TEXT,
+       .target = &job->background,
+       .choices = "FILE|white|black",
+       .help = "background (default the clip's; with --poses transparent)"},
+      {.name = "fix_eye",
+       .kind = OPTION_FLOAT,
+       .target = &job->fix_eye,
+       .low = 0,
+       .high = 1,
+       .help = "eyes: 0 open to 1 closed, in all frames (default those of the clip; with --poses 0)"},
+      {.name = "smooth_eye",
+       .kind = OPTION_FLAG,
+       .target = &job->smooth_eye,
+       .help = "calmer lids: the mean of three frames"},
+      {.name = "smooth_path",
+       .kind = OPTION_FLAG,
+       .target = &job->smooth_path,
+       .help = "calmer head: the mean of poses"},
+      {.name = "smooth_path_window",
+       .kind = OPTION_INT,
+       .target = &job->smooth_window,
+       .low = 1,
+       .high = 9999,
+       .help = "frames of that mean, odd (default 7)"}};
+  job->smooth_window = 7;
+  memcpy(options, rows, sizeof rows);
+}
+
+/* What does not go together. */
+static int check_usage(struct render_job *job, const struct args *args) {
+  const bool clip = job->portrait.clip_path != NULL, poses = job->poses != NULL;
+  if (clip == poses)
+    return args_refuse(args, "expected --clip CLIP or --poses FILE, found %s", clip ? "both" : "neither");
+  if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
+  int status = sink_choose(&job->sink, args, job->out);
+  if (status < 0 && poses && job->audio == NULL)
+    status = args_refuse(args, "--poses has no speech of its own, expected --audio FILE.npy");
+  if (status < 0 && poses)
+    status = args_forbid(args, "split asr_model memory force smooth_eye", "is about a clip, so it needs --clip");
+  if (status < 0 && job->audio != NULL)
+    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && job->sink.kind != SINK_VIDEO)
+    status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
+  if (status < 0 && !job->smooth_path) status = args_forbid(args, "smooth_path_window", "needs --smooth_path");
+  if (status < 0 && job->smooth_window % 2 == 0)
+    status = args_refuse(args, "--smooth_path_window is %d, expected an odd number", job->smooth_window);
+  if (status < 0 && args_given(args, "fix_eye"))
+    status = args_forbid(args, "smooth_eye", "has nothing to smooth with --fix_eye");
+  if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
+    status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
+  return status;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static int open_shots(struct render_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  struct portrait *portrait = &job->portrait;
+  struct shots *shots = &job->shots;
+  int status = portrait->clip != NULL ? shots_of_clip(shots, session, portrait->clip, (enum shot_split)portrait->split)
+                                      : shots_of_poses(shots, session, job->poses);
+  if (status == 0 && job->smooth_path) status = shots_smooth_path(shots, session, job->smooth_window);
+  if (status == 0 && job->smooth_eye) status = shots_smooth_eye(shots, session);
+  if (status == 0 && args_given(args, "fix_eye")) shots_fix_eye(shots, job->fix_eye);
+  if (status == 0 && job->audio != NULL) status = shots_replay(shots, session, job->features->windows);
+  return status == 0 ? portrait_cut(portrait, args, shots) : status;
+}
+
+static int open_features(struct render_job *job) {
+  struct session *session = &job->session;
+  const char *name = job->portrait.features_path;
+  if (job->audio != NULL) {
+    if (ern_features_load(session->context, job->audio, &job->own_features) != ERN_OK) return session_fail(session);
+    job->features = &job->own_features;
+    name = job->audio;
+  } else {
+    job->features = ern_clip_features(job->portrait.clip);
+  }
+  if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
+  job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
+                        sizeof(float));
+  return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", name);
+}
+
+static int check_eye(struct render_job *job, const struct args *args) {
+  const char *model = job->portrait.model_path;
+  if (job->portrait.info.has_eye) return 0;
+  if (args_given(args, "fix_eye"))
+    return session_fail_with(&job->session,
+                             "%s: does not follow the eyes (its clip had no au.csv), so --fix_eye has nothing to move",
+                             model);
+  if (job->smooth_eye) session_warn(&job->session, "--smooth_eye changes nothing: %s does not follow the eyes", model);
+  return 0;
+}
+
+/* The sound belongs to the pictures as long as they are consecutive. */
+static void check_consecutive(struct render_job *job) {
+  const struct shot *shot = job->shots.shot;
+  for (size_t k = 1; k < job->shots.count; k++) {
+    if (shot[k].pose.aud_id == shot[k - 1].pose.aud_id + 1) continue;
+    session_warn(&job->session,
+                 "frames are not consecutive: aud_id %" PRId64 " is followed by %" PRId64
+                 ", sound and picture drift apart",
+                 shot[k - 1].pose.aud_id, shot[k].pose.aud_id);
+    return;
+  }
+}
+
+static int open_sound(struct render_job *job) {
+  struct session *session = &job->session;
+  const struct portrait *portrait = &job->portrait;
+  const bool own = job->wav == NULL && job->audio == NULL && portrait->clip_info.has_sound;
+  char path[4096];
+  if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own)) return 0;
+  const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->clip_path)
+                        : snprintf(path, sizeof path, "%s", job->wav);
+  if (bytes >= (int)sizeof path) return session_fail_with(session, "%s: the name is too long", path);
+  const ern_status status = ern_sound_read(session->context, path, &job->sound);
+  if (status != ERN_OK && own) {
+    session_warn(session, "%s: the video is silent", ern_last_error(session->context));
+    return 0;
+  }
+  if (status != ERN_OK) return session_fail(session);
+  job->sound_start = (double)job->shots.shot[0].pose.aud_id / FRAMES_A_SECOND;
+  const double there = (double)job->sound.frames / job->sound.rate - job->sound_start;
+  const double needed = (double)job->shots.count / FRAMES_A_SECOND;
+  if (there < needed - 0.5 / FRAMES_A_SECOND)
+    session_warn(session, "%s: %.2f s of sound from the first frame on, the pictures last %.2f s: the rest is silent",
+                 path, there > 0 ? there : 0, needed);
+  check_consecutive(job);
+  return 0;
+}
+
+static int open_backdrop(struct render_job *job) {
+  const int width = job->size.width, height = job->size.height;
+  int status = backdrop_open(&job->backdrop, &job->session, job->background, job->portrait.clip, width, height);
+  if (status != 0 || job->backdrop.background.data != NULL || job->sink.kind != SINK_VIDEO) return status;
+  session_warn(&job->session, "an mp4 has no transparency: frames are drawn over black; --bg_img chooses a background");
+  return backdrop_fill(&job->backdrop, &job->session);
+}
+
+static void say_plan(struct render_job *job) {
+  const struct portrait *portrait = &job->portrait;
+  if (portrait->clip != NULL && !portrait->info.has_torso && !portrait->clip_info.has_torso)
+    session_warn(&job->session, "%s: has no torso_imgs, the head is drawn over the background alone",
+                 portrait->clip_path);
+  session_note(&job->session, "render: %zu frames of %d x %d, %s, %s, %s (%s) to %s", job->shots.count, job->size.width,
+               job->size.height, portrait_kind(portrait),
+               job->sink.kind != SINK_VIDEO ? "pictures alone"
+               : job->sound.data != NULL    ? "with sound"
+                                            : "without sound",
+               job->session.backend_info.name, job->session.backend_info.isa, job->out);
+}
+
+static int open_all(struct render_job *job, const struct args *args) {
+  if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
+    return session_fail_with(&job->session, "%s: its folder is not there", job->out);
+  int status = portrait_open(&job->portrait, &job->session, args);
+  if (status == 0) status = check_eye(job, args);
+  if (status == 0) status = open_features(job);
+  if (status == 0) status = open_shots(job, args);
+  if (status == 0 && job->size.width == 0)
+    job->size = (struct dimensions){job->shots.camera.width, job->shots.camera.height};
+  if (status == 0) status = open_backdrop(job);
+  if (status == 0) status = open_sound(job);
+  if (status != 0) return status;
+  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->portrait.info.has_eye,
+                   job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
+}
+
+/* ---- drawing ----------------------------------------------------------------------------------------------------- */
+
+static int draw(struct render_job *job, size_t k) {
+  const struct shot *shot = &job->shots.shot[k];
+  const bool behind = job->portrait.clip != NULL && !job->portrait.info.has_torso;
+  const uint8_t *torso = NULL;
+  ern_frame_times times;
+  const double began = session_seconds();
+  if (behind &&
+      backdrop_torso(&job->backdrop, &job->session, job->portrait.clip, shot->split, shot->index, &torso) != 0)
+    return EXIT_FAILURE;
+  const double read = session_seconds();
+  shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
+  const ern_frame_input input = {
+      .camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height),
+      .windows = job->windows,
+      .window_length = job->features->window_length,
+      .eye = shot->eye,
+      .background = job->backdrop.background.data,
+      .torso = torso};
+  const ern_frame_output output = sink_room(&job->sink);
+  if (ern_renderer_frame(job->portrait.renderer, &input, &output, &times) != ERN_OK) return session_fail(&job->session);
+  const double drawn = session_seconds();
+  const int status = sink_put(&job->sink, &job->session, shot->number);
+  job->stages.read += 1000 * (read - began);
+  job->stages.encode += 1000 * (session_seconds() - drawn);
+  job->stages.draw.audio += times.audio;
+  job->stages.draw.torso += times.torso;
+  job->stages.draw.head += times.head;
+  job->stages.draw.output += times.output;
+  return status;
+}
+
+static json_t *report(const struct render_job *job, double seconds) {
+  const struct stages *stages = &job->stages;
+  const double frames = (double)job->shots.count;
+  json_t *by_stage =
+      json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "read", session_number(stages->read / frames), "audio",
+                session_number(stages->draw.audio / frames), "torso", session_number(stages->draw.torso / frames),
+                "head", session_number(stages->draw.head / frames), "output",
+                session_number(stages->draw.output / frames), "encode", session_number(stages->encode / frames));
+  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:o, s:o, s:o, s:o, s:b, s:s, s:s}", "output", job->out, "model",
+                   job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
+                   (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "seconds",
+                   session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
+                   session_number(1000 * seconds / frames), "ms_by_stage", by_stage, "sound", job->sound.data != NULL,
+                   "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa);
+}
+
+static int draw_all(struct render_job *job) {
+  struct session *session = &job->session;
+  struct progress progress;
+  const double began = session_seconds();
+  say_plan(job);
+  progress_begin(&progress, session, "render", "frames");
+  for (size_t k = 0; k < job->shots.count; k++) {
+    if (session_interrupted())
+      return session_fail_with(session, "stopped at frame %zu of %zu%s", k, job->shots.count,
+                               job->sink.kind == SINK_VIDEO ? ", no video was written" : "");
+    if (draw(job, k) != 0) return EXIT_FAILURE;
+    progress_at(&progress, k + 1, job->shots.count, "");
+  }
+  if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
+  progress_end(&progress);
+  const double seconds = session_seconds() - began;
+  session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing: %s", job->shots.count,
+               seconds, (double)job->shots.count / seconds, job->out);
+  return session_report(session, report(job, seconds));
+}
+
+static void close_all(struct render_job *job) {
+  sink_free(&job->sink);
+  free(job->windows);
+  backdrop_free(&job->backdrop, &job->session);
+  shots_free(&job->shots);
+  ern_sound_free(job->session.context, &job->sound);
+  ern_features_free(job->session.context, &job->own_features);
+  portrait_close(&job->portrait);
+  session_close(&job->session);
+}
+
+int cmd_render(int argc, char **argv) {
+  struct render_job job = {0};
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors file: a head, or head and torso"}};
+  struct args args = {
+      .verb = "render",
+      .summary = "Draws a model to a video with sound, or to pictures.",
+      .usage =
+          "render MODEL --clip CLIP [--audio F.npy] [--wav W] -o out.mp4\n"
+          "render MODEL --poses FILE --audio F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
+      .notes =
+          "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
+          "mp4: H.264 yuv420p, AAC, 25 frames a second. png: RGBA. exr: R G B A (as the model gives them, not\n"
+          "linearised, alpha multiplied in), Z depth, audio_attention, and eye_attention where the model has it.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
+                 {"How:", shared, PORTRAIT_OPTIONS},
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+  own_options(&job, own);
+  portrait_options(&job.portrait, SHOTS_ALL, shared);
+  session_compute_options(&job.session, common);
+  session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = check_usage(&job, &args);
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job, &args);
+  if (status == 0) status = draw_all(&job);
+  close_all(&job);
+  return status;
+}

@@ -1,0 +1,414 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf train: a head, or the torso under it, from a preprocessed clip. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/media.h"
+#include "ernerf/train.h"
+#include "progress.h"
+#include "session.h"
+#include "verbs.h"
+
+enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 18, CLIP_OPTIONS = 3 };
+
+struct train_job {
+  struct session session;
+  ern_train_config config;
+  const char *clip_path, *head_path, *audio, *asr_model;
+  uint64_t memory, save_every, validate_every, ema_every, iters;
+  struct range data;
+  float scale;
+  int audio_pad;
+  /* made */
+  ern_clip *clip;
+  ern_clip_info clip_info;
+  ern_model *head;
+  ern_trainer *trainer;
+  struct progress progress;
+  ern_train_report last; /* the newest one */
+  bool stepped;          /* there is one */
+  double val_psnr;       /* dB, of the newest validation */
+  size_t val_frames;     /* 0: none was made */
+};
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static void goal_options(struct train_job *job, struct option options[GOAL_OPTIONS]) {
+  ern_train_config *config = &job->config;
+  const struct option rows[GOAL_OPTIONS] = {
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &config->output,
+       .choices = "X.safetensors",
+       .help = "the model; state, log and pictures go to the folder X.run beside it"},
+      {.name = "torso",
+       .kind = OPTION_FLAG,
+       .target = &config->torso,
+       .help = "train the torso under the head of --head"},
+      {.name = "head",
+       .alias = "head_ckpt",
+       .kind = OPTION_TEXT,
+       .target = &job->head_path,
+       .choices = "MODEL",
+       .help = "the head that the torso goes under; it stays as it is"},
+      {.name = "force",
+       .kind = OPTION_FLAG,
+       .target = &config->force,
+       .help = "take a head of another clip all the same"},
+      {.name = "torso-gamma",
+       .kind = OPTION_FLAG,
+       .target = &config->torso_gamma,
+       .help = "the paper's trained scale of the torso's key points"},
+      {.name = "iters",
+       .kind = OPTION_COUNT,
+       .target = &job->iters,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps in all, also when resuming"},
+      {.name = "resume",
+       .kind = OPTION_FLAG,
+       .target = &config->resume,
+       .help = "go on from the newest good state in X.run"},
+      {.name = "from",
+       .kind = OPTION_TEXT,
+       .target = &config->from,
+       .choices = "FILE.safetensors",
+       .help = "start from its weights; where it holds a state, from its step too"},
+      {.name = "save-every",
+       .kind = OPTION_COUNT,
+       .target = &job->save_every,
+       .low = 0,
+       .high = 1e12,
+       .help = "steps between saves; 0 only at the end"},
+      {.name = "validate-every",
+       .kind = OPTION_COUNT,
+       .target = &job->validate_every,
+       .low = 0,
+       .high = 1e12,
+       .help = "steps between validations, each with a picture; 0 only at the end"},
+      {.name = "validate-frames",
+       .kind = OPTION_INT,
+       .target = &config->validate_frames,
+       .low = 0,
+       .high = 1000000,
+       .help = "most frames that a validation draws; 0 all"},
+      {.name = "ema",
+       .kind = OPTION_FLAG,
+       .target = &config->ema,
+       .help = "write the moving average of the weights as the model; with --resume at the last step it only writes"},
+      {.name = "ema-every",
+       .kind = OPTION_COUNT,
+       .target = &job->ema_every,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps between its updates, of which it needs 10"},
+      {.name = "levels",
+       .kind = OPTION_INT,
+       .target = &config->levels,
+       .low = 2,
+       .high = 24,
+       .help = "of the hash encoder; public checkpoints have 12"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+static void number_options(struct train_job *job, struct option options[NUMBER_OPTIONS]) {
+  ern_train_config *config = &job->config;
+  const struct option rows[NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_OUTPUT_OPTIONS] = {
+      {.name = "rays",
+       .alias = "num_rays",
+       .kind = OPTION_INT,
+       .target = &config->rays,
+       .low = 1,
+       .high = 1048576,
+       .help = "a step"},
+      {.name = "lr",
+       .kind = OPTION_FLOAT,
+       .target = &config->lr,
+       .low = 1e-9,
+       .high = 10,
+       .help = "learning rate of the hash grids"},
+      {.name = "lr_net",
+       .kind = OPTION_FLOAT,
+       .target = &config->lr_net,
+       .low = 1e-9,
+       .high = 10,
+       .help = "learning rate of the networks; the one over speech windows learns at 5 times this"},
+      {.name = "max_steps",
+       .kind = OPTION_INT,
+       .target = &config->max_steps,
+       .low = 1,
+       .high = 1024,
+       .help = "samples a ray at most"},
+      {.name = "ind_num",
+       .kind = OPTION_INT,
+       .target = &config->codes,
+       .low = 0,
+       .high = 1000000,
+       .help = "rows of the individual codes; 0: no codes (default one a training frame)"},
+      {.name = "dt_gamma",
+       .kind = OPTION_FLOAT,
+       .target = &config->dt_gamma,
+       .low = 0,
+       .high = 1,
+       .help = "growth of the step with distance (default 1/256)"},
+      {.name = "bound",
+       .kind = OPTION_FLOAT,
+       .target = &config->bound,
+       .low = 0.001,
+       .high = 1000,
+       .help = "half side of the scene"},
+      {.name = "torso_shrink",
+       .kind = OPTION_FLOAT,
+       .target = &config->torso_shrink,
+       .low = 0.001,
+       .high = 1,
+       .help = "factor of the torso's coordinates; render and eval need the same"},
+      {.name = "scale",
+       .kind = OPTION_FLOAT,
+       .target = &job->scale,
+       .low = 0.001,
+       .high = 1000,
+       .help = "factor of the camera's place; render and eval need the same"},
+      {.name = "data_range",
+       .kind = OPTION_RANGE_PAIR,
+       .target = &job->data,
+       .choices = "A:B | A B",
+       .help = "train on frames [A, B) of transforms_train.json alone; B -1: to the last"},
+      {.name = "audio-pad",
+       .kind = OPTION_CHOICE,
+       .target = &job->audio_pad,
+       .choices = "edge|zero",
+       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"}};
+  memcpy(options, rows, sizeof rows);
+  session_compute_options(&job->session, options + sizeof rows / sizeof rows[0]);
+  session_output_options(&job->session, options + sizeof rows / sizeof rows[0] + SESSION_COMPUTE_OPTIONS);
+}
+
+static void clip_options(struct train_job *job, struct option options[CLIP_OPTIONS]) {
+  const struct option rows[CLIP_OPTIONS] = {
+      {.name = "audio",
+       .alias = "aud",
+       .kind = OPTION_TEXT,
+       .target = &job->audio,
+       .choices = "FILE.npy",
+       .help = "features of the clip's speech, instead of the clip's own"},
+      {.name = "asr_model",
+       .kind = OPTION_TEXT,
+       .target = &job->asr_model,
+       .choices = "NAME",
+       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
+      {.name = "memory",
+       .kind = OPTION_BYTES,
+       .target = &job->memory,
+       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+static int check_usage(struct train_job *job, const struct args *args) {
+  const ern_train_config *config = &job->config;
+  if (config->output == NULL) return args_refuse(args, "-o X.safetensors is missing");
+  const char *dot = strrchr(config->output, '.');
+  if (dot == NULL || strcmp(dot, ".safetensors") != 0)
+    return args_refuse(args, "-o is \"%s\", expected a name that ends in .safetensors", config->output);
+  int status = -1;
+  if (config->torso && job->head_path == NULL && config->from == NULL)
+    status = args_refuse(args, "--torso needs the head: --head MODEL, or --from a model that has one");
+  if (!config->torso)
+    status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
+  if (status < 0 && config->torso)
+    status = args_forbid(args, "levels bound ind_num", "is the head's, and --torso leaves the head alone");
+  if (status < 0 && job->audio != NULL)
+    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
+  return status;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static void fill_config(struct train_job *job, const struct args *args) {
+  ern_train_config *config = &job->config;
+  config->iters = job->iters;
+  config->save_every = job->save_every;
+  config->validate_every = job->validate_every;
+  config->ema_every = job->ema_every;
+  config->seed = job->session.seed;
+  config->threads = job->session.threads;
+  config->audio_pad = (ern_audio_pad)job->audio_pad;
+  config->head = job->head;
+  if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
+  if (args_given(args, "data_range")) {
+    config->data_begin = (size_t)job->data.begin;
+    config->data_end = job->data.open_end ? job->clip_info.frames[ERN_SPLIT_TRAIN] : (size_t)job->data.end;
+  }
+}
+
+static int open_clip(struct train_job *job, const struct args *args) {
+  ern_clip_options options = ern_clip_options_default();
+  options.memory_bytes = job->memory;
+  options.features = job->audio;
+  options.asr_model = job->asr_model;
+  if (ern_clip_open(job->session.context, job->clip_path, &options, &job->clip) != ERN_OK)
+    return session_fail(&job->session);
+  ern_clip_describe(job->clip, &job->clip_info);
+  const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
+  if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
+    return args_refuse(
+        args, "--data_range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
+        job->data.begin, job->data.open_end ? (uint64_t)frames : job->data.end, frames);
+  return 0;
+}
+
+static const char *features_kind(int width) {
+  return width == 29 ? "DeepSpeech" : width == 44 ? "wav2vec" : width == 1024 ? "HuBERT" : "unknown kind";
+}
+
+/* What will be learnt from what, and where it goes. */
+static void say_plan(struct train_job *job) {
+  const ern_clip_info *info = &job->clip_info;
+  const ern_train_config *config = &job->config;
+  const ern_features *features = ern_clip_features(job->clip);
+  const size_t frames = config->data_end > 0 ? config->data_end - config->data_begin : info->frames[ERN_SPLIT_TRAIN];
+  if (config->torso)
+    session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d",
+                 job->head_path != NULL ? job->head_path : config->from, frames, info->width, info->height);
+  else
+    session_note(&job->session,
+                 "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
+                 frames, info->width, info->height, info->features_file, features_kind(features->width),
+                 features->width, info->has_blink ? "follow au.csv" : "stay still (no au.csv)",
+                 info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+  session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
+               config->iters, config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
+               config->output, ern_trainer_folder(job->trainer));
+}
+
+static int open_all(struct train_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  ern_dataset dataset;
+  if (!session_folder_there(job->config.output))
+    return session_fail_with(session, "%s: its folder is not there", job->config.output);
+  int status = open_clip(job, args);
+  if (status != 0) return status;
+  if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
+    return session_fail(session);
+  fill_config(job, args);
+  ern_clip_dataset(job->clip, &dataset);
+  dataset.scale = job->scale;
+  if (session_backend(session) != ERN_OK) return session_fail(session);
+  if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
+    return session_fail(session);
+  return 0;
+}
+
+/* ---- running ----------------------------------------------------------------------------------------------------- */
+
+static int say_progress(void *user, const ern_train_report *report) {
+  struct train_job *job = user;
+  char more[64];
+  job->progress.rate = report->steps_per_second;
+  job->last = *report;
+  job->stepped = true;
+  snprintf(more, sizeof more, "loss %.5g  PSNR %.2f", report->loss, report->psnr);
+  progress_at(&job->progress, report->step, report->iters, more);
+  return session_interrupted();
+}
+
+static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
+                                  int width, int height, const char *name) {
+  struct train_job *job = user;
+  char path[4096];
+  const ern_image image = {.width = width, .height = height, .channels = 3, .data = (uint8_t *)(uintptr_t)picture};
+  job->val_psnr = psnr;
+  job->val_frames = frames;
+  session_note(&job->session, "step %" PRIu64 ": PSNR %.3f over %zu validation frames, %s", step, psnr, frames, name);
+  snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(job->trainer), name);
+  return ern_image_write(job->session.context, path, &image, 100);
+}
+
+static json_t *report(const struct train_job *job) {
+  const ern_train_report *last = &job->last;
+  return json_pack("{s:s, s:s, s:s, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "output",
+                   job->config.output, "run", ern_trainer_folder(job->trainer), "clip", job->clip_path, "torso",
+                   job->config.torso, "step", (json_int_t)(job->stepped ? last->step : job->config.iters), "iters",
+                   (json_int_t)job->config.iters, "loss", job->stepped ? session_number(last->loss) : json_null(),
+                   "psnr", job->stepped ? session_number(last->psnr) : json_null(), "seconds",
+                   job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
+                   job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
+                   job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
+                   (json_int_t)job->val_frames, "seed", (json_int_t)job->config.seed, "backend",
+                   job->session.backend_info.name, "isa", job->session.backend_info.isa);
+}
+
+static int run(struct train_job *job) {
+  struct session *session = &job->session;
+  char spent[32];
+  const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
+  say_plan(job);
+  progress_begin(&job->progress, session, "train", "steps");
+  const ern_status status = ern_trainer_run(job->trainer, &hooks);
+  progress_end(&job->progress);
+  if (status == ERN_E_CANCELLED && session_interrupted())
+    return session_fail_with(session,
+                             "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
+                             job->last.step, job->last.iters);
+  if (status != ERN_OK) return session_fail(session);
+  progress_duration(job->last.seconds, spent);
+  if (job->stepped)
+    session_note(session, "train: done, %s; %s of training", job->config.output, spent);
+  else
+    session_note(session, "train: all %" PRIu64 " steps were done before; %s is written anew", job->config.iters,
+                 job->config.output);
+  return session_report(session, report(job));
+}
+
+static void close_all(struct train_job *job) {
+  ern_trainer_free(&job->trainer);
+  ern_model_free(&job->head);
+  ern_clip_free(&job->clip);
+  session_close(&job->session);
+}
+
+static void set_defaults(struct train_job *job) {
+  *job = (struct train_job){.config = ern_train_config_default(), .scale = 4};
+  job->iters = job->config.iters;
+  job->save_every = job->config.save_every;
+  job->validate_every = job->config.validate_every;
+  job->ema_every = job->config.ema_every;
+  job->session.seed = job->config.seed;
+}
+
+int cmd_train(int argc, char **argv) {
+  struct train_job job;
+  struct option goal[GOAL_OPTIONS], numbers[NUMBER_OPTIONS], clip[CLIP_OPTIONS];
+  struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
+  struct args args = {
+      .verb = "train",
+      .summary = "Learns a head from a preprocessed clip, or the torso under it.",
+      .usage =
+          "train CLIP -o head.safetensors\n"
+          "train CLIP --torso --head head.safetensors -o portrait.safetensors",
+      .notes =
+          "Ctrl-C saves the state and stops; --resume goes on as if nothing had happened.\n"
+          "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv and val_NNNNNN.png: prediction,\n"
+          "truth, difference, attention of speech and of the eyes.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is trained, and where to:", goal, GOAL_OPTIONS},
+                 {"Of the clip:", clip, CLIP_OPTIONS},
+                 {"How:", numbers, NUMBER_OPTIONS}}};
+  set_defaults(&job);
+  goal_options(&job, goal);
+  clip_options(&job, clip);
+  number_options(&job, numbers);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = check_usage(&job, &args);
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job, &args);
+  if (status == 0) status = run(&job);
+  close_all(&job);
+  return status;
+}

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf: trains, renders and judges talking portraits. Finds the verb and hands over to it. */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "args.h"
+#include "ernerf/base.h"
+#include "verbs.h"
+
+static const struct verb {
+  const char *name, *help;
+  int (*run)(int argc, char **argv);
+} verbs[] = {
+    {"train", "learn a head, or the torso under it, from a preprocessed clip", cmd_train},
+    {"render", "a model, speech and head poses to a video or pictures", cmd_render},
+    {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
+    {"check", "what a clip has, what it lacks and what follows, in words", cmd_check},
+    {"info", "what is in a file, or which devices can compute", cmd_info},
+    {"synth", "make up a clip to try things on", cmd_synth},
+};
+enum { VERBS = sizeof verbs / sizeof verbs[0] };
+
+static void print_help(void) {
+  printf("Talking portraits, trained and rendered (ER-NeRF).\n\n  ernerf VERB ...\n\n");
+  for (int i = 0; i < VERBS; i++) printf("  %-8s %s\n", verbs[i].name, verbs[i].help);
+  printf(
+      "\n`ernerf VERB --help` tells its options; `ernerf --version` the version.\n"
+      "Exit status: 0 done, 1 failed, 2 wrong usage.\n");
+}
+
+static int refuse_verb(const char *name) {
+  const char *names[VERBS];
+  for (int i = 0; i < VERBS; i++) names[i] = verbs[i].name;
+  if (name == NULL)
+    fprintf(stderr, "ernerf: the verb is missing\n");
+  else if (name[0] == '-')
+    fprintf(stderr, "ernerf: unknown option %s, expected a verb, --help or --version\n", name);
+  else
+    fprintf(stderr, "ernerf: unknown verb \"%s\", the nearest is %s\n", name, args_nearest(name, names, VERBS));
+  fprintf(stderr, "`ernerf --help` lists the verbs\n");
+  return EXIT_USAGE;
+}
+
+static int run(int argc, char **argv) {
+  const char *first = argc > 1 ? argv[1] : NULL;
+  if (first != NULL && (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0)) {
+    print_help();
+    return EXIT_SUCCESS;
+  }
+  if (first != NULL && strcmp(first, "--version") == 0) {
+    printf("ernerf %s\n", ern_version());
+    return EXIT_SUCCESS;
+  }
+  for (int i = 0; first != NULL && i < VERBS; i++)
+    if (strcmp(first, verbs[i].name) == 0) return verbs[i].run(argc - 2, argv + 2);
+  return refuse_verb(first);
+}
+
+int main(int argc, char **argv) {
+  char expected[32];
+  snprintf(expected, sizeof expected, "%d.%d.%d", ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH);
+  if (strcmp(ern_version(), expected) != 0) {
+    fprintf(stderr, "ernerf: the library's version is %s, expected %s\n", ern_version(), expected);
+    return EXIT_FAILURE;
+  }
+  const int status = run(argc, argv);
+  if (status != EXIT_SUCCESS || (fflush(stdout) == 0 && !ferror(stdout))) return status;
+  fprintf(stderr, "ernerf: standard output: cannot be written: %s\n", strerror(errno));
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,130 @@
+/* SPDX-License-Identifier: MIT */
+#include "portrait.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]) {
+  portrait->render = ern_render_options_default();
+  portrait->scale = 4;
+  portrait->split = split;
+  portrait->frames = (struct range){.open_end = true};
+  ern_render_options *render = &portrait->render;
+  const struct option rows[PORTRAIT_OPTIONS] = {
+      {.name = "split",
+       .kind = OPTION_CHOICE,
+       .target = &portrait->split,
+       .choices = "train|val|all",
+       .help = split == SHOTS_ALL ? "frames of the clip (default all)" : "frames of the clip (default val)"},
+      {.name = "frames",
+       .kind = OPTION_RANGE,
+       .target = &portrait->frames,
+       .help = "frames [A, B) of the output, counted from 0 (default all)"},
+      {.name = "audio-pad",
+       .kind = OPTION_CHOICE,
+       .target = &portrait->audio_pad,
+       .choices = "edge|zero",
+       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"},
+      {.name = "max_steps",
+       .kind = OPTION_INT,
+       .target = &render->max_steps,
+       .low = 1,
+       .high = 1024,
+       .help = "samples a ray at most"},
+      {.name = "dt_gamma",
+       .kind = OPTION_FLOAT,
+       .target = &render->dt_gamma,
+       .low = 0,
+       .high = 1,
+       .help = "growth of the step with distance (default 1/256)"},
+      {.name = "torso_shrink",
+       .kind = OPTION_FLOAT,
+       .target = &render->torso_shrink,
+       .low = 0.001,
+       .high = 1,
+       .help = "factor of the torso's coordinates, as in training"},
+      {.name = "scale",
+       .kind = OPTION_FLOAT,
+       .target = &portrait->scale,
+       .low = 0.001,
+       .high = 1000,
+       .help = "factor of the camera's place, as in training"},
+      {.name = "smooth_lips",
+       .kind = OPTION_FLAG,
+       .target = &render->smooth_lips,
+       .help = "calmer lips: 0.35 of the last frame's speech code, 0.65 of this one's"},
+      {.name = "asr_model",
+       .kind = OPTION_TEXT,
+       .target = &portrait->asr_model,
+       .choices = "NAME",
+       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
+      {.name = "memory",
+       .kind = OPTION_BYTES,
+       .target = &portrait->memory,
+       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"},
+      {.name = "force",
+       .kind = OPTION_FLAG,
+       .target = &portrait->force,
+       .help = "go on with a model that was trained on another clip"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+static int open_model(struct portrait *portrait, struct session *session, const struct args *args) {
+  if (ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK) return session_fail(session);
+  ern_model_describe(portrait->model, &portrait->info);
+  if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
+    session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
+  if (args_given(args, "seed")) session_note(session, "--seed changes nothing: drawing takes no random numbers");
+  return 0;
+}
+
+static int check_identity(struct portrait *portrait, struct session *session) {
+  const char *model = portrait->info.clip, *clip = portrait->clip_info.identity;
+  if (model[0] == 0 || clip[0] == 0 || strcmp(model, clip) == 0) return 0;
+  if (!portrait->force)
+    return session_fail_with(
+        session,
+        "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force goes "
+        "on all the same",
+        portrait->model_path, model, clip, portrait->clip_path);
+  session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)", portrait->model_path, model, clip);
+  return 0;
+}
+
+static int open_clip(struct portrait *portrait, struct session *session) {
+  ern_clip_options options = ern_clip_options_default();
+  options.memory_bytes = portrait->memory;
+  options.features = portrait->clip_features;
+  options.asr_model = portrait->asr_model;
+  if (ern_clip_open(session->context, portrait->clip_path, &options, &portrait->clip) != ERN_OK)
+    return session_fail(session);
+  ern_clip_describe(portrait->clip, &portrait->clip_info);
+  const bool own = portrait->clip_features == NULL;
+  snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->clip_path : "",
+           own ? "/" : "", portrait->clip_info.features_file);
+  return check_identity(portrait, session);
+}
+
+int portrait_open(struct portrait *portrait, struct session *session, const struct args *args) {
+  int status = open_model(portrait, session, args);
+  if (status == 0 && portrait->clip_path != NULL) status = open_clip(portrait, session);
+  if (status != 0) return status;
+  portrait->render.threads = session->threads;
+  if (session_backend(session) != ERN_OK) return session_fail(session);
+  if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)
+    return session_fail(session);
+  return 0;
+}
+
+void portrait_close(struct portrait *portrait) {
+  ern_renderer_free(&portrait->renderer);
+  ern_clip_free(&portrait->clip);
+  ern_model_free(&portrait->model);
+}
+
+const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }
+
+int portrait_cut(const struct portrait *portrait, const struct args *args, struct shots *shots) {
+  return args_given(args, "frames") ? shots_cut(shots, args, &portrait->frames) : 0;
+}

@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT
+ * What `render` and `eval` share: a model, a clip that it should belong to, a renderer, and their options. */
+#ifndef ERN_CLI_PORTRAIT_H
+#define ERN_CLI_PORTRAIT_H
+
+#include "ernerf/media.h"
+#include "ernerf/model.h"
+#include "ernerf/render.h"
+#include "session.h"
+#include "shots.h"
+
+struct portrait {
+  const char *model_path, *clip_path; /* clip_path NULL: no clip */
+  /* from the command line */
+  ern_render_options render;
+  float scale;
+  int audio_pad, split; /* ern_audio_pad, enum shot_split */
+  struct range frames;
+  uint64_t memory;
+  const char *asr_model, *clip_features; /* clip_features: a file instead of the clip's own */
+  bool force;
+  /* made */
+  ern_model *model;
+  ern_model_info info;
+  ern_clip *clip;
+  ern_clip_info clip_info;
+  char features_path[4096]; /* of the clip's features, for messages */
+  ern_renderer *renderer;
+};
+
+enum { PORTRAIT_OPTIONS = 11 };
+/* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --torso_shrink --scale --smooth_lips
+ * --asr_model
+ * --memory --force. */
+void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]);
+
+/* Opens model, clip (where there is one), backend and renderer. A model of another clip is refused, with --force only
+ * told of. Returns 0, or EXIT_FAILURE after a message. */
+int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
+void portrait_close(struct portrait *portrait);
+
+/* "head" or "head+torso". */
+const char *portrait_kind(const struct portrait *portrait);
+/* Frames [begin, end) that --frames asks for. As shots_cut. */
+int portrait_cut(const struct portrait *portrait, const struct args *args, struct shots *shots);
+
+#endif

@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: MIT */
+#include "session.h"
+
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t interrupted;
+
+static void catch_interrupt(int number) {
+  (void)number;
+  interrupted = 1;
+}
+
+bool session_interrupted(void) { return interrupted != 0; }
+
+/* ---- options ----------------------------------------------------------------------------------------------------- */
+
+void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]) {
+  const struct option rows[SESSION_OUTPUT_OPTIONS] = {
+      {.name = "quiet",
+       .kind = OPTION_FLAG,
+       .target = &session->quiet,
+       .help = "results, warnings and errors alone: no progress, no notes"},
+      {.name = "json",
+       .kind = OPTION_JSON,
+       .target = &session->json,
+       .help = "the result as one JSON object, on standard output or in a file"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]) {
+  const struct option rows[SESSION_COMPUTE_OPTIONS] = {
+      {.name = "backend",
+       .kind = OPTION_CHOICE,
+       .target = &session->backend_choice,
+       .choices = "auto|cpu|opencl",
+       .help = "where to compute; auto is the CPU"},
+      {.name = "device",
+       .kind = OPTION_INT,
+       .target = &session->device,
+       .low = 0,
+       .high = 255,
+       .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl"},
+      {.name = "isa",
+       .kind = OPTION_TEXT,
+       .target = &session->isa,
+       .choices = "NAME",
+       .help = "instruction set of the CPU: auto (the best, or that of ERNERF_ISA), ref, ref64, avx2, avx512"},
+      {.name = "threads",
+       .kind = OPTION_INT,
+       .target = &session->threads,
+       .low = 0,
+       .high = 1024,
+       .help = "0: one a core (default). The result is the same for any number"},
+      {.name = "seed",
+       .kind = OPTION_COUNT,
+       .target = &session->seed,
+       .low = 0,
+       .help = "of all random numbers; same seed, same bytes (default 0)"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+/* ---- messages ---------------------------------------------------------------------------------------------------- */
+
+static void say(struct session *session, const char *before, const char *format, va_list values) {
+  char text[4096];
+  vsnprintf(text, sizeof text, format, values);
+  fprintf(stderr, "%s%s%s\n", session->line_open ? "\n" : "", before, text);
+  session->line_open = false;
+}
+
+int session_fail_with(struct session *session, const char *format, ...) {
+  char before[64];
+  va_list values;
+  va_start(values, format);
+  snprintf(before, sizeof before, "ernerf %s: ", session->verb);
+  say(session, before, format, values);
+  va_end(values);
+  return EXIT_FAILURE;
+}
+
+int session_fail(struct session *session) {
+  const char *text = ern_last_error(session->context);
+  return session_fail_with(session, "%s", text[0] != 0 ? text : "failed without a reason");
+}
+
+void session_warn(struct session *session, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  say(session, "warning: ", format, values);
+  va_end(values);
+}
+
+void session_note(struct session *session, const char *format, ...) {
+  if (session->quiet) return;
+  va_list values;
+  va_start(values, format);
+  say(session, "", format, values);
+  va_end(values);
+}
+
+static void log_line(void *user, ern_log_level level, const char *line) {
+  struct session *session = user;
+  if (level == ERN_LOG_INFO) session_note(session, "%s", line);
+  if (level <= ERN_LOG_WARNING) session_warn(session, "%s", line);
+}
+
+/* ---- beginning and end ------------------------------------------------------------------------------------------- */
+
+static void catch_signals(void) {
+  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART | (int)SA_RESETHAND};
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGINT, &action, NULL);
+  sigaction(SIGTERM, &action, NULL);
+  /* a write that is too large or has no reader then fails with a reason, instead of ending the program */
+  action = (struct sigaction){.sa_handler = SIG_IGN};
+  sigaction(SIGXFSZ, &action, NULL);
+  sigaction(SIGPIPE, &action, NULL);
+}
+
+int session_open(struct session *session, const struct args *args) {
+  session->verb = args->verb;
+  if (args_given(args, "device") && session->backend_choice != 2)
+    return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
+  if (session->json != NULL && !session_json_on_stdout(session) && !session_folder_there(session->json))
+    return session_fail_with(session, "%s: its folder is not there", session->json);
+  ern_context_config config = ern_context_config_default();
+  config.log = log_line;
+  config.user = session;
+  if (ern_context_create(&session->context, &config) != ERN_OK) return session_fail_with(session, "no memory");
+  catch_signals();
+  return -1;
+}
+
+ern_status session_backend(struct session *session) {
+  static const char *const names[] = {"auto", "cpu", "opencl"};
+  ern_backend_config config = ern_backend_config_default();
+  config.name = names[session->backend_choice];
+  config.isa = session->isa;
+  config.device = session->device;
+  const ern_status status = ern_backend_create(&session->backend, session->context, &config);
+  if (status == ERN_OK) ern_backend_describe(session->backend, &session->backend_info);
+  return status;
+}
+
+void session_close(struct session *session) {
+  ern_backend_free(&session->backend);
+  ern_context_free(&session->context);
+}
+
+/* ---- the object of --json ---------------------------------------------------------------------------------------- */
+
+bool session_json_on_stdout(const struct session *session) {
+  return session->json != NULL && strcmp(session->json, "-") == 0;
+}
+
+json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
+
+static bool put_text(FILE *file, const char *text) { return fputs(text, file) >= 0 && fputc('\n', file) != EOF; }
+
+/* Beside its place first, so that nobody ever sees half of it. */
+static int write_file(struct session *session, const char *text) {
+  char beside[4096];
+  if (snprintf(beside, sizeof beside, "%s.%ld.part", session->json, (long)getpid()) >= (int)sizeof beside)
+    return session_fail_with(session, "%s: the name is too long", session->json);
+  FILE *file = fopen(beside, "w");
+  bool whole = file != NULL && put_text(file, text) && fflush(file) == 0 && fsync(fileno(file)) == 0;
+  int reason = errno;
+  if (file != NULL && fclose(file) != 0 && whole) {
+    reason = errno;
+    whole = false;
+  }
+  if (whole && rename(beside, session->json) == 0) return 0;
+  if (whole) reason = errno;
+  if (file != NULL) remove(beside);
+  return session_fail_with(session, "%s: cannot be written: %s", session->json, strerror(reason));
+}
+
+int session_report(struct session *session, json_t *object) {
+  if (session->json == NULL) {
+    json_decref(object);
+    return 0;
+  }
+  char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL;
+  json_decref(object);
+  if (text == NULL)
+    return session_fail_with(session,
+                             "the JSON object could not be put together: no memory, or a name that is not UTF-8");
+  int status = 0;
+  if (!session_json_on_stdout(session))
+    status = write_file(session, text);
+  else if (!put_text(stdout, text) || fflush(stdout) != 0)
+    status = session_fail_with(session, "standard output: cannot be written: %s", strerror(errno));
+  free(text);
+  return status;
+}
+
+/* ---- small things ------------------------------------------------------------------------------------------------ */
+
+bool session_folder_there(const char *path) {
+  char folder[4096];
+  struct stat about;
+  const char *slash = strrchr(path, '/');
+  if (slash == NULL) return true;
+  if (slash == path) return true;
+  if (snprintf(folder, sizeof folder, "%.*s", (int)(slash - path), path) >= (int)sizeof folder) return false;
+  return stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
+}
+
+double session_seconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}

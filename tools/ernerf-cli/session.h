@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: MIT
+ * What every verb needs around the library: the options they have in common, messages on stderr, the backend, a look at
+ * whether Ctrl-C was pressed, and the object that --json asks for. */
+#ifndef ERN_CLI_SESSION_H
+#define ERN_CLI_SESSION_H
+
+#include <jansson.h>
+
+#include "args.h"
+#include "ernerf/backend.h"
+#include "ernerf/base.h"
+
+struct session {
+  const char *verb;
+  ern_context *context;
+  ern_backend *backend; /* NULL before session_backend */
+  ern_backend_info backend_info;
+  /* from the command line */
+  int backend_choice, device, threads;
+  const char *isa;
+  uint64_t seed;
+  bool quiet;
+  const char *json; /* NULL: none, "-": standard output, else a file */
+  bool line_open;   /* the progress line stands on the terminal without its newline */
+};
+
+enum { SESSION_OUTPUT_OPTIONS = 2, SESSION_COMPUTE_OPTIONS = 5 };
+/* --quiet --json. */
+void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]);
+/* --backend --device --isa --threads --seed. */
+void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]);
+
+/* Makes the context, and catches Ctrl-C and the signals of a full disk and a closed pipe. Returns -1 to go on, else the
+ * exit status. */
+int session_open(struct session *session, const struct args *args);
+/* Makes the backend that the options ask for. */
+ERN_NODISCARD ern_status session_backend(struct session *session);
+void session_close(struct session *session);
+
+/* Says "ernerf VERB: ..." with the library's last error, and returns EXIT_FAILURE. */
+int session_fail(struct session *session);
+/* The same in the program's own words. */
+int session_fail_with(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+/* A line on stderr, ended here. Notes are not said with --quiet. */
+void session_warn(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+void session_note(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+
+/* Whether Ctrl-C (or SIGTERM) was caught; the next one kills. */
+bool session_interrupted(void);
+
+/* Whether the object of --json takes standard output, which is then kept free of anything else. */
+bool session_json_on_stdout(const struct session *session);
+/* Writes the object where --json says, whole or not at all; nothing without --json. Takes the reference. Returns 0 or
+ * EXIT_FAILURE after a message; a NULL object (no memory) fails. */
+int session_report(struct session *session, json_t *object);
+/* A number, or null where it is not finite. */
+json_t *session_number(double value);
+
+/* Whether the folder that `path` lies in is there. */
+bool session_folder_there(const char *path);
+
+/* Seconds of a clock that only runs forward. */
+double session_seconds(void);
+
+#endif

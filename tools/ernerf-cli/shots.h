@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT
+ * Which frames are drawn: where each has its pose, its eye and its window of speech from. */
+#ifndef ERN_CLI_SHOTS_H
+#define ERN_CLI_SHOTS_H
+
+#include "ernerf/media.h"
+#include "ernerf/render.h"
+#include "session.h"
+
+struct shot {
+  ern_pose pose;   /* pose.aud_id is the row of the features */
+  ern_split split; /* of a clip: its frame is number `index` of that split */
+  size_t index;
+  float eye;     /* 0..1 */
+  size_t number; /* of the whole output, also when only a part of it is drawn */
+};
+
+struct shots {
+  struct shot *shot;
+  size_t count;
+  int64_t *rows; /* rows of the features of the whole output, for zero padding */
+  size_t row_count;
+  ern_camera camera; /* all but its pose; the size is that of the poses' file */
+};
+
+enum shot_split { SHOTS_TRAIN = 0, SHOTS_VAL = 1, SHOTS_ALL = 2 };
+
+/* Each returns 0, or EXIT_FAILURE after a message. The frames of a split come in the order of
+ * its file, those of both in the order of img_id. */
+int shots_of_clip(struct shots *shots, struct session *session, const ern_clip *clip, enum shot_split split);
+int shots_of_poses(struct shots *shots, struct session *session, const char *path);
+void shots_free(struct shots *shots);
+
+int shots_smooth_path(struct shots *shots, struct session *session, int window);
+/* Each eye becomes the mean of the frame before, this and the next one, as in the public code. */
+int shots_smooth_eye(struct shots *shots, struct session *session);
+void shots_fix_eye(struct shots *shots, float eye);
+
+/* Frame t is window t of `windows`; poses and eyes go forward and back. */
+int shots_replay(struct shots *shots, struct session *session, size_t windows);
+/* Keeps frames [begin, end) of the output. Returns 0, or EXIT_USAGE after a sentence where they are not there. */
+int shots_cut(struct shots *shots, const struct args *args, const struct range *range);
+
+/* windows[8][window_length][width] of shot k. */
+void shots_windows(const struct shots *shots, size_t k, const ern_features *features, ern_audio_pad pad,
+                   float *windows);
+/* The camera of shot k, for a picture of the given size. */
+ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height);
+
+#endif

@@ -1,0 +1,13 @@
+/* SPDX-License-Identifier: MIT
+ * The verbs of the program. Each takes the words after its own name and returns an exit status. */
+#ifndef ERN_CLI_VERBS_H
+#define ERN_CLI_VERBS_H
+
+int cmd_train(int argc, char **argv);
+int cmd_render(int argc, char **argv);
+int cmd_eval(int argc, char **argv);
+int cmd_check(int argc, char **argv);
+int cmd_info(int argc, char **argv);
+int cmd_synth(int argc, char **argv);
+
+#endif
