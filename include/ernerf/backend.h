@@ -38,8 +38,8 @@ ERN_API void ern_backend_describe(const ern_backend *backend, ern_backend_info *
 
 /* One line of `ernerf info devices`. */
 typedef struct ern_device_info {
-  const char *kind;       /* "cpu" or "opencl" */
-  int number;             /* of the OpenCL device; 0 for the CPU */
+  const char *kind; /* "cpu" or "opencl" */
+  int number;       /* of the OpenCL device; 0 for the CPU */
   const char *name, *version;
   const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
   unsigned compute_units;

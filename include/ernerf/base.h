@@ -27,20 +27,20 @@ extern "C" {
 /* Values are pinned: new codes are added, old ones never renumbered. */
 typedef enum ern_status {
   ERN_OK = 0,
-  ERN_E_ARGUMENT = 1,     /* the caller broke the contract of the function */
+  ERN_E_ARGUMENT = 1, /* the caller broke the contract of the function */
   ERN_E_NO_MEMORY = 2,
-  ERN_E_STATE = 3,        /* right call, wrong time */
-  ERN_E_CANCELLED = 4,    /* a callback of the caller asked to stop */
-  ERN_E_IO = 10,          /* the operating system refused: open, read, write, rename */
-  ERN_E_MISSING = 11,     /* a file or folder is not there */
-  ERN_E_BUSY = 12,        /* another process holds the lock */
-  ERN_E_FORMAT = 20,      /* a file is not what it claims to be */
-  ERN_E_SHAPE = 21,       /* right format, wrong sizes */
-  ERN_E_MISMATCH = 22,    /* two inputs that do not belong together */
-  ERN_E_NONFINITE = 30,   /* a NaN or an infinity where none may be */
+  ERN_E_STATE = 3,      /* right call, wrong time */
+  ERN_E_CANCELLED = 4,  /* a callback of the caller asked to stop */
+  ERN_E_IO = 10,        /* the operating system refused: open, read, write, rename */
+  ERN_E_MISSING = 11,   /* a file or folder is not there */
+  ERN_E_BUSY = 12,      /* another process holds the lock */
+  ERN_E_FORMAT = 20,    /* a file is not what it claims to be */
+  ERN_E_SHAPE = 21,     /* right format, wrong sizes */
+  ERN_E_MISMATCH = 22,  /* two inputs that do not belong together */
+  ERN_E_NONFINITE = 30, /* a NaN or an infinity where none may be */
   ERN_E_UNSUPPORTED = 40,
-  ERN_E_DEVICE = 50,      /* a compute device failed */
-  ERN_E_MEDIA = 60        /* a picture, video or sound library failed */
+  ERN_E_DEVICE = 50, /* a compute device failed */
+  ERN_E_MEDIA = 60   /* a picture, video or sound library failed */
 } ern_status;
 
 /* A short constant name such as "ERN_E_FORMAT"; never NULL. */
@@ -49,7 +49,12 @@ ERN_API const char *ern_status_name(ern_status status);
 /* "0.1.0"; compare with the ERN_VERSION_* of the headers at start. */
 ERN_API const char *ern_version(void);
 
-typedef enum ern_log_level { ERN_LOG_ERROR = 0, ERN_LOG_WARNING = 1, ERN_LOG_INFO = 2, ERN_LOG_DEBUG = 3 } ern_log_level;
+typedef enum ern_log_level {
+  ERN_LOG_ERROR = 0,
+  ERN_LOG_WARNING = 1,
+  ERN_LOG_INFO = 2,
+  ERN_LOG_DEBUG = 3
+} ern_log_level;
 
 /* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
  * before it. One context may serve several threads; the text of the last error is then that of whoever failed last. */

@@ -24,8 +24,8 @@ ERN_API void ern_features_free(ern_context *context, ern_features *features); /*
 
 /* One frame of a transforms_*.json file. */
 typedef struct ern_pose {
-  int64_t img_id;  /* names the frame's files, >= 0 */
-  int64_t aud_id;  /* its row in the feature file, >= 0 */
+  int64_t img_id;   /* names the frame's files, >= 0 */
+  int64_t aud_id;   /* its row in the feature file, >= 0 */
   float matrix[16]; /* camera to world of the tracked head, row-major 4x4, as in the file; finite, last row 0 0 0 1 */
 } ern_pose;
 

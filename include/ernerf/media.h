@@ -42,26 +42,27 @@ ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts 
 /* ---- sound ------------------------------------------------------------------------------------------------------- */
 
 typedef struct ern_sound {
-  int rate;        /* samples a second, 1..384000 */
-  int channels;    /* 1..8 */
-  size_t frames;   /* samples a channel */
-  int16_t *data;   /* [frames][channels]; owned by the holder (ern_sound_free) */
+  int rate;      /* samples a second, 1..384000 */
+  int channels;  /* 1..8 */
+  size_t frames; /* samples a channel */
+  int16_t *data; /* [frames][channels]; owned by the holder (ern_sound_free) */
 } ern_sound;
 
 /* Any sound file that FFmpeg reads, whole, as 16-bit. */
 ERN_API ERN_NODISCARD ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound);
-ERN_API ERN_NODISCARD ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern_sound *sound); /* atomic */
+ERN_API ERN_NODISCARD ern_status ern_sound_write_wav(ern_context *context, const char *path,
+                                                     const ern_sound *sound); /* atomic */
 ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
 
 /* ---- video ------------------------------------------------------------------------------------------------------- */
 
 typedef struct ern_video_options {
-  int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
+  int width, height; /* of the frames handed over; odd sizes are padded by a repeated row or column */
   int rate_numerator, rate_denominator; /* frames a second: 25, 1 */
   const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
                              Must outlive the writer. */
-  double sound_start;    /* seconds into `sound` at the first frame, >= 0 */
-  int crf;               /* H.264 quality 0..51, 18 is the default */
+  double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
+  int crf;                /* H.264 quality 0..51, 18 is the default */
 } ern_video_options;
 
 ERN_API ern_video_options ern_video_options_default(int width, int height);
@@ -81,14 +82,15 @@ ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
 typedef struct ern_video_info {
   int width, height;
   int rate_numerator, rate_denominator;
-  double duration;    /* seconds of the container */
+  double duration; /* seconds of the container */
   bool has_sound;
   int sound_rate, sound_channels;
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
 } ern_video_info;
 
 typedef struct ern_video_reader ern_video_reader;
-ERN_API ERN_NODISCARD ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader);
+ERN_API ERN_NODISCARD ern_status ern_video_reader_open(ern_context *context, const char *path,
+                                                       ern_video_reader **reader);
 ERN_API void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info);
 /* The next frame as RGB in `image` (its buffer is reused when it fits) and its time in seconds; *end is set, and the
  * image left alone, when there is none. */
@@ -100,12 +102,12 @@ ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
 typedef struct ern_synth_options {
   uint32_t cookie;
-  int size;            /* pixels a side, 64..1024 */
-  int frames;          /* 8..100000; one in eleven, at least one, is for validation */
+  int size;   /* pixels a side, 64..1024 */
+  int frames; /* 8..100000; one in eleven, at least one, is for validation */
   uint64_t seed;
-  bool blink;          /* without: no au.csv, eyes stay open */
-  bool torso;          /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
-  bool moving_camera;  /* without: every frame has the first frame's pose */
+  bool blink;         /* without: no au.csv, eyes stay open */
+  bool torso;         /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
+  bool moving_camera; /* without: every frame has the first frame's pose */
   /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
   int (*progress)(void *user, int done, int total);
   void *user;
@@ -144,22 +146,23 @@ typedef struct ern_clip_info {
 
 typedef struct ern_clip_frame {
   ern_pose pose;
-  float eye;                 /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
+  float eye; /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
   bool has_landmarks;
-  float landmarks[68][2];    /* x, y in pixels */
+  float landmarks[68][2]; /* x, y in pixels */
 } ern_clip_frame;
 
 typedef struct ern_clip ern_clip;
 
 /* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error.
  * On success the caller owns *clip. */
-ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char *folder, const ern_clip_options *options,
-                                               ern_clip **clip);
+ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char *folder,
+                                               const ern_clip_options *options, ern_clip **clip);
 ERN_API void ern_clip_free(ern_clip **clip);
 ERN_API void ern_clip_describe(const ern_clip *clip, ern_clip_info *info); /* strings live as long as the clip */
-ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, see ern_clip_info */
+ERN_API const char *ern_clip_identity(const ern_clip *clip);               /* 64 hex digits, see ern_clip_info */
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
-ERN_API const ern_image *ern_clip_background(const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
+ERN_API const ern_image *ern_clip_background(
+    const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
 ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);
 
 /* The pixels of a frame: `truth` RGB (gt_imgs) and `torso` RGBA (torso_imgs; data NULL where the clip has none). Either

@@ -23,17 +23,17 @@ ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
 typedef struct ern_model_info {
-  bool has_torso;      /* head and torso, else the head alone */
-  bool has_eye;        /* follows the eye value */
-  bool has_codes;      /* individual codes of the training frames */
-  bool has_gamma;      /* trained scale of the torso's key points */
-  int levels;          /* of the tri-plane encoder */
-  int feature_width;   /* D of the speech features it was trained on */
-  int codes;           /* rows of the individual codes */
-  float bound;         /* half side of the scene */
+  bool has_torso;                   /* head and torso, else the head alone */
+  bool has_eye;                     /* follows the eye value */
+  bool has_codes;                   /* individual codes of the training frames */
+  bool has_gamma;                   /* trained scale of the torso's key points */
+  int levels;                       /* of the tri-plane encoder */
+  int feature_width;                /* D of the speech features it was trained on */
+  int codes;                        /* rows of the individual codes */
+  float bound;                      /* half side of the scene */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
-  char clip[65];       /* identity of the clip it was trained on, "" where the file does not say */
-  size_t parameters;   /* trained numbers */
+  char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
+  size_t parameters;                /* trained numbers */
   size_t parameter_bytes;
 } ern_model_info;
 ERN_API void ern_model_describe(const ern_model *model, ern_model_info *info);
@@ -45,7 +45,8 @@ typedef struct ern_tensor_info {
   size_t shape[4];
 } ern_tensor_info;
 
-/* Lists the tensors of a .safetensors or .npy file (which has one, without a name), after checking the file as a whole. */
+/* Lists the tensors of a .safetensors or .npy file (which has one, without a name), after checking the file as a whole.
+ */
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 

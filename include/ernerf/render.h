@@ -27,7 +27,8 @@ typedef struct ern_camera {
  * (m00, -m01, -m02, s m03), (0, 0, 0, 1); scale s is 4 for the public preprocessing. */
 ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale);
 
-/* The same view as a picture of another size: focal lengths and centre scale with the height, the centre keeps its place. */
+/* The same view as a picture of another size: focal lengths and centre scale with the height, the centre keeps its
+ * place. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
 
 /* Which of `count` poses belongs to frame `frame` when there are fewer poses than frames: forward, backward, and so on
@@ -48,7 +49,8 @@ typedef enum ern_audio_pad {
 /* windows[8][window_length][width] = the windows index-4 .. index+3 of `features`. */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
-/* The same for a split whose k-th frame uses row rows[k] of the feature file: what --audio-pad zero means for a clip. */
+/* The same for a split whose k-th frame uses row rows[k] of the feature file: what --audio-pad zero means for a clip.
+ */
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
@@ -56,12 +58,12 @@ ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *featu
 
 typedef struct ern_render_options {
   uint32_t cookie;
-  int threads;               /* 0: one a core */
-  int max_steps;             /* samples a ray at most, 1..1024; 16 */
-  float dt_gamma;            /* step growth with distance, >= 0; 1/256 */
-  float transmittance_stop;  /* no samples after less light than this is left, 0..1; 1e-4 */
-  float torso_shrink;        /* factor of the torso coordinates, > 0; 0.8 */
-  bool smooth_lips;          /* audio code = 0.35 * the last frame's + 0.65 * this one's */
+  int threads;              /* 0: one a core */
+  int max_steps;            /* samples a ray at most, 1..1024; 16 */
+  float dt_gamma;           /* step growth with distance, >= 0; 1/256 */
+  float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
+  float torso_shrink;       /* factor of the torso coordinates, > 0; 0.8 */
+  bool smooth_lips;         /* audio code = 0.35 * the last frame's + 0.65 * this one's */
 } ern_render_options;
 ERN_API ern_render_options ern_render_options_default(void);
 
@@ -69,8 +71,8 @@ ERN_API ern_render_options ern_render_options_default(void);
 typedef struct ern_renderer ern_renderer;
 
 /* `model` and `backend` must outlive the renderer. options NULL: the defaults. */
-ERN_API ERN_NODISCARD ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, const ern_model *model,
-                                                     const ern_render_options *options);
+ERN_API ERN_NODISCARD ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend,
+                                                     const ern_model *model, const ern_render_options *options);
 ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a pointer to NULL */
 
 /* Checks that features fit the model: ERN_E_MISMATCH says both widths. `name` is for the message, such as the file. */
@@ -90,21 +92,21 @@ typedef struct ern_frame_input {
 
 /* Where to put the result; NULL members are not computed into. Memory is the caller's. */
 typedef struct ern_frame_output {
-  uint8_t *rgba;      /* [height][width][4]; alpha 255 over a background, else straight (not premultiplied) */
-  float *rgb;         /* [height][width][3] in [0, 1]; premultiplied where there is no background */
-  float *alpha;       /* [height][width] of the whole picture */
-  float *opacity;     /* [height][width] of the head alone: sum of weights */
-  float *depth;       /* [height][width] sum of weight * distance, scene units */
-  float *attention;   /* [height][width] sum over samples of the audio attention's norm */
-  float *eye;         /* [height][width] sum over samples of the eye attention; zeros without an eye branch */
+  uint8_t *rgba;    /* [height][width][4]; alpha 255 over a background, else straight (not premultiplied) */
+  float *rgb;       /* [height][width][3] in [0, 1]; premultiplied where there is no background */
+  float *alpha;     /* [height][width] of the whole picture */
+  float *opacity;   /* [height][width] of the head alone: sum of weights */
+  float *depth;     /* [height][width] sum of weight * distance, scene units */
+  float *attention; /* [height][width] sum over samples of the audio attention's norm */
+  float *eye;       /* [height][width] sum over samples of the eye attention; zeros without an eye branch */
 } ern_frame_output;
 
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
 } ern_frame_times;
 
-/* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that is
- * not finite; ERN_E_NO_MEMORY. */
+/* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
+ * is not finite; ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input,
                                                     const ern_frame_output *output, ern_frame_times *times);
 
@@ -119,8 +121,8 @@ ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int h
 
 /* Mean SSIM (Wang et al. 2004): 11 x 11 Gaussian window, sigma 1.5, K 0.01 and 0.03, per channel, windows inside the
  * picture alone; pictures under 11 pixels a side give ERN_E_ARGUMENT. */
-ERN_API ERN_NODISCARD ern_status ern_ssim(ern_context *context, const float *rgb, const uint8_t *truth, int width, int height,
-                                          double *ssim);
+ERN_API ERN_NODISCARD ern_status ern_ssim(ern_context *context, const float *rgb, const uint8_t *truth, int width,
+                                          int height, double *ssim);
 
 #ifdef __cplusplus
 }

@@ -17,11 +17,11 @@ extern "C" {
 /* ---- what is trained on ------------------------------------------------------------------------------------------ */
 
 typedef struct ern_dataset_frame {
-  float matrix[16];   /* camera to world, as in a transforms file */
-  int64_t aud_id;     /* row of the features, clamped to the last one */
-  float eye;          /* 0..1 */
+  float matrix[16]; /* camera to world, as in a transforms file */
+  int64_t aud_id;   /* row of the features, clamped to the last one */
+  float eye;        /* 0..1 */
   bool has_face;
-  ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
+  ern_box face; /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
 } ern_dataset_frame;
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
@@ -29,9 +29,9 @@ typedef struct ern_dataset_frame {
 typedef struct ern_dataset {
   void *user;
   size_t frames[2];
-  double focal, cx, cy;      /* pixels */
+  double focal, cx, cy; /* pixels */
   int width, height;
-  float scale;               /* of the poses' translation; 4 for the public preprocessing */
+  float scale; /* of the poses' translation; 4 for the public preprocessing */
   bool has_eye, has_torso;
   const ern_features *features;
   const uint8_t *background; /* [height][width][3] */
@@ -45,45 +45,45 @@ typedef struct ern_dataset {
 
 typedef struct ern_train_config {
   uint32_t cookie;
-  bool torso;              /* train the torso of `head` instead of a head */
-  const char *output;      /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
-  bool resume;             /* go on from the newest state in X.run that verifies */
-  const char *from;        /* .safetensors to take the weights of, NULL: fresh ones. With optimizer state its step too */
-  const ern_model *head;   /* for the torso: the head it goes under; copied */
-  uint64_t iters;          /* steps in all, also when resuming; 100000 */
-  int rays;                /* rays a step, 1..1048576; 65536 */
-  int levels;              /* of the tri-plane encoder, 2..24; 14 */
+  bool torso;            /* train the torso of `head` instead of a head */
+  const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
+  bool resume;           /* go on from the newest state in X.run that verifies */
+  const char *from;      /* .safetensors to take the weights of, NULL: fresh ones. With optimizer state its step too */
+  const ern_model *head; /* for the torso: the head it goes under; copied */
+  uint64_t iters;        /* steps in all, also when resuming; 100000 */
+  int rays;              /* rays a step, 1..1048576; 65536 */
+  int levels;            /* of the tri-plane encoder, 2..24; 14 */
   uint64_t seed;
-  int threads;             /* 0: one a core */
-  float lr, lr_net, lr_att; /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
-  int codes;               /* rows of the individual codes; -1: one a training frame, 0: no codes */
-  bool torso_gamma;        /* the paper's trained scale of the key points */
-  int max_steps;           /* samples a ray, 1..1024; 16 */
+  int threads;                         /* 0: one a core */
+  float lr, lr_net, lr_att;            /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
+  int codes;                           /* rows of the individual codes; -1: one a training frame, 0: no codes */
+  bool torso_gamma;                    /* the paper's trained scale of the key points */
+  int max_steps;                       /* samples a ray, 1..1024; 16 */
   float dt_gamma, bound, torso_shrink; /* 1/256, 1, 0.8 */
   ern_audio_pad audio_pad;
   size_t data_begin, data_end; /* training frames [begin, end) to use; end 0: all */
-  uint64_t save_every;     /* steps between saves; 0: only at the end */
-  uint64_t validate_every; /* steps between validations; 0: only at the end. Without validation frames the first training
-                              frame stands in. */
-  int validate_frames;     /* most validation frames to render; 0: all */
-  bool force;              /* take a head of another clip all the same */
-  bool ema;                /* write the moving average as the model; refused below 10 updates */
-  uint64_t ema_every;      /* steps between its updates; 1000 */
+  uint64_t save_every;         /* steps between saves; 0: only at the end */
+  uint64_t validate_every;     /* steps between validations; 0: only at the end. Without validation frames the first
+                                  training     frame stands in. */
+  int validate_frames;         /* most validation frames to render; 0: all */
+  bool force;                  /* take a head of another clip all the same */
+  bool ema;                    /* write the moving average as the model; refused below 10 updates */
+  uint64_t ema_every;          /* steps between its updates; 1000 */
 } ern_train_config;
 ERN_API ern_train_config ern_train_config_default(void);
 
 typedef struct ern_trainer ern_trainer;
 
-/* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training is
- * touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_MISMATCH: a state or head of another clip
- * or configuration. `dataset` is copied; what it points to is not. */
-ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
-                                                    const ern_train_config *config);
+/* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
+ * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_MISMATCH: a state or head of
+ * another clip or configuration. `dataset` is copied; what it points to is not. */
+ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,
+                                                    const ern_dataset *dataset, const ern_train_config *config);
 ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a pointer to NULL; does not save */
 
 typedef struct ern_train_report {
-  uint64_t step, iters;    /* steps done, and in all */
-  double loss, psnr;       /* of the step's rays; means since the last report in ern_trainer_run */
+  uint64_t step, iters; /* steps done, and in all */
+  double loss, psnr;    /* of the step's rays; means since the last report in ern_trainer_run */
   double samples_per_ray;
   double steps_per_second; /* since the run began, 0 in ern_trainer_step */
   double seconds_left;     /* at that rate */

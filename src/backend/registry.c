@@ -19,14 +19,16 @@ static ern_status choose_isa(ern_context *context, const char *wanted, ern_isa *
   char list[TEXT_BYTES];
   if (wanted == NULL || strcmp(wanted, "auto") == 0) wanted = getenv("ERNERF_ISA");
   if (wanted == NULL || wanted[0] == 0 || strcmp(wanted, "auto") == 0) {
-    *isa = ern_isa_available(ERN_ISA_AVX512) ? ERN_ISA_AVX512 : ern_isa_available(ERN_ISA_AVX2) ? ERN_ISA_AVX2 : ERN_ISA_REF;
+    *isa = ern_isa_available(ERN_ISA_AVX512) ? ERN_ISA_AVX512
+           : ern_isa_available(ERN_ISA_AVX2) ? ERN_ISA_AVX2
+                                             : ERN_ISA_REF;
     return ERN_OK;
   }
   for (*isa = ERN_ISA_REF; *isa < ERN_ISAS; (*isa)++)
     if (strcmp(wanted, ern_isa_name(*isa)) == 0 && ern_isa_available(*isa)) return ERN_OK;
   ern_isa_list(list, sizeof list);
-  return ern_fail(context, ERN_E_UNSUPPORTED, "instruction set: found \"%s\", expected one that this machine has: auto %s",
-                  wanted, list);
+  return ern_fail(context, ERN_E_UNSUPPORTED,
+                  "instruction set: found \"%s\", expected one that this machine has: auto %s", wanted, list);
 }
 
 ern_status ern_backend_create(ern_backend **backend, ern_context *context, const ern_backend_config *config) {

@@ -60,7 +60,6 @@ static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, si
   return ERN_OK;
 }
 
-
 void ERN_REF(ern_cpu_fill_slots)(struct ern_backend *backend) {
   backend->real_bytes = sizeof(ern_real);
   backend->upload_reals = upload_reals;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * From slots to kernels: unwraps spans to pointers and deals the work to threads. The adapt*.c files are compiled once a
- * scalar.
+ * From slots to kernels: unwraps spans to pointers and deals the work to threads. The adapt*.c files are compiled once
+ * a scalar.
  *
  * Sums over samples are made in ERN_SHARDS blocks whose borders depend on the number of samples alone, and added in the
- * order of the shards; tables of a grid are filled level by level, each by one thread in sample order. So the result is the
- * same for any number of threads. */
+ * order of the shards; tables of a grid are filled level by level, each by one thread in sample order. So the result is
+ * the same for any number of threads. */
 #ifndef ERN_CPU_ADAPT_H
 #define ERN_CPU_ADAPT_H
 
@@ -17,9 +17,15 @@ void ERN_REF(ern_cpu_fill_field)(struct ern_backend *backend);
 void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend);
 void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend);
 
-static inline ern_real *reals(ern_span span) { return span.buffer != NULL ? (ern_real *)span.buffer->memory + span.at : NULL; }
-static inline int32_t *int32s(ern_span span) { return span.buffer != NULL ? (int32_t *)span.buffer->memory + span.at : NULL; }
-static inline uint8_t *bytes(ern_span span) { return span.buffer != NULL ? (uint8_t *)span.buffer->memory + span.at : NULL; }
+static inline ern_real *reals(ern_span span) {
+  return span.buffer != NULL ? (ern_real *)span.buffer->memory + span.at : NULL;
+}
+static inline int32_t *int32s(ern_span span) {
+  return span.buffer != NULL ? (int32_t *)span.buffer->memory + span.at : NULL;
+}
+static inline uint8_t *bytes(ern_span span) {
+  return span.buffer != NULL ? (uint8_t *)span.buffer->memory + span.at : NULL;
+}
 static inline ern_real *after(ern_real *pointer, size_t count) { return pointer != NULL ? pointer + count : NULL; }
 
 static inline const struct ern_cpu_kernels *kernels_of(const struct ern_stream *stream) {
@@ -43,7 +49,7 @@ struct job {
   struct ern_stream *stream;
   const struct ern_cpu_kernels *kernels;
   void *args;
-  ern_real *block;      /* per-shard sums */
+  ern_real *block; /* per-shard sums */
   size_t block_stride;
   ern_status status[ERN_SHARDS];
 };

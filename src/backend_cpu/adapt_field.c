@@ -45,8 +45,8 @@ static void grid_bwd_x_task(void *user, size_t k, int lane) {
   ern_real *dx[ERN_GRID_MAX_DIMS];
   grid_pointers(x, a->forward.x, a->forward.grid->dims, r.begin);
   for (int d = 0; d < ERN_GRID_MAX_DIMS; d++) dx[d] = after(reals(a->dx[d]), r.begin);
-  job->kernels->grid_bwd(NULL, dx, reals(a->df.span) + r.begin, a->df.stride, x, reals(a->forward.table), a->forward.grid,
-                         0, a->forward.grid->levels, r.end - r.begin);
+  job->kernels->grid_bwd(NULL, dx, reals(a->df.span) + r.begin, a->df.stride, x, reals(a->forward.table),
+                         a->forward.grid, 0, a->forward.grid->levels, r.end - r.begin);
 }
 static ern_status grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *a) {
   if (a->dtable.buffer != NULL) run(stream, a, (size_t)a->forward.grid->levels, grid_bwd_table_task);
@@ -156,8 +156,8 @@ static void activate_fwd_task(void *user, size_t k, int lane) {
   const struct ern_activate_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
   for (size_t c = 0; c < (size_t)a->y.rows; c++)
-    job->kernels->activate_fwd(reals(a->y.span) + c * a->y.stride + r.begin, reals(a->x.span) + c * a->x.stride + r.begin,
-                               a->kind, r.end - r.begin);
+    job->kernels->activate_fwd(reals(a->y.span) + c * a->y.stride + r.begin,
+                               reals(a->x.span) + c * a->x.stride + r.begin, a->kind, r.end - r.begin);
 }
 static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_args *a) {
   run(stream, a, ERN_SHARDS, activate_fwd_task);
@@ -169,7 +169,8 @@ static void activate_bwd_task(void *user, size_t k, int lane) {
   const struct ern_activate_bwd_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
   for (size_t c = 0; c < (size_t)a->dx.rows; c++)
-    job->kernels->activate_bwd(reals(a->dx.span) + c * a->dx.stride + r.begin, reals(a->dy.span) + c * a->dy.stride + r.begin,
+    job->kernels->activate_bwd(reals(a->dx.span) + c * a->dx.stride + r.begin,
+                               reals(a->dy.span) + c * a->dy.stride + r.begin,
                                reals(a->x.span) + c * a->x.stride + r.begin, a->kind, r.end - r.begin);
 }
 static ern_status activate_bwd(struct ern_stream *stream, struct ern_activate_bwd_args *a) {
@@ -182,7 +183,8 @@ static void sh_task(void *user, size_t k, int lane) {
   const struct job *job = user;
   const struct ern_sh_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
-  job->kernels->sh_fwd(reals(a->y.span) + r.begin, a->y.stride, reals(a->d.span) + r.begin, a->d.stride, r.end - r.begin);
+  job->kernels->sh_fwd(reals(a->y.span) + r.begin, a->y.stride, reals(a->d.span) + r.begin, a->d.stride,
+                       r.end - r.begin);
 }
 static ern_status sh_fwd(struct ern_stream *stream, struct ern_sh_args *a) {
   run(stream, a, ERN_SHARDS, sh_task);
@@ -241,13 +243,14 @@ static void attention_bwd_task(void *user, size_t k, int lane) {
   job->kernels->attention_bwd(reals(a->dv.span) + r.begin, dcode, after(reals(a->deye_attention), r.begin),
                               after(reals(a->dregion.span), r.begin), after(reals(a->dnorm), r.begin),
                               after(reals(a->dregion_eye), r.begin), reals(a->forward.v.span) + r.begin,
-                              reals(a->forward.norm) + r.begin, reals(a->forward.code), a->forward.eye, a->forward.v.rows,
-                              a->forward.v.stride, r.end - r.begin);
+                              reals(a->forward.norm) + r.begin, reals(a->forward.code), a->forward.eye,
+                              a->forward.v.rows, a->forward.v.stride, r.end - r.begin);
 }
 static ern_status attention_bwd(struct ern_stream *stream, struct ern_attention_bwd_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const size_t channels = (size_t)a->forward.v.rows;
-  struct job job = {.stream = stream, .kernels = kernels_of(stream), .args = a, .block_stride = (channels + 15) / 16 * 16};
+  struct job job = {
+      .stream = stream, .kernels = kernels_of(stream), .args = a, .block_stride = (channels + 15) / 16 * 16};
   const ern_status status = take_blocks(stream, job.block_stride, &job.block);
   if (status == ERN_OK) {
     memset(job.block, 0, job.block_stride * ERN_SHARDS * sizeof *job.block);

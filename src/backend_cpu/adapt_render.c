@@ -13,7 +13,8 @@ static void rays_task(void *user, size_t k, int lane) {
   const struct job *job = user;
   const struct ern_rays_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
-  job->kernels->rays(reals(a->dir.span) + r.begin, a->dir.stride, int32s(a->pixel) + r.begin, &a->view, r.end - r.begin);
+  job->kernels->rays(reals(a->dir.span) + r.begin, a->dir.stride, int32s(a->pixel) + r.begin, &a->view,
+                     r.end - r.begin);
 }
 static ern_status rays(struct ern_stream *stream, struct ern_rays_args *a) {
   run(stream, a, ERN_SHARDS, rays_task);
@@ -121,7 +122,8 @@ static ern_status composite_bwd(struct ern_stream *stream, struct ern_composite_
   return ERN_OK;
 }
 
-/* ---- occupancy ---------------------------------------------------------------------------------------------------- */
+/* ---- occupancy ----------------------------------------------------------------------------------------------------
+ */
 
 static void occupancy_mark_task(void *user, size_t k, int lane) {
   (void)lane;
@@ -202,7 +204,8 @@ static ern_status torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pos
   return ERN_OK;
 }
 static ern_status torso_coords(struct ern_stream *stream, struct ern_torso_coords_args *a) {
-  kernels_of(stream)->torso_coords(reals(a->q.span), a->q.stride, int32s(a->pixel), a->width, a->height, a->shrink, a->n);
+  kernels_of(stream)->torso_coords(reals(a->q.span), a->q.stride, int32s(a->pixel), a->width, a->height, a->shrink,
+                                   a->n);
   return ERN_OK;
 }
 static ern_status torso_select(struct ern_stream *stream, struct ern_torso_select_args *a) {
@@ -225,14 +228,14 @@ static ern_status torso_composite_fwd(struct ern_stream *stream, struct ern_tors
   for (size_t c = 0; c < 3 && pixel != background; c++)
     memcpy(pixel + c * a->pixel.stride, background + c * a->background.stride, a->rays * sizeof *pixel);
   if (a->opacity.buffer != NULL) memset(reals(a->opacity), 0, a->rays * sizeof *pixel);
-  kernels_of(stream)->torso_composite_fwd(pixel, reals(a->opacity), reals(a->layer.span), a->layer.stride, int32s(a->index),
-                                          background, a->background.stride, a->n);
+  kernels_of(stream)->torso_composite_fwd(pixel, reals(a->opacity), reals(a->layer.span), a->layer.stride,
+                                          int32s(a->index), background, a->background.stride, a->n);
   return ERN_OK;
 }
 static ern_status torso_composite_bwd(struct ern_stream *stream, struct ern_torso_composite_bwd_args *a) {
-  kernels_of(stream)->torso_composite_bwd(reals(a->dlayer.span), a->dlayer.stride, reals(a->dpixel.span),
-                                          reals(a->forward.layer.span), int32s(a->forward.index),
-                                          reals(a->forward.background.span), a->forward.background.stride, a->forward.n);
+  kernels_of(stream)->torso_composite_bwd(
+      reals(a->dlayer.span), a->dlayer.stride, reals(a->dpixel.span), reals(a->forward.layer.span),
+      int32s(a->forward.index), reals(a->forward.background.span), a->forward.background.stride, a->forward.n);
   return ERN_OK;
 }
 static ern_status torso_points(struct ern_stream *stream, struct ern_torso_points_args *a) {

@@ -28,11 +28,13 @@ static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_
   return ERN_OK;
 }
 static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
-  kernels_of(stream)->smooth_points(reals(a->moved.span), reals(a->x.span), a->x.stride, a->reach, a->seed, a->step, 0, a->n);
+  kernels_of(stream)->smooth_points(reals(a->moved.span), reals(a->x.span), a->x.stride, a->reach, a->seed, a->step, 0,
+                                    a->n);
   return ERN_OK;
 }
 static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
-  a->term = kernels_of(stream)->mse(reals(a->dpixel.span), reals(a->pixel.span), reals(a->truth.span), a->pixel.stride, a->n);
+  a->term =
+      kernels_of(stream)->mse(reals(a->dpixel.span), reals(a->pixel.span), reals(a->truth.span), a->pixel.stride, a->n);
   return ERN_OK;
 }
 static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {

@@ -11,7 +11,8 @@
 /* Big enough for the kernels of either scalar: members are all pointers. */
 enum { KERNEL_TABLE_BYTES = sizeof(struct ern_cpu_kernels) };
 
-static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count, struct ern_buffer **buffer) {
+static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count,
+                              struct ern_buffer **buffer) {
   static const size_t fixed[] = {[ERN_ELEMENT_REAL] = 0, [ERN_ELEMENT_INT32] = 4, [ERN_ELEMENT_BYTE] = 1};
   void *room = NULL;
   *buffer = NULL;

@@ -25,7 +25,8 @@ ern_status ern_arena_make(struct ern_backend *backend, struct ern_arena **arena)
 void ern_arena_free(struct ern_arena *arena) {
   if (arena == NULL) return;
   for (int e = 0; e < 3; e++)
-    for (size_t b = 0; b < arena->chain[e].blocks; b++) arena->backend->buffer_free(arena->backend, arena->chain[e].block[b]);
+    for (size_t b = 0; b < arena->chain[e].blocks; b++)
+      arena->backend->buffer_free(arena->backend, arena->chain[e].block[b]);
   ern_release(arena->backend->context, arena);
 }
 
@@ -50,7 +51,8 @@ ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count
   ern_context *context = arena->backend->context;
   *span = (ern_span){0};
   size_t need = 0;
-  if (!ern_size_add(count, 63, &need)) return ern_fail(context, ERN_E_NO_MEMORY, "scratch: %zu elements do not fit", count);
+  if (!ern_size_add(count, 63, &need))
+    return ern_fail(context, ERN_E_NO_MEMORY, "scratch: %zu elements do not fit", count);
   need = need / 64 * 64;
   while (arena->chain[element].current < arena->chain[element].blocks) {
     const size_t b = arena->chain[element].current;
@@ -63,7 +65,8 @@ ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count
     if (b == MAX_BLOCKS) return ern_fail(context, ERN_E_NO_MEMORY, "scratch: more than %d blocks", MAX_BLOCKS);
     size_t size = b == 0 ? FIRST_BLOCK : 2 * arena->chain[element].size[b - 1];
     if (size < need) size = need;
-    const ern_status status = arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
+    const ern_status status =
+        arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
     if (status != ERN_OK) return status;
     arena->chain[element].size[b] = size;
     arena->chain[element].blocks++;

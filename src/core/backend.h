@@ -2,7 +2,8 @@
  * THE dispatch table: what a device must be able to do for a portrait to be trained and rendered on it.
  *
  * A backend is immutable once made; a stream is one renderer's or trainer's own queue and scratch on it. A slot is
- * ern_status f(stream, args): sizes and spans in, spans filled, and a few figures for the host in the args. No slot is NULL. */
+ * ern_status f(stream, args): sizes and spans in, spans filled, and a few figures for the host in the args. No slot is
+ * NULL. */
 #ifndef ERN_CORE_BACKEND_H
 #define ERN_CORE_BACKEND_H
 

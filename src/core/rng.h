@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Counter-based random numbers: Philox 4x32-10 (Salmon, Moraes, Dror, Shaw 2011). The same key and counter give the same
- * numbers on every machine, thread and backend, so a checkpoint stores a step and no generator. */
+ * Counter-based random numbers: Philox 4x32-10 (Salmon, Moraes, Dror, Shaw 2011). The same key and counter give the
+ * same numbers on every machine, thread and backend, so a checkpoint stores a step and no generator. */
 #ifndef ERN_CORE_RNG_H
 #define ERN_CORE_RNG_H
 

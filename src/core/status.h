@@ -6,13 +6,14 @@
 #include "ernerf/base.h"
 
 /* Leaves the function through its one `fail:` label. Needs a local `ern_status status`. */
-#define ERN_TRY(expression)                \
-  do {                                     \
-    status = (expression);                 \
-    if (status != ERN_OK) goto fail;       \
+#define ERN_TRY(expression)          \
+  do {                               \
+    status = (expression);           \
+    if (status != ERN_OK) goto fail; \
   } while (0)
 
-/* Records the text of the error and returns `code`, so that `return ern_fail(...)` and ERN_TRY(ern_fail(...)) read well. */
+/* Records the text of the error and returns `code`, so that `return ern_fail(...)` and ERN_TRY(ern_fail(...)) read
+ * well. */
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) ERN_PRINTF(3, 4);
 
 /* Sends one line to the context's log hook, if it has one. */

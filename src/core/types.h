@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * The words in which the layers speak to a backend: spans of its memory, rows of numbers, limits.
  *
- * Layout: a quantity with C channels for N samples is stored channel by channel, value (c, i) at c*stride + i, so that a
- * loop over samples runs over contiguous memory. `stride` is at least N. */
+ * Layout: a quantity with C channels for N samples is stored channel by channel, value (c, i) at c*stride + i, so that
+ * a loop over samples runs over contiguous memory. `stride` is at least N. */
 #ifndef ERN_CORE_TYPES_H
 #define ERN_CORE_TYPES_H
 
@@ -53,7 +53,7 @@ struct ern_rows_view {
 };
 
 enum {
-  ERN_MAX_PIECES = 4,   /* inputs that an MLP concatenates */
+  ERN_MAX_PIECES = 4, /* inputs that an MLP concatenates */
   ERN_MLP_MAX_LAYERS = 9,
   ERN_MLP_MAX_WIDTH = 256,
   ERN_GRID_MAX_DIMS = 3,

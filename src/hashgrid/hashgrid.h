@@ -7,8 +7,8 @@
 
 struct ern_grid_shape {
   int dims, levels, features;
-  int base, finest;      /* resolutions of the first and last level */
-  uint32_t table_limit;  /* most entries a level, a power of two */
+  int base, finest;     /* resolutions of the first and last level */
+  uint32_t table_limit; /* most entries a level, a power of two */
   bool hashed;
   float bound;
 };

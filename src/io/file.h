@@ -27,7 +27,8 @@ void ern_file_writer_abandon(struct ern_file_writer *writer);
 ERN_NODISCARD ern_status ern_file_write(ern_context *context, const char *path, const void *bytes, size_t count);
 
 /* For libraries that write files of their own: the temporary name to give them (owned by the caller, ern_release; it
- * keeps the extension of `path`, which such libraries go by), and then fsync + rename + fsync of the folder, or removal. */
+ * keeps the extension of `path`, which such libraries go by), and then fsync + rename + fsync of the folder, or
+ * removal. */
 ERN_NODISCARD ern_status ern_file_temporary_name(ern_context *context, const char *path, char **temporary);
 ERN_NODISCARD ern_status ern_file_put_in_place(ern_context *context, const char *temporary, const char *path);
 

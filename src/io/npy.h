@@ -13,8 +13,8 @@ struct ern_npy {
   ern_npy_type type; /* as stored in the file */
   int dims;          /* 0..ERN_NPY_MAX_DIMS */
   size_t shape[ERN_NPY_MAX_DIMS];
-  size_t count;      /* product of shape */
-  void *data;        /* F16 and F64 arrive as float; U8, I32, I64 as they are. Owned by the caller. */
+  size_t count; /* product of shape */
+  void *data;   /* F16 and F64 arrive as float; U8, I32, I64 as they are. Owned by the caller. */
 };
 
 /* C order, little endian only; anything else is refused in words, as is a file shorter or longer than it claims. */

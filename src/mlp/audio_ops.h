@@ -13,32 +13,34 @@ enum {
   ERN_AUDIO_MAX_CODE = 256 /* most channels of a code: kernels keep eight of them on the stack */
 };
 
-/* Offsets count from the start of the parameter block; weights as torch stores them: Conv1d [out][in][3], Linear [out][in]. */
+/* Offsets count from the start of the parameter block; weights as torch stores them: Conv1d [out][in][3], Linear
+ * [out][in]. */
 struct ern_audio_net {
-  int width;          /* D of the features */
-  int window_length;  /* vectors a window, 1..16 */
-  int code;           /* A = 32, at most ERN_AUDIO_MAX_CODE */
+  int width;         /* D of the features */
+  int window_length; /* vectors a window, 1..16 */
+  int code;          /* A = 32, at most ERN_AUDIO_MAX_CODE */
   size_t conv_weight[ERN_AUDIO_CONVS], conv_bias[ERN_AUDIO_CONVS];
-  size_t fc_weight[2], fc_bias[2];   /* 64 -> 64, LeakyReLU(0.02), 64 -> A */
+  size_t fc_weight[2], fc_bias[2]; /* 64 -> 64, LeakyReLU(0.02), 64 -> A */
   size_t att_conv_weight[ERN_AUDIO_ATT_CONVS], att_conv_bias[ERN_AUDIO_ATT_CONVS];
   size_t att_fc_weight, att_fc_bias; /* 8 -> 8, softmax */
   size_t first, count;               /* the part of the block that holds all of these */
 };
 
 struct ern_audio_args {
-  ern_span code;        /* out: [A] */
-  ern_span windows;     /* [8][window_length][width], as in the file */
-  ern_span parameters;  /* the whole block */
+  ern_span code;       /* out: [A] */
+  ern_span windows;    /* [8][window_length][width], as in the file */
+  ern_span parameters; /* the whole block */
   struct ern_audio_net net;
 };
 struct ern_audio_bwd_args {
-  ern_span dparameters; /* the whole block, accumulates */
-  ern_span dcode;       /* [A] */
+  ern_span dparameters;          /* the whole block, accumulates */
+  ern_span dcode;                /* [A] */
   struct ern_audio_args forward; /* code is not looked at */
 };
 
 /* A window of any length L goes through the four strided convolutions: lengths ceil(L/2) each time; where more than one
- * position is left after the fourth (L > 16) the call is refused before it gets here, and L <= 16 leaves exactly one. */
+ * position is left after the fourth (L > 16) the call is refused before it gets here, and L <= 16 leaves exactly one.
+ */
 typedef void ern_audio_fwd_kernel(ern_real *code, const ern_real *windows, const ern_real *parameters,
                                   const struct ern_audio_net *net);
 typedef void ern_audio_bwd_kernel(ern_real *dparameters, const ern_real *dcode, const ern_real *windows,

@@ -7,27 +7,27 @@
 
 /* region = v * code by channel; norm = |v|_2; region_eye = eye * eye_attention. */
 struct ern_attention_args {
-  ern_rows region;       /* out: [A] per sample */
-  ern_span norm;         /* out: real [n] */
-  ern_span region_eye;   /* out: real [n]; zeroed: no eye branch */
-  ern_rows v;            /* [A] per sample */
-  ern_span code;         /* real [A] */
-  ern_span eye_attention;/* real [n] in (0, 1); zeroed: no eye branch */
+  ern_rows region;        /* out: [A] per sample */
+  ern_span norm;          /* out: real [n] */
+  ern_span region_eye;    /* out: real [n]; zeroed: no eye branch */
+  ern_rows v;             /* [A] per sample */
+  ern_span code;          /* real [A] */
+  ern_span eye_attention; /* real [n] in (0, 1); zeroed: no eye branch */
   float eye;
   size_t n;
 };
 struct ern_attention_bwd_args {
-  ern_rows dv;           /* out, overwritten */
-  ern_span dcode;        /* accumulates; zeroed: not wanted (the smoothness term detaches the code) */
-  ern_span deye_attention; /* accumulates; zeroed: no eye branch */
-  ern_rows dregion;      /* zeroed: none */
-  ern_span dnorm;        /* zeroed: none; at v = 0 the gradient of the norm is 0 */
-  ern_span dregion_eye;  /* zeroed: none */
+  ern_rows dv;                       /* out, overwritten */
+  ern_span dcode;                    /* accumulates; zeroed: not wanted (the smoothness term detaches the code) */
+  ern_span deye_attention;           /* accumulates; zeroed: no eye branch */
+  ern_rows dregion;                  /* zeroed: none */
+  ern_span dnorm;                    /* zeroed: none; at v = 0 the gradient of the norm is 0 */
+  ern_span dregion_eye;              /* zeroed: none */
   struct ern_attention_args forward; /* with norm as the forward pass left it */
 };
 
-/* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and dregion
- * alike. */
+/* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and
+ * dregion alike. */
 typedef void ern_attention_fwd_kernel(ern_real *region, ern_real *norm, ern_real *region_eye, const ern_real *v,
                                       const ern_real *code, const ern_real *eye_attention, ern_real eye, int channels,
                                       size_t stride, size_t n);

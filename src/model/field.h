@@ -9,11 +9,11 @@
 #include "mlp/mlp_ops.h"
 
 enum {
-  ERN_PLANES = 3,        /* xy, yz, xz */
+  ERN_PLANES = 3, /* xy, yz, xz */
   ERN_AUDIO_CODE = 32,
   ERN_GEOMETRY = 64,
   ERN_SH_ROWS = 16,
-  ERN_CODE_WIDTH = 4,    /* individual code of the head */
+  ERN_CODE_WIDTH = 4, /* individual code of the head */
   ERN_TORSO_CODE_WIDTH = 8,
   ERN_Q_OCTAVES = 8,
   ERN_K_OCTAVES = 3,
@@ -23,25 +23,25 @@ enum {
 
 /* The small configuration that all else follows from; stored in the model file. */
 struct ern_model_config {
-  int levels;            /* of the tri-plane encoder, 2..24 */
-  int feature_width;     /* D */
-  int window_length;     /* 1..16 */
-  bool head;             /* false only while a table for the torso's tensors alone is built */
-  bool eye;              /* the clip has a blink signal */
+  int levels;        /* of the tri-plane encoder, 2..24 */
+  int feature_width; /* D */
+  int window_length; /* 1..16 */
+  bool head;         /* false only while a table for the torso's tensors alone is built */
+  bool eye;          /* the clip has a blink signal */
   bool torso;
-  bool torso_gamma;      /* the paper's scale of the key points, trained */
-  int codes;             /* rows of the individual codes, 0: no codes */
+  bool torso_gamma; /* the paper's scale of the key points, trained */
+  int codes;        /* rows of the individual codes, 0: no codes */
   float bound;
 };
 
 struct ern_field {
   struct ern_model_config config;
-  size_t parameters;     /* reals in the block */
+  size_t parameters; /* reals in the block */
 
   struct ern_grid plane[ERN_PLANES];
   size_t plane_table[ERN_PLANES];
   int plane_axis[ERN_PLANES][2]; /* which coordinates a plane looks at */
-  int feature_rows;      /* D3 = 3*levels */
+  int feature_rows;              /* D3 = 3*levels */
   struct ern_audio_net audio;
   struct ern_mlp attention, eye, density, colour, uncertainty;
   size_t codes;

@@ -36,10 +36,11 @@ fail:
 
 static struct ern_grid_args plane_args(const struct ern_head_inputs *in, int plane, ern_rows x, ern_rows f, size_t n) {
   const struct ern_field *field = in->field;
-  struct ern_grid_args args = {.f = ern_rows_part(f, plane * field->config.levels, field->config.levels),
-                               .table = ern_span_part(in->parameters, field->plane_table[plane], field->plane[plane].entries),
-                               .grid = &field->plane[plane],
-                               .n = n};
+  struct ern_grid_args args = {
+      .f = ern_rows_part(f, plane * field->config.levels, field->config.levels),
+      .table = ern_span_part(in->parameters, field->plane_table[plane], field->plane[plane].entries),
+      .grid = &field->plane[plane],
+      .n = n};
   for (int d = 0; d < 2; d++) args.x[d] = ern_span_of_row(x, field->plane_axis[plane][d], n);
   return args;
 }
@@ -50,7 +51,8 @@ static struct ern_mlp_args mlp_args(const struct ern_head_inputs *in, const stru
       .y = y, .x = {x}, .pieces = 1, .ray = in->ray, .parameters = in->parameters, .mlp = *mlp, .n = n};
 }
 
-/* The density's input is [f, region, region_eye]. A density-only batch computes the first row of the last layer alone. */
+/* The density's input is [f, region, region_eye]. A density-only batch computes the first row of the last layer alone.
+ */
 static struct ern_mlp_args density_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
   struct ern_mlp_args args = mlp_args(in, &in->field->density, batch->h, batch->f, batch->n);
   args.mlp.width[args.mlp.layers] = batch->h.rows;
@@ -78,9 +80,9 @@ static struct ern_mlp_args colour_args(const struct ern_head_inputs *in, const s
   struct ern_mlp_args args = mlp_args(in, &in->field->colour, batch->rgb_raw, in->sh, batch->n);
   args.x[args.pieces++] = ern_rows_part(batch->h, 1, ERN_GEOMETRY);
   if (in->field->config.codes > 0)
-    args.x[args.pieces++] = (ern_rows){
-        ern_span_part(in->parameters, in->field->codes + in->individual * ERN_CODE_WIDTH, ERN_CODE_WIDTH), 1, ERN_CODE_WIDTH,
-        ERN_PER_BATCH};
+    args.x[args.pieces++] =
+        (ern_rows){ern_span_part(in->parameters, in->field->codes + in->individual * ERN_CODE_WIDTH, ERN_CODE_WIDTH), 1,
+                   ERN_CODE_WIDTH, ERN_PER_BATCH};
   return args;
 }
 
@@ -113,7 +115,8 @@ fail:
   return status;
 }
 
-ern_status ern_head_colour_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, struct ern_head_batch *batch) {
+ern_status ern_head_colour_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+                               struct ern_head_batch *batch) {
   struct ern_mlp_args mlp = colour_args(in, batch);
   const ern_status status = stream->backend->mlp_fwd(stream, &mlp);
   if (status != ERN_OK) return status;
@@ -132,7 +135,8 @@ ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_
 
 /* f is detached: the uncertainty does not shape the scene. */
 ern_status ern_head_uncertainty_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
-                                    const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters) {
+                                    const struct ern_head_batch *batch, struct ern_head_batch *d,
+                                    ern_span dparameters) {
   struct ern_activate_bwd_args softplus = {d->unc_raw, d->unc, batch->unc_raw, ERN_ACT_SOFTPLUS, batch->n};
   const ern_status status = stream->backend->activate_bwd(stream, &softplus);
   if (status != ERN_OK) return status;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The head field over a batch of samples, stage by stage through the dispatch table: encoder, region attention, density,
- * colour, uncertainty (model.md section 4; paper section 3). Each forward function has its mirror. */
+ * The head field over a batch of samples, stage by stage through the dispatch table: encoder, region attention,
+ * density, colour, uncertainty (model.md section 4; paper section 3). Each forward function has its mirror. */
 #ifndef ERN_MODEL_HEAD_H
 #define ERN_MODEL_HEAD_H
 
@@ -10,12 +10,12 @@
 /* What a frame gives to all its samples. */
 struct ern_head_inputs {
   const struct ern_field *field;
-  ern_span parameters;   /* the whole block */
-  ern_span code;         /* real [A], the audio code */
-  float eye;             /* 0..1 */
-  size_t individual;     /* row of the individual codes */
-  ern_rows sh;           /* [16] per ray */
-  ern_span ray;          /* int32 [n]; zeroed where only the density is asked for */
+  ern_span parameters; /* the whole block */
+  ern_span code;       /* real [A], the audio code */
+  float eye;           /* 0..1 */
+  size_t individual;   /* row of the individual codes */
+  ern_rows sh;         /* [16] per ray */
+  ern_span ray;        /* int32 [n]; zeroed where only the density is asked for */
 };
 
 /* Values of a batch, or gradients by them. Rows are in scratch. */
@@ -37,8 +37,8 @@ enum { ERN_BATCH_ATTENTION = 1, ERN_BATCH_DENSITY = 2, ERN_BATCH_COLOUR = 4, ERN
 
 /* Takes the rows that the parts in `parts` need from the stream's scratch. ERN_BATCH_DENSITY without ERN_BATCH_COLOUR
  * leaves the geometry out. */
-ERN_NODISCARD ern_status ern_head_batch_take(struct ern_stream *stream, const struct ern_field *field, size_t n, int parts,
-                                             struct ern_head_batch *batch);
+ERN_NODISCARD ern_status ern_head_batch_take(struct ern_stream *stream, const struct ern_field *field, size_t n,
+                                             int parts, struct ern_head_batch *batch);
 
 /* x: [3] per sample. Features, region attention and, where the batch has room for it, the density. */
 ERN_NODISCARD ern_status ern_head_density_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
@@ -48,8 +48,9 @@ ERN_NODISCARD ern_status ern_head_colour_fwd(struct ern_stream *stream, const st
 ERN_NODISCARD ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                                   struct ern_head_batch *batch);
 
-/* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f, d->h and d->eye and sets d->sigma,
- * d->rgb, d->unc, d->norm, d->eye. dparameters accumulates; so does dcode [A], unless it is zeroed (detached). */
+/* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f, d->h and d->eye and sets
+ * d->sigma, d->rgb, d->unc, d->norm, d->eye. dparameters accumulates; so does dcode [A], unless it is zeroed
+ * (detached). */
 ERN_NODISCARD ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                              const struct ern_head_batch *batch, struct ern_head_batch *d,
                                              ern_span dparameters);

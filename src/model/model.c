@@ -58,10 +58,11 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
   info->parameter_bytes = info->parameters * sizeof(float);
 }
 
-static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtype dtype, int dims, size_t first, size_t second,
-                       size_t third, const void *data) {
+static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtype dtype, int dims, size_t first,
+                       size_t second, size_t third, const void *data) {
   struct ern_tensor *tensor = &out->tensor[out->count++];
-  *tensor = (struct ern_tensor){.name = name, .dtype = dtype, .dims = dims, .shape = {first, second, third}, .data = data};
+  *tensor =
+      (struct ern_tensor){.name = name, .dtype = dtype, .dims = dims, .shape = {first, second, third}, .data = data};
   tensor->count = 1;
   for (int d = 0; d < dims; d++) tensor->count *= tensor->shape[d];
 }
@@ -74,7 +75,8 @@ static void add_offsets(struct ern_model_tensors *out, int slot, const char *nam
 }
 
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
-  static const char *const offsets_name[ERN_PLANES] = {"encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets"};
+  static const char *const offsets_name[ERN_PLANES] = {"encoder_xy.offsets", "encoder_yz.offsets",
+                                                       "encoder_xz.offsets"};
   const float b = model->field.config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
   out->count = 0;
   memcpy(out->box, box, sizeof box);

@@ -11,9 +11,9 @@ struct ern_model {
   ern_context *context;
   struct ern_field field;
   struct ern_parameter_table table;
-  float *block;            /* [field.parameters] */
-  uint8_t *bits;           /* [ERN_OCCUPANCY_BYTES] */
-  float *torso_grid;       /* [ERN_TORSO_CELLS], NULL without a torso */
+  float *block;      /* [field.parameters] */
+  uint8_t *bits;     /* [ERN_OCCUPANCY_BYTES] */
+  float *torso_grid; /* [ERN_TORSO_CELLS], NULL without a torso */
   uint64_t head_steps, torso_steps;
   char clip[65];
 };
@@ -21,8 +21,8 @@ struct ern_model {
 /* A model of that configuration with all values 0. */
 ERN_NODISCARD ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config);
 
-/* Parameters and buffers as tensors that point into the model (`tensors` has room for ERN_MODEL_TENSORS), and the metadata
- * text, owned by the caller (ern_release). What a state file adds comes after them. */
+/* Parameters and buffers as tensors that point into the model (`tensors` has room for ERN_MODEL_TENSORS), and the
+ * metadata text, owned by the caller (ern_release). What a state file adds comes after them. */
 enum { ERN_MODEL_TENSORS = ERN_MAX_PARAMETERS + 16 };
 struct ern_model_tensors {
   struct ern_tensor tensor[ERN_MODEL_TENSORS];
@@ -33,9 +33,10 @@ struct ern_model_tensors {
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out);
 ERN_NODISCARD ern_status ern_model_metadata(const ern_model *model, char **json);
 
-/* Makes a model of an open file; tensors whose names begin with `state.` are left to the caller. `path` is for messages. */
-ERN_NODISCARD ern_status ern_model_from_file(ern_model **model, ern_context *context, const struct ern_tensor_file *file,
-                                             const char *path);
+/* Makes a model of an open file; tensors whose names begin with `state.` are left to the caller. `path` is for
+ * messages. */
+ERN_NODISCARD ern_status ern_model_from_file(ern_model **model, ern_context *context,
+                                             const struct ern_tensor_file *file, const char *path);
 
 /* Copies a tensor of exactly this shape into out; errors name path, tensor and both shapes. Values must be finite. */
 ERN_NODISCARD ern_status ern_tensor_take(ern_context *context, const struct ern_tensor_file *file, const char *path,

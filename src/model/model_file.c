@@ -15,11 +15,11 @@
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
-  json_t *root = json_pack("{s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "levels", c->levels, "feature_width",
-                           c->feature_width, "window_length", c->window_length, "eye", c->eye, "torso", c->torso,
-                           "torso_gamma", c->torso_gamma, "codes", c->codes, "bound", (double)c->bound, "head_steps",
-                           (json_int_t)model->head_steps, "torso_steps", (json_int_t)model->torso_steps, "clip", model->clip,
-                           "consent", "");
+  json_t *root = json_pack("{s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "levels", c->levels,
+                           "feature_width", c->feature_width, "window_length", c->window_length, "eye", c->eye, "torso",
+                           c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound", (double)c->bound,
+                           "head_steps", (json_int_t)model->head_steps, "torso_steps", (json_int_t)model->torso_steps,
+                           "clip", model->clip, "consent", "");
   char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
@@ -36,8 +36,8 @@ static void shape_text(char *text, size_t bytes, int dims, const size_t *shape) 
 }
 
 /* The tensor of that name and shape, or an error that says what is there instead. */
-static ern_status find_exact(ern_context *context, const struct ern_tensor_file *file, const char *path, const char *name,
-                             int dims, const size_t *shape, const struct ern_tensor **found) {
+static ern_status find_exact(ern_context *context, const struct ern_tensor_file *file, const char *path,
+                             const char *name, int dims, const size_t *shape, const struct ern_tensor **found) {
   char expected[96], actual[96];
   shape_text(expected, sizeof expected, dims, shape);
   *found = ern_tensor_file_find(file, name);
@@ -66,11 +66,12 @@ ern_status ern_tensor_take(ern_context *context, const struct ern_tensor_file *f
 /* ---- configuration ----------------------------------------------------------------------------------------------- */
 
 static ern_status wrong_field(ern_context *context, const char *path, const char *field) {
-  return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": field %s is missing or of another type", path, field);
+  return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": field %s is missing or of another type", path,
+                  field);
 }
 
-static ern_status read_metadata(ern_context *context, const char *text, const char *path, struct ern_model_config *config,
-                                ern_model *identity) {
+static ern_status read_metadata(ern_context *context, const char *text, const char *path,
+                                struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
   json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error);
   if (!json_is_object(root)) {
@@ -92,7 +93,8 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   for (size_t i = 0; i < sizeof integers / sizeof *integers; i++) {
     const json_t *value = json_object_get(root, integers[i].name);
     const json_int_t number = json_integer_value(value);
-    if (!json_is_integer(value) || number < 0 || number > 1000000) ERN_TRY(wrong_field(context, path, integers[i].name));
+    if (!json_is_integer(value) || number < 0 || number > 1000000)
+      ERN_TRY(wrong_field(context, path, integers[i].name));
     *integers[i].to = (int)number;
   }
   for (size_t i = 0; i < sizeof flags / sizeof *flags; i++) {
@@ -122,11 +124,11 @@ static ern_status config_from_shapes(ern_context *context, const struct ern_tens
   const size_t offsets = side(file, "encoder_xy.offsets", 0), width = side(file, "audio_net.encoder_conv.0.weight", 1),
                codes = side(file, "individual_codes", 0), density = side(file, "sigma_net.net.0.weight", 1);
   if (offsets < 3 || offsets > ERN_GRID_MAX_LEVELS + 1)
-    return ern_fail(context, ERN_E_FORMAT, "%s: encoder_xy.offsets has %zu values, expected 3 to %d: is this a model?", path,
-                    offsets, ERN_GRID_MAX_LEVELS + 1);
+    return ern_fail(context, ERN_E_FORMAT, "%s: encoder_xy.offsets has %zu values, expected 3 to %d: is this a model?",
+                    path, offsets, ERN_GRID_MAX_LEVELS + 1);
   if (width < 1 || width > 4096)
-    return ern_fail(context, ERN_E_SHAPE, "%s: audio_net.encoder_conv.0.weight takes %zu channels, expected 1 to 4096", path,
-                    width);
+    return ern_fail(context, ERN_E_SHAPE, "%s: audio_net.encoder_conv.0.weight takes %zu channels, expected 1 to 4096",
+                    path, width);
   if (codes > 1000000) return ern_fail(context, ERN_E_SHAPE, "%s: individual_codes has %zu rows", path, codes);
   config->levels = (int)offsets - 1;
   config->feature_width = (int)width;
@@ -149,9 +151,10 @@ static ern_status config_from_shapes(ern_context *context, const struct ern_tens
 
 /* Names that a file may hold beside the parameters. */
 static bool is_buffer(const char *name) {
-  static const char *const known[] = {"aabb_train", "aabb_infer", "density_grid", "density_bitfield", "density_grid_torso",
-                                      "step_counter", "encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets",
-                                      "torso_encoder.offsets", "camera_dR", "camera_dT"};
+  static const char *const known[] = {
+      "aabb_train",   "aabb_infer",         "density_grid",       "density_bitfield",   "density_grid_torso",
+      "step_counter", "encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets", "torso_encoder.offsets",
+      "camera_dR",    "camera_dT"};
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
     if (strcmp(name, known[i]) == 0) return true;
   return strncmp(name, "state.", 6) == 0;
@@ -246,8 +249,8 @@ static ern_status npy_tensor(ern_context *context, const char *path, void (*say)
   return ERN_OK;
 }
 
-ern_status ern_file_tensors(ern_context *context, const char *path, void (*say)(void *user, const ern_tensor_info *tensor),
-                            void *user) {
+ern_status ern_file_tensors(ern_context *context, const char *path,
+                            void (*say)(void *user, const ern_tensor_info *tensor), void *user) {
   const char *dot = strrchr(path, '.');
   if (dot != NULL && strcmp(dot, ".npy") == 0) return npy_tensor(context, path, say, user);
   struct ern_tensor_file file = {0};

@@ -18,8 +18,8 @@ static size_t add(struct ern_field *field, struct ern_parameter_table *table, st
   return row.at;
 }
 
-static size_t add_named(struct ern_field *field, struct ern_parameter_table *table, const char *prefix, const char *suffix,
-                        struct ern_parameter row) {
+static size_t add_named(struct ern_field *field, struct ern_parameter_table *table, const char *prefix,
+                        const char *suffix, struct ern_parameter row) {
   snprintf(row.name, sizeof row.name, "%s%s", prefix, suffix);
   return add(field, table, row);
 }
@@ -27,8 +27,8 @@ static size_t add_named(struct ern_field *field, struct ern_parameter_table *tab
 /* torch's initial values of Linear and Conv1d: uniform in +-1/sqrt(inputs), for weights and biases alike. */
 static float fan_range(size_t inputs) { return (float)(1.0 / sqrt((double)inputs)); }
 
-static void add_mlp(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name, bool torso,
-                    int layers, const int *width) {
+static void add_mlp(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name,
+                    bool torso, int layers, const int *width) {
   mlp->layers = layers;
   for (int l = 0; l <= layers; l++) mlp->width[l] = width[l];
   for (int l = 0; l < layers; l++) {
@@ -71,18 +71,20 @@ static void add_audio(struct ern_field *field, struct ern_parameter_table *table
     add_affine(field, table, &net->conv_weight[k], &net->conv_bias[k], name, ERN_GROUP_NET, conv[k + 1], conv[k], 3);
   }
   add_affine(field, table, &net->fc_weight[0], &net->fc_bias[0], "audio_net.encoder_fc1.0", ERN_GROUP_NET, 64, 64, 1);
-  add_affine(field, table, &net->fc_weight[1], &net->fc_bias[1], "audio_net.encoder_fc1.2", ERN_GROUP_NET, net->code, 64, 1);
+  add_affine(field, table, &net->fc_weight[1], &net->fc_bias[1], "audio_net.encoder_fc1.2", ERN_GROUP_NET, net->code,
+             64, 1);
   for (int k = 0; k < ERN_AUDIO_ATT_CONVS; k++) {
     snprintf(name, sizeof name, "audio_att_net.attentionConvNet.%d", 2 * k);
-    add_affine(field, table, &net->att_conv_weight[k], &net->att_conv_bias[k], name, ERN_GROUP_AUDIO_ATT, att[k + 1], att[k], 3);
+    add_affine(field, table, &net->att_conv_weight[k], &net->att_conv_bias[k], name, ERN_GROUP_AUDIO_ATT, att[k + 1],
+               att[k], 3);
   }
   add_affine(field, table, &net->att_fc_weight, &net->att_fc_bias, "audio_att_net.attentionNet.0", ERN_GROUP_AUDIO_ATT,
              ERN_AUDIO_WINDOWS, ERN_AUDIO_WINDOWS, 1);
   net->count = field->parameters - net->first;
 }
 
-static ern_status add_grid(struct ern_field *field, struct ern_parameter_table *table, struct ern_grid *grid, size_t *at,
-                           const char *name, bool torso, const struct ern_grid_shape *shape) {
+static ern_status add_grid(struct ern_field *field, struct ern_parameter_table *table, struct ern_grid *grid,
+                           size_t *at, const char *name, bool torso, const struct ern_grid_shape *shape) {
   const ern_status status = ern_grid_build(grid, shape);
   if (status != ERN_OK) return status;
   const struct ern_parameter row = {.dims = 2,
@@ -95,7 +97,8 @@ static ern_status add_grid(struct ern_field *field, struct ern_parameter_table *
   return ERN_OK;
 }
 
-static size_t add_codes(struct ern_field *field, struct ern_parameter_table *table, const char *name, bool torso, int width) {
+static size_t add_codes(struct ern_field *field, struct ern_parameter_table *table, const char *name, bool torso,
+                        int width) {
   const struct ern_parameter row = {.dims = 2,
                                     .shape = {(size_t)field->config.codes, (size_t)width},
                                     .group = ERN_GROUP_NET,
@@ -121,7 +124,8 @@ static ern_status add_head(struct ern_field *field, struct ern_parameter_table *
                                        .bound = config->bound};
   for (int p = 0; p < ERN_PLANES; p++) {
     memcpy(field->plane_axis[p], axis[p], sizeof axis[p]);
-    const ern_status status = add_grid(field, table, &field->plane[p], &field->plane_table[p], plane_name[p], false, &shape);
+    const ern_status status =
+        add_grid(field, table, &field->plane[p], &field->plane_table[p], plane_name[p], false, &shape);
     if (status != ERN_OK) return status;
   }
   const int f = ERN_PLANES * config->levels, code = config->codes > 0 ? ERN_CODE_WIDTH : 0;
@@ -145,16 +149,21 @@ static ern_status add_torso(struct ern_field *field, struct ern_parameter_table 
                                        .hashed = false,
                                        .bound = 1};
   const int code = field->config.codes > 0 ? ERN_TORSO_CODE_WIDTH : 0, encoded = ERN_Q_ROWS + ERN_K_ROWS + code;
-  const struct ern_parameter anchors = {.name = "anchor_points", .dims = 2, .shape = {3, 4}, .group = ERN_GROUP_NET,
-                                        .torso = true, .init = ERN_INIT_ANCHORS};
-  const struct ern_parameter gamma = {.name = "torso_gamma", .dims = 1, .shape = {1}, .group = ERN_GROUP_NET,
-                                      .torso = true, .init = ERN_INIT_ONE};
+  const struct ern_parameter anchors = {.name = "anchor_points",
+                                        .dims = 2,
+                                        .shape = {3, 4},
+                                        .group = ERN_GROUP_NET,
+                                        .torso = true,
+                                        .init = ERN_INIT_ANCHORS};
+  const struct ern_parameter gamma = {
+      .name = "torso_gamma", .dims = 1, .shape = {1}, .group = ERN_GROUP_NET, .torso = true, .init = ERN_INIT_ONE};
   if (field->config.codes > 0)
     field->torso_codes = add_codes(field, table, "individual_codes_torso", true, ERN_TORSO_CODE_WIDTH);
   field->anchors = add(field, table, anchors);
   if (field->config.torso_gamma) field->gamma = add(field, table, gamma);
   add_mlp(field, table, &field->torso_deform, "torso_deform_net", true, 3, (int[]){encoded, 32, 32, 2});
-  const ern_status status = add_grid(field, table, &field->torso_grid, &field->torso_table, "torso_encoder", true, &shape);
+  const ern_status status =
+      add_grid(field, table, &field->torso_grid, &field->torso_table, "torso_encoder", true, &shape);
   if (status != ERN_OK) return status;
   add_mlp(field, table, &field->torso_net, "torso_net", true, 3,
           (int[]){field->torso_grid.levels * field->torso_grid.features + encoded, 32, 32, 4});
@@ -163,7 +172,8 @@ static ern_status add_torso(struct ern_field *field, struct ern_parameter_table 
 
 static ern_status check(ern_context *context, const struct ern_model_config *config) {
   if (config->levels < 2 || config->levels > ERN_GRID_MAX_LEVELS)
-    return ern_fail(context, ERN_E_ARGUMENT, "model: levels is %d, expected 2 to %d", config->levels, ERN_GRID_MAX_LEVELS);
+    return ern_fail(context, ERN_E_ARGUMENT, "model: levels is %d, expected 2 to %d", config->levels,
+                    ERN_GRID_MAX_LEVELS);
   if (config->feature_width < 1 || config->feature_width > 4096)
     return ern_fail(context, ERN_E_ARGUMENT, "model: feature width is %d, expected 1 to 4096", config->feature_width);
   if (config->window_length < 1 || config->window_length > 16)

@@ -13,9 +13,9 @@ enum { ERN_MAX_PARAMETERS = 64, ERN_PARAMETER_DIMS = 3, ERN_PARAMETER_NAME = 48 
 typedef enum ern_group { ERN_GROUP_GRID, ERN_GROUP_NET, ERN_GROUP_AUDIO_ATT } ern_group;
 
 typedef enum ern_init {
-  ERN_INIT_UNIFORM,  /* [-range, range] */
-  ERN_INIT_NORMAL,   /* range * normal(0, 1) */
-  ERN_INIT_ANCHORS,  /* the key points of model.md section 7 */
+  ERN_INIT_UNIFORM, /* [-range, range] */
+  ERN_INIT_NORMAL,  /* range * normal(0, 1) */
+  ERN_INIT_ANCHORS, /* the key points of model.md section 7 */
   ERN_INIT_ONE
 } ern_init;
 
@@ -23,9 +23,9 @@ struct ern_parameter {
   char name[ERN_PARAMETER_NAME]; /* the public checkpoint's */
   int dims;
   size_t shape[ERN_PARAMETER_DIMS];
-  size_t at, count;  /* in the block; `at` is a multiple of 16 reals */
+  size_t at, count; /* in the block; `at` is a multiple of 16 reals */
   ern_group group;
-  bool torso;        /* trained with the torso, the head's otherwise */
+  bool torso; /* trained with the torso, the head's otherwise */
   ern_init init;
   float range;
 };

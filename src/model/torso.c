@@ -28,20 +28,23 @@ fail:
 }
 
 static struct ern_torso_pose_args pose_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
-  struct ern_torso_pose_args args = {.k = batch->k.span, .anchors = ern_span_part(in->parameters, in->field->anchors, 12)};
+  struct ern_torso_pose_args args = {.k = batch->k.span,
+                                     .anchors = ern_span_part(in->parameters, in->field->anchors, 12)};
   if (in->field->config.torso_gamma) args.gamma = ern_span_part(in->parameters, in->field->gamma, 1);
   for (int i = 0; i < 16; i++) args.pose[i] = in->pose[i];
   return args;
 }
 
 /* Appends [q_encoded, k_encoded, individual code] to an MLP's input. */
-static void add_encoded(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch, struct ern_mlp_args *args) {
+static void add_encoded(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch,
+                        struct ern_mlp_args *args) {
   args->x[args->pieces++] = batch->q_encoded;
   args->x[args->pieces++] = batch->k_encoded;
   if (in->field->config.codes > 0)
-    args->x[args->pieces++] = (ern_rows){
-        ern_span_part(in->parameters, in->field->torso_codes + in->individual * ERN_TORSO_CODE_WIDTH, ERN_TORSO_CODE_WIDTH),
-        1, ERN_TORSO_CODE_WIDTH, ERN_PER_BATCH};
+    args->x[args->pieces++] =
+        (ern_rows){ern_span_part(in->parameters, in->field->torso_codes + in->individual * ERN_TORSO_CODE_WIDTH,
+                                 ERN_TORSO_CODE_WIDTH),
+                   1, ERN_TORSO_CODE_WIDTH, ERN_PER_BATCH};
 }
 
 static struct ern_mlp_args deform_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
@@ -115,8 +118,8 @@ static void encoded_gradients(const struct ern_torso_inputs *in, const struct er
   }
 }
 
-ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_inputs *in, const struct ern_torso_batch *batch,
-                         struct ern_torso_batch *d, ern_span dparameters) {
+ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_inputs *in,
+                         const struct ern_torso_batch *batch, struct ern_torso_batch *d, ern_span dparameters) {
   const struct ern_backend *backend = stream->backend;
   const struct ern_field *field = in->field;
   const size_t table = (size_t)field->torso_grid.entries * (size_t)field->torso_grid.features;
@@ -143,12 +146,10 @@ ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_input
   struct ern_mlp_bwd_args moved = {.dparameters = dparameters, .dy = d->moved_by, .forward = deform_args(in, batch)};
   encoded_gradients(in, d, dparameters, &moved);
   ERN_TRY(backend->mlp_bwd(stream, &moved));
-  struct ern_freq_bwd_args encode_k = {
-      .dx = d->k, .dy = d->k_encoded, .x = batch->k, .octaves = ERN_K_OCTAVES, .n = 1};
+  struct ern_freq_bwd_args encode_k = {.dx = d->k, .dy = d->k_encoded, .x = batch->k, .octaves = ERN_K_OCTAVES, .n = 1};
   ERN_TRY(backend->freq_bwd(stream, &encode_k));
-  struct ern_torso_pose_bwd_args pose = {.danchors = ern_span_part(dparameters, field->anchors, 12),
-                                         .dk = d->k.span,
-                                         .forward = pose_args(in, batch)};
+  struct ern_torso_pose_bwd_args pose = {
+      .danchors = ern_span_part(dparameters, field->anchors, 12), .dk = d->k.span, .forward = pose_args(in, batch)};
   if (field->config.torso_gamma) pose.dgamma = ern_span_part(dparameters, field->gamma, 1);
   ERN_TRY(backend->torso_pose_bwd(stream, &pose));
 fail:

@@ -9,8 +9,8 @@
 struct ern_torso_inputs {
   const struct ern_field *field;
   ern_span parameters;
-  const float *pose;     /* [16] camera to world, renderer's frame */
-  size_t individual;     /* row of the individual codes */
+  const float *pose; /* [16] camera to world, renderer's frame */
+  size_t individual; /* row of the individual codes */
 };
 
 /* Values of a batch, or gradients by them. */
@@ -32,7 +32,8 @@ ERN_NODISCARD ern_status ern_torso_fwd(struct ern_stream *stream, const struct e
                                        struct ern_torso_batch *batch);
 /* d->layer is set by the caller; dparameters accumulates. */
 ERN_NODISCARD ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_inputs *in,
-                                       const struct ern_torso_batch *batch, struct ern_torso_batch *d, ern_span dparameters);
+                                       const struct ern_torso_batch *batch, struct ern_torso_batch *d,
+                                       ern_span dparameters);
 
 /* q of pixels (row-major numbers of a width x height picture). */
 ERN_NODISCARD ern_status ern_torso_q(struct ern_stream *stream, ern_span pixel, int width, int height, float shrink,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The torso: adaptive pose encoding, deformation, compositing, and its 2D occupancy (model.md section 7; paper eq. 9-11). */
+ * The torso: adaptive pose encoding, deformation, compositing, and its 2D occupancy (model.md section 7; paper eq.
+ * 9-11). */
 #ifndef ERN_TORSO_OPS_H
 #define ERN_TORSO_OPS_H
 
@@ -7,56 +8,59 @@
 
 enum { ERN_TORSO_POINTS = 3, ERN_TORSO_SIDE = 128, ERN_TORSO_CELLS = 128 * 128 };
 
-/* k[2p], k[2p+1] = gamma * X0/X3/X2, gamma * X1/X3/X2, where X = anchor_p (row vector) times transpose(inverse(pose)). */
+/* k[2p], k[2p+1] = gamma * X0/X3/X2, gamma * X1/X3/X2, where X = anchor_p (row vector) times transpose(inverse(pose)).
+ */
 struct ern_torso_pose_args {
-  ern_span k;            /* out: real [6] */
-  ern_span anchors;      /* real [3][4] */
-  ern_span gamma;        /* real [1]; zeroed: 1 */
-  float pose[16];        /* camera to world, renderer's frame; the caller has checked that it can be inverted */
+  ern_span k;       /* out: real [6] */
+  ern_span anchors; /* real [3][4] */
+  ern_span gamma;   /* real [1]; zeroed: 1 */
+  float pose[16];   /* camera to world, renderer's frame; the caller has checked that it can be inverted */
 };
 struct ern_torso_pose_bwd_args {
   ern_span danchors, dgamma; /* accumulate; dgamma zeroed where gamma is */
-  ern_span dk;           /* real [6] */
+  ern_span dk;               /* real [6] */
   struct ern_torso_pose_args forward;
 };
-typedef void ern_torso_pose_fwd_kernel(ern_real *k, const ern_real *anchors, const ern_real *gamma, const float pose[16]);
-typedef void ern_torso_pose_bwd_kernel(ern_real *danchors, ern_real *dgamma, const ern_real *dk, const ern_real *anchors,
-                                       const ern_real *gamma, const float pose[16]);
+typedef void ern_torso_pose_fwd_kernel(ern_real *k, const ern_real *anchors, const ern_real *gamma,
+                                       const float pose[16]);
+typedef void ern_torso_pose_bwd_kernel(ern_real *danchors, ern_real *dgamma, const ern_real *dk,
+                                       const ern_real *anchors, const ern_real *gamma, const float pose[16]);
 
-/* Torso coordinates of pixels, times shrink: row 0 = shrink*(2j/(H-1) - 1), row 1 = shrink*(2i/(W-1) - 1); a side of one
- * pixel is at 0. */
+/* Torso coordinates of pixels, times shrink: row 0 = shrink*(2j/(H-1) - 1), row 1 = shrink*(2i/(W-1) - 1); a side of
+ * one pixel is at 0. */
 struct ern_torso_coords_args {
-  ern_rows q;            /* out: [2] per pixel */
-  ern_span pixel;        /* int32 [n], row-major */
+  ern_rows q;     /* out: [2] per pixel */
+  ern_span pixel; /* int32 [n], row-major */
   int width, height;
-  float shrink;          /* 0.8 */
+  float shrink; /* 0.8 */
   size_t n;
 };
-typedef void ern_torso_coords_kernel(ern_real *q, size_t stride, const int32_t *pixel, int width, int height, float shrink,
-                                     size_t n);
+typedef void ern_torso_coords_kernel(ern_real *q, size_t stride, const int32_t *pixel, int width, int height,
+                                     float shrink, size_t n);
 
-/* Which pixels the torso's occupancy reaches: its bilinear sample (aligned corners) at the pixel is above the threshold. */
+/* Which pixels the torso's occupancy reaches: its bilinear sample (aligned corners) at the pixel is above the
+ * threshold. */
 struct ern_torso_select_args {
-  ern_span index;        /* out: int32 [n], positions in `pixel` of those reached, ascending */
-  ern_span selected;     /* out: int32 [n], the pixel numbers of those reached */
-  ern_span pixel;        /* int32 [n] */
-  ern_span grid;         /* real [ERN_TORSO_CELLS], cell (r, c) at c*128 + r */
-  float threshold;       /* min(mean of grid, 0.01) */
+  ern_span index;    /* out: int32 [n], positions in `pixel` of those reached, ascending */
+  ern_span selected; /* out: int32 [n], the pixel numbers of those reached */
+  ern_span pixel;    /* int32 [n] */
+  ern_span grid;     /* real [ERN_TORSO_CELLS], cell (r, c) at c*128 + r */
+  float threshold;   /* min(mean of grid, 0.01) */
   int width, height;
   size_t n;
-  size_t count;          /* out, on the host */
+  size_t count; /* out, on the host */
 };
 typedef size_t ern_torso_select_kernel(int32_t *index, int32_t *selected, const int32_t *pixel, const ern_real *grid,
                                        float threshold, int width, int height, size_t n);
 
 /* x = clamp(q + d, -1, 1) */
 struct ern_torso_deform_args {
-  ern_rows x;            /* out: [2] */
+  ern_rows x; /* out: [2] */
   ern_rows q, d;
   size_t n;
 };
 struct ern_torso_deform_bwd_args {
-  ern_rows dd;           /* out, overwritten; 0 where the clamp held x (at the ends it passes, as torch.clamp) */
+  ern_rows dd; /* out, overwritten; 0 where the clamp held x (at the ends it passes, as torch.clamp) */
   ern_rows dx;
   struct ern_torso_deform_args forward;
 };
@@ -66,29 +70,30 @@ typedef void ern_torso_deform_bwd_kernel(ern_real *dd, const ern_real *dx, const
 
 /* pixel[index[i]] = a rgb + (1 - a) background; pixels not in the list keep the background, and opacity 0. */
 struct ern_torso_composite_args {
-  ern_rows pixel;        /* out: [3] per ray */
-  ern_span opacity;      /* out: real [rays]; zeroed: not wanted */
-  ern_rows layer;        /* [4] per sample: alpha, r, g, b */
-  ern_span index;        /* int32 [n] */
-  ern_rows background;   /* [3] per ray */
+  ern_rows pixel;      /* out: [3] per ray */
+  ern_span opacity;    /* out: real [rays]; zeroed: not wanted */
+  ern_rows layer;      /* [4] per sample: alpha, r, g, b */
+  ern_span index;      /* int32 [n] */
+  ern_rows background; /* [3] per ray */
   size_t rays, n;
 };
 struct ern_torso_composite_bwd_args {
-  ern_rows dlayer;       /* out, overwritten */
-  ern_rows dpixel;       /* [3] per ray */
+  ern_rows dlayer; /* out, overwritten */
+  ern_rows dpixel; /* [3] per ray */
   struct ern_torso_composite_args forward;
 };
 /* Over the n listed samples; the caller has copied the background to all rays and zeroed the opacity. */
-typedef void ern_torso_composite_fwd_kernel(ern_real *pixel, ern_real *opacity, const ern_real *layer, size_t layer_stride,
-                                            const int32_t *index, const ern_real *background, size_t ray_stride, size_t n);
+typedef void ern_torso_composite_fwd_kernel(ern_real *pixel, ern_real *opacity, const ern_real *layer,
+                                            size_t layer_stride, const int32_t *index, const ern_real *background,
+                                            size_t ray_stride, size_t n);
 typedef void ern_torso_composite_bwd_kernel(ern_real *dlayer, size_t layer_stride, const ern_real *dpixel,
                                             const ern_real *layer, const int32_t *index, const ern_real *background,
                                             size_t ray_stride, size_t n);
 
-/* Refresh of the 2D occupancy. Points: cell (r, c): (2r/127 - 1)(127/128) + uniform(-1,1)/128 for the row coordinate, the
- * same of c for the column, times shrink; Philox (seed, step, cell, ERN_RNG_REFRESH_CELL), words 0 and 1. */
+/* Refresh of the 2D occupancy. Points: cell (r, c): (2r/127 - 1)(127/128) + uniform(-1,1)/128 for the row coordinate,
+ * the same of c for the column, times shrink; Philox (seed, step, cell, ERN_RNG_REFRESH_CELL), words 0 and 1. */
 struct ern_torso_points_args {
-  ern_rows q;            /* out: [2] per cell, ERN_TORSO_CELLS of them, in cell order */
+  ern_rows q; /* out: [2] per cell, ERN_TORSO_CELLS of them, in cell order */
   float shrink;
   uint64_t seed, step;
 };
@@ -96,10 +101,10 @@ typedef void ern_torso_points_kernel(ern_real *q, size_t stride, float shrink, u
 
 /* grid = max(decay*grid, 5 x 5 maximum of alpha); the mean of grid is handed back. */
 struct ern_torso_update_args {
-  ern_span grid;         /* in and out */
-  ern_span alpha;        /* real [ERN_TORSO_CELLS] */
+  ern_span grid;  /* in and out */
+  ern_span alpha; /* real [ERN_TORSO_CELLS] */
   float decay;
-  double mean;           /* out, on the host */
+  double mean; /* out, on the host */
 };
 typedef double ern_torso_update_kernel(ern_real *grid, const ern_real *alpha, float decay);
 

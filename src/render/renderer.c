@@ -17,7 +17,7 @@ struct ern_renderer {
   ern_context *context;
   struct ern_backend *backend;
   const ern_model *model;
-  struct ern_field field;      /* the model's; the window length is that of the features at hand */
+  struct ern_field field; /* the model's; the window length is that of the features at hand */
   ern_render_options options;
   struct ern_stream *stream;
   struct ern_buffer *parameters, *bits, *torso_grid, *code;
@@ -29,8 +29,8 @@ struct ern_renderer {
 /* What a frame needs on the device while it is rendered. */
 struct frame {
   size_t pixels;
-  ern_span number;             /* int32: all pixels in order */
-  ern_rows background, pixel;  /* [3] per pixel */
+  ern_span number;                                        /* int32: all pixels in order */
+  ern_rows background, pixel;                             /* [3] per pixel */
   ern_rows torso_opacity, opacity, depth, attention, eye; /* [1] */
 };
 
@@ -52,9 +52,11 @@ static ern_status check_options(ern_context *context, const ern_render_options *
   if (!(o->dt_gamma >= 0 && o->dt_gamma <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: dt_gamma is %g, expected 0 to 1", (double)o->dt_gamma);
   if (!(o->transmittance_stop >= 0 && o->transmittance_stop < 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: transmittance_stop is %g, expected 0 to 1", (double)o->transmittance_stop);
+    return ern_fail(context, ERN_E_ARGUMENT, "render: transmittance_stop is %g, expected 0 to 1",
+                    (double)o->transmittance_stop);
   if (!(o->torso_shrink > 0 && o->torso_shrink <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: torso_shrink is %g, expected above 0, at most 1", (double)o->torso_shrink);
+    return ern_fail(context, ERN_E_ARGUMENT, "render: torso_shrink is %g, expected above 0, at most 1",
+                    (double)o->torso_shrink);
   return ERN_OK;
 }
 
@@ -65,7 +67,8 @@ static ern_status upload_model(ern_renderer *r) {
   const ern_model *model = r->model;
   ern_status status = ERN_OK;
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, r->field.parameters, &r->parameters));
-  ERN_TRY(backend->upload_reals(r->stream, whole(r->parameters, r->field.parameters), model->block, r->field.parameters));
+  ERN_TRY(
+      backend->upload_reals(r->stream, whole(r->parameters, r->field.parameters), model->block, r->field.parameters));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &r->bits));
   ERN_TRY(backend->upload_bytes(r->stream, whole(r->bits, ERN_OCCUPANCY_BYTES), model->bits, ERN_OCCUPANCY_BYTES));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &r->code));
@@ -74,7 +77,8 @@ static ern_status upload_model(ern_renderer *r) {
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
     r->torso_threshold = fminf(0.01f, (float)(sum / ERN_TORSO_CELLS));
     ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_TORSO_CELLS, &r->torso_grid));
-    ERN_TRY(backend->upload_reals(r->stream, whole(r->torso_grid, ERN_TORSO_CELLS), model->torso_grid, ERN_TORSO_CELLS));
+    ERN_TRY(
+        backend->upload_reals(r->stream, whole(r->torso_grid, ERN_TORSO_CELLS), model->torso_grid, ERN_TORSO_CELLS));
   }
 fail:
   return status;
@@ -135,8 +139,8 @@ static double milliseconds(void) {
 
 /* Determinant of the rotation part: what the torso's inverse needs to be away from 0. */
 static double determinant(const float m[16]) {
-  const double a = (double)m[0], b = (double)m[1], c = (double)m[2], d = (double)m[4], e = (double)m[5], f = (double)m[6],
-               g = (double)m[8], h = (double)m[9], i = (double)m[10];
+  const double a = (double)m[0], b = (double)m[1], c = (double)m[2], d = (double)m[4], e = (double)m[5],
+               f = (double)m[6], g = (double)m[8], h = (double)m[9], i = (double)m[10];
   return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
 }
 
@@ -147,17 +151,22 @@ static ern_status check_input(const ern_renderer *r, const ern_frame_input *inpu
     return ern_fail(context, ERN_E_ARGUMENT, "render: the size is %d x %d, expected 1 to %d a side", camera->width,
                     camera->height, MAX_SIDE);
   if (!(camera->focal > 0) || !isfinite(camera->focal) || !isfinite(camera->cx) || !isfinite(camera->cy))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: camera: focal %g, centre %g, %g, expected finite numbers, focal above 0",
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "render: camera: focal %g, centre %g, %g, expected finite numbers, focal above 0",
                     (double)camera->focal, (double)camera->cx, (double)camera->cy);
   for (int i = 0; i < 16; i++)
-    if (!isfinite(camera->pose[i])) return ern_fail(context, ERN_E_NONFINITE, "render: pose: value %d is not finite", i);
+    if (!isfinite(camera->pose[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "render: pose: value %d is not finite", i);
   if (!(fabs(determinant(camera->pose)) > 1e-6))
     return ern_fail(context, ERN_E_ARGUMENT, "render: pose: its rotation cannot be inverted");
   if (input->windows == NULL || input->window_length < 1 || input->window_length > 16)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows", input->window_length);
-  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
+    return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows",
+                    input->window_length);
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
   for (size_t i = 0; i < values; i++)
-    if (!isfinite(input->windows[i])) return ern_fail(context, ERN_E_NONFINITE, "render: speech window: value %zu is not finite", i);
+    if (!isfinite(input->windows[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "render: speech window: value %zu is not finite", i);
   if (!(input->eye >= 0 && input->eye <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: eye is %g, expected 0 to 1", (double)input->eye);
   if (r->field.config.codes > 0 && input->individual >= (size_t)r->field.config.codes)
@@ -188,9 +197,11 @@ fail:
 
 /* The audio code of the frame, smoothed over frames where that is asked for. */
 static ern_status audio_code(ern_renderer *r, const ern_frame_input *input) {
-  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
   const ern_span code = whole(r->code, ERN_AUDIO_CODE);
-  struct ern_audio_args args = {.code = code, .parameters = whole(r->parameters, r->field.parameters), .net = r->field.audio};
+  struct ern_audio_args args = {
+      .code = code, .parameters = whole(r->parameters, r->field.parameters), .net = r->field.audio};
   ern_status status = ERN_OK;
   args.net.window_length = input->window_length;
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.windows));
@@ -224,8 +235,8 @@ static ern_status upload_background(ern_renderer *r, const ern_frame_input *inpu
     alpha[i] = a;
   }
   for (int c = 0; c < 3; c++)
-    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(f->background, c, f->pixels), rgb + (size_t)c * f->pixels,
-                                     f->pixels));
+    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(f->background, c, f->pixels),
+                                     rgb + (size_t)c * f->pixels, f->pixels));
   ERN_TRY(r->backend->upload_reals(r->stream, f->torso_opacity.span, alpha, f->pixels));
 fail:
   ern_release(r->context, room);
@@ -233,7 +244,8 @@ fail:
 }
 
 static struct ern_view view_of(const ern_camera *camera) {
-  struct ern_view view = {.focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
+  struct ern_view view = {
+      .focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
   memcpy(view.pose, camera->pose, sizeof view.pose);
   return view;
 }
@@ -241,7 +253,8 @@ static struct ern_view view_of(const ern_camera *camera) {
 /* The model's own torso over the background rows, in place. */
 static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
-  const struct ern_torso_inputs in = {&r->field, whole(r->parameters, r->field.parameters), input->camera.pose, input->individual};
+  const struct ern_torso_inputs in = {&r->field, whole(r->parameters, r->field.parameters), input->camera.pose,
+                                      input->individual};
   struct ern_torso_batch batch;
   ern_rows opacity;
   ern_status status = ERN_OK;

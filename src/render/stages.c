@@ -4,8 +4,8 @@
 #include "core/status.h"
 #include "model/head.h"
 
-ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, const struct ern_view *view, ern_span jitter,
-                          ern_span bits, const struct ern_march_settings *settings, size_t rays,
+ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, const struct ern_view *view,
+                          ern_span jitter, ern_span bits, const struct ern_march_settings *settings, size_t rays,
                           struct ern_marched *out) {
   const struct ern_backend *backend = stream->backend;
   const float origin[3] = {view->pose[3], view->pose[7], view->pose[11]};

@@ -9,13 +9,13 @@ ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_r
 
 /* Rays to packed samples: what rendering and training share. */
 struct ern_marched {
-  ern_rows dir;          /* [3] per ray */
-  ern_rows sh;           /* [16] per ray */
-  ern_span first;        /* int32 [rays + 1] */
-  size_t total;          /* samples */
-  ern_rows x;            /* [3] per sample */
-  ern_span dt, depth;    /* real [total] */
-  ern_span ray;          /* int32 [total] */
+  ern_rows dir;       /* [3] per ray */
+  ern_rows sh;        /* [16] per ray */
+  ern_span first;     /* int32 [rays + 1] */
+  size_t total;       /* samples */
+  ern_rows x;         /* [3] per sample */
+  ern_span dt, depth; /* real [total] */
+  ern_span ray;       /* int32 [total] */
 };
 /* jitter zeroed: none. Takes its rows from the stream's scratch. */
 ERN_NODISCARD ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, const struct ern_view *view,

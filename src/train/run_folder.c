@@ -35,7 +35,8 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
   if (run->lock < 0)
     status = ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
   else if (flock(run->lock, LOCK_EX | LOCK_NB) != 0)
-    status = ern_fail(context, ERN_E_BUSY, "%s: another training holds this lock; use another output or stop that one", path);
+    status = ern_fail(context, ERN_E_BUSY, "%s: another training holds this lock; use another output or stop that one",
+                      path);
   ern_release(context, path);
   return status;
 }
@@ -103,7 +104,8 @@ static ern_status append(ern_context *context, const char *path, struct ern_line
   }
   const int error = errno;
   const bool failed = done < lines->used || fsync(file) != 0;
-  if (close(file) != 0 || failed) return ern_fail(context, ERN_E_IO, "%s: cannot be written: %s", path, strerror(error));
+  if (close(file) != 0 || failed)
+    return ern_fail(context, ERN_E_IO, "%s: cannot be written: %s", path, strerror(error));
   lines->used = 0;
   return ERN_OK;
 }

@@ -14,9 +14,9 @@ struct pass {
   struct ern_head_inputs in;
   struct ern_head_batch batch, d;
   struct ern_audio_args audio;
-  ern_span dcode;                          /* real [A] */
-  ern_rows pixel, colour, dpixel;          /* [3] per ray */
-  ern_rows opacity, depth, attention, eye, unc;      /* [1] per ray */
+  ern_span dcode;                               /* real [A] */
+  ern_rows pixel, colour, dpixel;               /* [3] per ray */
+  ern_rows opacity, depth, attention, eye, unc; /* [1] per ray */
   ern_rows dopacity, dattention, deye, dunc;
 };
 
@@ -24,8 +24,8 @@ enum { ALL_PARTS = ERN_BATCH_DENSITY | ERN_BATCH_COLOUR | ERN_BATCH_UNCERTAINTY 
 
 static ern_status take_ray_rows(struct ern_stream *stream, size_t rays, struct pass *p) {
   ern_rows *const colours[] = {&p->pixel, &p->colour, &p->dpixel};
-  ern_rows *const values[] = {&p->opacity, &p->depth, &p->attention, &p->eye, &p->unc,
-                              &p->dopacity, &p->dattention, &p->deye, &p->dunc};
+  ern_rows *const values[] = {&p->opacity,  &p->depth,      &p->attention, &p->eye, &p->unc,
+                              &p->dopacity, &p->dattention, &p->deye,      &p->dunc};
   ern_status status = ERN_OK;
   for (size_t i = 0; i < sizeof colours / sizeof *colours && status == ERN_OK; i++)
     status = ern_take_rows(stream, 3, rays, colours[i]);

@@ -28,7 +28,8 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &batch));
   ERN_TRY(ern_take_rows(stream, 3, args->n, &pixel));
   ERN_TRY(ern_take_rows(stream, 3, args->n, &dpixel));
-  ERN_TRY(ern_torso_q(stream, select.selected, args->view->width, args->view->height, args->shrink, select.count, batch.q));
+  ERN_TRY(
+      ern_torso_q(stream, select.selected, args->view->width, args->view->height, args->shrink, select.count, batch.q));
   ERN_TRY(ern_torso_fwd(stream, &in, &batch));
   struct ern_torso_composite_args composite = {.pixel = pixel,
                                                .layer = batch.layer,
@@ -40,9 +41,8 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
   struct ern_mse_args mse = {.dpixel = dpixel, .pixel = pixel, .truth = args->truth, .n = args->n};
   ERN_TRY(backend->mse(stream, &mse));
   args->terms[ERN_LOSS_PHOTOMETRIC] = mse.term;
-  struct ern_key_points_loss_args key_points = {
-      .danchors = ern_span_part(args->dparameters, args->field->anchors, 12),
-      .anchors = ern_span_part(args->parameters, args->field->anchors, 12)};
+  struct ern_key_points_loss_args key_points = {.danchors = ern_span_part(args->dparameters, args->field->anchors, 12),
+                                                .anchors = ern_span_part(args->parameters, args->field->anchors, 12)};
   ERN_TRY(backend->key_points_loss(stream, &key_points));
   args->terms[ERN_LOSS_KEY_POINTS] = key_points.term;
 

@@ -19,32 +19,32 @@ static double seconds_now(void) {
 /* Progress of the coarse stage: s of model.md section 6. */
 static double progress(const ern_trainer *t) { return (double)t->step / (double)t->config.iters; }
 
-static const char *const term_name[ERN_LOSS_TERMS] = {
-    "photometric", "uncertainty", "static_uncertainty", "entropy", "audio_ambient", "eye_ambient", "smoothness", "key_points"};
+static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertainty",   "static_uncertainty",
+                                                      "entropy",     "audio_ambient", "eye_ambient",
+                                                      "smoothness",  "key_points"};
 
 static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, double *terms, ern_train_report *report) {
   const struct ern_march_settings march = ern_trainer_march(t);
-  struct ern_head_step_args args = {
-      .dparameters = t->gradient,
-      .parameters = t->parameters,
-      .field = &t->model->field,
-      .view = &t->views[batch->frame],
-      .settings = &march,
-      .bits = t->bits,
-      .pixel_number = batch->pixel_number,
-      .jitter = batch->jitter,
-      .truth = batch->truth,
-      .background = batch->background,
-      .face = batch->face,
-      .windows = batch->windows,
-      .eye_value = batch->eye,
-      .individual = ern_trainer_code(t, batch->frame),
-      .weights = {(float)progress(t), 1, 1e-3f, 1e-4f, 1e-4f, 1e-4f, 1e-5f, true},
-      .transmittance_stop = 1e-4f,
-      .smooth = t->step % ERN_REFRESH_EVERY == 0,
-      .seed = t->config.seed,
-      .step = t->step,
-      .n = (size_t)t->config.rays};
+  struct ern_head_step_args args = {.dparameters = t->gradient,
+                                    .parameters = t->parameters,
+                                    .field = &t->model->field,
+                                    .view = &t->views[batch->frame],
+                                    .settings = &march,
+                                    .bits = t->bits,
+                                    .pixel_number = batch->pixel_number,
+                                    .jitter = batch->jitter,
+                                    .truth = batch->truth,
+                                    .background = batch->background,
+                                    .face = batch->face,
+                                    .windows = batch->windows,
+                                    .eye_value = batch->eye,
+                                    .individual = ern_trainer_code(t, batch->frame),
+                                    .weights = {(float)progress(t), 1, 1e-3f, 1e-4f, 1e-4f, 1e-4f, 1e-5f, true},
+                                    .transmittance_stop = 1e-4f,
+                                    .smooth = t->step % ERN_REFRESH_EVERY == 0,
+                                    .seed = t->config.seed,
+                                    .step = t->step,
+                                    .n = (size_t)t->config.rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   memcpy(terms, args.terms, sizeof args.terms);
   report->psnr = -10 * log10(args.squared_error > 1e-10 ? args.squared_error : 1e-10);
@@ -77,8 +77,9 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, doub
 static ern_status check_finite(ern_trainer *t, const double *terms) {
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
-      return ern_fail(t->context, ERN_E_NONFINITE, "step %" PRIu64 ": the loss term %s is %g; the parameters are as before",
-                      t->step, term_name[i], terms[i]);
+      return ern_fail(t->context, ERN_E_NONFINITE,
+                      "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
+                      terms[i]);
   struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
   ern_status status = t->backend->finite(t->stream, &all);
   if (status != ERN_OK || all.finite) return status;
@@ -89,7 +90,8 @@ static ern_status check_finite(ern_trainer *t, const double *terms) {
     if (status != ERN_OK) return status;
     if (!one.finite)
       return ern_fail(t->context, ERN_E_NONFINITE,
-                      "step %" PRIu64 ": the gradient of %s is not finite; the parameters are as before", t->step, row->name);
+                      "step %" PRIu64 ": the gradient of %s is not finite; the parameters are as before", t->step,
+                      row->name);
   }
   return ERN_OK;
 }
@@ -181,7 +183,8 @@ static ern_train_report tell(const ern_trainer *t, struct tally *tally) {
 static ern_status note(ern_trainer *t, const ern_train_report *r, double validation) {
   if (t->output == NULL) return ERN_OK;
   ern_status status = ern_lines_add(t->context, &t->run.log_lines,
-                                    "{\"step\": %" PRIu64 ", \"seconds\": %.3f, \"loss\": %.8g, \"psnr\": %.4f, "
+                                    "{\"step\": %" PRIu64
+                                    ", \"seconds\": %.3f, \"loss\": %.8g, \"psnr\": %.4f, "
                                     "\"samples_per_ray\": %.3f, \"steps_per_second\": %.4f}\n",
                                     r->step, r->seconds, r->loss, r->psnr, r->samples_per_ray, r->steps_per_second);
   if (status != ERN_OK || !(validation > 0)) return status;
@@ -237,7 +240,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   if ((*model)->torso_grid != NULL) memcpy((*model)->torso_grid, t->model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
   (*model)->head_steps = t->model->head_steps;
   (*model)->torso_steps = t->model->torso_steps;
-  memcpy((*model)->clip, t->model->clip, sizeof (*model)->clip);
+  memcpy((*model)->clip, t->model->clip, sizeof(*model)->clip);
   return ERN_OK;
 }
 

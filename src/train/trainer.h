@@ -18,8 +18,8 @@ struct ern_lines {
 /* X.run: the lock, and the names in it. All NULL without an output. */
 struct ern_run_folder {
   char *folder, *state, *next, *previous, *log, *curve;
-  int lock;            /* descriptor, -1: none */
-  bool fresh;          /* nothing of this training has been written yet: what lies there is an earlier one's */
+  int lock;   /* descriptor, -1: none */
+  bool fresh; /* nothing of this training has been written yet: what lies there is an earlier one's */
   struct ern_lines log_lines, curve_lines;
 };
 
@@ -30,7 +30,7 @@ struct ern_trainer {
   ern_dataset data;
   ern_train_config config;
   char *output, identity[65];
-  ern_model *model;           /* configuration and table; its values are those of the last download */
+  ern_model *model; /* configuration and table; its values are those of the last download */
 
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;
   ern_span parameters, gradient, moment, average; /* [field.parameters] */
@@ -39,14 +39,14 @@ struct ern_trainer {
   ern_span torso_grid;
   double torso_mean;
 
-  struct ern_view *views;     /* [training frames] */
+  struct ern_view *views; /* [training frames] */
   uint64_t step, ema_updates;
-  double seconds;             /* of training, all runs together */
+  double seconds; /* of training, all runs together */
   struct ern_run_folder run;
 
-  int32_t *host_pixels;       /* [rays] */
-  float *host_rows;           /* [8][rays]: truth, background, face, jitter */
-  float *host_windows;        /* [8][window_length][width] */
+  int32_t *host_pixels; /* [rays] */
+  float *host_rows;     /* [8][rays]: truth, background, face, jitter */
+  float *host_windows;  /* [8][window_length][width] */
 };
 
 /* What one step trains on: a frame and its rays, on the backend (scratch). */
@@ -76,8 +76,8 @@ static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
 }
 
 /* trainer_refresh.c */
-ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t);  /* a new training: cells that no camera sees */
-ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t);  /* the cells to look at */
+ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */
+ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* the cells to look at */
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 
 /* trainer_state.c */

@@ -56,8 +56,8 @@ fail:
   return status;
 }
 
-/* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is to
- * become. */
+/* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
+ * to become. */
 static void fill_ray(const ern_trainer *t, size_t i, size_t pixel, const uint8_t *truth, const uint8_t *torso,
                      const ern_dataset_frame *about) {
   const size_t rays = (size_t)t->config.rays, width = (size_t)t->data.width;
@@ -86,7 +86,8 @@ static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   ERN_TRY(ern_take_rows(t->stream, 3, rays, &batch->background));
   ERN_TRY(backend->upload_int32(t->stream, batch->pixel_number, t->host_pixels, rays));
   for (int c = 0; c < 3; c++) {
-    ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->truth, c, rays), t->host_rows + (size_t)c * rays, rays));
+    ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->truth, c, rays), t->host_rows + (size_t)c * rays,
+                                  rays));
     ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->background, c, rays),
                                   t->host_rows + (size_t)(3 + c) * rays, rays));
   }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A trainer made and unmade: configuration and data checked, memory taken, values fresh, resumed or taken from a file. */
+ * A trainer made and unmade: configuration and data checked, memory taken, values fresh, resumed or taken from a file.
+ */
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
@@ -72,18 +73,20 @@ static ern_status check_data(ern_trainer *t) {
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
   if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
       !isfinite(d->cx) || !isfinite(d->cy))
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g", d->width, d->height,
-                    d->focal, d->cx, d->cy);
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g", d->width,
+                    d->height, d->focal, d->cx, d->cy);
   if (c->data_end == 0) c->data_end = d->frames[0];
   if (c->data_begin >= c->data_end || c->data_end > d->frames[0])
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu", c->data_begin,
-                    c->data_end, d->frames[0]);
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu",
+                    c->data_begin, c->data_end, d->frames[0]);
   if (c->torso && !d->has_torso)
-    return ern_fail(t->context, ERN_E_MISSING, "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
+    return ern_fail(t->context, ERN_E_MISSING,
+                    "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
   if (c->codes < 0) c->codes = (int)d->frames[0];
   if (c->codes > 0 && (size_t)c->codes < d->frames[0])
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: %d individual codes for %zu training frames, expected at least as many",
-                    c->codes, d->frames[0]);
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
+                    d->frames[0]);
   return ERN_OK;
 }
 
@@ -106,11 +109,13 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (head->field.config.codes > 0 && (size_t)head->field.config.codes < t->data.frames[0])
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head has %d individual codes, the clip %zu training frames",
                     head->field.config.codes, t->data.frames[0]);
-  if (head->clip[0] == 0) ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
+  if (head->clip[0] == 0)
+    ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
   if (head->clip[0] != 0 && t->identity[0] != 0 && strcmp(head->clip, t->identity) != 0) {
     if (!t->config.force)
-      return ern_fail(t->context, ERN_E_MISMATCH, "train: the head was trained on another clip (%.12s..., this one is %.12s...)",
-                      head->clip, t->identity);
+      return ern_fail(t->context, ERN_E_MISMATCH,
+                      "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
+                      t->identity);
     ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip");
   }
   return ERN_OK;
@@ -154,7 +159,8 @@ static ern_status take_device(ern_trainer *t) {
   const bool head = !t->config.torso;
   size_t at = 0;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS, &t->reals));
+  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS,
+                                  &t->reals));
   ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->moment, &t->average};
   for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->model->field.parameters};
   t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
@@ -182,9 +188,9 @@ static ern_status take_host(ern_trainer *t) {
   t->host_pixels = room;
   ERN_TRY(ern_allocate(t->context, 8 * rays, sizeof(float), &room));
   t->host_rows = room;
-  ERN_TRY(ern_allocate(t->context,
-                       (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
-                       sizeof(float), &room));
+  ERN_TRY(ern_allocate(
+      t->context, (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
+      sizeof(float), &room));
   t->host_windows = room;
 fail:
   return status;
@@ -204,11 +210,11 @@ static ern_status fill(ern_trainer *t) {
   }
   if (t->config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
-    if (!resumed) ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
+    if (!resumed)
+      ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   }
   if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
-  if (!resumed && t->output != NULL)
-    ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
+  if (!resumed && t->output != NULL) ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
 fail:
   return status;
 }

@@ -66,7 +66,8 @@ fail:
 
 static ern_status refresh_torso(ern_trainer *t, size_t frame) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose, ern_trainer_code(t, frame)};
+  const struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose,
+                                      ern_trainer_code(t, frame)};
   struct ern_torso_batch batch;
   ern_status status = ERN_OK;
   ERN_TRY(ern_torso_batch_take(t->stream, &t->model->field, ERN_TORSO_CELLS, &batch));
@@ -84,7 +85,6 @@ fail:
 }
 
 ern_status ern_trainer_refresh(ern_trainer *t) {
-  const size_t frame =
-      ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
+  const size_t frame = ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
   return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
 }

@@ -148,9 +148,10 @@ ern_status ern_trainer_save(ern_trainer *t) {
   ERN_TRY(write_state(t));
   if (t->config.ema) {
     if (t->ema_updates < LEAST_EMA_UPDATES)
-      ERN_TRY(ern_fail(t->context, ERN_E_STATE,
-                       "%s: the average has seen %llu updates, expected at least %d; the state is saved, the model is not",
-                       t->output, (unsigned long long)t->ema_updates, LEAST_EMA_UPDATES));
+      ERN_TRY(
+          ern_fail(t->context, ERN_E_STATE,
+                   "%s: the average has seen %llu updates, expected at least %d; the state is saved, the model is not",
+                   t->output, (unsigned long long)t->ema_updates, LEAST_EMA_UPDATES));
     ERN_TRY(ern_trainer_download(t, t->average));
   }
   ERN_TRY(ern_model_save(t->model, t->output));
@@ -167,9 +168,9 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
   const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
                *updates = json_object_get(root, "ema_updates"), *seed = json_object_get(root, "seed"),
                *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds");
-  const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) && json_is_integer(seed) &&
-                     json_is_integer(rays) && json_is_number(seconds) && json_integer_value(step) >= 0 &&
-                     json_integer_value(updates) >= 0;
+  const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) &&
+                     json_is_integer(seed) && json_is_integer(rays) && json_is_number(seconds) &&
+                     json_integer_value(step) >= 0 && json_integer_value(updates) >= 0;
   *about = (struct state_about){.torso = json_is_true(torso),
                                 .step = (uint64_t)json_integer_value(step),
                                 .ema_updates = (uint64_t)json_integer_value(updates),
@@ -178,7 +179,8 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
                                 .seconds = json_number_value(seconds)};
   json_decref(root);
   if (whole) return ERN_OK;
-  return ern_fail(t->context, ERN_E_FORMAT, "%s: metadata \"ernerf.state\" lacks a field or holds one of another type", path);
+  return ern_fail(t->context, ERN_E_FORMAT, "%s: metadata \"ernerf.state\" lacks a field or holds one of another type",
+                  path);
 }
 
 static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path) {
@@ -311,8 +313,8 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
                      best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
   if (strcmp(best.model->clip, t->identity) != 0)
-    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)", best.path,
-                     best.model->clip, t->identity));
+    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)",
+                     best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   t->run.fresh = false;
@@ -332,7 +334,8 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   if (text != NULL) {
     ERN_TRY(parse_about(t, text, path, &c.about));
     if (c.about.torso != t->config.torso)
-      ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path, c.about.torso ? "torso" : "head"));
+      ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path,
+                       c.about.torso ? "torso" : "head"));
     ERN_TRY(take_state(t, &c.file, path, &c.about, c.model));
   } else {
     ERN_TRY(upload_model(t, c.model));

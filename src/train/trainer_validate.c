@@ -58,12 +58,13 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   ERN_TRY(t->data.pixels(t->data.user, split, frame, truth, &torso));
   ERN_TRY(ern_trainer_view(t, split, frame, &view));
   ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
-  ern_frame_input input = {.camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
-                           .windows = t->host_windows,
-                           .window_length = t->data.features->window_length,
-                           .eye = about.eye,
-                           .background = t->data.background,
-                           .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
+  ern_frame_input input = {
+      .camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
+      .windows = t->host_windows,
+      .window_length = t->data.features->window_length,
+      .eye = about.eye,
+      .background = t->data.background,
+      .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
   ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
@@ -115,7 +116,8 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   }
   snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
   if (hooks != NULL && hooks->validation != NULL)
-    status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height, name);
+    status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height,
+                               name);
 fail:
   look_free(t, &look);
   return status;
