@@ -65,7 +65,7 @@ static void add_audio(struct ern_field *field, struct ern_parameter_table *table
   net->first = field->parameters;
   const int conv[ERN_AUDIO_CONVS + 1] = {net->width, 32, 32, 64, 64};
   const int att[ERN_AUDIO_ATT_CONVS + 1] = {net->code, 16, 8, 4, 2, 1};
-  char name[ERN_PARAMETER_NAME];
+  char name[ERN_PARAMETER_NAME - 16];
   for (int k = 0; k < ERN_AUDIO_CONVS; k++) {
     snprintf(name, sizeof name, "audio_net.encoder_conv.%d", 2 * k);
     add_affine(field, table, &net->conv_weight[k], &net->conv_bias[k], name, ERN_GROUP_NET, conv[k + 1], conv[k], 3);

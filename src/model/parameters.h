@@ -7,7 +7,7 @@
 #include "core/status.h"
 #include "model/field.h"
 
-enum { ERN_MAX_PARAMETERS = 64, ERN_PARAMETER_DIMS = 3, ERN_PARAMETER_NAME = 48 };
+enum { ERN_MAX_PARAMETERS = 64, ERN_PARAMETER_DIMS = 3, ERN_PARAMETER_NAME = 64 };
 
 /* Learning-rate groups (model.md section 6). */
 typedef enum ern_group { ERN_GROUP_GRID, ERN_GROUP_NET, ERN_GROUP_AUDIO_ATT } ern_group;
