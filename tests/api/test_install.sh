@@ -46,40 +46,17 @@ for example in render_minimal train_minimal; do
   "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/$example.c" "${found[@]}" -lm \
     -Wl,-rpath,"$lib" -o "$work/$example"
 done
-version=$(pkg-config --modversion libernerf)
-cat >"$work/with_media.c" <<'C'
-#include <ernerf/ernerf.h>
-#include <ernerf/media.h>
-#include <stdio.h>
-int main(void) {
-  ern_context *context = NULL;
-  ern_clip *clip = NULL;
-  if (ern_context_create(&context, NULL) != ERN_OK) return 1;
-  const int refused = ern_clip_open(context, "no-such-folder", NULL, &clip) == ERN_E_MISSING;
-  printf("%s %d %s\n", ern_version(), refused, ern_last_error(context));
-  ern_context_free(&context);
-  return refused ? 0 : 1;
-}
-C
 read -ra found <<<"$(pkg-config "${static[@]}" --cflags --libs libernerf-media)"
-"${CC:-cc}" -std=c17 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$work/with_media.c" "${found[@]}" -Wl,-rpath,"$lib" \
-  -o "$work/with_media"
-said=$("$work/with_media") || fail "with_media: $said"
-[ "${said%% *}" = "$version" ] || fail "libernerf.pc says $version, ern_version $said"
+"${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/contact_sheet.c" "${found[@]}" \
+  -Wl,-rpath,"$lib" -o "$work/contact_sheet"
 needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv|OpenImageIO|ernerf-media' || true)
 [ -z "$needs" ] || fail "a program that links libernerf alone needs $needs"
 
 stage "find_package"
-mkdir -p "$work/project"
-cp "$source"/examples/*.c "$source/examples/CMakeLists.txt" "$work/with_media.c" "$work/project"
-printf 'add_executable(with_media with_media.c)\ntarget_link_libraries(with_media PRIVATE ernerf::media)\n' \
-  >>"$work/project/CMakeLists.txt"
 {
-  "${CMAKE:-cmake}" -S "$work/project" -B "$work/project/build" -DCMAKE_PREFIX_PATH="$root" -DCMAKE_C_COMPILER="${CC:-cc}" \
-    -DCMAKE_C_FLAGS="${CFLAGS:-}" &&
-    "${CMAKE:-cmake}" --build "$work/project/build"
+  "${CMAKE:-cmake}" -S "$source/examples" -B "$work/project" -DCMAKE_PREFIX_PATH="$root" -DCMAKE_C_COMPILER="${CC:-cc}" \
+    -DCMAKE_C_FLAGS="${CFLAGS:-}" && "${CMAKE:-cmake}" --build "$work/project"
 } >"$work/project.log" 2>&1 || { cat "$work/project.log"; fail "the project with find_package"; }
-said=$("$work/project/build/with_media") || fail "with_media of find_package: $said"
 
 stage "train"
 mkdir "$work/ball"
@@ -91,7 +68,7 @@ awk -v psnr="$psnr" 'BEGIN { exit !(psnr > 20) }' || fail "PSNR $psnr dB after $
 stage "render"
 inputs=("$work/ball/ball.safetensors" "$work/ball/speech.npy" "$work/ball/poses.json")
 "$work/render_minimal" "${inputs[@]}" "$work/ball.rgba"
-"$work/project/build/render_minimal" "${inputs[@]}" "$work/again.rgba"
+"$work/project/render_minimal" "${inputs[@]}" "$work/again.rgba"
 "$work/render_minimal" "${inputs[@]}" "$work/ball.ppm"
 [ "$(stat -c %s "$work/ball.rgba")" -eq $((frames * side * side * 4)) ] || fail "ball.rgba has another size"
 cmp "$work/ball.rgba" "$work/again.rgba" || fail "the program of find_package renders other frames"
@@ -113,4 +90,18 @@ if "$work/render_minimal" "$work/ball/speech.npy" "${inputs[@]:1}" "$work/none.r
   fail "a model file that is none was accepted"
 fi
 grep -q 'speech.npy' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
+
+stage "video and media"
+"$root/bin/ernerf" render "${inputs[0]}" --audio "${inputs[1]}" --poses "${inputs[2]}" --frames 0:10 -o "$work/ball.mp4" \
+  --quiet || fail "the installed program does not render"
+for place in "$work" "$work/project"; do
+  "$place/contact_sheet" "$work/ball.mp4" "$work/sheet.png" 5 2 | tee "$work/sheet.log"
+  grep -q ': 320 x 128 pixels$' "$work/sheet.log" || fail "the contact sheet of 5 x 2 frames has another size"
+  [ "$(head -c 8 "$work/sheet.png" | od -An -tx1 | tr -d ' ')" = 89504e470d0a1a0a ] || fail "sheet.png is no PNG"
+  rm "$work/sheet.png"
+done
+if "$work/contact_sheet" "$work/none.mp4" "$work/sheet.png" 5 2 2>"$work/refused.log"; then
+  fail "a video that is not there was accepted"
+fi
+grep -q 'none.mp4' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
 stage done
