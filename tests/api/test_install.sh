@@ -95,12 +95,12 @@ stage "video and media"
 "$root/bin/ernerf" render "${inputs[0]}" --audio "${inputs[1]}" --poses "${inputs[2]}" --frames 0:10 -o "$work/ball.mp4" \
   --quiet || fail "the installed program does not render"
 for place in "$work" "$work/project"; do
-  "$place/contact_sheet" "$work/ball.mp4" "$work/sheet.png" 5 2 | tee "$work/sheet.log"
-  grep -q ': 320 x 128 pixels$' "$work/sheet.log" || fail "the contact sheet of 5 x 2 frames has another size"
+  "$place/contact_sheet" "$work/ball.mp4" "$work/sheet.png" 5 2 32 | tee "$work/sheet.log"
+  grep -q ': 160 x 64 pixels$' "$work/sheet.log" || fail "the contact sheet of 5 x 2 frames has another size"
   [ "$(head -c 8 "$work/sheet.png" | od -An -tx1 | tr -d ' ')" = 89504e470d0a1a0a ] || fail "sheet.png is no PNG"
   rm "$work/sheet.png"
 done
-if "$work/contact_sheet" "$work/none.mp4" "$work/sheet.png" 5 2 2>"$work/refused.log"; then
+if "$work/contact_sheet" "$work/none.mp4" "$work/sheet.png" 5 2 32 2>"$work/refused.log"; then
   fail "a video that is not there was accepted"
 fi
 grep -q 'none.mp4' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
