@@ -303,6 +303,7 @@ static void test_full_disk(void **state) {
   refuse_full(100, "info m.safetensors --json full/x.json", "full/x.json");
   assert_int_equal(cli_count("full"), 0);
   refuse_full(2000, "synth full/clip --size 64 --frames 8 --quiet", "full/clip");
+  assert_int_equal(cli_count("full"), 0);
 }
 
 static void test_full_output(void **state) {

@@ -23,7 +23,7 @@ static int make(struct session *session, ern_synth_options *options, const char 
   const ern_status status = ern_synth_write(session->context, folder, options);
   progress_end(&progress);
   if (status == ERN_E_CANCELLED && session_interrupted())
-    return session_fail_with(session, "stopped; %s is not a whole clip", folder);
+    return session_fail_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
   session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, options->frames,
                options->size, options->size, folder);
