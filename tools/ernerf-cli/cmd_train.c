@@ -214,8 +214,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (dot == NULL || strcmp(dot, ".safetensors") != 0)
     return args_refuse(args, "-o is \"%s\", expected a name that ends in .safetensors", config->output);
   int status = -1;
-  if (config->torso && job->head_path == NULL && config->from == NULL)
-    status = args_refuse(args, "--torso needs the head: --head MODEL, or --from a model that has one");
+  if (config->torso && job->head_path == NULL) status = args_refuse(args, "--torso needs the head: --head MODEL");
   if (!config->torso)
     status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
   if (status < 0 && config->torso)
@@ -272,8 +271,8 @@ static void say_plan(struct train_job *job) {
   const ern_features *features = ern_clip_features(job->clip);
   const size_t frames = config->data_end > 0 ? config->data_end - config->data_begin : info->frames[ERN_SPLIT_TRAIN];
   if (config->torso)
-    session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d",
-                 job->head_path != NULL ? job->head_path : config->from, frames, info->width, info->height);
+    session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d", job->head_path, frames,
+                 info->width, info->height);
   else
     session_note(&job->session,
                  "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
