@@ -40,16 +40,15 @@ fi
 
 stage "pkg-config and a plain compiler"
 export PKG_CONFIG_PATH=$lib/pkgconfig
-static=() && [ -e "$lib/libernerf.so" ] || static=(--static)
 for example in render_minimal train_minimal; do
-  read -ra found <<<"$(pkg-config "${static[@]}" --cflags --libs libernerf)"
+  read -ra found <<<"$(pkg-config --cflags --libs libernerf)"
   "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/$example.c" "${found[@]}" -lm \
     -Wl,-rpath,"$lib" -o "$work/$example"
 done
-read -ra found <<<"$(pkg-config "${static[@]}" --cflags --libs libernerf-media)"
+read -ra found <<<"$(pkg-config --cflags --libs libernerf-media)"
 "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/contact_sheet.c" "${found[@]}" \
   -Wl,-rpath,"$lib" -o "$work/contact_sheet"
-needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv|OpenImageIO|ernerf-media' || true)
+needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv_|OpenImageIO|ernerf-media' || true)
 [ -z "$needs" ] || fail "a program that links libernerf alone needs $needs"
 
 stage "find_package"
