@@ -14,8 +14,10 @@ extern "C" {
 /* Read-only once loaded: any number of renderers, in any threads, may share one. */
 typedef struct ern_model ern_model;
 
-/* Reads a .safetensors file with the public checkpoint's tensor names, ours or converted. Strict: every tensor with its
- * shape and finite values, or an error that names the first that is wrong. On success the caller owns *model. */
+/* Reads a .safetensors file with the public checkpoint's tensor names, or a .pth file as PyTorch's public program saves
+ * it (the zip that torch.save writes since 1.6; nothing in it is executed); the content decides. Strict: every tensor
+ * with its shape and finite values, or an error that names the first that is wrong. On success the caller owns *model.
+ */
 ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *context, const char *path);
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 
@@ -31,6 +33,7 @@ typedef struct ern_model_info {
   int feature_width;                /* D of the speech features it was trained on */
   int codes;                        /* rows of the individual codes */
   float bound;                      /* half side of the scene */
+  size_t cameras;                   /* training poses with a trained refinement (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */
@@ -45,10 +48,23 @@ typedef struct ern_tensor_info {
   size_t shape[4];
 } ern_tensor_info;
 
-/* Lists the tensors of a .safetensors or .npy file (which has one, without a name), after checking the file as a whole.
+/* Lists the tensors of a .safetensors, .pth or .npy file (the last has one, without a name), after checking the file as
+ * a whole.
  */
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
+
+/* The pose of training frame `index` as the model's camera refinement has it (where ern_model_info.cameras is not 0;
+ * index past the last: the last): the rotation dR of its three angles (about x, then y, then z, in degrees) turns the
+ * rays, d' = transpose(dR) d, and its move is added to the origin. Scene units, after ern_camera_pose. The torso of a
+ * model does not take part. */
+ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
+
+/* Turns a model's file into the other form; the name of `out` decides: .safetensors, or .pth and .pt, which PyTorch's
+ * torch.load(weights_only=True) opens and the public program loads. Optimizer and average go with it. What the public
+ * program cannot hold is refused by name (ERN_E_UNSUPPORTED); what it needs to be told is said in the log. Files of
+ * other tensors are carried over as they are. Atomic. */
+ERN_API ERN_NODISCARD ern_status ern_file_convert(ern_context *context, const char *in, const char *out);
 
 #ifdef __cplusplus
 }

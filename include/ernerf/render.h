@@ -81,6 +81,7 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
 
 typedef struct ern_frame_input {
   ern_camera camera;
+  const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
   const float *windows;      /* [8][window_length][width] (ern_audio_windows) */
   int window_length;         /* 1..16 */
   float eye;                 /* 0 open .. 1 closed; ignored by a model without an eye branch */

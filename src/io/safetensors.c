@@ -17,7 +17,8 @@ static const struct {
   const char *name;
   size_t bytes;
 } dtypes[] = {[ERN_F32] = {"F32", 4}, [ERN_F16] = {"F16", 2},   [ERN_BF16] = {"BF16", 2}, [ERN_U8] = {"U8", 1},
-              [ERN_I32] = {"I32", 4}, [ERN_BOOL] = {"BOOL", 1}, [ERN_I64] = {"I64", 8},   [ERN_F64] = {"F64", 8}};
+              [ERN_I32] = {"I32", 4}, [ERN_BOOL] = {"BOOL", 1}, [ERN_I64] = {"I64", 8},   [ERN_F64] = {"F64", 8},
+              [ERN_I8] = {"I8", 1},   [ERN_I16] = {"I16", 2}};
 enum { DTYPES = sizeof dtypes / sizeof dtypes[0] };
 
 const char *ern_dtype_name(ern_dtype dtype) { return (unsigned)dtype < DTYPES ? dtypes[dtype].name : "?"; }
@@ -57,8 +58,8 @@ static ern_status read_dtype(const struct reading *reading, const char *name, co
     return ERN_OK;
   }
   return ern_fail(reading->context, ERN_E_UNSUPPORTED,
-                  "%s: tensor %s: dtype is %s, expected F32, F16, BF16, F64, U8, BOOL, I32 or I64", reading->path, name,
-                  json_string_value(word));
+                  "%s: tensor %s: dtype is %s, expected F32, F16, BF16, F64, U8, BOOL, I8, I16, I32 or I64",
+                  reading->path, name, json_string_value(word));
 }
 
 static ern_status read_shape(const struct reading *reading, struct ern_tensor *tensor, const json_t *entry) {
@@ -257,7 +258,9 @@ fail:
 void ern_tensor_file_free(ern_context *context, struct ern_tensor_file *file) {
   if (file == NULL) return;
   struct storage *storage = file->private_data;
-  if (storage != NULL) {
+  if (file->release != NULL) {
+    file->release(context, file->private_data);
+  } else if (storage != NULL) {
     json_decref(storage->header);
     ern_release(context, storage->bytes);
     ern_release(context, storage->aligned);
@@ -300,6 +303,8 @@ ern_status ern_tensor_to_float(ern_context *context, const struct ern_tensor *te
       return ERN_OK;
     case ERN_U8:
     case ERN_BOOL:
+    case ERN_I8:
+    case ERN_I16:
     case ERN_I32:
     case ERN_I64: break;
   }

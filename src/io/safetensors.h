@@ -7,7 +7,18 @@
 
 enum { ERN_TENSOR_MAX_DIMS = 4 };
 
-typedef enum ern_dtype { ERN_F32, ERN_F16, ERN_BF16, ERN_U8, ERN_BOOL, ERN_I32, ERN_I64, ERN_F64 } ern_dtype;
+typedef enum ern_dtype {
+  ERN_F32,
+  ERN_F16,
+  ERN_BF16,
+  ERN_U8,
+  ERN_BOOL,
+  ERN_I32,
+  ERN_I64,
+  ERN_F64,
+  ERN_I8,
+  ERN_I16
+} ern_dtype;
 const char *ern_dtype_name(ern_dtype dtype); /* "F32", as safetensors writes it */
 size_t ern_dtype_bytes(ern_dtype dtype);
 
@@ -30,6 +41,7 @@ struct ern_tensor_file {
   struct ern_tensor *tensors;
   struct ern_metadata *metadata;
   void *private_data;
+  void (*release)(ern_context *context, void *private_data); /* of private_data; NULL: this file's own */
 };
 
 /* Checks every size, offset, overlap, gap and name before use. The caller owns the result (ern_tensor_file_free). */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "model/model.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -37,6 +38,7 @@ void ern_model_free(ern_model **model) {
   ern_release(context, (*model)->block);
   ern_release(context, (*model)->bits);
   ern_release(context, (*model)->torso_grid);
+  ern_release(context, (*model)->camera);
   ern_release(context, *model);
   *model = NULL;
 }
@@ -51,11 +53,43 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
                            .feature_width = config->feature_width,
                            .codes = config->codes,
                            .bound = config->bound,
+                           .cameras = model->cameras,
                            .head_steps = model->head_steps,
                            .torso_steps = model->torso_steps};
   memcpy(info->clip, model->clip, sizeof info->clip);
   for (int r = 0; r < model->table.rows; r++) info->parameters += model->table.row[r].count;
   info->parameter_bytes = info->parameters * sizeof(float);
+}
+
+/* m = Rx(a) Ry(b) Rz(c) */
+static void euler_matrix(float m[9], const float radians[3]) {
+  const double ca = cos((double)radians[0]), sa = sin((double)radians[0]), cb = cos((double)radians[1]),
+               sb = sin((double)radians[1]), cc = cos((double)radians[2]), sc = sin((double)radians[2]);
+  const double rows[9] = {cb * cc,
+                          -cb * sc,
+                          sb,
+                          ca * sc + sa * sb * cc,
+                          ca * cc - sa * sb * sc,
+                          -sa * cb,
+                          sa * sc - ca * sb * cc,
+                          sa * cc + ca * sb * sc,
+                          ca * cb};
+  for (int i = 0; i < 9; i++) m[i] = (float)rows[i];
+}
+
+void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
+  const float degree = 3.14159265358979f / 180;
+  if (model->cameras == 0) return;
+  const size_t row = index < model->cameras ? index : model->cameras - 1;
+  const float *angle = model->camera + 3 * row, *move = model->camera + 3 * (model->cameras + row);
+  float turn[9], old[16];
+  euler_matrix(turn, (float[]){angle[0] * degree + 1e-8f, angle[1] * degree + 1e-8f, angle[2] * degree + 1e-8f});
+  memcpy(old, pose, sizeof old);
+  for (int r = 0; r < 3; r++) {
+    for (int c = 0; c < 3; c++)
+      pose[4 * r + c] = turn[r] * old[c] + turn[3 + r] * old[4 + c] + turn[6 + r] * old[8 + c];
+    pose[4 * r + 3] = old[4 * r + 3] + move[r];
+  }
 }
 
 static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtype dtype, int dims, size_t first,
@@ -91,6 +125,10 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
   if (model->field.config.torso) {
     add_offsets(out, ERN_PLANES, "torso_encoder.offsets", &model->field.torso_grid);
     add_tensor(out, "density_grid_torso", ERN_F32, 1, ERN_TORSO_CELLS, 0, 0, model->torso_grid);
+  }
+  if (model->cameras > 0) {
+    add_tensor(out, "camera_dR", ERN_F32, 2, model->cameras, 3, 0, model->camera);
+    add_tensor(out, "camera_dT", ERN_F32, 2, model->cameras, 3, 0, model->camera + 3 * model->cameras);
   }
 }
 

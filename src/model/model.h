@@ -14,6 +14,8 @@ struct ern_model {
   float *block;      /* [field.parameters] */
   uint8_t *bits;     /* [ERN_OCCUPANCY_BYTES] */
   float *torso_grid; /* [ERN_TORSO_CELLS], NULL without a torso */
+  float *camera;     /* trained refinement of the training poses: [cameras][3] degrees, then [cameras][3] moves */
+  size_t cameras;    /* 0: there is none */
   uint64_t head_steps, torso_steps;
   char clip[65];
 };

@@ -8,6 +8,7 @@
 
 #include "core/memory.h"
 #include "io/npy.h"
+#include "model/checkpoint.h"
 #include "model/model.h"
 #include "model/torso_ops.h"
 #include "render/render_ops.h"
@@ -149,12 +150,13 @@ static ern_status config_from_shapes(ern_context *context, const struct ern_tens
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
 
-/* Names that a file may hold beside the parameters. */
-static bool is_buffer(const char *name) {
+/* Names that a file may hold beside the parameters. The public program keeps an eye branch that it does not use. */
+static bool is_extra(const ern_model *model, const char *name) {
   static const char *const known[] = {
       "aabb_train",   "aabb_infer",         "density_grid",       "density_bitfield",   "density_grid_torso",
       "step_counter", "encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets", "torso_encoder.offsets",
       "camera_dR",    "camera_dT"};
+  if (!model->field.config.eye && strncmp(name, "eye_att_net.", 12) == 0) return true;
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
     if (strcmp(name, known[i]) == 0) return true;
   return strncmp(name, "state.", 6) == 0;
@@ -179,17 +181,37 @@ fail:
 
 static ern_status take_occupancy(ern_model *model, const struct ern_tensor_file *file, const char *path) {
   const struct ern_tensor *bits = ern_tensor_file_find(file, "density_bitfield");
-  if (bits == NULL && ern_tensor_file_find(file, "density_grid") != NULL) return bits_from_grid(model, file, path);
-  ern_status status =
-      find_exact(model->context, file, path, "density_bitfield", 1, (size_t[]){ERN_OCCUPANCY_BYTES}, &bits);
-  if (status != ERN_OK) return status;
-  if (bits->dtype != ERN_U8)
-    return ern_fail(model->context, ERN_E_FORMAT, "%s: tensor density_bitfield is %s, expected U8", path,
-                    ern_dtype_name(bits->dtype));
-  memcpy(model->bits, bits->data, ERN_OCCUPANCY_BYTES);
+  ern_status status = ERN_OK;
+  if (bits == NULL && ern_tensor_file_find(file, "density_grid") != NULL) {
+    ERN_TRY(bits_from_grid(model, file, path));
+  } else {
+    ERN_TRY(find_exact(model->context, file, path, "density_bitfield", 1, (size_t[]){ERN_OCCUPANCY_BYTES}, &bits));
+    if (bits->dtype != ERN_U8)
+      ERN_TRY(ern_fail(model->context, ERN_E_FORMAT, "%s: tensor density_bitfield is %s, expected U8", path,
+                       ern_dtype_name(bits->dtype)));
+    memcpy(model->bits, bits->data, ERN_OCCUPANCY_BYTES);
+  }
   if (model->field.config.torso)
     status = ern_tensor_take(model->context, file, path, "density_grid_torso", 1, (size_t[]){ERN_TORSO_CELLS},
                              model->torso_grid);
+fail:
+  return status;
+}
+
+/* The camera refinement of the training frames, where one was trained. */
+static ern_status take_camera(ern_model *model, const struct ern_tensor_file *file, const char *path) {
+  const size_t rows = side(file, "camera_dR", 0), shape[2] = {rows, 3};
+  const bool there = ern_tensor_file_find(file, "camera_dR") != NULL || ern_tensor_file_find(file, "camera_dT") != NULL;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  if (!there) return ERN_OK;
+  if (rows > 1000000) return ern_fail(model->context, ERN_E_SHAPE, "%s: camera_dR has %zu rows", path, rows);
+  ERN_TRY(ern_allocate(model->context, 6 * rows, sizeof(float), &room));
+  model->camera = room;
+  model->cameras = rows;
+  ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dR", 2, shape, model->camera));
+  ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dT", 2, shape, model->camera + 3 * rows));
+fail:
   return status;
 }
 
@@ -198,13 +220,15 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   struct ern_model_config config = {.head = true};
   ern_model identity = {.head_steps = 0}, *made = NULL;
   ern_status status = ERN_OK;
-  const char *text = ern_tensor_file_metadata(file, "ernerf");
+  const char *text = ern_tensor_file_metadata(file, "ernerf"), *steps = ern_tensor_file_metadata(file, "global_step");
   *model = NULL;
   if (text != NULL)
     ERN_TRY(read_metadata(context, text, path, &config, &identity));
   else
     ERN_TRY(config_from_shapes(context, file, path, &config));
   ERN_TRY(ern_model_make(&made, context, &config));
+  if (text == NULL && steps != NULL)
+    *(config.torso ? &identity.torso_steps : &identity.head_steps) = strtoull(steps, NULL, 10);
   made->head_steps = identity.head_steps;
   made->torso_steps = identity.torso_steps;
   memcpy(made->clip, identity.clip, sizeof made->clip);
@@ -214,10 +238,11 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   }
   for (size_t t = 0; t < file->tensor_count; t++) {
     const char *name = file->tensors[t].name;
-    if (ern_parameters_find(&made->table, name) == NULL && !is_buffer(name))
+    if (ern_parameters_find(&made->table, name) == NULL && !is_extra(made, name))
       ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: tensor %s belongs to no model that this version knows", path, name));
   }
   ERN_TRY(take_occupancy(made, file, path));
+  ERN_TRY(take_camera(made, file, path));
   *model = made;
   return ERN_OK;
 fail:
@@ -228,7 +253,7 @@ fail:
 ern_status ern_model_load(ern_model **model, ern_context *context, const char *path) {
   struct ern_tensor_file file = {0};
   *model = NULL;
-  ern_status status = ern_safetensors_read(context, path, &file);
+  ern_status status = ern_checkpoint_read(context, path, &file);
   if (status == ERN_OK) status = ern_model_from_file(model, context, &file, path);
   ern_tensor_file_free(context, &file);
   return status;
@@ -254,7 +279,7 @@ ern_status ern_file_tensors(ern_context *context, const char *path,
   const char *dot = strrchr(path, '.');
   if (dot != NULL && strcmp(dot, ".npy") == 0) return npy_tensor(context, path, say, user);
   struct ern_tensor_file file = {0};
-  const ern_status status = ern_safetensors_read(context, path, &file);
+  const ern_status status = ern_checkpoint_read(context, path, &file);
   for (size_t t = 0; status == ERN_OK && t < file.tensor_count; t++) {
     const struct ern_tensor *tensor = &file.tensors[t];
     ern_tensor_info info = {.name = tensor->name, .dtype = ern_dtype_name(tensor->dtype), .dims = tensor->dims};

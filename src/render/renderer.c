@@ -159,6 +159,9 @@ static ern_status check_input(const ern_renderer *r, const ern_frame_input *inpu
       return ern_fail(context, ERN_E_NONFINITE, "render: pose: value %d is not finite", i);
   if (!(fabs(determinant(camera->pose)) > 1e-6))
     return ern_fail(context, ERN_E_ARGUMENT, "render: pose: its rotation cannot be inverted");
+  for (int i = 0; i < 16; i++)
+    if (input->head_pose != NULL && !isfinite(input->head_pose[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "render: head_pose: value %d is not finite", i);
   if (input->windows == NULL || input->window_length < 1 || input->window_length > 16)
     return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows",
                     input->window_length);
@@ -243,10 +246,11 @@ fail:
   return status;
 }
 
-static struct ern_view view_of(const ern_camera *camera) {
+static struct ern_view view_of(const ern_frame_input *input) {
+  const ern_camera *camera = &input->camera;
   struct ern_view view = {
       .focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
-  memcpy(view.pose, camera->pose, sizeof view.pose);
+  memcpy(view.pose, input->head_pose != NULL ? input->head_pose : camera->pose, sizeof view.pose);
   return view;
 }
 
@@ -295,7 +299,7 @@ static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, stru
       .attention = f->attention.span,
       .eye = f->eye.span,
       .pixel_number = f->number,
-      .view = view_of(&input->camera),
+      .view = view_of(input),
       .background = f->background,
       .bits = whole(r->bits, ERN_OCCUPANCY_BYTES),
       .parameters = whole(r->parameters, r->field.parameters),

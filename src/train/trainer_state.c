@@ -10,6 +10,7 @@
 
 #include "core/memory.h"
 #include "io/file.h"
+#include "model/checkpoint.h"
 #include "train/trainer.h"
 
 /* What the JSON of a state says beside the model's. */
@@ -202,9 +203,12 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
   return ERN_OK;
 }
 
-/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. */
+/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. PyTorch's optimizer
+ * keeps nothing for a tensor that had no gradient yet, and its average may not be saved: `missing` (a block, or NULL:
+ * zeros) stands in. */
 static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
-                            ern_span to) {
+                            const float *missing, ern_span to) {
+  const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
   void *room = NULL;
   ern_status status = ern_allocate(t->context, t->model->field.parameters, sizeof(float), &room);
   if (status != ERN_OK) return status;
@@ -213,6 +217,10 @@ static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, 
     char name[ERN_PARAMETER_NAME + 16];
     if (row->torso != t->config.torso) continue;
     snprintf(name, sizeof name, "%s%s", prefix, row->name);
+    if (torch && ern_tensor_file_find(file, name) == NULL) {
+      if (missing != NULL) memcpy((float *)room + row->at, missing + row->at, row->count * sizeof(float));
+      continue;
+    }
     ERN_TRY(ern_tensor_take(t->context, file, path, name, row->dims, row->shape, (float *)room + row->at));
   }
   status = t->backend->upload_reals(t->stream, to, room, t->model->field.parameters);
@@ -243,18 +251,23 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(upload_model(t, model));
-  ERN_TRY(take_rows(t, file, path, "state.moment.", t->moment));
-  ERN_TRY(take_rows(t, file, path, "state.average.", t->average));
+  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->moment));
+  ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
   if (!t->config.torso) {
     ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.density_grid", 1, (size_t[]){ERN_OCCUPANCY_CELLS}, room));
+    const bool own = ern_tensor_file_find(file, "state.density_grid") != NULL;
+    ERN_TRY(ern_tensor_take(t->context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
+                            own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, room));
     ERN_TRY(t->backend->upload_reals(t->stream, t->grid, room, ERN_OCCUPANCY_CELLS));
     ERN_TRY(ern_trainer_list(t));
   }
   t->step = about->step;
   t->ema_updates = about->ema_updates;
   t->seconds = about->seconds;
-  if (about->seed != t->config.seed || about->rays != t->config.rays)
+  if (about->rays == 0)
+    ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
+            (unsigned long long)about->step);
+  else if (about->seed != t->config.seed || about->rays != t->config.rays)
     ern_log(t->context, ERN_LOG_WARNING, "%s: was trained with seed %llu and %d rays; going on with %llu and %d", path,
             (unsigned long long)about->seed, about->rays, (unsigned long long)t->config.seed, t->config.rays);
 fail:
@@ -327,10 +340,13 @@ fail:
 ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   struct candidate c = {.path = path};
   ern_status status = ERN_OK;
-  ERN_TRY(ern_safetensors_read(t->context, path, &c.file));
+  ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
+  if (c.model->cameras > 0)
+    ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is not trained on, nor applied while training",
+            path);
   if (text != NULL) {
     ERN_TRY(parse_about(t, text, path, &c.about));
     if (c.about.torso != t->config.torso)

@@ -78,13 +78,16 @@ static bool psnr_inside(const struct eval_job *job, const ern_image *truth, ern_
 static int draw(struct eval_job *job, size_t k, const uint8_t *torso, struct figures *figures) {
   const struct portrait *portrait = &job->portrait;
   shots_windows(&job->shots, k, job->features, (ern_audio_pad)portrait->audio_pad, job->windows);
-  const ern_frame_input input = {
-      .camera = shots_camera(&job->shots, k, portrait->scale, portrait->clip_info.width, portrait->clip_info.height),
-      .windows = job->windows,
-      .window_length = job->features->window_length,
-      .eye = job->shots.shot[k].eye,
-      .background = job->backdrop.background.data,
-      .torso = torso};
+  const ern_camera camera =
+      shots_camera(&job->shots, k, portrait->scale, portrait->clip_info.width, portrait->clip_info.height);
+  float refined[16];
+  const ern_frame_input input = {.camera = camera,
+                                 .head_pose = portrait_refined(portrait, &job->shots.shot[k], &camera, refined),
+                                 .windows = job->windows,
+                                 .window_length = job->features->window_length,
+                                 .eye = job->shots.shot[k].eye,
+                                 .background = job->backdrop.background.data,
+                                 .torso = torso};
   const ern_frame_output output = {.rgba = job->rgba, .rgb = job->rgb};
   const double began = session_seconds();
   const ern_status status = ern_renderer_frame(portrait->renderer, &input, &output, &figures->times);
@@ -256,7 +259,7 @@ int cmd_eval(int argc, char **argv) {
                                      .target = &job.portrait.clip_features,
                                      .help = "features (.npy) of the clip's speech, instead of the clip's own"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
-  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors file: a head, or head and torso"},
+  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &job.portrait.clip_path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
       .verb = "eval",

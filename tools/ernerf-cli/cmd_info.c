@@ -47,7 +47,9 @@ static int list_devices(struct session *session) {
 
 struct tensor_list {
   json_t *list;
-  bool state; /* holds the rest of a training's state */
+  bool state;               /* holds the rest of a training's state */
+  bool model;               /* holds tensors of a model */
+  size_t moments, averages; /* tensors of the optimizer's and the average's state */
   int dims;
   size_t shape[4]; /* of the last one */
 };
@@ -58,7 +60,11 @@ static void take_tensor(void *user, const ern_tensor_info *tensor) {
   for (int d = 0; d < tensor->dims; d++) json_array_append_new(shape, json_integer((json_int_t)tensor->shape[d]));
   json_array_append_new(tensors->list, json_pack("{s:s, s:s, s:o}", "name", tensor->name != NULL ? tensor->name : "",
                                                  "dtype", tensor->dtype, "shape", shape));
-  tensors->state |= tensor->name != NULL && strncmp(tensor->name, "state.", 6) == 0;
+  const char *name = tensor->name != NULL ? tensor->name : "";
+  tensors->moments += strncmp(name, "state.moment.", 13) == 0;
+  tensors->averages += strncmp(name, "state.average.", 14) == 0;
+  tensors->state |= strncmp(name, "state.", 6) == 0 && strncmp(name, "state.file.", 11) != 0;
+  tensors->model |= strcmp(name, "encoder_xy.embeddings") == 0 || strcmp(name, "sigma_net.net.0.weight") == 0;
   tensors->dims = tensor->dims;
   memcpy(tensors->shape, tensor->shape, sizeof tensors->shape);
 }
@@ -86,6 +92,25 @@ static json_t *effects_of(const ern_model_info *info) {
   return effects;
 }
 
+/* What the file is good for, as the other verbs take it. */
+static json_t *uses_of(const struct tensor_list *tensors, const ern_model_info *info) {
+  json_t *uses = json_pack("[s, s, s]", "render", "eval", "convert");
+  json_array_append_new(
+      uses, json_string(tensors->moments > 0 ? "train --from: goes on at its step" : "train --from: its weights"));
+  if (!info->has_torso) json_array_append_new(uses, json_string("train --torso --head"));
+  return uses;
+}
+
+static void print_state(const struct tensor_list *tensors, json_t *uses) {
+  size_t index;
+  json_t *use;
+  if (tensors->state)
+    printf("  training state   optimizer of %zu tensors, average of %zu\n", tensors->moments, tensors->averages);
+  printf("  use it for       ");
+  json_array_foreach(uses, index, use) printf("%s%s", index > 0 ? ", " : "", json_string_value(use));
+  printf("\n");
+}
+
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
   char *list = json_dumps(effects, 0);
   printf("%s: %s\n", path, kind);
@@ -95,9 +120,20 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
   printf("  bound            %g\n", (double)info->bound);
+  if (info->cameras > 0) printf("  camera           refined for %zu training poses\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
   printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
   free(list);
+}
+
+/* Tensors that make no model. */
+static int describe_tensors(struct session *session, const char *path, json_t *list) {
+  if (!session_json_on_stdout(session)) {
+    printf("%s: tensors of another program\n  use it for       convert\n", path);
+    print_tensors(list);
+  }
+  return session_report(session, json_pack("{s:s, s:s, s:[s], s:o}", "file", path, "kind", "tensors", "uses", "convert",
+                                           "tensors", list));
 }
 
 static int describe_model(struct session *session, const char *path) {
@@ -105,6 +141,7 @@ static int describe_model(struct session *session, const char *path) {
   ern_model *model = NULL;
   ern_model_info info;
   ern_status status = ern_file_tensors(session->context, path, take_tensor, &tensors);
+  if (status == ERN_OK && !tensors.model) return describe_tensors(session, path, tensors.list);
   if (status == ERN_OK) status = ern_model_load(&model, session->context, path);
   if (status != ERN_OK) {
     json_decref(tensors.list);
@@ -112,20 +149,24 @@ static int describe_model(struct session *session, const char *path) {
   }
   ern_model_describe(model, &info);
   const char *kind = tensors.state ? "state" : info.has_torso ? "head+torso" : "head";
-  json_t *effects = effects_of(&info);
+  json_t *effects = effects_of(&info), *uses = uses_of(&tensors, &info);
   if (!session_json_on_stdout(session)) {
     print_model(path, kind, &info, effects);
+    print_state(&tensors, uses);
     print_tensors(tensors.list);
   }
   ern_model_free(&model);
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
-      session, json_pack("{s:s, s:s, s:I, s:I, s:I, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:o}", "file", path,
-                         "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
-                         "torso_steps", (json_int_t)info.torso_steps, "levels", info.levels, "effects", effects,
-                         "feature_width", info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma,
-                         "bound", (double)info.bound, "clip", info.clip, "parameters", (json_int_t)info.parameters,
-                         "parameter_bytes", (json_int_t)info.parameter_bytes, "tensors", tensors.list));
+      session,
+      json_pack("{s:s, s:s, s:I, s:I, s:I, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, s:{s:I, s:I}, s:o}",
+                "file", path, "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
+                "torso_steps", (json_int_t)info.torso_steps, "levels", info.levels, "effects", effects, "feature_width",
+                info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound,
+                "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
+                (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
+                "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages,
+                "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */
@@ -183,22 +224,27 @@ static int describe(struct session *session, const char *path) {
   static const struct {
     const char *ending;
     int (*run)(struct session *session, const char *path);
-  } kinds[] = {{".safetensors", describe_model}, {".npy", describe_array}, {".json", describe_poses}};
+  } kinds[] = {{".safetensors", describe_model},
+               {".pth", describe_model},
+               {".pt", describe_model},
+               {".npy", describe_array},
+               {".json", describe_poses}};
   const char *dot = strrchr(path, '.');
   if (strcmp(path, "devices") == 0) return list_devices(session);
   for (size_t i = 0; dot != NULL && i < sizeof kinds / sizeof kinds[0]; i++)
     if (strcmp(dot, kinds[i].ending) == 0) return kinds[i].run(session, path);
-  return session_fail_with(session,
-                           "%s: of an unknown kind, expected .safetensors (a model), .npy (speech features) or .json "
-                           "(poses); `ernerf check` looks at the folder of a clip",
-                           path);
+  return session_fail_with(
+      session,
+      "%s: of an unknown kind, expected .safetensors or .pth (a model), .npy (speech features) or .json "
+      "(poses); `ernerf check` looks at the folder of a clip",
+      path);
 }
 
 int cmd_info(int argc, char **argv) {
   struct session session = {0};
   const char *path = NULL;
   struct option output[SESSION_OUTPUT_OPTIONS];
-  struct word words[] = {{"FILE", &path, "a .safetensors, .npy or .json file, or the word devices"}};
+  struct word words[] = {{"FILE", &path, "a .safetensors, .pth, .npy or .json file, or the word devices"}};
   struct args args = {.verb = "info",
                       .summary = "Lists what is in a model, a feature or a pose file, or the devices that can compute.",
                       .usage = "info FILE\ninfo devices",

@@ -256,13 +256,15 @@ static int draw(struct render_job *job, size_t k) {
     return EXIT_FAILURE;
   const double read = session_seconds();
   shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_frame_input input = {
-      .camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height),
-      .windows = job->windows,
-      .window_length = job->features->window_length,
-      .eye = shot->eye,
-      .background = job->backdrop.background.data,
-      .torso = torso};
+  const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
+  float refined[16];
+  const ern_frame_input input = {.camera = camera,
+                                 .head_pose = portrait_refined(&job->portrait, shot, &camera, refined),
+                                 .windows = job->windows,
+                                 .window_length = job->features->window_length,
+                                 .eye = shot->eye,
+                                 .background = job->backdrop.background.data,
+                                 .torso = torso};
   const ern_frame_output output = sink_room(&job->sink);
   if (ern_renderer_frame(job->portrait.renderer, &input, &output, &times) != ERN_OK) return session_fail(&job->session);
   const double drawn = session_seconds();
@@ -327,7 +329,7 @@ static void close_all(struct render_job *job) {
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
   struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
-  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors file: a head, or head and torso"}};
+  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
       .summary = "Draws a model to a video with sound, or to pictures.",

@@ -21,6 +21,7 @@ struct train_job {
   struct range data;
   float scale;
   int audio_pad;
+  ern_model_info from; /* of --from, levels 0 without it */
   /* made */
   ern_clip *clip;
   ern_clip_info clip_info;
@@ -75,8 +76,9 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
       {.name = "from",
        .kind = OPTION_TEXT,
        .target = &config->from,
-       .choices = "FILE.safetensors",
-       .help = "start from its weights; where it holds a state, from its step too"},
+       .choices = "FILE",
+       .help = "start from the weights of a .safetensors or .pth file, from its levels and codes, and where it holds a "
+               "state from its step"},
       {.name = "save-every",
        .kind = OPTION_COUNT,
        .target = &job->save_every,
@@ -237,6 +239,9 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   config->head = job->head;
+  if (job->from.levels > 0 && !args_given(args, "levels")) config->levels = job->from.levels;
+  if (job->from.levels > 0 && !args_given(args, "ind_num")) config->codes = job->from.codes;
+  if (job->from.levels > 0 && !args_given(args, "bound")) config->bound = job->from.bound;
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;
@@ -284,6 +289,15 @@ static void say_plan(struct train_job *job) {
                config->output, ern_trainer_folder(job->trainer));
 }
 
+/* What the file of --from is like: a training that goes on from it is the same. */
+static int describe_from(struct train_job *job) {
+  ern_model *model = NULL;
+  if (ern_model_load(&model, job->session.context, job->config.from) != ERN_OK) return EXIT_FAILURE;
+  ern_model_describe(model, &job->from);
+  ern_model_free(&model);
+  return 0;
+}
+
 static int open_all(struct train_job *job, const struct args *args) {
   struct session *session = &job->session;
   ern_dataset dataset;
@@ -293,6 +307,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status != 0) return status;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
     return session_fail(session);
+  if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
   fill_config(job, args);
   ern_clip_dataset(job->clip, &dataset);
   dataset.scale = job->scale;

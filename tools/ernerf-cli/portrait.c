@@ -81,6 +81,9 @@ static int open_model(struct portrait *portrait, struct session *session, const 
 
 static int check_identity(struct portrait *portrait, struct session *session) {
   const char *model = portrait->info.clip, *clip = portrait->clip_info.identity;
+  if (model[0] == 0)
+    session_note(session, "%s: does not say which clip it was trained on; it is used with %s all the same",
+                 portrait->model_path, portrait->clip_path);
   if (model[0] == 0 || clip[0] == 0 || strcmp(model, clip) == 0) return 0;
   if (!portrait->force)
     return session_fail_with(
@@ -121,6 +124,14 @@ void portrait_close(struct portrait *portrait) {
   ern_renderer_free(&portrait->renderer);
   ern_clip_free(&portrait->clip);
   ern_model_free(&portrait->model);
+}
+
+const float *portrait_refined(const struct portrait *portrait, const struct shot *shot, const ern_camera *camera,
+                              float refined[16]) {
+  if (portrait->info.cameras == 0 || portrait->clip == NULL || shot->split != ERN_SPLIT_TRAIN) return NULL;
+  memcpy(refined, camera->pose, sizeof camera->pose);
+  ern_model_refine(portrait->model, shot->index, refined);
+  return refined;
 }
 
 const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }

@@ -39,6 +39,11 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
 void portrait_close(struct portrait *portrait);
 
+/* The pose of the head where the model has a camera refinement and the shot is a training frame, in `refined`; else
+ * NULL. */
+const float *portrait_refined(const struct portrait *portrait, const struct shot *shot, const ern_camera *camera,
+                              float refined[16]);
+
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
 /* Frames [begin, end) that --frames asks for. As shots_cut. */

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ * The zip that torch.save writes (PyTorch 1.6 and later): data.pkl says what there is, data/KEY holds the bytes of a
+ * storage. Read as if hostile; written so that torch.load(weights_only=True) opens it. */
+#ifndef ERN_IO_TORCH_ZIP_H
+#define ERN_IO_TORCH_ZIP_H
+
+#include "io/pickle.h"
+
+/* An open file. Tensors of the pickle get their bytes, and those without a name one, in ern_torch_tensors. */
+struct ern_torch {
+  struct ern_pickle pickle;
+  void *private_data;
+};
+
+/* Whether the bytes begin as a zip does, or as what PyTorch wrote before 1.6. */
+bool ern_torch_is_zip(const uint8_t *bytes, size_t count);
+bool ern_torch_is_legacy(const uint8_t *bytes, size_t count);
+
+/* Takes `bytes` (made by ern_allocate) over, also when it fails. `path` is for messages and must outlive the file. */
+ERN_NODISCARD ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes, size_t count,
+                                        struct ern_torch *torch);
+void ern_torch_close(ern_context *context, struct ern_torch *torch);
+
+/* Gives a tensor of the pickle the name PREFIX + NAME, unless it has one. */
+ERN_NODISCARD ern_status ern_torch_name(ern_context *context, struct ern_torch *torch, struct ern_pickle_value *tensor,
+                                        const char *prefix, const char *name);
+
+/* All tensors, contiguous, those named before first and the others in the order of the pickle; and the tree that they
+ * hang in as JSON (owned by the caller, ern_release): {"dict": [[key, value], ...]}, {"ordered": ...}, {"tuple":
+ * [...]}, [...] for a list, {"tensor": NAME},
+ * {"bytes": HEX}, {"float": "nan"}, and numbers, texts, true, false, null as themselves. A tensor without a name gets
+ * `prefix` and its path, such as "stats.results.0". *file takes `torch` over, also when it fails. */
+ERN_NODISCARD ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, const char *prefix,
+                                           struct ern_tensor_file *file, char **tree);
+
+/* Writes such a tree with its tensors, which are looked up in `tensors`. Floats become float64 tensors without sides
+ * unless the tree has an "optimizer": PyTorch 1.13 opens no others with weights_only=True. Atomic. */
+ERN_NODISCARD ern_status ern_torch_write(ern_context *context, const char *path, const char *tree,
+                                         const struct ern_tensor *tensors, size_t tensor_count);
+
+#endif

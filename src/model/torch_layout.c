@@ -1,0 +1,397 @@
+/* SPDX-License-Identifier: MIT */
+#include "model/torch_layout.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "model/checkpoint.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
+
+enum { PUBLIC_CODES = 10000, PUBLIC_LEVELS = 12 };
+
+void ern_torch_layout_free(struct ern_torch_layout *l) {
+  for (size_t i = 0; i < l->tensors; i++) ern_release(l->context, l->owned[i]);
+  ern_release(l->context, l->tree);
+  l->tensors = 0;
+  l->tree = NULL;
+}
+
+/* ---- tensors ----------------------------------------------------------------------------------------------------- */
+
+/* A tensor of zeros; its bytes are at *room. */
+static ern_status add(struct ern_torch_layout *l, const char *prefix, const char *name, ern_dtype dtype, int dims,
+                      const size_t *shape, void **room) {
+  size_t count = 1;
+  *room = NULL;
+  if (l->tensors >= ERN_TORCH_LAYOUT_TENSORS)
+    return ern_fail(l->context, ERN_E_SHAPE, "%s: more tensors than a model has", l->path);
+  for (int d = 0; d < dims; d++) count *= shape[d];
+  const ern_status status = ern_allocate(l->context, count, ern_dtype_bytes(dtype), room);
+  if (status != ERN_OK) return status;
+  struct ern_tensor *tensor = &l->tensor[l->tensors];
+  snprintf(l->name[l->tensors], sizeof l->name[0], "%s%s", prefix, name);
+  *tensor =
+      (struct ern_tensor){.name = l->name[l->tensors], .dtype = dtype, .dims = dims, .count = count, .data = *room};
+  for (int d = 0; d < dims; d++) tensor->shape[d] = shape[d];
+  l->owned[l->tensors++] = *room;
+  return ERN_OK;
+}
+
+/* [rows][columns] into the corner of zeros. The public program has 10,000 codes, and a column for the eye in the first
+ * density layer. */
+static ern_status add_padded(struct ern_torch_layout *l, const char *prefix, const struct ern_parameter *row,
+                             const float *values) {
+  const struct ern_model_config *config = &l->model->field.config;
+  size_t shape[ERN_PARAMETER_DIMS] = {row->shape[0], row->shape[1], row->shape[2]};
+  void *room = NULL;
+  if (strncmp(row->name, "individual_codes", 16) == 0 && shape[0] < PUBLIC_CODES) shape[0] = PUBLIC_CODES;
+  if (strcmp(row->name, "sigma_net.net.0.weight") == 0 && !config->eye) shape[1]++;
+  const ern_status status = add(l, prefix, row->name, ERN_F32, row->dims, shape, &room);
+  if (status != ERN_OK || values == NULL) return status;
+  const size_t from = row->dims > 1 ? row->count / row->shape[0] : 1,
+               to = row->dims > 1 ? from / row->shape[1] * shape[1] : 1;
+  for (size_t i = 0; i < row->shape[0]; i++) memcpy((float *)room + i * to, values + i * from, from * sizeof(float));
+  return ERN_OK;
+}
+
+static ern_status add_copy(struct ern_torch_layout *l, const char *name, ern_dtype dtype, size_t count,
+                           const void *values) {
+  void *room = NULL;
+  const ern_status status = add(l, "", name, dtype, 1, &count, &room);
+  if (status == ERN_OK) memcpy(room, values, count * ern_dtype_bytes(dtype));
+  return status;
+}
+
+/* Parameters whose names begin so, with their order in the table. */
+static ern_status add_rows(struct ern_torch_layout *l, const char *start) {
+  const struct ern_parameter_table *table = &l->model->table;
+  for (int r = 0; r < table->rows; r++) {
+    const struct ern_parameter *row = &table->row[r];
+    if (!ern_checkpoint_in_group(row->name, start)) continue;
+    const ern_status status = add_padded(l, "", row, l->model->block + row->at);
+    if (status != ERN_OK) return status;
+  }
+  return ERN_OK;
+}
+
+static ern_status add_grid(struct ern_torch_layout *l, const char *name, const struct ern_grid *grid) {
+  char start[32], offsets[48];
+  int32_t values[ERN_GRID_MAX_LEVELS + 1];
+  snprintf(start, sizeof start, "%s.", name);
+  snprintf(offsets, sizeof offsets, "%s.offsets", name);
+  for (int i = 0; i < grid->levels; i++) values[i] = (int32_t)grid->level[i].offset;
+  values[grid->levels] = (int32_t)grid->entries;
+  const ern_status status = add_rows(l, start);
+  return status == ERN_OK ? add_copy(l, offsets, ERN_I32, (size_t)grid->levels + 1, values) : status;
+}
+
+/* The grid of densities where the file has it; else 20 in occupied cells, which are the same bits under
+ * min(mean, 10). */
+static ern_status add_density(struct ern_torch_layout *l, double *mean) {
+  static const char *const names[] = {"density_grid", "state.density_grid"};
+  const struct ern_tensor *have = NULL;
+  void *room = NULL;
+  const ern_status status = add(l, "", "density_grid", ERN_F32, 2, (size_t[]){1, ERN_OCCUPANCY_CELLS}, &room);
+  if (status != ERN_OK) return status;
+  float *grid = room;
+  for (size_t i = 0; i < 2 && have == NULL; i++) have = ern_tensor_file_find(l->file, names[i]);
+  if (have != NULL && have->count == ERN_OCCUPANCY_CELLS) {
+    const ern_status taken = ern_tensor_to_float(l->context, have, grid);
+    if (taken != ERN_OK) return taken;
+  } else {
+    for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++) grid[i] = (l->model->bits[i / 8] >> (i % 8) & 1) != 0 ? 20.0f : 0;
+  }
+  double sum = 0;
+  for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++) sum += grid[i] > 0 ? (double)grid[i] : 0;
+  *mean = sum / ERN_OCCUPANCY_CELLS;
+  return ERN_OK;
+}
+
+static ern_status add_buffers(struct ern_torch_layout *l, double mean[2]) {
+  const ern_model *model = l->model;
+  const float b = model->field.config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(add_copy(l, "aabb_train", ERN_F32, 6, box));
+  ERN_TRY(add_copy(l, "aabb_infer", ERN_F32, 6, box));
+  ERN_TRY(add_density(l, &mean[0]));
+  ERN_TRY(add_copy(l, "density_bitfield", ERN_U8, ERN_OCCUPANCY_BYTES, model->bits));
+  if (model->field.config.torso) {
+    double sum = 0;
+    ERN_TRY(add_copy(l, "density_grid_torso", ERN_F32, ERN_TORSO_CELLS, model->torso_grid));
+    for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
+    mean[1] = sum / ERN_TORSO_CELLS;
+  }
+  status = add(l, "", "step_counter", ERN_I32, 2, (size_t[]){16, 2}, &room);
+fail:
+  return status;
+}
+
+/* In the order of the public program's state dict. */
+static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
+  static const char *const planes[] = {"encoder_xy", "encoder_yz", "encoder_xz"};
+  const struct ern_field *field = &l->model->field;
+  const size_t inputs = (size_t)field->feature_rows;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(add_rows(l, "individual_codes"));
+  if (field->config.torso) {
+    ERN_TRY(add_rows(l, "individual_codes_torso"));
+    ERN_TRY(add_rows(l, "anchor_points"));
+  }
+  if (l->model->cameras > 0) {
+    ERN_TRY(add(l, "", "camera_dR", ERN_F32, 2, (size_t[]){l->model->cameras, 3}, &room));
+    memcpy(room, l->model->camera, 3 * l->model->cameras * sizeof(float));
+    ERN_TRY(add(l, "", "camera_dT", ERN_F32, 2, (size_t[]){l->model->cameras, 3}, &room));
+    memcpy(room, l->model->camera + 3 * l->model->cameras, 3 * l->model->cameras * sizeof(float));
+  }
+  ERN_TRY(add_buffers(l, mean));
+  ERN_TRY(add_rows(l, "audio_net."));
+  ERN_TRY(add_rows(l, "audio_att_net."));
+  for (int p = 0; p < ERN_PLANES; p++) ERN_TRY(add_grid(l, planes[p], &field->plane[p]));
+  if (field->config.eye) {
+    ERN_TRY(add_rows(l, "eye_att_net."));
+  } else {
+    ERN_TRY(add(l, "", "eye_att_net.net.0.weight", ERN_F32, 2, (size_t[]){16, inputs}, &room));
+    ERN_TRY(add(l, "", "eye_att_net.net.1.weight", ERN_F32, 2, (size_t[]){1, 16}, &room));
+  }
+  static const char *const nets[] = {"sigma_net.", "color_net.", "unc_net.", "aud_ch_att_net."};
+  for (size_t i = 0; i < sizeof nets / sizeof *nets; i++) ERN_TRY(add_rows(l, nets[i]));
+  if (field->config.torso) {
+    ERN_TRY(add_rows(l, "torso_deform_net."));
+    ERN_TRY(add_grid(l, "torso_encoder", &field->torso_grid));
+    ERN_TRY(add_rows(l, "torso_net."));
+  }
+fail:
+  return status;
+}
+
+/* ---- training state ---------------------------------------------------------------------------------------------- */
+
+struct about_state {
+  bool there, torso;
+  int64_t step, updates;
+};
+
+static struct about_state read_about(const struct ern_tensor_file *file) {
+  const char *text = ern_tensor_file_metadata(file, "ernerf.state");
+  json_t *root = text != NULL ? json_loads(text, 0, NULL) : NULL;
+  const struct about_state about = {.there = root != NULL,
+                                    .torso = json_is_true(json_object_get(root, "torso")),
+                                    .step = json_integer_value(json_object_get(root, "step")),
+                                    .updates = json_integer_value(json_object_get(root, "ema_updates"))};
+  json_decref(root);
+  return about;
+}
+
+static json_t *tensor_of(const char *name) { return json_pack("{s:s}", "tensor", name); }
+
+static void put_pair(json_t *pairs, json_t *key, json_t *value) {
+  json_array_append_new(pairs, json_pack("[o, o]", key, value));
+}
+
+/* A block of the state file, laid out as `like`, a tensor of the model; zeros where the file has none of the row (the
+ * eye branch that is only there for the public program). */
+static ern_status add_state(struct ern_torch_layout *l, const char *prefix, const char *source,
+                            const struct ern_tensor *like, bool fall_back) {
+  const struct ern_parameter *row = ern_parameters_find(&l->model->table, like->name);
+  char name[ERN_PARAMETER_NAME + 24];
+  void *room = NULL, *unused = NULL;
+  snprintf(name, sizeof name, "%s%s", source, like->name);
+  if (row == NULL) {
+    const ern_status added = add(l, prefix, like->name, ERN_F32, like->dims, like->shape, &unused);
+    if (added == ERN_OK && fall_back) memcpy(unused, like->data, like->count * sizeof(float));
+    return added;
+  }
+  if (ern_tensor_file_find(l->file, name) == NULL)
+    return add_padded(l, prefix, row, fall_back ? l->model->block + row->at : NULL);
+  ern_status status = ern_allocate(l->context, row->count, sizeof(float), &room);
+  if (status == ERN_OK) status = ern_tensor_take(l->context, l->file, l->path, name, row->dims, row->shape, room);
+  if (status == ERN_OK) status = add_padded(l, prefix, row, room);
+  ern_release(l->context, room);
+  return status;
+}
+
+/* What AdamW keeps of one tensor. Its first moment is not kept here: with beta1 = 0 the next step overwrites it. */
+static ern_status add_moments(struct ern_torch_layout *l, const struct ern_tensor *like, int64_t step, json_t *state,
+                              int64_t number) {
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(add(l, "count.", like->name, ERN_F32, 0, NULL, &room));
+  *(float *)room = (float)step;
+  const char *count = l->tensor[l->tensors - 1].name;
+  ERN_TRY(add(l, "first.", like->name, ERN_F32, like->dims, like->shape, &room));
+  const char *first = l->tensor[l->tensors - 1].name;
+  ERN_TRY(add_state(l, "moment.", "state.moment.", like, false));
+  const char *moment = l->tensor[l->tensors - 1].name;
+  json_t *one = json_pack("{s:[[s, o], [s, o], [s, o]]}", "dict", "step", tensor_of(count), "exp_avg", tensor_of(first),
+                          "exp_avg_sq", tensor_of(moment));
+  put_pair(state, json_integer(number), one);
+fail:
+  return status;
+}
+
+static json_t *group_of(double rate, double start, double decay, json_t *params) {
+  return json_pack("{s:[[s, f], [s, f], [s, {s:[f, f]}], [s, f], [s, b], [s, n], [s, b], [s, b], [s, f], [s, o]]}",
+                   "dict", "lr", rate, "weight_decay", decay, "betas", "tuple", 0.0, 0.99, "eps", 1e-8, "amsgrad", 0,
+                   "foreach", "maximize", 0, "capturable", 0, "initial_lr", start, "params", params);
+}
+
+/* optimizer and lr_scheduler. The rates are the public program's defaults with its 100,000 steps; it works out its own
+ * from base_lrs at its next step. */
+static ern_status put_optimizer(struct ern_torch_layout *l, const struct about_state *about, size_t model_tensors,
+                                json_t *root) {
+  json_t *state = json_array(), *groups = json_array(), *base = json_array(), *last = json_array(),
+         *lambdas = json_array();
+  const double factor = pow(0.5, (double)about->step / 100000);
+  int64_t number = 0;
+  ern_status status = ERN_OK;
+  for (size_t g = 0; ern_checkpoint_group(about->torso, g) != NULL && status == ERN_OK; g++) {
+    const char *group = ern_checkpoint_group(about->torso, g);
+    const bool grid = strstr(group, "encoder") != NULL, attention = strcmp(group, "audio_att_net.") == 0,
+               camera = strncmp(group, "camera_", 7) == 0;
+    const double rate = grid ? 1e-2 : (attention ? 5e-3 : (camera ? 1e-5 : 1e-3));
+    json_t *params = json_array();
+    for (size_t i = 0; i < model_tensors && status == ERN_OK; i++) {
+      const struct ern_tensor like = l->tensor[i];
+      if (!ern_checkpoint_in_group(like.name, group)) continue;
+      if (!camera) status = add_moments(l, &like, about->step, state, number);
+      json_array_append_new(params, json_integer(number++));
+    }
+    const bool empty = json_array_size(params) == 0;
+    const int times = empty ? 0 : 1;
+    if (empty) json_decref(params);
+    for (int k = 0; k < times; k++) {
+      json_array_append_new(groups, group_of(rate * factor, rate, grid ? 1e-2 : (attention ? 1e-4 : 0), params));
+      json_array_append_new(base, json_real(rate));
+      json_array_append_new(last, json_real(rate * factor));
+      json_array_append_new(lambdas, json_null());
+    }
+    if (about->torso && g == 0) { /* the public program's group of an encoder that has no tensors */
+      json_array_append_new(groups, group_of(rate * factor, rate, 0, json_array()));
+      json_array_append_new(base, json_real(rate));
+      json_array_append_new(last, json_real(rate * factor));
+      json_array_append_new(lambdas, json_null());
+    }
+  }
+  put_pair(root, json_string("optimizer"),
+           json_pack("{s:[[s, {s:o}], [s, o]]}", "dict", "state", "dict", state, "param_groups", groups));
+  put_pair(root, json_string("lr_scheduler"),
+           json_pack("{s:[[s, o], [s, I], [s, b], [s, I], [s, b], [s, o], [s, o]]}", "dict", "base_lrs", base,
+                     "last_epoch", (json_int_t)about->step, "verbose", 0, "_step_count", (json_int_t)about->step + 1,
+                     "_get_lr_called_within_step", 0, "_last_lr", last, "lr_lambdas", lambdas));
+  put_pair(root, json_string("scaler"), json_pack("{s:[]}", "dict"));
+  return status;
+}
+
+static ern_status put_average(struct ern_torch_layout *l, const struct about_state *about, size_t model_tensors,
+                              json_t *root) {
+  json_t *shadow = json_array();
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < model_tensors && status == ERN_OK; i++) {
+    const struct ern_tensor like = l->tensor[i];
+    if (ern_checkpoint_is_buffer(like.name)) continue;
+    status = add_state(l, "average.", "state.average.", &like, true);
+    if (status == ERN_OK) json_array_append_new(shadow, tensor_of(l->tensor[l->tensors - 1].name));
+  }
+  put_pair(root, json_string("ema"),
+           json_pack("{s:[[s, f], [s, I], [s, o], [s, n]]}", "dict", "decay", 0.95, "num_updates",
+                     (json_int_t)about->updates, "shadow_params", shadow, "collected_params"));
+  return status;
+}
+
+/* ---- all --------------------------------------------------------------------------------------------------------- */
+
+/* What the public program cannot hold, and what it must be told. */
+static ern_status check(const struct ern_torch_layout *l) {
+  const struct ern_model_config *config = &l->model->field.config;
+  if (config->torso_gamma)
+    return ern_fail(l->context, ERN_E_UNSUPPORTED,
+                    "%s: torso_gamma (the paper's scale of the key points) has no place in the public program",
+                    l->path);
+  if (config->bound > 1)
+    return ern_fail(l->context, ERN_E_UNSUPPORTED,
+                    "%s: bound is %g: the public program keeps more than one occupancy grid for it, expected 1",
+                    l->path, (double)config->bound);
+  if (config->levels != PUBLIC_LEVELS)
+    ern_log(l->context, ERN_LOG_WARNING,
+            "%s: %d levels, the public program builds %d: set num_levels to %d in its network.py to load it", l->path,
+            config->levels, PUBLIC_LEVELS, config->levels);
+  if (config->bound < 1)
+    ern_log(l->context, ERN_LOG_WARNING, "%s: give the public program --bound %g", l->path, (double)config->bound);
+  if (config->codes > PUBLIC_CODES)
+    ern_log(l->context, ERN_LOG_WARNING, "%s: %d individual codes: give the public program --ind_num %d", l->path,
+            config->codes, config->codes);
+  if (config->codes == 0)
+    ern_log(l->context, ERN_LOG_WARNING, "%s: no individual codes: give the public program --ind_dim 0", l->path);
+  if (!config->eye)
+    ern_log(l->context, ERN_LOG_INFO, "%s: the missing eye branch is written as zeros; give --exp_eye", l->path);
+  return ERN_OK;
+}
+
+/* Our description of the model, as it is after the paddings, and of its training: the public program passes over
+ * them. */
+static ern_status put_own(struct ern_torch_layout *l, json_t *root) {
+  const struct ern_model_config *config = &l->model->field.config;
+  const char *state = ern_tensor_file_metadata(l->file, "ernerf.state");
+  char *text = NULL;
+  ern_status status = ern_model_metadata(l->model, &text);
+  if (status != ERN_OK) return status;
+  json_t *about = json_loads(text, 0, NULL);
+  ern_release(l->context, text);
+  json_object_set_new(about, "eye", json_true());
+  if (config->codes > 0 && config->codes < PUBLIC_CODES)
+    json_object_set_new(about, "codes", json_integer(PUBLIC_CODES));
+  text = json_dumps(about, JSON_COMPACT);
+  json_decref(about);
+  if (text == NULL) return ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path);
+  put_pair(root, json_string("ernerf"), json_string(text));
+  free(text); /* jansson's, made by malloc */
+  if (state != NULL) put_pair(root, json_string("ernerf_state"), json_string(state));
+  return ERN_OK;
+}
+
+ern_status ern_torch_layout_make(struct ern_torch_layout *l) {
+  const struct about_state about = read_about(l->file);
+  const int64_t step = (int64_t)(l->model->field.config.torso ? l->model->torso_steps : l->model->head_steps);
+  double mean[2] = {0};
+  char *text = NULL;
+  json_t *root = json_array(), *model = json_array();
+  ern_status status = ERN_OK;
+  ERN_TRY(check(l));
+  ERN_TRY(add_model(l, mean));
+  const size_t model_tensors = l->tensors;
+  for (size_t i = 0; i < model_tensors; i++)
+    put_pair(model, json_string(l->tensor[i].name), tensor_of(l->tensor[i].name));
+  put_pair(root, json_string("epoch"), json_integer(0));
+  put_pair(root, json_string("global_step"), json_integer(about.there ? about.step : step));
+  put_pair(root, json_string("stats"),
+           json_pack("{s:[[s, []], [s, []], [s, []], [s, []], [s, n]]}", "dict", "loss", "valid_loss", "results",
+                     "checkpoints", "best_result"));
+  put_pair(root, json_string("mean_count"), json_integer(0));
+  put_pair(root, json_string("mean_density"), json_real(mean[0]));
+  put_pair(root, json_string("mean_density_torso"), json_real(mean[1]));
+  if (about.there) {
+    ERN_TRY(put_optimizer(l, &about, model_tensors, root));
+    ERN_TRY(put_average(l, &about, model_tensors, root));
+  }
+  put_pair(root, json_string("model"), json_pack("{s:O}", "ordered", model));
+  ERN_TRY(put_own(l, root));
+  text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17));
+  if (text == NULL) ERN_TRY(ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path));
+  const size_t length = strlen(text) + 16;
+  void *room = NULL;
+  ERN_TRY(ern_allocate(l->context, length, 1, &room));
+  l->tree = room;
+  snprintf(l->tree, length, "{\"dict\":%s}", text);
+fail:
+  json_decref(root);
+  json_decref(model);
+  free(text); /* jansson's, made by malloc */
+  return status;
+}

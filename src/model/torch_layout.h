@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ * One of our models laid out as the public program's checkpoint: its names, its order, its paddings. */
+#ifndef ERN_MODEL_TORCH_LAYOUT_H
+#define ERN_MODEL_TORCH_LAYOUT_H
+
+#include <jansson.h>
+
+#include "model/model.h"
+
+enum { ERN_TORCH_LAYOUT_TENSORS = 5 * ERN_MAX_PARAMETERS };
+
+struct ern_torch_layout {
+  ern_context *context;
+  const struct ern_tensor_file *file; /* what the model was read from: its grid and training state */
+  const ern_model *model;
+  const char *path; /* of what is written, for messages */
+  /* made */
+  char *tree; /* io/torch_zip.h */
+  struct ern_tensor tensor[ERN_TORCH_LAYOUT_TENSORS];
+  char name[ERN_TORCH_LAYOUT_TENSORS][ERN_PARAMETER_NAME + 24];
+  void *owned[ERN_TORCH_LAYOUT_TENSORS]; /* bytes that were made here, NULL: they are the file's */
+  size_t tensors;
+};
+
+/* ERN_E_UNSUPPORTED names what the public program cannot hold; what it holds only with an option is said in the log. */
+ERN_NODISCARD ern_status ern_torch_layout_make(struct ern_torch_layout *layout);
+void ern_torch_layout_free(struct ern_torch_layout *layout);
+
+#endif
