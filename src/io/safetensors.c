@@ -227,16 +227,28 @@ static ern_status read_header(struct reading *reading, const uint8_t *bytes, siz
 }
 
 ern_status ern_safetensors_read(ern_context *context, const char *path, struct ern_tensor_file *file) {
+  uint8_t *bytes = NULL;
+  size_t size = 0;
+  *file = (struct ern_tensor_file){0};
+  const ern_status status = ern_file_read(context, path, file_limit, &bytes, &size);
+  return status == ERN_OK ? ern_safetensors_open(context, path, bytes, size, file) : status;
+}
+
+ern_status ern_safetensors_open(ern_context *context, const char *path, uint8_t *bytes, size_t size,
+                                struct ern_tensor_file *file) {
   ern_status status = ERN_OK;
   struct reading reading = {.context = context, .path = path};
   void *room = NULL;
-  size_t size = 0;
   const char *name;
   json_t *entry;
   *file = (struct ern_tensor_file){0};
-  ERN_TRY(ern_allocate(context, 1, sizeof(struct storage), &file->private_data));
+  status = ern_allocate(context, 1, sizeof(struct storage), &file->private_data);
+  if (status != ERN_OK) {
+    ern_release(context, bytes);
+    return status;
+  }
   struct storage *storage = file->private_data;
-  ERN_TRY(ern_file_read(context, path, file_limit, &storage->bytes, &size));
+  storage->bytes = bytes;
   ERN_TRY(read_header(&reading, storage->bytes, size, &storage->header));
   ERN_TRY(ern_allocate(context, json_object_size(storage->header), sizeof *file->tensors, &room));
   file->tensors = room;

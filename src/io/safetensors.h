@@ -46,6 +46,10 @@ struct ern_tensor_file {
 
 /* Checks every size, offset, overlap, gap and name before use. The caller owns the result (ern_tensor_file_free). */
 ERN_NODISCARD ern_status ern_safetensors_read(ern_context *context, const char *path, struct ern_tensor_file *file);
+/* The same of bytes in memory (made by ern_allocate), which it takes over, also when it fails. `path` is for messages.
+ */
+ERN_NODISCARD ern_status ern_safetensors_open(ern_context *context, const char *path, uint8_t *bytes, size_t size,
+                                              struct ern_tensor_file *file);
 void ern_tensor_file_free(ern_context *context, struct ern_tensor_file *file);
 
 /* NULL where there is none of that name. */

@@ -3,6 +3,8 @@
 #   convert_torch.py same A.pth B.pth     B opens with weights_only=True and holds the same tree, bytes and types
 #   convert_torch.py listed A.pth B.sft   every tensor of the model in A lies in B with the same bytes
 #   convert_torch.py strict MODEL.PY A.pth [torso]   load_state_dict(strict=True) of the public program's model
+#   convert_torch.py model A.pth B.pth    the same state dict, B opened with weights_only=True
+#   convert_torch.py optimizer DIR A.pth STEP   PyTorch's AdamW and schedule go on from what A holds
 #   convert_torch.py make DIR             files of kinds that the samples lack
 import importlib.util, json, struct, sys
 from collections import OrderedDict
@@ -75,6 +77,41 @@ def strict(source, pth, torso):
     print(model.load_state_dict(state, strict=True))
 
 
+def model(a, b):
+    a, b = torch.load(a)["model"], torch.load(b, weights_only=True)["model"]
+    print(compare(a, b), "tensors of the model the same")
+
+
+def optimizer(folder, pth, step):
+    sys.path.insert(0, folder)
+    import full
+    import ernerf_torch
+    saved = torch.load(pth)
+    m = ernerf_torch.ERNeRF(levels=12)
+    m.load_state_dict(saved["model"], strict=True)
+    adam = torch.optim.AdamW(full.groups(m), betas=(0, 0.99), eps=1e-8)
+    adam.load_state_dict(saved["optimizer"])
+    schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda q: 0.5 ** (q / 100000))
+    schedule.load_state_dict(saved["lr_scheduler"])
+    for group in adam.param_groups:
+        for p in group["params"]:
+            one = adam.state[p]
+            assert float(one["step"]) == step and one["exp_avg_sq"].shape == p.shape, p.shape
+            assert bool((one["exp_avg_sq"] >= 0).all())
+    moved = adam.state[m.sigma_net.net[0].weight]["exp_avg_sq"]
+    assert bool((moved > 0).any())
+    names = [n for n, _ in m.named_parameters()]
+    assert len(saved["ema"]["shadow_params"]) == len(names)
+    for p, s in zip(m.parameters(), saved["ema"]["shadow_params"]):
+        assert p.shape == s.shape and float((p - s).abs().max()) < 0.2, p.shape
+    sum(p.square().sum() for p in m.parameters()).backward()
+    before = m.sigma_net.net[0].weight.detach().clone()
+    adam.step()
+    schedule.step()
+    assert not torch.equal(before, m.sigma_net.net[0].weight)
+    print("PyTorch's optimizer goes on from step", step)
+
+
 def make(folder):
     torch.manual_seed(0)
     kinds = OrderedDict((str(d).split(".")[1], (torch.rand(3, 4) * 100).to(d)) for d in NAMES)
@@ -101,6 +138,10 @@ def main(words):
         print(compare(a, b), "tensors the same")
     elif words[0] == "listed":
         listed(words[1], words[2])
+    elif words[0] == "model":
+        model(words[1], words[2])
+    elif words[0] == "optimizer":
+        optimizer(words[1], words[2], int(words[3]))
     elif words[0] == "strict":
         strict(words[1], words[2], len(words) > 3)
     else:

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT
+ * What the fuzz targets share: with libFuzzer nothing but the declaration; built without it (ERN_FUZZ_REPLAY) a main
+ * that replays the files of the folders it is given. */
+#ifndef ERN_TESTS_FUZZ_H
+#define ERN_TESTS_FUZZ_H
+
+#include <dirent.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count);
+
+/* A copy in the library's memory, which a reader may take over; ends the program where there is no memory. */
+static inline uint8_t *fuzz_copy(ern_context *context, const uint8_t *bytes, size_t count) {
+  void *room = NULL;
+  if (ern_allocate(context, count + 1, 1, &room) != ERN_OK) abort();
+  if (count > 0) memcpy(room, bytes, count);
+  return (uint8_t *)room;
+}
+
+/* Reads every byte of a tensor: a wrong size or place is a read outside. */
+static inline unsigned fuzz_touch(const void *data, size_t count) {
+  const uint8_t *bytes = (const uint8_t *)data;
+  unsigned sum = 0;
+  for (size_t i = 0; i < count; i++) sum += bytes[i];
+  return sum;
+}
+
+#ifdef ERN_FUZZ_REPLAY
+static int replay(const char *folder, const char *name) {
+  static uint8_t bytes[1 << 20];
+  char path[2048];
+  snprintf(path, sizeof path, "%s/%s", folder, name);
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return 0;
+  const size_t count = fread(bytes, 1, sizeof bytes, file);
+  fclose(file);
+  LLVMFuzzerTestOneInput(bytes, count);
+  return 1;
+}
+
+int main(int argc, char **argv) {
+  int files = 0;
+  for (int i = 1; i < argc; i++) {
+    DIR *list = opendir(argv[i]);
+    for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list))
+      if (entry->d_name[0] != '.') files += replay(argv[i], entry->d_name);
+    if (list != NULL) closedir(list);
+  }
+  printf("%d files replayed\n", files);
+  return files > 0 ? EXIT_SUCCESS : EXIT_FAILURE; /* a corpus that is not found is no success */
+}
+#endif
+
+#endif
