@@ -48,7 +48,7 @@ typedef struct ern_train_config {
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
   bool resume;           /* go on from the newest state in X.run that verifies */
-  const char *from;      /* .safetensors to take the weights of, NULL: fresh ones. With optimizer state its step too */
+  const char *from;      /* a model file to take the weights of, NULL: fresh ones. With optimizer state its step too */
   const ern_model *head; /* for the torso: the head it goes under; copied */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
   int rays;              /* rays a step, 1..1048576; 65536 */
