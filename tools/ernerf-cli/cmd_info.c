@@ -191,6 +191,7 @@ static int describe_array(struct session *session, const char *path) {
     if (speech)
       printf("  windows          %zu (%.2f s)\n  window           %d vectors of %d values (%s)\n", features.windows,
              (double)features.windows / 25, features.window_length, features.width, features_kind(features.width));
+    if (speech) printf("  use it for       render --audio, train --audio\n");
     print_tensors(tensors.list);
   }
   json_t *object =
@@ -200,6 +201,7 @@ static int describe_array(struct session *session, const char *path) {
     json_object_set_new(object, "window_length", json_integer(features.window_length));
     json_object_set_new(object, "width", json_integer(features.width));
     json_object_set_new(object, "features", json_string(features_kind(features.width)));
+    json_object_set_new(object, "uses", json_pack("[s, s]", "render --audio", "train --audio"));
   }
   ern_features_free(session->context, &features);
   return session_report(session, object);
