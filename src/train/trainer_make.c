@@ -210,6 +210,10 @@ static ern_status fill(ern_trainer *t) {
   }
   if (t->config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
+    if (t->step > t->config.iters)
+      ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+                       "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
+                       t->run.folder, t->step, t->config.iters));
     if (!resumed)
       ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   }

@@ -339,6 +339,21 @@ static void test_earlier_training_untouched(void **state) {
   made_close(&m);
 }
 
+/* iters is the total: a state past it is not quietly written again. */
+static void test_resume_past_the_end(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  clear_run("past");
+  train_to(&m, "past.safetensors", 4, 2, 0);
+  ern_train_config config = small_config(3, "past.safetensors");
+  config.resume = true;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_STATE, "past.run",
+                 "at step 4", "at most the 3", NULL);
+  made_close(&m);
+}
+
 static void test_stop_saves(void **state) {
   (void)state;
   struct made m;
@@ -436,6 +451,7 @@ int main(void) {
                                      cmocka_unit_test(test_lock),
                                      cmocka_unit_test(test_another_clip_or_configuration),
                                      cmocka_unit_test(test_earlier_training_untouched),
+                                     cmocka_unit_test(test_resume_past_the_end),
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_from),
                                      cmocka_unit_test(test_ema),
