@@ -178,6 +178,7 @@ typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, floa
 /* ---- fused: a tile of rays from direction to pixel ---- */
 
 struct ern_field;
+struct ern_profile;
 
 /* March, field and composite of n rays; nothing but the outputs is kept. Audio code, eye value and individual code are
  * the frame's. */
@@ -197,6 +198,7 @@ struct ern_render_rays_args {
   size_t individual; /* row of the individual codes */
   struct ern_march_settings settings;
   float transmittance_stop;
+  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
   size_t n;
 };
 

@@ -125,6 +125,7 @@ struct ern_field;
 struct ern_view;
 struct ern_march_settings;
 
+struct ern_profile;
 struct ern_head_step_args {
   ern_span dparameters;         /* accumulates, the whole block */
   double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included */
@@ -148,7 +149,8 @@ struct ern_head_step_args {
   const float
       *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
   uint64_t seed, step;
-  size_t n; /* rays */
+  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
+  size_t n;                    /* rays */
 };
 
 /* ---- and of the torso ---- */
