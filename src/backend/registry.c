@@ -21,6 +21,7 @@ static ern_status choose_isa(ern_context *context, const char *wanted, ern_isa *
   if (wanted == NULL || wanted[0] == 0 || strcmp(wanted, "auto") == 0) {
     *isa = ern_isa_available(ERN_ISA_AVX512) ? ERN_ISA_AVX512
            : ern_isa_available(ERN_ISA_AVX2) ? ERN_ISA_AVX2
+           : ern_isa_available(ERN_ISA_NEON) ? ERN_ISA_NEON
                                              : ERN_ISA_REF;
     return ERN_OK;
   }

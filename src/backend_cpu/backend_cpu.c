@@ -4,8 +4,8 @@
 
 #include "backend_cpu/cpu_kernels.h"
 #include "core/memory.h"
-#if defined(ERN_X86_KERNELS)
-#include "backend_cpu/kernels_x86.h"
+#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
+#include "backend_cpu/kernels_isa.h"
 #endif
 
 /* Big enough for the kernels of either scalar: members are all pointers. */
@@ -103,6 +103,17 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
 }
 #endif
 
+#if defined(ERN_ARM_KERNELS)
+static void overwrite_neon(struct ern_cpu_kernels *k) {
+  k->mlp_fwd = ern_mlp_fwd_neon;
+  k->mlp_bwd = ern_mlp_bwd_neon;
+  k->grid_fwd = ern_grid_fwd_neon;
+  k->grid_bwd = ern_grid_bwd_neon;
+  k->activate_fwd = ern_activate_fwd_neon;
+  k->activate_bwd = ern_activate_bwd_neon;
+}
+#endif
+
 ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend) {
   void *room = NULL;
   *backend = NULL;
@@ -135,6 +146,9 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
 #if defined(ERN_X86_KERNELS)
   if (isa == ERN_ISA_AVX2 || isa == ERN_ISA_AVX512) overwrite_avx2(made->kernel_room);
   if (isa == ERN_ISA_AVX512) overwrite_avx512(made->kernel_room);
+#endif
+#if defined(ERN_ARM_KERNELS)
+  if (isa == ERN_ISA_NEON) overwrite_neon(made->kernel_room);
 #endif
   *backend = table;
   return ERN_OK;

@@ -9,7 +9,7 @@
 #endif
 
 const char *ern_isa_name(ern_isa isa) {
-  static const char *const name[ERN_ISAS] = {"ref", "ref64", "avx2", "avx512"};
+  static const char *const name[ERN_ISAS] = {"ref", "ref64", "avx2", "avx512", "neon"};
   return isa < ERN_ISAS ? name[isa] : "unknown";
 }
 
@@ -25,6 +25,11 @@ bool ern_isa_available(ern_isa isa) {
 #else
     case ERN_ISA_AVX2:
     case ERN_ISA_AVX512: return false;
+#endif
+#if defined(ERN_ARM_KERNELS)
+    case ERN_ISA_NEON: return true; /* every aarch64 has it */
+#else
+    case ERN_ISA_NEON: return false;
 #endif
     case ERN_ISAS: break;
   }

@@ -6,9 +6,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-typedef enum ern_isa { ERN_ISA_REF, ERN_ISA_REF64, ERN_ISA_AVX2, ERN_ISA_AVX512, ERN_ISAS } ern_isa;
+typedef enum ern_isa { ERN_ISA_REF, ERN_ISA_REF64, ERN_ISA_AVX2, ERN_ISA_AVX512, ERN_ISA_NEON, ERN_ISAS } ern_isa;
 
-const char *ern_isa_name(ern_isa isa); /* "ref", "ref64", "avx2", "avx512" */
+const char *ern_isa_name(ern_isa isa); /* "ref", "ref64", "avx2", "avx512", "neon" */
 
 /* Whether this build has kernels for it and this machine runs them. */
 bool ern_isa_available(ern_isa isa);
