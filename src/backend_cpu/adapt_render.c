@@ -317,4 +317,5 @@ void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend) {
   backend->torso_points = torso_points;
   backend->torso_update = torso_update;
   backend->render_rays = render_rays;
+  backend->render_torso = ern_render_torso_stages;
 }

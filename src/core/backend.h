@@ -61,6 +61,7 @@
   SLOT(ema, ern_ema_args)                                 \
   SLOT(finite, ern_finite_args)                           \
   SLOT(render_rays, ern_render_rays_args)                 \
+  SLOT(render_torso, ern_render_torso_args)               \
   SLOT(head_step, ern_head_step_args)                     \
   SLOT(torso_step, ern_torso_step_args)
 

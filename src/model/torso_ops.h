@@ -108,4 +108,22 @@ struct ern_torso_update_args {
 };
 typedef double ern_torso_update_kernel(ern_real *grid, const ern_real *alpha, float decay);
 
+/* ---- fused: the torso over a whole picture ---- */
+
+struct ern_field;
+
+/* Choice of pixels, field and composite of a width x height picture, in place. */
+struct ern_render_torso_args {
+  ern_rows pixel;   /* [3] per pixel, row by row; in: the background, out: the torso over it */
+  ern_span opacity; /* out: real [width*height], 0 where the occupancy is not above the threshold */
+  ern_span grid;    /* the 2D occupancy: real [ERN_TORSO_CELLS] */
+  float threshold;
+  int width, height;
+  float shrink;      /* of coordinates: 0.8 */
+  float pose[16];    /* camera to world, renderer's frame; the caller has checked that it can be inverted */
+  size_t individual; /* row of the individual codes */
+  ern_span parameters;
+  const struct ern_field *field;
+};
+
 #endif

@@ -6,7 +6,6 @@
 
 #include "core/memory.h"
 #include "model/model.h"
-#include "model/torso.h"
 #include "render/stages.h"
 
 #include "ernerf/render.h"
@@ -256,39 +255,18 @@ static struct ern_view view_of(const ern_frame_input *input) {
 
 /* The model's own torso over the background rows, in place. */
 static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
-  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
-  const struct ern_torso_inputs in = {&r->field, whole(r->parameters, r->field.parameters), input->camera.pose,
-                                      input->individual};
-  struct ern_torso_batch batch;
-  ern_rows opacity;
-  ern_status status = ERN_OK;
-  struct ern_torso_select_args select = {.pixel = f->number,
-                                         .grid = whole(r->torso_grid, ERN_TORSO_CELLS),
-                                         .threshold = r->torso_threshold,
-                                         .width = input->camera.width,
-                                         .height = input->camera.height,
-                                         .n = f->pixels};
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, f->pixels, &select.index));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, f->pixels, &select.selected));
-  ERN_TRY(r->backend->torso_select(r->stream, &select));
-  ERN_TRY(ern_torso_batch_take(r->stream, &r->field, select.count, &batch));
-  ERN_TRY(ern_take_rows(r->stream, 1, f->pixels, &opacity));
-  ERN_TRY(ern_torso_q(r->stream, select.selected, input->camera.width, input->camera.height, r->options.torso_shrink,
-                      select.count, batch.q));
-  ERN_TRY(ern_torso_fwd(r->stream, &in, &batch));
-  struct ern_torso_composite_args composite = {.pixel = f->pixel,
-                                               .opacity = opacity.span,
-                                               .layer = batch.layer,
-                                               .index = select.index,
-                                               .background = f->background,
-                                               .rays = f->pixels,
-                                               .n = select.count};
-  ERN_TRY(r->backend->torso_composite_fwd(r->stream, &composite));
-  ERN_TRY(r->backend->copy(r->stream, f->background.span, f->pixel.span, f->background.span.count));
-  ERN_TRY(r->backend->copy(r->stream, f->torso_opacity.span, opacity.span, f->pixels));
-fail:
-  ern_arena_release(r->stream, mark);
-  return status;
+  struct ern_render_torso_args args = {.pixel = f->background,
+                                       .opacity = f->torso_opacity.span,
+                                       .grid = whole(r->torso_grid, ERN_TORSO_CELLS),
+                                       .threshold = r->torso_threshold,
+                                       .width = input->camera.width,
+                                       .height = input->camera.height,
+                                       .shrink = r->options.torso_shrink,
+                                       .individual = input->individual,
+                                       .parameters = whole(r->parameters, r->field.parameters),
+                                       .field = &r->field};
+  memcpy(args.pose, input->camera.pose, sizeof args.pose);
+  return r->backend->render_torso(r->stream, &args);
 }
 
 static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * The fused rendering slot by calling the stages: what a backend without a faster one of its own puts there. */
+ * The fused rendering slots by calling the stages: what a backend without faster ones of its own puts there. */
 #ifndef ERN_RENDER_STAGES_H
 #define ERN_RENDER_STAGES_H
 
 #include "core/backend.h"
 
 ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_rays_args *args);
+ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_torso_args *args);
 
 /* Rays to packed samples: what rendering and training share. */
 struct ern_marched {
