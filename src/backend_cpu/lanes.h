@@ -79,4 +79,105 @@ LANES_INLINE vf vf_gather(const float *at, vu index) {
 #endif
 }
 
+/* Whether a lane of the mask is set. */
+LANES_INLINE int vi_any(vi mask) {
+#if defined(__AVX512F__)
+  return _mm512_test_epi32_mask((__m512i)mask, (__m512i)mask) != 0;
+#elif defined(__AVX2__)
+  return !_mm256_testz_si256((__m256i)mask, (__m256i)mask);
+#else
+  int32_t any = 0;
+  for (int l = 0; l < LANES; l++) any |= mask[l];
+  return any != 0;
+#endif
+}
+
+/* a > b ? a : b and a < b ? a : b: b where either is NaN, and of two zeros b */
+LANES_INLINE vf vf_max(vf a, vf b) {
+#if defined(__AVX512F__)
+  return (vf)_mm512_max_ps((__m512)a, (__m512)b);
+#elif defined(__AVX2__)
+  return (vf)_mm256_max_ps((__m256)a, (__m256)b);
+#else
+  return vf_select(a > b, a, b);
+#endif
+}
+LANES_INLINE vf vf_min(vf a, vf b) {
+#if defined(__AVX512F__)
+  return (vf)_mm512_min_ps((__m512)a, (__m512)b);
+#elif defined(__AVX2__)
+  return (vf)_mm256_min_ps((__m256)a, (__m256)b);
+#else
+  return vf_select(a < b, a, b);
+#endif
+}
+
+/* Rounded correctly, as sqrtf is. */
+LANES_INLINE vf vf_sqrt(vf value) {
+#if defined(__AVX512F__)
+  return (vf)_mm512_sqrt_ps((__m512)value);
+#elif defined(__AVX2__)
+  return (vf)_mm256_sqrt_ps((__m256)value);
+#else
+  for (int l = 0; l < LANES; l++) value[l] = __builtin_sqrtf(value[l]);
+  return value;
+#endif
+}
+
+/* A bit a lane: masks in a general register. Where vi is no mask, its signs count. */
+LANES_INLINE uint32_t vi_bits(vi mask) {
+#if defined(__AVX512DQ__)
+  return _mm512_movepi32_mask((__m512i)mask);
+#elif defined(__AVX2__)
+  return (uint32_t)_mm256_movemask_ps((__m256)mask);
+#else
+  uint32_t bits = 0;
+  for (int l = 0; l < LANES; l++) bits |= ((uint32_t)mask[l] >> 31) << l;
+  return bits;
+#endif
+}
+LANES_INLINE vi vi_of_bits(uint32_t bits) {
+#if defined(__AVX512DQ__)
+  return (vi)_mm512_movm_epi32((__mmask16)bits);
+#else
+#define LANES_BIT(l, d) 1 << l
+  static const vi lane = {LANES_EACH(LANES_BIT, 0)};
+#undef LANES_BIT
+  return ((vi)vu_all(bits) & lane) != 0;
+#endif
+}
+/* Bits of the lanes where a < b. */
+LANES_INLINE uint32_t vf_less_bits(vf a, vf b) {
+#if defined(__AVX512F__)
+  return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
+#else
+  return vi_bits(a < b);
+#endif
+}
+
+/* The first `count` lanes; others are 0, and their memory is not touched. 0 <= count; more than LANES is all. */
+LANES_INLINE vf vf_load_first(const float *at, size_t count) {
+  if (count >= LANES) return vf_load(at);
+#if defined(__AVX512F__)
+  return (vf)_mm512_maskz_loadu_ps((__mmask16)((1u << count) - 1), at);
+#elif defined(__AVX2__)
+  return (vf)_mm256_maskload_ps(at, (__m256i)vi_of_bits((1u << count) - 1));
+#else
+  return vf_load_some(at, count);
+#endif
+}
+LANES_INLINE void vf_store_first(float *at, vf value, size_t count) {
+  if (count >= LANES) {
+    vf_store(at, value);
+    return;
+  }
+#if defined(__AVX512F__)
+  _mm512_mask_storeu_ps(at, (__mmask16)((1u << count) - 1), (__m512)value);
+#elif defined(__AVX2__)
+  _mm256_maskstore_ps(at, (__m256i)vi_of_bits((1u << count) - 1), (__m256)value);
+#else
+  vf_store_some(at, value, count);
+#endif
+}
+
 #endif

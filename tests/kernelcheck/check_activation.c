@@ -4,7 +4,7 @@
 
 #include <float.h>
 
-#include "backend_cpu/kernels_x86.h"
+#include "backend_cpu/kernels_isa.h"
 #include "mlp/mlp.h"
 
 struct kernel {
@@ -19,6 +19,8 @@ static const struct kernel kernels[] = {
 #if defined(ERN_X86_KERNELS)
     {"avx2", MACHINE_AVX2, ern_activate_fwd_avx2, ern_activate_bwd_avx2},
     {"avx512", MACHINE_AVX512, ern_activate_fwd_avx512, ern_activate_bwd_avx512},
+#elif defined(ERN_ARM_KERNELS)
+    {"neon", MACHINE_NEON, ern_activate_fwd_neon, ern_activate_bwd_neon},
 #endif
 };
 enum { KERNELS = sizeof kernels / sizeof *kernels };
@@ -117,7 +119,7 @@ static void measure_activations(void) {
   static struct activation_bench bench;
   const size_t n = sizeof bench.x / sizeof *bench.x;
   for (size_t i = 0; i < n; i++) bench.x[i] = random_at(1, i, 8);
-  for (bench.kind = ERN_ACT_DENSITY; bench.kind < ERN_ACT_SOFTPLUS; bench.kind++) {
+  for (bench.kind = ERN_ACT_DENSITY; bench.kind <= ERN_ACT_SOFTPLUS; bench.kind++) {
     double first = 0;
     for (size_t k = 0; k < KERNELS; k++) {
       if (!machine_has(kernels[k].isa)) continue;
