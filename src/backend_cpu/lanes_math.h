@@ -85,7 +85,7 @@ LANES_INLINE vf vf_expm1(vf x) {
   return value;
 }
 
-/* 1/(1 + exp(-x)), at most 2.5 ulp off; exp may become infinite, the quotient is then 0. */
+/* 1/(1 + exp(-x)), at most 2.5 ulp off; below -88.7 the exponential is infinite and the quotient 0. */
 LANES_INLINE vf vf_sigmoid(vf x) { return 1 / (1 + vf_exp(-x)); }
 
 /* Its slope e/(1 + e)^2 with e = exp(-|x|), at most 4 ulp off: no cancellation where the sigmoid is near 1. */
