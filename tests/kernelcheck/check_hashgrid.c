@@ -3,7 +3,7 @@
  * product by itself, so nothing but the same bits is accepted. */
 #include "kernelcheck.h"
 
-#include "backend_cpu/kernels_x86.h"
+#include "backend_cpu/kernels_isa.h"
 #include "hashgrid/hashgrid.h"
 
 struct kernel {
@@ -18,6 +18,8 @@ static const struct kernel kernels[] = {
 #if defined(ERN_X86_KERNELS)
     {"avx2", MACHINE_AVX2, ern_grid_fwd_avx2, ern_grid_bwd_avx2},
     {"avx512", MACHINE_AVX512, ern_grid_fwd_avx512, ern_grid_bwd_avx512},
+#elif defined(ERN_ARM_KERNELS)
+    {"neon", MACHINE_NEON, ern_grid_fwd_neon, ern_grid_bwd_neon},
 #endif
 };
 enum { KERNELS = sizeof kernels / sizeof *kernels };

@@ -2,7 +2,7 @@
  * The fully connected stacks of each instruction set against the reference. */
 #include "kernelcheck.h"
 
-#include "backend_cpu/kernels_x86.h"
+#include "backend_cpu/kernels_isa.h"
 #include "mlp/mlp.h"
 
 struct kernel {
@@ -17,6 +17,8 @@ static const struct kernel kernels[] = {
 #if defined(ERN_X86_KERNELS)
     {"avx2", MACHINE_AVX2, ern_mlp_fwd_avx2, ern_mlp_bwd_avx2},
     {"avx512", MACHINE_AVX512, ern_mlp_fwd_avx512, ern_mlp_bwd_avx512},
+#elif defined(ERN_ARM_KERNELS)
+    {"neon", MACHINE_NEON, ern_mlp_fwd_neon, ern_mlp_bwd_neon},
 #endif
 };
 enum { KERNELS = sizeof kernels / sizeof *kernels };

@@ -69,7 +69,7 @@ static inline void random_rows(struct guarded *array, size_t rows, size_t stride
   }
 }
 
-typedef enum machine_isa { MACHINE_REF, MACHINE_AVX2, MACHINE_AVX512 } machine_isa;
+typedef enum machine_isa { MACHINE_REF, MACHINE_AVX2, MACHINE_AVX512, MACHINE_NEON } machine_isa;
 
 static inline bool machine_has(machine_isa isa) {
 #if defined(__x86_64__)
@@ -79,7 +79,10 @@ static inline bool machine_has(machine_isa isa) {
     case MACHINE_AVX512:
       return machine_has(MACHINE_AVX2) && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
              __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");
+    case MACHINE_NEON: return false;
   }
+#elif defined(__aarch64__)
+  if (isa == MACHINE_NEON) return true;
 #endif
   return isa == MACHINE_REF;
 }
@@ -128,15 +131,22 @@ __attribute__((target("avx2,fma"), optimize("O3,fp-contract=fast"))) static inli
 __attribute__((target("avx512f,fma"), optimize("O3,fp-contract=fast"))) static inline void peak_run_16(void *user) {
   PEAK_BODY(peak_16)
 }
+#elif defined(__aarch64__)
+typedef float peak_4 __attribute__((vector_size(16)));
+__attribute__((optimize("O3,fp-contract=fast"))) static inline void peak_run_4(void *user) { PEAK_BODY(peak_4) }
 #endif
 
 /* Of one core; of the reference, 0: it has no multiply-add to be measured by. */
 static inline double peak_flops(machine_isa isa) {
-#if defined(__x86_64__)
+#if defined(__x86_64__) || defined(__aarch64__)
   float sink = 0;
   const double operations = 2.0 * PEAK_CHAINS * PEAK_TURNS;
+#endif
+#if defined(__x86_64__)
   if (isa == MACHINE_AVX2) return 8 * operations / seconds_of(peak_run_8, &sink);
   if (isa == MACHINE_AVX512) return 16 * operations / seconds_of(peak_run_16, &sink);
+#elif defined(__aarch64__)
+  if (isa == MACHINE_NEON) return 4 * operations / seconds_of(peak_run_4, &sink);
 #endif
   (void)isa;
   return 0;
