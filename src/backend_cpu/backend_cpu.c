@@ -90,6 +90,8 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->mlp_bwd = ern_mlp_bwd_avx2;
   k->grid_fwd = ern_grid_fwd_avx2;
   k->grid_bwd = ern_grid_bwd_avx2;
+  k->composite_fwd = ern_composite_fwd_avx2;
+  k->composite_bwd = ern_composite_bwd_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
 }
@@ -98,6 +100,8 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->mlp_bwd = ern_mlp_bwd_avx512;
   k->grid_fwd = ern_grid_fwd_avx512;
   k->grid_bwd = ern_grid_bwd_avx512;
+  k->composite_fwd = ern_composite_fwd_avx512;
+  k->composite_bwd = ern_composite_bwd_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
 }
@@ -109,6 +113,8 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->mlp_bwd = ern_mlp_bwd_neon;
   k->grid_fwd = ern_grid_fwd_neon;
   k->grid_bwd = ern_grid_bwd_neon;
+  k->composite_fwd = ern_composite_fwd_neon;
+  k->composite_bwd = ern_composite_bwd_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
 }
