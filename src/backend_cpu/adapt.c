@@ -73,6 +73,7 @@ void ERN_REF(ern_cpu_fill_slots)(struct ern_backend *backend) {
   ERN_REF(ern_cpu_fill_field)(backend);
   ERN_REF(ern_cpu_fill_render)(backend);
   ERN_REF(ern_cpu_fill_train)(backend);
+  ERN_REF(ern_cpu_fill_picture)(backend);
 }
 
 void ERN_REF(ern_cpu_fill_kernels)(void *kernels) {

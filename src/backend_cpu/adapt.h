@@ -16,6 +16,7 @@
 void ERN_REF(ern_cpu_fill_field)(struct ern_backend *backend);
 void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend);
 void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend);
+void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend);
 
 static inline ern_real *reals(ern_span span) {
   return span.buffer != NULL ? (ern_real *)span.buffer->memory + span.at : NULL;

@@ -220,6 +220,21 @@ static ern_status audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args
                                 reals(a->forward.parameters), &a->forward.net);
   return ERN_OK;
 }
+static void audio_window_task(void *user, size_t t, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_audio_frame_args *a = job->args;
+  const struct ern_audio_net *net = &a->audio.net;
+  if ((a->known >> t & 1) != 0) return;
+  job->kernels->audio_window(reals(a->codes) + t * (size_t)net->code,
+                             reals(a->audio.windows) + t * (size_t)net->window_length * (size_t)net->width,
+                             reals(a->audio.parameters), net);
+}
+static ern_status audio_frame(struct ern_stream *stream, struct ern_audio_frame_args *a) {
+  run(stream, a, ERN_AUDIO_WINDOWS, audio_window_task);
+  kernels_of(stream)->audio_mix(reals(a->audio.code), reals(a->codes), reals(a->audio.parameters), &a->audio.net);
+  return ERN_OK;
+}
 
 static void attention_fwd_task(void *user, size_t k, int lane) {
   (void)lane;
@@ -275,6 +290,7 @@ void ERN_REF(ern_cpu_fill_field)(struct ern_backend *backend) {
   backend->freq_bwd = freq_bwd;
   backend->audio_fwd = audio_fwd;
   backend->audio_bwd = audio_bwd;
+  backend->audio_frame = audio_frame;
   backend->attention_fwd = attention_fwd;
   backend->attention_bwd = attention_bwd;
 }

@@ -94,6 +94,8 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
+  k->backdrop = ern_backdrop_avx2;
+  k->picture = ern_picture_avx2;
 }
 static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->mlp_fwd = ern_mlp_fwd_avx512;
@@ -104,6 +106,8 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
+  k->backdrop = ern_backdrop_avx512;
+  k->picture = ern_picture_avx512;
 }
 #endif
 
@@ -117,6 +121,8 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
+  k->backdrop = ern_backdrop_neon;
+  k->picture = ern_picture_neon;
 }
 #endif
 

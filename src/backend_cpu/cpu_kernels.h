@@ -23,6 +23,8 @@
   KERNEL(freq_bwd, ern_freq_bwd_kernel)                       \
   KERNEL(audio_fwd, ern_audio_fwd_kernel)                     \
   KERNEL(audio_bwd, ern_audio_bwd_kernel)                     \
+  KERNEL(audio_window, ern_audio_window_kernel)               \
+  KERNEL(audio_mix, ern_audio_mix_kernel)                     \
   KERNEL(attention_fwd, ern_attention_fwd_kernel)             \
   KERNEL(attention_bwd, ern_attention_bwd_kernel)             \
   KERNEL(composite_fwd, ern_composite_fwd_kernel)             \
@@ -48,6 +50,8 @@
   KERNEL(mse, ern_mse_kernel)                                 \
   KERNEL(key_points_loss, ern_key_points_loss_kernel)         \
   KERNEL(adamw, ern_adamw_kernel)                             \
+  KERNEL(backdrop, ern_backdrop_kernel)                       \
+  KERNEL(picture, ern_picture_kernel)                         \
   KERNEL(ema, ern_ema_kernel)                                 \
   KERNEL(finite, ern_finite_kernel)
 

@@ -8,6 +8,7 @@
 #include "hashgrid/hashgrid_ops.h"
 #include "mlp/mlp_ops.h"
 #include "model/attention_ops.h"
+#include "render/picture_ops.h"
 #include "render/render_ops.h"
 #include "train/train_ops.h"
 
@@ -34,7 +35,9 @@
   extern ern_ema_kernel ern_ema_##isa;                           \
   extern ern_finite_kernel ern_finite_##isa;                     \
   extern ern_activate_fwd_kernel ern_activate_fwd_##isa;         \
-  extern ern_activate_bwd_kernel ern_activate_bwd_##isa
+  extern ern_activate_bwd_kernel ern_activate_bwd_##isa;         \
+  extern ern_backdrop_kernel ern_backdrop_##isa;                 \
+  extern ern_picture_kernel ern_picture_##isa
 
 ERN_KERNELS_OF(avx2);
 ERN_KERNELS_OF(avx512);

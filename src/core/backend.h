@@ -13,6 +13,7 @@
 #include "mlp/mlp_ops.h"
 #include "model/attention_ops.h"
 #include "model/torso_ops.h"
+#include "render/picture_ops.h"
 #include "render/render_ops.h"
 #include "train/train_ops.h"
 
@@ -33,6 +34,7 @@
   SLOT(freq_bwd, ern_freq_bwd_args)                       \
   SLOT(audio_fwd, ern_audio_args)                         \
   SLOT(audio_bwd, ern_audio_bwd_args)                     \
+  SLOT(audio_frame, ern_audio_frame_args)                 \
   SLOT(attention_fwd, ern_attention_args)                 \
   SLOT(attention_bwd, ern_attention_bwd_args)             \
   SLOT(composite_fwd, ern_composite_args)                 \
@@ -60,6 +62,8 @@
   SLOT(adamw, ern_adamw_args)                             \
   SLOT(ema, ern_ema_args)                                 \
   SLOT(finite, ern_finite_args)                           \
+  SLOT(backdrop, ern_backdrop_args)                       \
+  SLOT(picture, ern_picture_args)                         \
   SLOT(render_rays, ern_render_rays_args)                 \
   SLOT(render_torso, ern_render_torso_args)               \
   SLOT(head_step, ern_head_step_args)                     \

@@ -37,6 +37,12 @@ struct ern_audio_bwd_args {
   ern_span dcode;                /* [A] */
   struct ern_audio_args forward; /* code is not looked at */
 };
+/* The same code for frames that follow each other and share windows: AudioNet sees the windows it has not seen. */
+struct ern_audio_frame_args {
+  struct ern_audio_args audio;
+  ern_span codes; /* in and out: [8][A], codes of the windows */
+  unsigned known; /* bit t: codes holds that of window t already */
+};
 
 /* A window of any length L goes through the four strided convolutions: lengths ceil(L/2) each time; where more than one
  * position is left after the fourth (L > 16) the call is refused before it gets here, and L <= 16 leaves exactly one.
@@ -45,5 +51,10 @@ typedef void ern_audio_fwd_kernel(ern_real *code, const ern_real *windows, const
                                   const struct ern_audio_net *net);
 typedef void ern_audio_bwd_kernel(ern_real *dparameters, const ern_real *dcode, const ern_real *windows,
                                   const ern_real *parameters, const struct ern_audio_net *net);
+/* One of the windows, and what AudioAttNet makes of all eight: together audio_fwd. */
+typedef void ern_audio_window_kernel(ern_real *code, const ern_real *window, const ern_real *parameters,
+                                     const struct ern_audio_net *net);
+typedef void ern_audio_mix_kernel(ern_real *code, const ern_real *codes, const ern_real *parameters,
+                                  const struct ern_audio_net *net);
 
 #endif

@@ -164,6 +164,15 @@ static void attention_bwd(ern_real *dparameters, ern_real (*dcode)[ERN_AUDIO_MAX
 }
 
 /* a = sum_t w_t code_t */
+static void mix_fwd(ern_real *code, struct audio_values *values, const ern_real *parameters,
+                    const struct ern_audio_net *net) {
+  attention_fwd(values, parameters, net);
+  for (int a = 0; a < net->code; a++) {
+    code[a] = 0;
+    for (int t = 0; t < WINDOWS; t++) code[a] += values->weight[t] * values->code[t][a];
+  }
+}
+
 void ERN_REF(ern_audio_fwd)(ern_real *code, const ern_real *windows, const ern_real *parameters,
                             const struct ern_audio_net *net) {
   struct audio_values values;
@@ -172,11 +181,22 @@ void ERN_REF(ern_audio_fwd)(ern_real *code, const ern_real *windows, const ern_r
   for (int t = 0; t < WINDOWS; t++) {
     window_fwd(values.code[t], &scrap, windows + (size_t)t * window_values, parameters, net);
   }
-  attention_fwd(&values, parameters, net);
-  for (int a = 0; a < net->code; a++) {
-    code[a] = 0;
-    for (int t = 0; t < WINDOWS; t++) code[a] += values.weight[t] * values.code[t][a];
+  mix_fwd(code, &values, parameters, net);
+}
+
+void ERN_REF(ern_audio_window)(ern_real *code, const ern_real *window, const ern_real *parameters,
+                               const struct ern_audio_net *net) {
+  struct window_values scrap;
+  window_fwd(code, &scrap, window, parameters, net);
+}
+
+void ERN_REF(ern_audio_mix)(ern_real *code, const ern_real *codes, const ern_real *parameters,
+                            const struct ern_audio_net *net) {
+  struct audio_values values;
+  for (int t = 0; t < WINDOWS; t++) {
+    for (int a = 0; a < net->code; a++) values.code[t][a] = codes[t * net->code + a];
   }
+  mix_fwd(code, &values, parameters, net);
 }
 
 void ERN_REF(ern_audio_bwd)(ern_real *dparameters, const ern_real *dcode, const ern_real *windows,

@@ -18,5 +18,7 @@ ern_freq_fwd_kernel ERN_REF(ern_freq_fwd);
 ern_freq_bwd_kernel ERN_REF(ern_freq_bwd);
 ern_audio_fwd_kernel ERN_REF(ern_audio_fwd);
 ern_audio_bwd_kernel ERN_REF(ern_audio_bwd);
+ern_audio_window_kernel ERN_REF(ern_audio_window);
+ern_audio_mix_kernel ERN_REF(ern_audio_mix);
 
 #endif

@@ -3,6 +3,7 @@
 #ifndef ERN_RENDER_KERNELS_H
 #define ERN_RENDER_KERNELS_H
 
+#include "render/picture_ops.h"
 #include "render/render_ops.h"
 
 ern_rays_kernel ERN_REF(ern_rays);
@@ -15,5 +16,7 @@ ern_occupancy_list_kernel ERN_REF(ern_occupancy_list);
 ern_occupancy_points_kernel ERN_REF(ern_occupancy_points);
 ern_occupancy_update_kernel ERN_REF(ern_occupancy_update);
 ern_occupancy_pack_kernel ERN_REF(ern_occupancy_pack);
+ern_backdrop_kernel ERN_REF(ern_backdrop);
+ern_picture_kernel ERN_REF(ern_picture);
 
 #endif

@@ -10,7 +10,30 @@
 
 #include "ernerf/render.h"
 
-enum { OPTIONS_COOKIE = 0x45524e33, MAX_SIDE = 8192 };
+enum {
+  OPTIONS_COOKIE = 0x45524e33,
+  MAX_SIDE = 8192,
+  MAX_WINDOW_LENGTH = 16,
+  HEARD_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE
+};
+
+/* What a frame needs on the device while it is rendered. It stays for the next one of the same size. */
+struct frame {
+  size_t pixels;
+  ern_span number;                                        /* int32: all pixels in order */
+  ern_rows background, pixel;                             /* [3] per pixel */
+  ern_rows torso_opacity, opacity, depth, attention, eye; /* [1]; the last three zeroed: not wanted */
+};
+
+/* Rooms that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
+enum room { NUMBER, PLANES, DEPTH, ATTENTION, EYE, BACKGROUND_BYTES, TORSO_BYTES, RGBA, RGB, ALPHA, ROOMS };
+
+/* Codes of the windows of the last frame: most of the next one's are among them. */
+struct heard {
+  struct ern_buffer *codes[2]; /* [8][A]; the second is where they change places */
+  float *windows;              /* [8][length][width], on the host */
+  int length;                  /* of a window; 0: nothing is known */
+};
 
 struct ern_renderer {
   ern_context *context;
@@ -21,16 +44,11 @@ struct ern_renderer {
   struct ern_stream *stream;
   struct ern_buffer *parameters, *bits, *torso_grid, *code;
   float torso_threshold;
+  struct frame frame;
+  struct ern_buffer *room[ROOMS];
+  struct heard heard;
   bool has_last_code;
   float last_code[ERN_AUDIO_CODE];
-};
-
-/* What a frame needs on the device while it is rendered. */
-struct frame {
-  size_t pixels;
-  ern_span number;                                        /* int32: all pixels in order */
-  ern_rows background, pixel;                             /* [3] per pixel */
-  ern_rows torso_opacity, opacity, depth, attention, eye; /* [1] */
 };
 
 ern_render_options ern_render_options_default(void) {
@@ -71,6 +89,8 @@ static ern_status upload_model(ern_renderer *r) {
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &r->bits));
   ERN_TRY(backend->upload_bytes(r->stream, whole(r->bits, ERN_OCCUPANCY_BYTES), model->bits, ERN_OCCUPANCY_BYTES));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &r->code));
+  for (int i = 0; i < 2; i++)
+    ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, HEARD_VALUES, &r->heard.codes[i]));
   if (r->field.config.torso) {
     double sum = 0;
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
@@ -108,6 +128,14 @@ fail:
   return status;
 }
 
+static void free_rooms(ern_renderer *r) {
+  for (int i = 0; i < ROOMS; i++) {
+    r->backend->buffer_free(r->backend, r->room[i]);
+    r->room[i] = NULL;
+  }
+  r->frame = (struct frame){0};
+}
+
 void ern_renderer_free(ern_renderer **renderer) {
   if (renderer == NULL || *renderer == NULL) return;
   ern_renderer *r = *renderer;
@@ -116,6 +144,9 @@ void ern_renderer_free(ern_renderer **renderer) {
   r->backend->buffer_free(r->backend, r->bits);
   r->backend->buffer_free(r->backend, r->torso_grid);
   r->backend->buffer_free(r->backend, r->code);
+  for (int i = 0; i < 2; i++) r->backend->buffer_free(r->backend, r->heard.codes[i]);
+  ern_release(r->context, r->heard.windows);
+  free_rooms(r);
   r->backend->stream_free(r->stream);
   ern_release(r->context, r);
 }
@@ -161,7 +192,7 @@ static ern_status check_input(const ern_renderer *r, const ern_frame_input *inpu
   for (int i = 0; i < 16; i++)
     if (input->head_pose != NULL && !isfinite(input->head_pose[i]))
       return ern_fail(context, ERN_E_NONFINITE, "render: head_pose: value %d is not finite", i);
-  if (input->windows == NULL || input->window_length < 1 || input->window_length > 16)
+  if (input->windows == NULL || input->window_length < 1 || input->window_length > MAX_WINDOW_LENGTH)
     return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows",
                     input->window_length);
   const size_t values =
@@ -177,24 +208,110 @@ static ern_status check_input(const ern_renderer *r, const ern_frame_input *inpu
   return ERN_OK;
 }
 
-static ern_status take_frame(ern_renderer *r, size_t pixels, struct frame *f) {
-  ern_rows *const values[] = {&f->torso_opacity, &f->opacity, &f->depth, &f->attention, &f->eye};
+/* *span = the room, made at its first use. */
+static ern_status enter(ern_renderer *r, enum room room, ern_element element, size_t count, ern_span *span) {
   ern_status status = ERN_OK;
+  if (r->room[room] == NULL) status = r->backend->buffer_make(r->backend, element, count, &r->room[room]);
+  *span = status == ERN_OK ? whole(r->room[room], count) : (ern_span){0};
+  return status;
+}
+
+static ern_status number_pixels(ern_renderer *r, struct frame *f) {
   void *room = NULL;
-  f->pixels = pixels;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, pixels, &f->number));
-  ERN_TRY(ern_take_rows(r->stream, 3, pixels, &f->background));
-  ERN_TRY(ern_take_rows(r->stream, 3, pixels, &f->pixel));
-  for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
-    ERN_TRY(ern_take_rows(r->stream, 1, pixels, values[i]));
-    ERN_TRY(r->backend->zero(r->stream, values[i]->span));
-  }
-  ERN_TRY(ern_allocate(r->context, pixels, sizeof(int32_t), &room));
-  for (size_t i = 0; i < pixels; i++) ((int32_t *)room)[i] = (int32_t)i;
-  status = r->backend->upload_int32(r->stream, f->number, room, pixels);
+  ern_status status = ERN_OK;
+  ERN_TRY(enter(r, NUMBER, ERN_ELEMENT_INT32, f->pixels, &f->number));
+  ERN_TRY(ern_allocate(r->context, f->pixels, sizeof(int32_t), &room));
+  for (size_t i = 0; i < f->pixels; i++) ((int32_t *)room)[i] = (int32_t)i;
+  status = r->backend->upload_int32(r->stream, f->number, room, f->pixels);
 fail:
   ern_release(r->context, room);
   return status;
+}
+
+/* The rows that every frame of this size needs. */
+static ern_status size_frame(ern_renderer *r, size_t pixels) {
+  static const int widths[] = {3, 3, 1, 1};
+  struct frame *f = &r->frame;
+  ern_rows *const rows[] = {&f->background, &f->pixel, &f->torso_opacity, &f->opacity};
+  const size_t stride = (pixels + 63) / 64 * 64; /* at most 2^26 */
+  ern_span planes;
+  size_t at = 0;
+  ern_status status = ERN_OK;
+  if (f->pixels == pixels) return ERN_OK;
+  free_rooms(r);
+  f->pixels = pixels;
+  ERN_TRY(number_pixels(r, f));
+  ERN_TRY(enter(r, PLANES, ERN_ELEMENT_REAL, 8 * stride, &planes));
+  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+    const size_t count = (size_t)widths[i] * stride;
+    *rows[i] = (ern_rows){ern_span_part(planes, at, count), stride, widths[i], ERN_PER_SAMPLE};
+    at += count;
+  }
+  return ERN_OK;
+fail:
+  free_rooms(r);
+  return status;
+}
+
+/* What only some callers ask for. Without an eye branch nothing is ever written over the zeros of its room. */
+static ern_status take_wanted(ern_renderer *r, const ern_frame_output *output) {
+  struct frame *f = &r->frame;
+  const struct {
+    ern_rows *rows;
+    enum room room;
+    bool wanted;
+  } values[] = {{&f->depth, DEPTH, output->depth != NULL},
+                {&f->attention, ATTENTION, output->attention != NULL},
+                {&f->eye, EYE, output->eye != NULL}};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
+    *values[i].rows = (ern_rows){.stride = f->opacity.stride, .rows = 1, .per = ERN_PER_SAMPLE};
+    if (values[i].wanted) ERN_TRY(enter(r, values[i].room, ERN_ELEMENT_REAL, f->opacity.stride, &values[i].rows->span));
+  }
+fail:
+  return status;
+}
+
+/* ---- speech ------------------------------------------------------------------------------------------------------ */
+
+/* The codes of windows that the last frame had too go to their new places: bit t of *known for window t. Consecutive
+ * frames share seven of eight, each one place earlier. */
+static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsigned *known) {
+  struct heard *heard = &r->heard;
+  const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  ern_status status = ERN_OK;
+  *known = 0;
+  for (size_t t = 0; t < ERN_AUDIO_WINDOWS && heard->length == input->window_length; t++) {
+    for (size_t k = 1; k <= ERN_AUDIO_WINDOWS && (*known >> t & 1) == 0; k++) {
+      const size_t was = (t + k) % ERN_AUDIO_WINDOWS;
+      if (memcmp(input->windows + t * values, heard->windows + was * values, values * sizeof(float)) != 0) continue;
+      const ern_span to = {heard->codes[1], t * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      const ern_span from = {heard->codes[0], was * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      ERN_TRY(r->backend->copy(r->stream, to, from, ERN_AUDIO_CODE));
+      *known |= 1u << t;
+    }
+  }
+  struct ern_buffer *moved = heard->codes[1];
+  heard->codes[1] = heard->codes[0];
+  heard->codes[0] = moved;
+fail:
+  heard->length = 0; /* until the frame's own are there */
+  return status;
+}
+
+static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
+  const size_t most = (size_t)ERN_AUDIO_WINDOWS * MAX_WINDOW_LENGTH * (size_t)r->field.config.feature_width;
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  void *room = r->heard.windows;
+  if (room == NULL) {
+    const ern_status status = ern_allocate(r->context, most, sizeof(float), &room);
+    if (status != ERN_OK) return status;
+  }
+  r->heard.windows = room;
+  memcpy(r->heard.windows, input->windows, values * sizeof(float));
+  r->heard.length = input->window_length;
+  return ERN_OK;
 }
 
 /* The audio code of the frame, smoothed over frames where that is asked for. */
@@ -202,13 +319,16 @@ static ern_status audio_code(ern_renderer *r, const ern_frame_input *input) {
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
   const ern_span code = whole(r->code, ERN_AUDIO_CODE);
-  struct ern_audio_args args = {
-      .code = code, .parameters = whole(r->parameters, r->field.parameters), .net = r->field.audio};
+  struct ern_audio_frame_args args = {
+      .audio = {.code = code, .parameters = whole(r->parameters, r->field.parameters), .net = r->field.audio}};
   ern_status status = ERN_OK;
-  args.net.window_length = input->window_length;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.windows));
-  ERN_TRY(r->backend->upload_reals(r->stream, args.windows, input->windows, values));
-  ERN_TRY(r->backend->audio_fwd(r->stream, &args));
+  args.audio.net.window_length = input->window_length;
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.audio.windows));
+  ERN_TRY(r->backend->upload_reals(r->stream, args.audio.windows, input->windows, values));
+  ERN_TRY(remember(r, input, &args.known));
+  args.codes = whole(r->heard.codes[0], HEARD_VALUES);
+  ERN_TRY(r->backend->audio_frame(r->stream, &args));
+  ERN_TRY(keep_windows(r, input));
   if (r->options.smooth_lips) {
     float now[ERN_AUDIO_CODE];
     ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
@@ -221,27 +341,22 @@ fail:
   return status;
 }
 
+/* ---- layers ------------------------------------------------------------------------------------------------------ */
+
 /* The background rows: the caller's background, the caller's torso image over it; premultiplied. */
 static ern_status upload_background(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
-  void *room = NULL;
-  ern_status status = ern_allocate(r->context, 4 * f->pixels, sizeof(float), &room);
-  if (status != ERN_OK) return status;
-  float *rgb = room, *alpha = rgb + 3 * f->pixels;
-  for (size_t i = 0; i < f->pixels; i++) {
-    const float a = input->torso != NULL ? (float)input->torso[4 * i + 3] / 255 : 0;
-    for (size_t c = 0; c < 3; c++) {
-      const float back = input->background != NULL ? (float)input->background[3 * i + c] / 255 : 0;
-      const float front = input->torso != NULL ? (float)input->torso[4 * i + c] / 255 : 0;
-      rgb[c * f->pixels + i] = front * a + back * (1 - a);
-    }
-    alpha[i] = a;
+  struct ern_backdrop_args args = {.pixel = f->background, .opacity = f->torso_opacity.span, .n = f->pixels};
+  ern_status status = ERN_OK;
+  if (input->background != NULL) {
+    ERN_TRY(enter(r, BACKGROUND_BYTES, ERN_ELEMENT_BYTE, 3 * f->pixels, &args.background));
+    ERN_TRY(r->backend->upload_bytes(r->stream, args.background, input->background, 3 * f->pixels));
   }
-  for (int c = 0; c < 3; c++)
-    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(f->background, c, f->pixels),
-                                     rgb + (size_t)c * f->pixels, f->pixels));
-  ERN_TRY(r->backend->upload_reals(r->stream, f->torso_opacity.span, alpha, f->pixels));
+  if (input->torso != NULL) {
+    ERN_TRY(enter(r, TORSO_BYTES, ERN_ELEMENT_BYTE, 4 * f->pixels, &args.torso));
+    ERN_TRY(r->backend->upload_bytes(r->stream, args.torso, input->torso, 4 * f->pixels));
+  }
+  ERN_TRY(r->backend->backdrop(r->stream, &args));
 fail:
-  ern_release(r->context, room);
   return status;
 }
 
@@ -293,44 +408,31 @@ static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, stru
 
 /* ---- read-back --------------------------------------------------------------------------------------------------- */
 
-static uint8_t to_byte(float value) { return (uint8_t)lrintf(fminf(fmaxf(value, 0), 1) * 255); }
-
-/* planes: r, g, b, whole alpha, one picture after the other. */
-static void fill_pictures(const ern_frame_output *out, const float *planes, size_t pixels, bool opaque) {
-  for (size_t i = 0; i < pixels; i++) {
-    const float alpha = opaque ? 1 : planes[3 * pixels + i];
-    for (size_t c = 0; c < 3; c++) {
-      const float value = planes[c * pixels + i];
-      if (out->rgb != NULL) out->rgb[3 * i + c] = value;
-      if (out->rgba != NULL) out->rgba[4 * i + c] = to_byte(opaque ? value : alpha > 0 ? value / alpha : 0);
-    }
-    if (out->rgba != NULL) out->rgba[4 * i + 3] = to_byte(alpha);
-    if (out->alpha != NULL) out->alpha[i] = alpha;
-  }
-}
-
 static ern_status read_back(ern_renderer *r, const struct frame *f, const ern_frame_output *out, bool opaque) {
   const struct {
     float *to;
-    ern_rows from;
-  } values[] = {{out->opacity, f->opacity}, {out->depth, f->depth}, {out->attention, f->attention}, {out->eye, f->eye}};
+    ern_span from;
+  } values[] = {{out->opacity, f->opacity.span},
+                {out->depth, f->depth.span},
+                {out->attention, f->attention.span},
+                {out->eye, f->eye.span}};
+  const struct ern_backend *backend = r->backend;
   const size_t n = f->pixels;
-  void *room = NULL;
-  ern_status status = ern_allocate(r->context, 5 * n, sizeof(float), &room);
-  if (status != ERN_OK) return status;
-  float *planes = room, *torso = planes + 4 * n;
-  for (int c = 0; c < 3; c++)
-    ERN_TRY(r->backend->download_reals(r->stream, planes + (size_t)c * n, ern_span_of_row(f->pixel, c, n), n));
-  if (!opaque) {
-    ERN_TRY(r->backend->download_reals(r->stream, planes + 3 * n, f->opacity.span, n));
-    ERN_TRY(r->backend->download_reals(r->stream, torso, f->torso_opacity.span, n));
-    for (size_t i = 0; i < n; i++) planes[3 * n + i] += (1 - planes[3 * n + i]) * torso[i];
-  }
-  fill_pictures(out, planes, n, opaque);
+  struct ern_picture_args args = {.pixel = f->pixel,
+                                  .head = opaque ? (ern_span){0} : f->opacity.span,
+                                  .torso = opaque ? (ern_span){0} : f->torso_opacity.span,
+                                  .n = n};
+  ern_status status = ERN_OK;
+  if (out->rgba != NULL) ERN_TRY(enter(r, RGBA, ERN_ELEMENT_BYTE, 4 * n, &args.rgba));
+  if (out->rgb != NULL) ERN_TRY(enter(r, RGB, ERN_ELEMENT_REAL, 3 * n, &args.rgb));
+  if (out->alpha != NULL) ERN_TRY(enter(r, ALPHA, ERN_ELEMENT_REAL, n, &args.alpha));
+  ERN_TRY(backend->picture(r->stream, &args));
+  if (out->rgba != NULL) ERN_TRY(backend->download_bytes(r->stream, out->rgba, args.rgba, 4 * n));
+  if (out->rgb != NULL) ERN_TRY(backend->download_reals(r->stream, out->rgb, args.rgb, 3 * n));
+  if (out->alpha != NULL) ERN_TRY(backend->download_reals(r->stream, out->alpha, args.alpha, n));
   for (size_t v = 0; v < sizeof values / sizeof *values; v++)
-    if (values[v].to != NULL) ERN_TRY(r->backend->download_reals(r->stream, values[v].to, values[v].from.span, n));
+    if (values[v].to != NULL) ERN_TRY(backend->download_reals(r->stream, values[v].to, values[v].from, n));
 fail:
-  ern_release(r->context, room);
   return status;
 }
 
@@ -338,18 +440,19 @@ ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *inp
                               ern_frame_times *times) {
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   double at[5] = {milliseconds()};
-  struct frame frame = {0};
+  struct frame *frame = &renderer->frame;
   ern_status status = ERN_OK;
   ERN_TRY(check_input(renderer, input));
-  ERN_TRY(take_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height, &frame));
+  ERN_TRY(size_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height));
+  ERN_TRY(take_wanted(renderer, output));
   ERN_TRY(audio_code(renderer, input));
   at[1] = milliseconds();
-  ERN_TRY(upload_background(renderer, input, &frame));
-  if (renderer->field.config.torso) ERN_TRY(torso_layer(renderer, input, &frame));
+  ERN_TRY(upload_background(renderer, input, frame));
+  if (renderer->field.config.torso) ERN_TRY(torso_layer(renderer, input, frame));
   at[2] = milliseconds();
-  ERN_TRY(head_layer(renderer, input, &frame));
+  ERN_TRY(head_layer(renderer, input, frame));
   at[3] = milliseconds();
-  ERN_TRY(read_back(renderer, &frame, output, input->background != NULL));
+  ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
   at[4] = milliseconds();
   if (times != NULL) *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};
 fail:

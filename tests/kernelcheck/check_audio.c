@@ -67,6 +67,18 @@ static void expect_close(const char *what, const float *found, const double *exp
   }
 }
 
+/* Window by window and then mixed: the same bits as in one go. */
+static void check_parts(const float *whole, const float *windows, const float *block, const struct ern_audio_net *net) {
+  struct guarded codes = guarded_make((size_t)(WINDOWS * net->code)), out = guarded_make((size_t)net->code);
+  for (int t = 0; t < WINDOWS; t++)
+    ern_audio_window_ref(codes.data + t * net->code, windows + t * net->window_length * net->width, block, net);
+  ern_audio_mix_ref(out.data, codes.data, block, net);
+  assert_memory_equal(out.data, whole, (size_t)net->code * sizeof *whole);
+  guarded_check(&codes, 0, 0, 0, "codes of the windows");
+  guarded_check(&out, 0, 0, 0, "code");
+  guarded_free(&codes), guarded_free(&out);
+}
+
 static void check_audio(int width, int length, int code) {
   const struct ern_audio_net net = lay_out(width, length, code);
   const size_t values = net.first + net.count + 5, codes = (size_t)code;
@@ -88,6 +100,7 @@ static void check_audio(int width, int length, int code) {
   ern_audio_fwd_ref(out.data, windows.data, block.data, &net);
   ern_audio_fwd_ref64(wide_out, wide_windows, wide_block, &net);
   expect_close("code", out.data, wide_out, codes, audio_tolerance);
+  check_parts(out.data, windows.data, block.data, &net);
   ern_audio_bwd_ref(dblock.data, dcode.data, windows.data, block.data, &net);
   ern_audio_bwd_ref64(wide_dblock, wide_dcode, wide_windows, wide_block, &net);
   expect_close("dparameters", dblock.data + net.first, wide_dblock + net.first, net.count, audio_tolerance);

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT
+ * Slots between the caller's pictures and rows. */
+#include "backend_cpu/adapt.h"
+
+static void backdrop_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_backdrop_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  const uint8_t *background = bytes(a->background), *torso = bytes(a->torso);
+  job->kernels->backdrop(reals(a->pixel.span) + r.begin, a->pixel.stride, reals(a->opacity) + r.begin,
+                         background != NULL ? background + 3 * r.begin : NULL,
+                         torso != NULL ? torso + 4 * r.begin : NULL, r.end - r.begin);
+}
+static ern_status backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
+  run(stream, a, ERN_SHARDS, backdrop_task);
+  return ERN_OK;
+}
+
+static void picture_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_picture_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  uint8_t *rgba = bytes(a->rgba);
+  const struct ern_picture_view view = {.rgba = rgba != NULL ? rgba + 4 * r.begin : NULL,
+                                        .rgb = after(reals(a->rgb), 3 * r.begin),
+                                        .alpha = after(reals(a->alpha), r.begin),
+                                        .pixel = reals(a->pixel.span) + r.begin,
+                                        .head = after(reals(a->head), r.begin),
+                                        .torso = after(reals(a->torso), r.begin),
+                                        .stride = a->pixel.stride};
+  job->kernels->picture(&view, r.end - r.begin);
+}
+static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a) {
+  run(stream, a, ERN_SHARDS, picture_task);
+  return ERN_OK;
+}
+
+void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend) {
+  backend->backdrop = backdrop;
+  backend->picture = picture;
+}

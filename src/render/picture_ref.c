@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT
+ * Reference of the conversions between bytes and rows (picture_ops.h). */
+#include <math.h>
+
+#include "render/render_kernels.h"
+
+void ERN_REF(ern_backdrop)(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
+                           const uint8_t *torso, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    const float a = torso != NULL ? (float)torso[4 * i + 3] / 255 : 0;
+    for (size_t c = 0; c < 3; c++) {
+      const float back = background != NULL ? (float)background[3 * i + c] / 255 : 0;
+      const float front = torso != NULL ? (float)torso[4 * i + c] / 255 : 0;
+      pixel[c * stride + i] = front * a + back * (1 - a);
+    }
+    opacity[i] = a;
+  }
+}
+
+static uint8_t to_byte(float value) { return (uint8_t)lrintf(fminf(fmaxf(value, 0), 1) * 255); }
+
+void ERN_REF(ern_picture)(const struct ern_picture_view *v, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    const bool opaque = v->head == NULL;
+    const float head = opaque ? 1 : (float)v->head[i];
+    const float alpha = opaque ? 1 : head + (1 - head) * (float)v->torso[i];
+    for (size_t c = 0; c < 3; c++) {
+      const float value = (float)v->pixel[c * v->stride + i];
+      if (v->rgb != NULL) v->rgb[3 * i + c] = value;
+      if (v->rgba != NULL) v->rgba[4 * i + c] = to_byte(opaque ? value : alpha > 0 ? value / alpha : 0);
+    }
+    if (v->rgba != NULL) v->rgba[4 * i + 3] = to_byte(alpha);
+    if (v->alpha != NULL) v->alpha[i] = alpha;
+  }
+}
