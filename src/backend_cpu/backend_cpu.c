@@ -92,6 +92,8 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->grid_bwd = ern_grid_bwd_avx2;
   k->composite_fwd = ern_composite_fwd_avx2;
   k->composite_bwd = ern_composite_bwd_avx2;
+  k->attention_fwd = ern_attention_fwd_avx2;
+  k->attention_bwd = ern_attention_bwd_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
   k->backdrop = ern_backdrop_avx2;
@@ -104,6 +106,8 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->grid_bwd = ern_grid_bwd_avx512;
   k->composite_fwd = ern_composite_fwd_avx512;
   k->composite_bwd = ern_composite_bwd_avx512;
+  k->attention_fwd = ern_attention_fwd_avx512;
+  k->attention_bwd = ern_attention_bwd_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
   k->backdrop = ern_backdrop_avx512;
@@ -119,6 +123,8 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->grid_bwd = ern_grid_bwd_neon;
   k->composite_fwd = ern_composite_fwd_neon;
   k->composite_bwd = ern_composite_bwd_neon;
+  k->attention_fwd = ern_attention_fwd_neon;
+  k->attention_bwd = ern_attention_bwd_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
   k->backdrop = ern_backdrop_neon;
