@@ -5,5 +5,12 @@ set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc)
 set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++)
 set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L /usr/aarch64-linux-gnu)
 
-# Libraries of Debian's arm64 packages, never those of the building machine.
-set(ENV{PKG_CONFIG_LIBDIR} /usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig)
+# The one library that is needed, cmocka, where `tools/install-packages --arm64` unpacks it; none of the building machine.
+cmake_path(SET arm64_packages NORMALIZE ${CMAKE_CURRENT_LIST_DIR}/../build/arm64)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${arm64_packages})
+set(ENV{PKG_CONFIG_LIBDIR} ${arm64_packages}/usr/lib/aarch64-linux-gnu/pkgconfig)
+set(CMAKE_FIND_ROOT_PATH ${arm64_packages} /usr/aarch64-linux-gnu)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
