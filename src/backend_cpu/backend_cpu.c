@@ -86,6 +86,10 @@ static void backend_free(struct ern_backend *backend) {
 
 #if defined(ERN_X86_KERNELS)
 static void overwrite_avx2(struct ern_cpu_kernels *k) {
+  k->rays = ern_rays_avx2;
+  k->march = ern_march_avx2;
+  k->march_from = ern_march_from_avx2;
+  k->samples = ern_samples_avx2;
   k->mlp_fwd = ern_mlp_fwd_avx2;
   k->mlp_bwd = ern_mlp_bwd_avx2;
   k->grid_fwd = ern_grid_fwd_avx2;
@@ -100,6 +104,10 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->picture = ern_picture_avx2;
 }
 static void overwrite_avx512(struct ern_cpu_kernels *k) {
+  k->rays = ern_rays_avx512;
+  k->march = ern_march_avx512;
+  k->march_from = ern_march_from_avx512;
+  k->samples = ern_samples_avx512;
   k->mlp_fwd = ern_mlp_fwd_avx512;
   k->mlp_bwd = ern_mlp_bwd_avx512;
   k->grid_fwd = ern_grid_fwd_avx512;
@@ -117,6 +125,10 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
 
 #if defined(ERN_ARM_KERNELS)
 static void overwrite_neon(struct ern_cpu_kernels *k) {
+  k->rays = ern_rays_neon;
+  k->march = ern_march_neon;
+  k->march_from = ern_march_from_neon;
+  k->samples = ern_samples_neon;
   k->mlp_fwd = ern_mlp_fwd_neon;
   k->mlp_bwd = ern_mlp_bwd_neon;
   k->grid_fwd = ern_grid_fwd_neon;

@@ -11,6 +11,7 @@
 #define ERN_CPU_KERNELS(KERNEL)                               \
   KERNEL(rays, ern_rays_kernel)                               \
   KERNEL(march, ern_march_kernel)                             \
+  KERNEL(march_from, ern_march_from_kernel)                   \
   KERNEL(samples, ern_samples_kernel)                         \
   KERNEL(grid_fwd, ern_grid_fwd_kernel)                       \
   KERNEL(grid_bwd, ern_grid_bwd_kernel)                       \

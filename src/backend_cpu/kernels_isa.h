@@ -13,6 +13,10 @@
 #include "train/train_ops.h"
 
 #define ERN_KERNELS_OF(isa)                                      \
+  extern ern_rays_kernel ern_rays_##isa;                         \
+  extern ern_march_kernel ern_march_##isa;                       \
+  extern ern_march_from_kernel ern_march_from_##isa;             \
+  extern ern_samples_kernel ern_samples_##isa;                   \
   extern ern_grid_fwd_kernel ern_grid_fwd_##isa;                 \
   extern ern_grid_bwd_kernel ern_grid_bwd_##isa;                 \
   extern ern_mlp_fwd_kernel ern_mlp_fwd_##isa;                   \

@@ -112,6 +112,23 @@ LANES_INLINE vf vf_min(vf a, vf b) {
 #endif
 }
 
+/* 32-bit words, least byte first, that need not be aligned: word number `index` from `at` on. */
+LANES_INLINE vu vu_gather_words(const uint8_t *at, vu index) {
+#if defined(__AVX512F__)
+  return (vu)_mm512_i32gather_epi32((__m512i)index, at, 4);
+#elif defined(__AVX2__)
+  return (vu)_mm256_i32gather_epi32((const int *)(const void *)at, (__m256i)index, 4);
+#else
+  vu value;
+  for (int l = 0; l < LANES; l++) {
+    uint32_t word;
+    memcpy(&word, at + 4 * (size_t)index[l], sizeof word);
+    value[l] = word;
+  }
+  return value;
+#endif
+}
+
 /* Rounded correctly, as sqrtf is. */
 LANES_INLINE vf vf_sqrt(vf value) {
 #if defined(__AVX512F__)

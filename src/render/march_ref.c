@@ -75,7 +75,7 @@ static float cell_leave(const struct ray *ray, const float p[3], const uint32_t 
 }
 
 /* One ray; t_out gets the distances of its samples, and their number is returned. */
-static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, const uint8_t *bits,
+static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, float not_before, const uint8_t *bits,
                      const struct ern_march_settings *settings, const struct stepping *stepping) {
   const float bound = settings->bound, inverse_bound = 1 / bound;
   float near, far;
@@ -84,6 +84,10 @@ static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, const
   /* Longer than any way through the box, so it binds only where d is not a unit vector; then it ends the loops. */
   if (far > near + 4 * bound) far = near + 4 * bound;
   float t = near + step_at(stepping, near) * jitter;
+  for (float last = -INFINITY; t > last && t < not_before && t < far;) {
+    last = t;
+    t += step_at(stepping, last);
+  }
   int count = 0;
   while (t < far && count < settings->max_steps) {
     float p[3];
@@ -117,7 +121,19 @@ void ERN_REF(ern_march)(ern_real *t, int32_t *count, const ern_real *dir, size_t
   for (size_t r = 0; r < n; r++) {
     const struct ray ray = ray_of(origin, dir + r, stride);
     const float start = jitter ? (float)jitter[r] : 0.0f;
-    count[r] = march_ray(&t[r * (size_t)settings->max_steps], &ray, start, bits, settings, &stepping);
+    count[r] = march_ray(&t[r * (size_t)settings->max_steps], &ray, start, -INFINITY, bits, settings, &stepping);
+  }
+}
+
+void ERN_REF(ern_march_from)(ern_real *t, int32_t *count, const ern_real *dir, size_t stride, const ern_real *jitter,
+                             const float *not_before, const uint8_t *bits, const float origin[3],
+                             const struct ern_march_settings *settings, size_t n) {
+  const struct stepping stepping = stepping_of(settings);
+  for (size_t r = 0; r < n; r++) {
+    const struct ray ray = ray_of(origin, dir + r, stride);
+    const float start = jitter ? (float)jitter[r] : 0.0f;
+    count[r] = march_ray(&t[r * (size_t)settings->max_steps], &ray, start, not_before ? not_before[r] : -INFINITY, bits,
+                         settings, &stepping);
   }
 }
 

@@ -8,6 +8,7 @@
 
 ern_rays_kernel ERN_REF(ern_rays);
 ern_march_kernel ERN_REF(ern_march);
+ern_march_from_kernel ERN_REF(ern_march_from);
 ern_samples_kernel ERN_REF(ern_samples);
 ern_composite_fwd_kernel ERN_REF(ern_composite_fwd);
 ern_composite_bwd_kernel ERN_REF(ern_composite_bwd);
