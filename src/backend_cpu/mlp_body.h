@@ -5,7 +5,7 @@
  *   forward   y  [outs][samples] = W   [outs][ins]     x   [ins][samples]
  *   backward  dx [ins][samples]  = W^T [ins][outs]     dy  [outs][samples]
  *             dW [outs][ins]    += dy  [outs][samples] x^T [samples][ins] */
-#include "backend_cpu/kernels_x86.h"
+#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/lanes.h"
 #include "mlp/mlp_tile.h"
 
