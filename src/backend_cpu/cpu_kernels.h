@@ -45,6 +45,7 @@
   KERNEL(torso_composite_bwd, ern_torso_composite_bwd_kernel) \
   KERNEL(torso_points, ern_torso_points_kernel)               \
   KERNEL(torso_update, ern_torso_update_kernel)               \
+  KERNEL(head_softmax, ern_head_softmax_kernel)               \
   KERNEL(head_loss, ern_head_loss_kernel)                     \
   KERNEL(smooth_loss, ern_smooth_loss_kernel)                 \
   KERNEL(smooth_points, ern_smooth_points_kernel)             \

@@ -31,6 +31,7 @@
   extern ern_occupancy_points_kernel ern_occupancy_points_##isa; \
   extern ern_occupancy_update_kernel ern_occupancy_update_##isa; \
   extern ern_occupancy_pack_kernel ern_occupancy_pack_##isa;     \
+  extern ern_head_softmax_kernel ern_head_softmax_##isa;         \
   extern ern_head_loss_kernel ern_head_loss_##isa;               \
   extern ern_smooth_loss_kernel ern_smooth_loss_##isa;           \
   extern ern_smooth_points_kernel ern_smooth_points_##isa;       \

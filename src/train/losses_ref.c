@@ -8,13 +8,8 @@
 /* ---- terms of the head ---- */
 
 /* The weights of the photometric term need softmax(u)_r = exp(u_r - max)/sum_k exp(u_k - max). */
-struct softmax {
-  ern_real most;
-  double sum;
-};
-
-static struct softmax softmax_of(const ern_real *u, size_t n) {
-  struct softmax softmax = {u[0], 0};
+struct ern_softmax ERN_REF(ern_head_softmax)(const ern_real *u, size_t n) {
+  struct ern_softmax softmax = {n > 0 ? u[0] : -INFINITY, 0};
   for (size_t r = 1; r < n; r++) {
     if (u[r] > softmax.most) softmax.most = u[r];
   }
@@ -23,8 +18,8 @@ static struct softmax softmax_of(const ern_real *u, size_t n) {
 }
 
 /* 0.2 + 0.8 clamp((1 - s) + s R softmax(u), 0, 10); no gradient goes through it. */
-static ern_real photometric_weight(ern_real u, struct softmax softmax, ern_real s, size_t n) {
-  const ern_real share = (ern_real)((double)n * (double)exp(u - softmax.most) / softmax.sum);
+static ern_real photometric_weight(ern_real u, const struct ern_softmax *softmax, ern_real s, size_t batch) {
+  const ern_real share = (ern_real)((double)batch * (double)exp(u - softmax->most) / softmax->sum);
   const ern_real blend = (1 - s) + s * share;
   return (ern_real)0.2 + (ern_real)0.8 * (blend < 0 ? 0 : blend > 10 ? 10 : blend);
 }
@@ -47,9 +42,10 @@ static ern_real entropy_term(ern_real *dopacity, ern_real opacity) {
 }
 
 void ERN_REF(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_loss_view *view,
-                            const struct ern_loss_weights *weights, int max_steps, size_t n) {
+                            const struct ern_loss_weights *weights, int max_steps, const struct ern_softmax *softmax,
+                            size_t batch, size_t n) {
   double photometric = 0, uncertainty = 0, outside = 0, entropy = 0, audio = 0, eye = 0;
-  const double mean = n > 0 ? 1 / (double)n : 0;
+  const double mean = batch > 0 ? 1 / (double)batch : 0;
   const ern_real s = weights->s;
   /* factor of each term's gradient: weight, schedule and 1/R */
   const ern_real by_uncertainty = (ern_real)(weights->uncertainty * s * mean);
@@ -57,13 +53,11 @@ void ERN_REF(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_
   const ern_real by_entropy = (ern_real)(weights->entropy * mean), by_pixel = (ern_real)(2 * mean / 3);
   const ern_real by_audio = (ern_real)(weights->audio_ambient * s * mean);
   const ern_real by_eye = (ern_real)(weights->eye_ambient * s * mean / max_steps);
-  struct softmax softmax = {0, 1};
-  if (weights->adaptive && n > 0) softmax = softmax_of(view->uncertainty, n);
 
   for (size_t r = 0; r < n; r++) {
     const ern_real u = view->uncertainty[r], face = view->face[r];
     const ern_real attention = view->attention ? view->attention[r] : 0;
-    const ern_real weight = weights->adaptive ? photometric_weight(u, softmax, s, n) : 1;
+    const ern_real weight = weights->adaptive ? photometric_weight(u, softmax, s, batch) : 1;
     ern_real squares = 0;
     for (size_t c = 0; c < 3; c++) {
       const size_t at = c * view->stride + r;
@@ -96,9 +90,9 @@ void ERN_REF(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_
 
 /* weight mean((moved - still)^2) */
 double ERN_REF(ern_smooth_loss)(ern_real *dmoved, const ern_real *still, const ern_real *moved, float weight,
-                                size_t n) {
-  if (n == 0) return 0;
-  const double factor = (double)weight / (double)n;
+                                size_t batch, size_t n) {
+  if (batch == 0) return 0;
+  const double factor = (double)weight / (double)batch;
   double sum = 0;
   for (size_t i = 0; i < n; i++) {
     const ern_real difference = moved[i] - still[i];
@@ -122,9 +116,10 @@ void ERN_REF(ern_smooth_points)(ern_real *moved, const ern_real *x, size_t strid
 
 /* ---- plain error, key points ---- */
 
-double ERN_REF(ern_mse)(ern_real *dpixel, const ern_real *pixel, const ern_real *truth, size_t stride, size_t n) {
-  if (n == 0) return 0;
-  const double mean = 1 / (3 * (double)n);
+double ERN_REF(ern_mse)(ern_real *dpixel, const ern_real *pixel, const ern_real *truth, size_t stride, size_t batch,
+                        size_t n) {
+  if (batch == 0) return 0;
+  const double mean = 1 / (3 * (double)batch);
   double sum = 0;
   for (size_t c = 0; c < 3; c++) {
     for (size_t r = 0; r < n; r++) {

@@ -5,6 +5,7 @@
 
 #include "train/train_ops.h"
 
+ern_head_softmax_kernel ERN_REF(ern_head_softmax);
 ern_head_loss_kernel ERN_REF(ern_head_loss);
 ern_smooth_loss_kernel ERN_REF(ern_smooth_loss);
 ern_smooth_points_kernel ERN_REF(ern_smooth_points);

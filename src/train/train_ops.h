@@ -42,14 +42,25 @@ struct ern_head_loss_args {
   int max_steps; /* the divisor of the eye term */
   size_t n;
 };
-/* With pointers, over the whole batch; eye and deye may be NULL. Sums are in double, in ray order. */
+/* softmax(u)_r = exp(u_r - most)/sum, sum = sum_k exp(u_k - most). */
+struct ern_softmax {
+  ern_real most;
+  double sum;
+};
+/* Of n rays; of none: most = -infinity, sum = 0. */
+typedef struct ern_softmax ern_head_softmax_kernel(const ern_real *uncertainty, size_t n);
+
+/* With pointers; eye and deye may be NULL. */
 struct ern_head_loss_view {
   ern_real *dpixel, *dopacity, *dattention, *deye, *duncertainty;
   const ern_real *pixel, *truth, *opacity, *attention, *eye, *uncertainty, *face;
   size_t stride; /* of dpixel, pixel and truth */
 };
+/* n rays of a batch: their share of the terms of the whole batch, sums in double in ray order. softmax: of the whole
+ * batch; looked at where weights->adaptive. */
 typedef void ern_head_loss_kernel(double terms[ERN_LOSS_TERMS], const struct ern_head_loss_view *view,
-                                  const struct ern_loss_weights *weights, int max_steps, size_t n);
+                                  const struct ern_loss_weights *weights, int max_steps,
+                                  const struct ern_softmax *softmax, size_t batch, size_t n);
 
 /* weight * s * mean((moved - still)^2) for each of three quantities; gradient by the moved one only. */
 struct ern_smooth_loss_args {
@@ -59,8 +70,9 @@ struct ern_smooth_loss_args {
   float weight;          /* smoothness * s */
   size_t n;
 };
+/* n of a batch: their share of its term. */
 typedef double ern_smooth_loss_kernel(ern_real *dmoved, const ern_real *still, const ern_real *moved, float weight,
-                                      size_t n);
+                                      size_t batch, size_t n);
 
 /* Points moved by uniform(-1e-3, 1e-3) an axis: Philox (seed, step, sample, ERN_RNG_SMOOTH), words 0, 1, 2. */
 struct ern_smooth_points_args {
@@ -80,7 +92,9 @@ struct ern_mse_args {
   ern_rows pixel, truth;
   size_t n;
 };
-typedef double ern_mse_kernel(ern_real *dpixel, const ern_real *pixel, const ern_real *truth, size_t stride, size_t n);
+/* n rays of a batch: their share of its term. */
+typedef double ern_mse_kernel(ern_real *dpixel, const ern_real *pixel, const ern_real *truth, size_t stride,
+                              size_t batch, size_t n);
 
 /* mean over the key points of (1 - w)^2, w the last coordinate; danchors accumulates. */
 struct ern_key_points_loss_args {

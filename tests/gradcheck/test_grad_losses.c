@@ -92,7 +92,8 @@ static void head_check(float s, bool adaptive, double spread) {
                                           h.pixel,       h.truth,    h.opacity,    h.attention, h.eye,
                                           h.uncertainty, h.face,     STRIDE};
   h.terms[ERN_LOSS_SMOOTHNESS] = 7, h.terms[ERN_LOSS_KEY_POINTS] = 8; /* of other operations: left alone */
-  ern_head_loss_ref64(h.terms, &view, &h.weights, STEPS, RAYS);
+  const struct ern_softmax softmax = ern_head_softmax_ref64(h.uncertainty, RAYS);
+  ern_head_loss_ref64(h.terms, &view, &h.weights, STEPS, &softmax, RAYS, RAYS);
   assert_true(h.terms[ERN_LOSS_SMOOTHNESS] == 7 && h.terms[ERN_LOSS_KEY_POINTS] == 8);
   hold(&h);
   double expected[ERN_LOSS_TERMS];
@@ -124,13 +125,13 @@ struct pair {
 static double smooth_loss(void *user) {
   struct pair *p = user;
   double scratch[3 * STRIDE];
-  return ern_smooth_loss_ref64(scratch, p->still, p->moved, 0.7f, RAYS);
+  return ern_smooth_loss_ref64(scratch, p->still, p->moved, 0.7f, RAYS, RAYS);
 }
 
 static double mse_loss(void *user) {
   struct pair *p = user;
   double scratch[3 * STRIDE];
-  return ern_mse_ref64(scratch, p->moved, p->still, STRIDE, RAYS);
+  return ern_mse_ref64(scratch, p->moved, p->still, STRIDE, RAYS, RAYS);
 }
 
 static void test_smooth_and_mse(void **state) {
@@ -139,10 +140,10 @@ static void test_smooth_and_mse(void **state) {
   memset(&p, 0, sizeof p);
   difference_fill(p.moved, 3 * STRIDE, 1, 1);
   difference_fill(p.still, 3 * STRIDE, 1, 2);
-  ern_smooth_loss_ref64(p.gradient, p.still, p.moved, 0.7f, RAYS);
+  ern_smooth_loss_ref64(p.gradient, p.still, p.moved, 0.7f, RAYS, RAYS);
   const struct difference smooth = {smooth_loss, NULL, &p}, mse = {mse_loss, NULL, &p};
   difference_check(&smooth, "smoothness", p.moved, p.gradient, RAYS, 1);
-  ern_mse_ref64(p.gradient, p.moved, p.still, STRIDE, RAYS);
+  ern_mse_ref64(p.gradient, p.moved, p.still, STRIDE, RAYS, RAYS);
   for (size_t c = 0; c < 3; c++) difference_check(&mse, "mse", p.moved + c * STRIDE, p.gradient + c * STRIDE, RAYS, 1);
 }
 

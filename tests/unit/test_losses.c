@@ -38,7 +38,8 @@ static struct ern_head_loss_view view_of(struct batch *b) {
 
 static void run(struct batch *b, size_t n) {
   const struct ern_head_loss_view view = view_of(b);
-  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, n);
+  const struct ern_softmax softmax = ern_head_softmax_ref(b->uncertainty, n);
+  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, &softmax, n, n);
   for (int k = 0; k < ERN_LOSS_SMOOTHNESS; k++) assert_true(isfinite(b->terms[k]));
   for (size_t r = 0; r < n; r++) {
     assert_true(isfinite(b->dopacity[r]) && isfinite(b->dattention[r]) && isfinite(b->deye[r]));
@@ -203,11 +204,12 @@ static void test_absent(void **state) {
   assert_true(b->terms[ERN_LOSS_EYE_AMBIENT] > 0);
   struct ern_head_loss_view view = view_of(b);
   view.eye = NULL, view.deye = NULL;
-  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, 1);
+  const struct ern_softmax softmax = ern_head_softmax_ref(b->uncertainty, 1);
+  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, &softmax, 1, 1);
   assert_true(b->terms[ERN_LOSS_EYE_AMBIENT] == 0 && b->terms[ERN_LOSS_PHOTOMETRIC] > 0);
   view.attention = NULL, view.dattention = NULL;
   b->face[0] = 0;
-  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, 1);
+  ern_head_loss_ref(b->terms, &view, &b->weights, STEPS, &softmax, 1, 1);
   assert_true(b->terms[ERN_LOSS_AUDIO_AMBIENT] == 0 && b->terms[ERN_LOSS_STATIC_UNCERTAINTY] > 0);
   free(b);
 }
@@ -216,17 +218,17 @@ static void test_small_losses(void **state) {
   (void)state;
   const float still[3] = {1, 2, 3}, moved[3] = {1, 2.5f, 1};
   float gradient[9];
-  near(ern_smooth_loss_ref(gradient, still, moved, 6, 3), 6 * (0.25 + 4) / 3);
+  near(ern_smooth_loss_ref(gradient, still, moved, 6, 3, 3), 6 * (0.25 + 4) / 3);
   near(gradient[1], 6 * 2 * 0.5 / 3);
   near(gradient[2], 6 * 2 * -2 / 3.0);
   assert_true(gradient[0] == 0);
-  assert_true(ern_smooth_loss_ref(gradient, still, moved, 6, 0) == 0);
+  assert_true(ern_smooth_loss_ref(gradient, still, moved, 6, 0, 0) == 0);
 
   const float pixel[9] = {0, 1, 9, 0.5f, 0, 9, 0.25f, 0, 9}, truth[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-  near(ern_mse_ref(gradient, pixel, truth, 3, 2), (1 + 0.25 + 0.0625) / 6); /* two rays, stride 3 */
+  near(ern_mse_ref(gradient, pixel, truth, 3, 2, 2), (1 + 0.25 + 0.0625) / 6); /* two rays, stride 3 */
   near(gradient[1], 2.0 / 6);
   near(gradient[3], 1.0 / 6);
-  assert_true(ern_mse_ref(gradient, pixel, truth, 3, 0) == 0);
+  assert_true(ern_mse_ref(gradient, pixel, truth, 3, 0, 0) == 0);
 
   const float anchors[12] = {5, 5, 5, 1, 5, 5, 5, 0.5f, 5, 5, 5, 2};
   float danchors[12] = {0};
