@@ -98,6 +98,11 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_avx2;
   k->attention_fwd = ern_attention_fwd_avx2;
   k->attention_bwd = ern_attention_bwd_avx2;
+  k->head_softmax = ern_head_softmax_avx2;
+  k->head_loss = ern_head_loss_avx2;
+  k->smooth_loss = ern_smooth_loss_avx2;
+  k->smooth_points = ern_smooth_points_avx2;
+  k->mse = ern_mse_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
   k->backdrop = ern_backdrop_avx2;
@@ -116,6 +121,11 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_avx512;
   k->attention_fwd = ern_attention_fwd_avx512;
   k->attention_bwd = ern_attention_bwd_avx512;
+  k->head_softmax = ern_head_softmax_avx512;
+  k->head_loss = ern_head_loss_avx512;
+  k->smooth_loss = ern_smooth_loss_avx512;
+  k->smooth_points = ern_smooth_points_avx512;
+  k->mse = ern_mse_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
   k->backdrop = ern_backdrop_avx512;
@@ -137,6 +147,11 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->composite_bwd = ern_composite_bwd_neon;
   k->attention_fwd = ern_attention_fwd_neon;
   k->attention_bwd = ern_attention_bwd_neon;
+  k->head_softmax = ern_head_softmax_neon;
+  k->head_loss = ern_head_loss_neon;
+  k->smooth_loss = ern_smooth_loss_neon;
+  k->smooth_points = ern_smooth_points_neon;
+  k->mse = ern_mse_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
   k->backdrop = ern_backdrop_neon;
