@@ -3,6 +3,8 @@
 #include "backend_cpu/backend_cpu.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/field_train.h"
+#include "backend_cpu/head_step_fast.h"
 #include "core/memory.h"
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
 #include "backend_cpu/kernels_isa.h"
@@ -42,6 +44,7 @@ static void stream_free(struct ern_stream *stream) {
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
   ern_context *context = stream->backend->context;
   for (int i = 0; i < cpu->lanes; i++) stream_free(cpu->lane[i] != NULL ? &cpu->lane[i]->base : NULL);
+  ern_train_room_free(context, cpu->train_room);
   ern_release(context, cpu->lane);
   ern_pool_free(cpu->pool);
   ern_arena_free(stream->arena);
@@ -159,6 +162,13 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
 }
 #endif
 
+#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
+static void fuse_training(struct ern_cpu_backend *cpu, const struct ern_train_kernels *kernels) {
+  cpu->train = kernels;
+  ern_cpu_fill_train_fast(&cpu->table);
+}
+#endif
+
 ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend) {
   void *room = NULL;
   *backend = NULL;
@@ -194,6 +204,13 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
 #endif
 #if defined(ERN_ARM_KERNELS)
   if (isa == ERN_ISA_NEON) overwrite_neon(made->kernel_room);
+#endif
+#if defined(ERN_X86_KERNELS)
+  if (isa == ERN_ISA_AVX2) fuse_training(made, &ern_train_kernels_avx2);
+  if (isa == ERN_ISA_AVX512) fuse_training(made, &ern_train_kernels_avx512);
+#endif
+#if defined(ERN_ARM_KERNELS)
+  if (isa == ERN_ISA_NEON) fuse_training(made, &ern_train_kernels_neon);
 #endif
   *backend = table;
   return ERN_OK;

@@ -69,10 +69,14 @@ struct ern_buffer {
   void *memory;
 };
 
+struct ern_train_kernels;
+struct ern_train_room;
+
 struct ern_cpu_backend {
   struct ern_backend table; /* first: a backend is one */
   const void *kernels;      /* struct ern_cpu_kernels of this build's scalar */
   void *kernel_room;
+  const struct ern_train_kernels *train; /* of the fused training step; NULL: head_step goes through the stages */
 };
 
 struct ern_cpu_stream {
@@ -80,6 +84,7 @@ struct ern_cpu_stream {
   struct ern_pool *pool;        /* NULL in a lane: its work is one task of its owner's pool */
   struct ern_cpu_stream **lane; /* serial streams for tasks that run whole stages; [threads], NULL in a lane */
   int lanes;
+  struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */
 };
 
 /* Fills the slots, copies and fills of a table (adapt.c, compiled once a scalar). */
