@@ -5,6 +5,7 @@
 #include "backend_cpu/kernels_isa.h"
 #include "render/morton.h"
 #include "render/render_kernels.h"
+#include "render/visible.h"
 
 struct kernel {
   const char *name;
@@ -368,18 +369,43 @@ static void bench_run(void *user) {
   }
 }
 
-/* Blocks of 8 x 8 one after the other, row by row in each. */
-static void list_blocks(int32_t *pixel) {
+enum { BLOCKS = (FRAME + 7) / 8 };
+
+/* Blocks of 8 x 8 one after the other, row by row in each; of distances other than infinity, which each pixel gets. */
+static size_t list_blocks(int32_t *pixel, float *distance, const float *by_block) {
   size_t n = 0;
-  for (int y = 0; y < FRAME; y += 8) {
-    for (int x = 0; x < FRAME; x += 8) {
-      for (int i = 0; i < 64; i++) {
-        if (y + i / 8 < FRAME && x + i % 8 < FRAME) pixel[n++] = (y + i / 8) * FRAME + x + i % 8;
-      }
+  for (int b = 0; b < BLOCKS * BLOCKS; b++) {
+    for (int i = 0; i < 64 && by_block[b] < INFINITY; i++) {
+      const int x = b % BLOCKS * 8 + i % 8, y = b / BLOCKS * 8 + i / 8;
+      if (x >= FRAME || y >= FRAME) continue;
+      distance[n] = by_block[b];
+      pixel[n++] = y * FRAME + x;
     }
   }
+  return n;
 }
 
+static float by_block[BLOCKS * BLOCKS];
+static void visible_run(void *user) {
+  const struct bench *b = user;
+  ern_visible_blocks(by_block, scene.bits, &b->view, b->settings.bound);
+}
+
+static void measure_kernels(struct bench *bench, const char *what) {
+  double first = 0;
+  for (size_t k = 0; k < KERNELS; k++) {
+    if (!machine_has(kernels[k].isa)) continue;
+    bench->kernel = &kernels[k];
+    const double seconds = seconds_of(bench_run, bench);
+    if (k == 0) first = seconds;
+    printf("%s, %-6s: %6.2f ms a frame (rays %.2f, march %.2f, samples %.2f), %.1f million rays/s, %.2f times ref\n",
+           what, kernels[k].name, 1e3 * seconds, 1e3 * bench->part[0], 1e3 * bench->part[1], 1e3 * bench->part[2],
+           1e-6 * (double)bench->n / seconds, first / seconds);
+  }
+  printf("%s: %zu rays, %zu samples\n", what, bench->n, bench->samples);
+}
+
+/* A head-like shell, or the bits of a file. */
 static int measure(const char *bits_path) {
   static struct bench bench = {.view = {{0.0515f, -0.9978f, -0.0413f, 0.044f, 0.0596f, 0.0443f, -0.9972f, 3.602f,
                                          0.9969f, 0.0489f, 0.0617f, -0.229f, 0, 0, 0, 1},
@@ -391,26 +417,21 @@ static int measure(const char *bits_path) {
                                .settings = {1, 16, 1 / 256.0f, 0.05f},
                                .origin = {0.044f, 3.602f, -0.229f}};
   static int32_t pixel[PIXELS];
+  static float distance[PIXELS];
   fill_shell(scene.bits, (float[]){0.1f, -0.05f, 0}, (float[]){0.45f, 0.35f, 0.35f}, 0.25f);
   FILE *file = bits_path != NULL ? fopen(bits_path, "rb") : NULL;
   if (file != NULL) {
     if (fread(scene.bits, 1, sizeof scene.bits, file) != sizeof scene.bits) return 1;
     fclose(file);
   }
-  list_blocks(pixel);
   bench.pixel = pixel;
-  bench.n = PIXELS;
-  double first = 0;
-  for (size_t k = 0; k < KERNELS; k++) {
-    if (!machine_has(kernels[k].isa)) continue;
-    bench.kernel = &kernels[k];
-    const double seconds = seconds_of(bench_run, &bench);
-    if (k == 0) first = seconds;
-    printf("%-6s all rays: %6.2f ms (rays %.2f, march %.2f, samples %.2f), %.1f million rays/s, %.2f times ref\n",
-           kernels[k].name, 1e3 * seconds, 1e3 * bench.part[0], 1e3 * bench.part[1], 1e3 * bench.part[2],
-           1e-6 * (double)bench.n / seconds, first / seconds);
-  }
-  printf("%zu samples\n", bench.samples);
+  bench.n = list_blocks(pixel, distance, by_block);
+  measure_kernels(&bench, "all rays");
+  printf("visible blocks: %.3f ms\n", 1e3 * seconds_of(visible_run, &bench));
+  bench.n = list_blocks(pixel, distance, by_block);
+  measure_kernels(&bench, "visible blocks");
+  bench.not_before = distance;
+  measure_kernels(&bench, "visible blocks, not before");
   return 0;
 }
 
