@@ -106,6 +106,9 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->smooth_loss = ern_smooth_loss_avx2;
   k->smooth_points = ern_smooth_points_avx2;
   k->mse = ern_mse_avx2;
+  k->adamw = ern_adamw_avx2;
+  k->ema = ern_ema_avx2;
+  k->finite = ern_finite_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
   k->backdrop = ern_backdrop_avx2;
@@ -129,6 +132,9 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->smooth_loss = ern_smooth_loss_avx512;
   k->smooth_points = ern_smooth_points_avx512;
   k->mse = ern_mse_avx512;
+  k->adamw = ern_adamw_avx512;
+  k->ema = ern_ema_avx512;
+  k->finite = ern_finite_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
   k->backdrop = ern_backdrop_avx512;
@@ -155,6 +161,9 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->smooth_loss = ern_smooth_loss_neon;
   k->smooth_points = ern_smooth_points_neon;
   k->mse = ern_mse_neon;
+  k->adamw = ern_adamw_neon;
+  k->ema = ern_ema_neon;
+  k->finite = ern_finite_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
   k->backdrop = ern_backdrop_neon;

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: MIT
+ * AdamW, the moving average and the test for finite values for any instruction set: the including file names it
+ * (ERN_ISA) and is compiled for it. Every product is rounded by itself, so that the numbers are the reference's to the
+ * bit; memory is slower than that. */
+#include <float.h>
+#include <math.h>
+
+#include "backend_cpu/kernels_isa.h"
+#include "backend_cpu/lanes.h"
+
+struct adamw_scales {
+  vf keep, fresh, unbias, rate, beta2, eps;
+};
+
+LANES_INLINE void adamw_some(float *parameters, float *second_moment, const float *gradient,
+                             const struct adamw_scales *s, size_t count) {
+  const vf g = vf_load_some(gradient, count);
+  const vf v = vf_multiply_rounded(s->beta2, vf_load_some(second_moment, count)) +
+               vf_multiply_rounded(vf_multiply_rounded(s->fresh, g), g);
+  const vf step = vf_multiply_rounded(s->rate, g / (vf_multiply_rounded(vf_sqrt(v), s->unbias) + s->eps));
+  vf_store_some(parameters, vf_multiply_rounded(s->keep, vf_load_some(parameters, count)) - step, count);
+  vf_store_some(second_moment, vf_select(v > FLT_MAX, vf_all(FLT_MAX), v), count);
+}
+
+void ERN_ISA(ern_adamw)(float *parameters, float *second_moment, const float *gradient, float rate, float decay,
+                        float beta2, float eps, double bias_correction, size_t n) {
+  const struct adamw_scales scales = {.keep = vf_all((float)(1 - (double)rate * (double)decay)),
+                                      .fresh = vf_all((float)(1 - (double)beta2)),
+                                      .unbias = vf_all((float)(1 / sqrt(bias_correction))),
+                                      .rate = vf_all(rate),
+                                      .beta2 = vf_all(beta2),
+                                      .eps = vf_all(eps)};
+  size_t i = 0;
+  for (; i + LANES <= n; i += LANES) adamw_some(parameters + i, second_moment + i, gradient + i, &scales, LANES);
+  if (i < n) adamw_some(parameters + i, second_moment + i, gradient + i, &scales, n - i);
+}
+
+LANES_INLINE void ema_some(float *average, const float *parameters, vf fresh, size_t count) {
+  const vf own = vf_load_some(average, count);
+  vf_store_some(average, own + vf_multiply_rounded(fresh, vf_load_some(parameters, count) - own), count);
+}
+
+void ERN_ISA(ern_ema)(float *average, const float *parameters, float decay, size_t n) {
+  const vf fresh = vf_all((float)(1 - (double)decay));
+  size_t i = 0;
+  for (; i + LANES <= n; i += LANES) ema_some(average + i, parameters + i, fresh, LANES);
+  if (i < n) ema_some(average + i, parameters + i, fresh, n - i);
+}
+
+bool ERN_ISA(ern_finite)(const float *values, size_t n) {
+  enum { ABREAST = 8, TURN = ABREAST * LANES };
+  const int32_t exponent = 0x7f800000;
+  size_t i = 0;
+  for (; i + TURN <= n; i += TURN) {
+    vi odd = {0};
+    for (size_t k = 0; k < ABREAST; k++) odd |= ((vi)vf_load(values + i + k * LANES) & exponent) == exponent;
+    if (vi_any(odd)) return false;
+  }
+  for (; i < n; i += LANES) {
+    const vi bits = (vi)vf_load_some(values + i, n - i < LANES ? n - i : LANES);
+    if (vi_any((bits & exponent) == exponent)) return false;
+  }
+  return true;
+}
