@@ -280,6 +280,13 @@ static void render_rays_task(void *user, size_t tile, int lane) {
   job->status[tile] = ern_render_rays_stages(&job->stream->lane[lane]->base, &a);
 }
 
+/* The stages read the parameters as they are. */
+static ern_status render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
+  (void)stream;
+  (void)a;
+  return ERN_OK;
+}
+
 static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
   if (cpu->lane == NULL) return ern_render_rays_stages(stream, a);
@@ -316,6 +323,7 @@ void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend) {
   backend->torso_composite_bwd = torso_composite_bwd;
   backend->torso_points = torso_points;
   backend->torso_update = torso_update;
+  backend->render_prepare = render_prepare;
   backend->render_rays = render_rays;
   backend->render_torso = ern_render_torso_stages;
 }

@@ -5,6 +5,7 @@
 #include "backend_cpu/cpu_kernels.h"
 #include "backend_cpu/field_train.h"
 #include "backend_cpu/head_step_fast.h"
+#include "backend_cpu/render_fast.h"
 #include "core/memory.h"
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
 #include "backend_cpu/kernels_isa.h"
@@ -44,6 +45,7 @@ static void stream_free(struct ern_stream *stream) {
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
   ern_context *context = stream->backend->context;
   for (int i = 0; i < cpu->lanes; i++) stream_free(cpu->lane[i] != NULL ? &cpu->lane[i]->base : NULL);
+  ern_frame_net_free(context, cpu->net);
   ern_train_room_free(context, cpu->train_room);
   ern_release(context, cpu->lane);
   ern_pool_free(cpu->pool);
@@ -172,6 +174,14 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
 #endif
 
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
+/* The slots that run several stages at once. */
+static void fuse(struct ern_cpu_backend *cpu, ern_render_lane_kernel *lane) {
+  cpu->render_lane = lane;
+  ern_cpu_fill_render_fast(&cpu->table);
+}
+#endif
+
+#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
 static void fuse_training(struct ern_cpu_backend *cpu, const struct ern_train_kernels *kernels) {
   cpu->train = kernels;
   ern_cpu_fill_train_fast(&cpu->table);
@@ -210,9 +220,14 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
 #if defined(ERN_X86_KERNELS)
   if (isa == ERN_ISA_AVX2 || isa == ERN_ISA_AVX512) overwrite_avx2(made->kernel_room);
   if (isa == ERN_ISA_AVX512) overwrite_avx512(made->kernel_room);
+  if (isa == ERN_ISA_AVX2) fuse(made, ern_render_lane_avx2);
+  if (isa == ERN_ISA_AVX512) fuse(made, ern_render_lane_avx512);
 #endif
 #if defined(ERN_ARM_KERNELS)
-  if (isa == ERN_ISA_NEON) overwrite_neon(made->kernel_room);
+  if (isa == ERN_ISA_NEON) {
+    overwrite_neon(made->kernel_room);
+    fuse(made, ern_render_lane_neon);
+  }
 #endif
 #if defined(ERN_X86_KERNELS)
   if (isa == ERN_ISA_AVX2) fuse_training(made, &ern_train_kernels_avx2);

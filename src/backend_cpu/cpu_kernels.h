@@ -4,6 +4,8 @@
 #ifndef ERN_CPU_KERNELS_H
 #define ERN_CPU_KERNELS_H
 
+#include <stdatomic.h>
+
 #include "core/backend.h"
 #include "core/threads.h"
 
@@ -69,6 +71,14 @@ struct ern_buffer {
   void *memory;
 };
 
+struct ern_frame_net;
+struct ern_render_work;
+struct ern_profile;
+
+/* Takes rays off the work's order until none is left (render_lane.h). */
+typedef void ern_render_lane_kernel(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
+                                    struct ern_profile *profile);
+
 struct ern_train_kernels;
 struct ern_train_room;
 
@@ -76,6 +86,9 @@ struct ern_cpu_backend {
   struct ern_backend table; /* first: a backend is one */
   const void *kernels;      /* struct ern_cpu_kernels of this build's scalar */
   void *kernel_room;
+  /* the fused pass of rendering; NULL: render_rays goes through the stages */
+  ern_render_lane_kernel *render_lane;
+  ern_status (*render_rays_stages)(struct ern_stream *, struct ern_render_rays_args *);
   const struct ern_train_kernels *train; /* of the fused training step; NULL: head_step goes through the stages */
 };
 
@@ -84,6 +97,8 @@ struct ern_cpu_stream {
   struct ern_pool *pool;        /* NULL in a lane: its work is one task of its owner's pool */
   struct ern_cpu_stream **lane; /* serial streams for tasks that run whole stages; [threads], NULL in a lane */
   int lanes;
+  struct ern_frame_net *net; /* what render_prepare made, of the parameters net_of; NULL: nothing */
+  ern_span net_of;
   struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */
 };
 

@@ -188,6 +188,13 @@ typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, floa
 struct ern_field;
 struct ern_profile;
 
+/* What a stream keeps of a model from frame to frame: a fast backend lays out weights and tables for its fused pass. To
+ * be called before render_rays, and again when the parameters have changed. */
+struct ern_render_prepare_args {
+  ern_span parameters;
+  const struct ern_field *field;
+};
+
 /* March, field and composite of n rays; nothing but the outputs is kept. Audio code, eye value and individual code are
  * the frame's. */
 struct ern_render_rays_args {

@@ -86,6 +86,8 @@ static ern_status upload_model(ern_renderer *r) {
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, r->field.parameters, &r->parameters));
   ERN_TRY(
       backend->upload_reals(r->stream, whole(r->parameters, r->field.parameters), model->block, r->field.parameters));
+  struct ern_render_prepare_args prepare = {whole(r->parameters, r->field.parameters), &r->field};
+  ERN_TRY(backend->render_prepare(r->stream, &prepare));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &r->bits));
   ERN_TRY(backend->upload_bytes(r->stream, whole(r->bits, ERN_OCCUPANCY_BYTES), model->bits, ERN_OCCUPANCY_BYTES));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &r->code));
