@@ -133,43 +133,66 @@ LANES_INLINE vf walk_leave(const struct walk *walk, const vi cell[AXES], const v
   return vf_max(least, vf_all(0));
 }
 
-/* The distances of samples go to the rows of their rays. */
-LANES_INLINE uint32_t walk_count(float *t_out, int32_t *count, vf t, uint32_t hit, int max_steps) {
+/* The samples of the lanes, gathered in rows with room for one more than a ray can have: every lane writes at each
+ * rung, and only those that hit move on. */
+struct found {
+  vu next; /* where in `t` the lane writes */
+  size_t stride;
+  float t[LANES * (ERN_MAX_STEPS + 1)];
+};
+
+#define LANE_NUMBER(l, d) l
+LANES_INLINE vu found_begin(const struct found *found) {
+  return (vu){LANES_EACH(LANE_NUMBER, 0)} * (uint32_t)found->stride;
+}
+#undef LANE_NUMBER
+
+/* Bits of the lanes that have room left. */
+LANES_INLINE uint32_t found_add(struct found *found, vf t, uint32_t hit) {
   float distance[LANES];
-  uint32_t done = 0;
+  uint32_t next[LANES];
   vf_store(distance, t);
-  for (; hit != 0; hit &= hit - 1) {
-    const int lane = __builtin_ctz(hit);
-    t_out[(size_t)lane * (size_t)max_steps + (size_t)count[lane]] = distance[lane];
-    if (++count[lane] == max_steps) done |= 1u << lane;
+  memcpy(next, &found->next, sizeof next);
+#pragma GCC unroll 16
+  for (int l = 0; l < LANES; l++) found->t[next[l]] = distance[l];
+  found->next -= (vu)vi_of_bits(hit);
+  const vu last = found_begin(found) + (uint32_t)(found->stride - 1);
+  return ~vi_bits((vi)found->next == (vi)last);
+}
+
+static void found_copy(float *t, int32_t *count, const struct found *found, size_t lanes, size_t row) {
+  const vu number = found->next - found_begin(found);
+  for (size_t l = 0; l < lanes; l++) {
+    const size_t n = number[l];
+    for (size_t i = 0; i < n; i += LANES) {
+      vf_store_first(t + l * row + i, vf_load_first(found->t + l * found->stride + i, n - i), n - i);
+    }
   }
-  return done;
+  memcpy(count, &number, lanes * sizeof *count);
 }
 
 /* Every rung is looked at: where no step is shorter than the longest way through a cell. */
-LANES_INLINE void walk_rungs(float *t_out, int32_t *count, const struct walk *from, const bool constant) {
+LANES_INLINE void walk_rungs(struct found *found, const struct walk *from, const bool constant) {
   const struct walk walk = *from;
-  const int max_steps = walk.settings->max_steps;
   vf t = walk.t, p[AXES];
   vi cell[AXES];
   for (uint32_t live = walk.live; live != 0;) {
     const uint32_t hit = vi_bits(walk_look(&walk, t, cell, p, false)) & live;
-    if (hit != 0) live &= ~walk_count(t_out, count, t, hit, max_steps);
+    if (hit != 0) live &= found_add(found, t, hit);
     t += step_at(&walk.stepping, t, constant);
     live &= vf_less_bits(t, walk.far);
   }
 }
 
 /* Steps until past the border of an empty cell, as the reference has it; lanes wait for each other before a look. */
-LANES_INLINE void walk_cells(float *t_out, int32_t *count, const struct walk *from) {
+LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
   const struct walk walk = *from;
-  const int max_steps = walk.settings->max_steps;
   vf t = walk.t, p[AXES];
   vi cell[AXES];
   for (uint32_t live = walk.live; live != 0;) {
     const uint32_t hit = vi_bits(walk_look(&walk, t, cell, p, true)) & live;
     const vf border = t + walk_leave(&walk, cell, p);
-    if (hit != 0) live &= ~walk_count(t_out, count, t, hit, max_steps);
+    if (hit != 0) live &= found_add(found, t, hit);
     t += step_at(&walk.stepping, t, false);
     for (uint32_t inside = live & ~hit;;) {
       inside &= vf_less_bits(t, border) & vf_less_bits(t, walk.far);
@@ -225,6 +248,8 @@ void ERN_ISA(ern_march_from)(float *t, int32_t *count, const float *dir, size_t 
   }
   struct walk walk = {.bits = bits, .settings = settings, .stepping = stepping_of(settings)};
   const size_t row = (size_t)settings->max_steps;
+  struct found found;
+  found.stride = row + 1;
   for (size_t r = 0; r < n; r += LANES) {
     const size_t lanes = n - r < LANES ? n - r : LANES;
     for (size_t axis = 0; axis < AXES; axis++) {
@@ -241,15 +266,15 @@ void ERN_ISA(ern_march_from)(float *t, int32_t *count, const float *dir, size_t 
       const vf known = vf_load_first(not_before + r, lanes);
       walk.stepping.constant ? walk_climb(&walk, known, true) : walk_climb(&walk, known, false);
     }
-    int32_t found[LANES] = {0};
+    found.next = found_begin(&found);
     if (walk_short(&walk) != 0) {
-      walk_cells(t + r * row, found, &walk);
+      walk_cells(&found, &walk);
     } else if (walk.stepping.constant) {
-      walk_rungs(t + r * row, found, &walk, true);
+      walk_rungs(&found, &walk, true);
     } else {
-      walk_rungs(t + r * row, found, &walk, false);
+      walk_rungs(&found, &walk, false);
     }
-    memcpy(count + r, found, lanes * sizeof *found);
+    found_copy(t + r * row, count + r, &found, lanes, row);
     for (uint32_t left = stuck; left != 0; left &= left - 1) {
       const size_t ray = r + (size_t)__builtin_ctz(left);
       ern_march_from_ref(t + ray * row, count + ray, dir + ray, stride, jitter ? jitter + ray : NULL,
