@@ -184,6 +184,7 @@ void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend) {
   backend->adamw = adamw;
   backend->ema = ema;
   backend->finite = finite;
+  backend->head_density = ern_head_density_stages;
   backend->head_step = ern_head_step_stages;
   backend->torso_step = ern_torso_step_stages;
 }

@@ -31,7 +31,17 @@ static ern_status rays_take(struct ern_stream *stream, size_t n, struct rays *ra
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
-static ern_status take_memory(struct ern_train_step *s, float **weights) {
+static struct ern_train_step step_of(struct ern_stream *stream, const struct ern_field *field, ern_span parameters) {
+  const struct ern_cpu_backend *backend = (const struct ern_cpu_backend *)stream->backend;
+  return (struct ern_train_step){.stream = stream,
+                                 .kernels = kernels_of(stream),
+                                 .train = backend->train,
+                                 .field = field,
+                                 .parameters = reals(parameters)};
+}
+
+/* The weights, the shards' gradients, and what each thread works in. */
+static ern_status take_threads(struct ern_train_step *s, float **weights) {
   struct ern_cpu_stream *stream = (struct ern_cpu_stream *)s->stream;
   const size_t lanes = (size_t)ern_pool_threads(stream->pool);
   float *next = NULL;
@@ -48,17 +58,23 @@ static ern_status take_memory(struct ern_train_step *s, float **weights) {
   s->lanes = (char *)next;
   s->lane_bytes = lane_floats * sizeof(float);
   for (size_t lane = 0; lane < lanes; lane++) ern_train_lane_of(s, (int)lane)->profile = (struct ern_profile){{0}, {0}};
+fail:
+  return status;
+}
 
+/* What is known of each marched sample. */
+static ern_status take_marched(struct ern_train_step *s) {
+  float *next = NULL;
   s->stride = ern_train_padded(s->marched.total);
-  const size_t rays = (s->rays + 63) / 64 * 64;
-  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_MARCHED, s->stride * (s->net.feature_row + 7) + rays, &next));
+  const size_t rays = (s->rays + 63) / 64 * 64, floats = s->stride * (s->net.feature_row + 7) + rays;
+  const ern_status status = ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_MARCHED, floats, &next);
+  if (status != ERN_OK) return status;
   s->feature_rows = ern_train_cut(&next, s->stride * s->net.feature_row);
   s->rgb = ern_train_cut(&next, 3 * s->stride);
   float **const rows[] = {&s->sigma, &s->norm, &s->eye, &s->unc};
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) *rows[i] = ern_train_cut(&next, s->stride);
   s->live = (int32_t *)(void *)next;
-fail:
-  return status;
+  return ERN_OK;
 }
 
 static ern_status take_slopes(struct ern_train_step *s, size_t stride) {
@@ -305,21 +321,16 @@ static void tell_profile(const struct ern_train_step *s, struct ern_profile *pro
 
 static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  const struct ern_cpu_backend *backend = (const struct ern_cpu_backend *)stream->backend;
-  struct ern_train_step s = {.stream = stream,
-                             .kernels = kernels_of(stream),
-                             .train = backend->train,
-                             .field = a->field,
-                             .parameters = reals(a->parameters),
-                             .rays = a->n,
-                             .stop = a->transmittance_stop,
-                             .everything = a->smooth && a->weights.smoothness * a->weights.s != 0};
+  struct ern_train_step s = step_of(stream, a->field, a->parameters);
   struct rays rays;
   float *weights = NULL;
   ern_span code, dcode;
   double when[4];
   ern_status status = ERN_OK;
   if (!ern_train_net_plan(&s.net, a->field)) return ern_head_step_stages(stream, a);
+  s.rays = a->n;
+  s.stop = a->transmittance_stop;
+  s.everything = a->smooth && a->weights.smoothness * a->weights.s != 0;
   memset(a->terms, 0, sizeof a->terms);
   when[0] = ern_profile_now();
   ERN_TRY(ern_march_rays(stream, a->pixel_number, a->view, a->jitter, a->bits, a->settings, a->n, &s.marched));
@@ -329,7 +340,8 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   struct ern_audio_args audio = {code, a->windows, a->parameters, a->field->audio};
   ERN_TRY(stream->backend->audio_fwd(stream, &audio));
   ERN_TRY(stream->backend->zero(stream, dcode));
-  ERN_TRY(take_memory(&s, &weights));
+  ERN_TRY(take_threads(&s, &weights));
+  ERN_TRY(take_marched(&s));
   const struct ern_train_fold fold = {a->field, s.parameters, reals(code), a->eye_value, a->individual};
   ern_train_net_fill(&s.net, weights, &fold);
 
@@ -351,4 +363,41 @@ fail:
   return status;
 }
 
-void ern_cpu_fill_train_fast(struct ern_backend *backend) { backend->head_step = head_step; }
+/* ---- densities alone --------------------------------------------------------------------------------------------- */
+
+struct densities {
+  const struct ern_train_step *step;
+  const struct ern_head_density_args *args;
+};
+
+static void density_task(void *user, size_t k, int number) {
+  const struct densities *job = user;
+  const struct ern_train_step *s = job->step;
+  const struct ern_head_density_args *a = job->args;
+  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  const size_t begin = k * ERN_TRAIN_BATCH, left = a->n - begin, n = left < ERN_TRAIN_BATCH ? left : ERN_TRAIN_BATCH;
+  const float *from = reals(a->x.span) + begin;
+  const float *const x[3] = {from, from + a->x.stride, from + 2 * a->x.stride};
+  ern_train_encode(s, lane->f, ERN_TRAIN_BATCH, x, n);
+  const struct ern_train_density_args density = {
+      .list = {NULL, n}, .f = lane->f, .stride = ERN_TRAIN_BATCH, .sigma = reals(a->sigma) + begin};
+  s->train->density(&s->net, &lane->tile, &density);
+}
+
+static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
+  struct ern_train_step s = step_of(stream, a->field, a->parameters);
+  float *weights = NULL;
+  if (!ern_train_net_plan(&s.net, a->field)) return ern_head_density_stages(stream, a);
+  const ern_status status = take_threads(&s, &weights);
+  if (status != ERN_OK) return status;
+  const struct ern_train_fold fold = {a->field, s.parameters, reals(a->code), a->eye_value, 0};
+  ern_train_net_fill(&s.net, weights, &fold);
+  struct densities job = {&s, a};
+  ern_pool_run(pool_of(stream), (a->n + ERN_TRAIN_BATCH - 1) / ERN_TRAIN_BATCH, density_task, &job);
+  return ERN_OK;
+}
+
+void ern_cpu_fill_train_fast(struct ern_backend *backend) {
+  backend->head_density = head_density;
+  backend->head_step = head_step;
+}

@@ -67,6 +67,7 @@
   SLOT(render_prepare, ern_render_prepare_args)           \
   SLOT(render_rays, ern_render_rays_args)                 \
   SLOT(render_torso, ern_render_torso_args)               \
+  SLOT(head_density, ern_head_density_args)               \
   SLOT(head_step, ern_head_step_args)                     \
   SLOT(torso_step, ern_torso_step_args)
 

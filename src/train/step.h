@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Whole training steps by calling the stages: what a backend without faster ones of its own puts into head_step and
- * torso_step. */
+ * Whole training steps, and densities, by calling the stages: what a backend without faster ones of its own puts into
+ * head_step, torso_step and head_density. */
 #ifndef ERN_TRAIN_STEP_H
 #define ERN_TRAIN_STEP_H
 
 #include "core/backend.h"
 
 ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args);
+ern_status ern_head_density_stages(struct ern_stream *stream, struct ern_head_density_args *args);
 ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args);
 
 #endif

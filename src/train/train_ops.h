@@ -133,13 +133,23 @@ struct ern_finite_args {
 };
 typedef bool ern_finite_kernel(const ern_real *values, size_t n);
 
-/* ---- fused: a whole step of the head, forward and backward ---- */
+/* ---- fused: the head's density at points, and a whole step of the head, forward and backward ---- */
 
 struct ern_field;
 struct ern_view;
 struct ern_march_settings;
 
 struct ern_profile;
+struct ern_head_density_args {
+  ern_span sigma; /* out: real [n] */
+  ern_rows x;     /* [3] per point */
+  ern_span parameters;
+  const struct ern_field *field;
+  ern_span code; /* real [A], the audio code */
+  float eye_value;
+  size_t n;
+};
+
 struct ern_head_step_args {
   ern_span dparameters;         /* accumulates, the whole block */
   double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included */

@@ -4,11 +4,10 @@
 
 #include "core/rng.h"
 #include "core/status.h"
-#include "model/head.h"
 #include "model/torso.h"
 #include "train/trainer.h"
 
-enum { CHUNK = 1 << 14 /* cells looked at in one go: their activations stay in the cache */ };
+enum { CHUNK = 1 << 18 /* cells looked at in one go: a bound on the memory of their points */ };
 
 ern_status ern_trainer_mark(ern_trainer *t) {
   struct ern_occupancy_mark_args mark = {
@@ -24,19 +23,26 @@ ern_status ern_trainer_list(ern_trainer *t) {
 }
 
 /* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. */
-static ern_status look_at(ern_trainer *t, const struct ern_head_inputs *in, size_t begin, size_t n) {
+static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const ern_span cells = ern_span_part(t->cells, begin, n);
-  struct ern_head_batch batch;
+  ern_span sigma;
   ern_rows x;
   ern_status status = ERN_OK;
   ERN_TRY(ern_take_rows(t->stream, 3, n, &x));
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, n, &sigma));
   struct ern_occupancy_points_args points = {
       .x = x, .cells = cells, .bound = t->config.bound, .seed = t->config.seed, .step = t->step, .n = n};
   ERN_TRY(t->backend->occupancy_points(t->stream, &points));
-  ERN_TRY(ern_head_batch_take(t->stream, in->field, n, ERN_BATCH_DENSITY, &batch));
-  ERN_TRY(ern_head_density_fwd(t->stream, in, x, &batch));
-  struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = batch.sigma.span, .n = n};
+  struct ern_head_density_args density = {.sigma = sigma,
+                                          .x = x,
+                                          .parameters = t->parameters,
+                                          .field = &t->model->field,
+                                          .code = code,
+                                          .eye_value = eye,
+                                          .n = n};
+  ERN_TRY(t->backend->head_density(t->stream, &density));
+  struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = sigma, .n = n};
   ERN_TRY(t->backend->occupancy_scatter(t->stream, &scatter));
 fail:
   ern_arena_release(t->stream, mark);
@@ -52,10 +58,8 @@ static ern_status refresh_head(ern_trainer *t, size_t frame) {
   ERN_TRY(ern_trainer_upload_windows(t, frame, &audio.windows));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
   ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
-  const struct ern_head_inputs in = {
-      .field = &t->model->field, .parameters = t->parameters, .code = audio.code, .eye = about.eye};
   for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
-    ERN_TRY(look_at(t, &in, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
+    ERN_TRY(look_at(t, audio.code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
       .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = 0.95f, .limit = 10};
   ERN_TRY(t->backend->occupancy_update(t->stream, &update));

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ * The head's density at points, stage by stage. */
+#include "core/status.h"
+#include "model/head.h"
+#include "train/step.h"
+
+enum { CHUNK = 1 << 14 /* points looked at in one go: their activations stay in the cache */ };
+
+static ern_rows rows_from(ern_rows rows, size_t begin) {
+  rows.span = ern_span_part(rows.span, begin, rows.span.count - begin);
+  return rows;
+}
+
+static ern_status chunk(struct ern_stream *stream, const struct ern_head_density_args *a, size_t begin, size_t n) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  const struct ern_head_inputs in = {
+      .field = a->field, .parameters = a->parameters, .code = a->code, .eye = a->eye_value};
+  struct ern_head_batch batch;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_head_batch_take(stream, a->field, n, ERN_BATCH_DENSITY, &batch));
+  ERN_TRY(ern_head_density_fwd(stream, &in, rows_from(a->x, begin), &batch));
+  ERN_TRY(stream->backend->copy(stream, ern_span_part(a->sigma, begin, n), batch.sigma.span, n));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+ern_status ern_head_density_stages(struct ern_stream *stream, struct ern_head_density_args *args) {
+  ern_status status = ERN_OK;
+  for (size_t begin = 0; begin < args->n && status == ERN_OK; begin += CHUNK)
+    status = chunk(stream, args, begin, args->n - begin < CHUNK ? args->n - begin : CHUNK);
+  return status;
+}
