@@ -20,20 +20,39 @@ struct vd_pair {
 };
 
 LANES_INLINE struct vd_pair vd_of(vf value) {
+#if defined(__AVX512F__)
+  const __m512 v = (__m512)value;
+  return (struct vd_pair){
+      {(vd)_mm512_cvtps_pd(_mm512_castps512_ps256(v)), (vd)_mm512_cvtps_pd(_mm512_extractf32x8_ps(v, 1))}};
+#elif defined(__AVX2__)
+  const __m256 v = (__m256)value;
+  return (struct vd_pair){
+      {(vd)_mm256_cvtps_pd(_mm256_castps256_ps128(v)), (vd)_mm256_cvtps_pd(_mm256_extractf128_ps(v, 1))}};
+#else
   const union {
     vf whole;
     vf_half half[2];
   } parts = {value};
   return (struct vd_pair){{__builtin_convertvector(parts.half[0], vd), __builtin_convertvector(parts.half[1], vd)}};
+#endif
 }
 
+/* Rounded to float. */
 LANES_INLINE vf vf_of(struct vd_pair value) {
+#if defined(__AVX512F__)
+  const __m256 low = _mm512_cvtpd_ps((__m512d)value.half[0]), high = _mm512_cvtpd_ps((__m512d)value.half[1]);
+  return (vf)_mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+#elif defined(__AVX2__)
+  const __m128 low = _mm256_cvtpd_ps((__m256d)value.half[0]), high = _mm256_cvtpd_ps((__m256d)value.half[1]);
+  return (vf)_mm256_set_m128(high, low);
+#else
   union {
     vf whole;
     vf_half half[2];
   } parts;
   for (int h = 0; h < 2; h++) parts.half[h] = __builtin_convertvector(value.half[h], vf_half);
   return parts.whole;
+#endif
 }
 
 /* sum += value, lane by lane */

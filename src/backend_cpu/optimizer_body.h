@@ -6,18 +6,52 @@
 #include <math.h>
 
 #include "backend_cpu/kernels_isa.h"
-#include "backend_cpu/lanes.h"
+#include "backend_cpu/lanes_double.h"
 
 struct adamw_scales {
   vf keep, fresh, unbias, rate, beta2, eps;
 };
 
+/* The second moment of an entry that has no gradient any more halves every 69 steps (beta2 = 0.99), gets among the
+ * denormal numbers, and stays there for good. Processors that take 100 ns for a product or a root of those convert and
+ * add them as fast as any. So where there is one, products and root are taken in double: exact, and rounded to float
+ * once. */
+
+/* Whether v, or a product, may be denormal. */
+LANES_INLINE bool near_denormal(vf v, vf g) {
+  const vi v_bits = (vi)v & INT32_MAX, g_bits = (vi)g & INT32_MAX;
+  const vi low_v = (v_bits > 0) & (v_bits < 0x01000000);              /* 2^-125 */
+  return vi_any(low_v | ((g_bits > 0) & (g_bits < 0x21800000))) != 0; /* 2^-60 */
+}
+
+/* The product rounded to float. */
+LANES_INLINE vf product_by_doubles(vf a, vf b) {
+  struct vd_pair product = vd_of(a);
+  const struct vd_pair wide_b = vd_of(b);
+  for (int h = 0; h < 2; h++) product.half[h] *= wide_b.half[h];
+  return vf_of(product);
+}
+
+/* beta2 v + (fresh g) g, and its root */
+LANES_INLINE vf next_moment(vf v, vf g, const struct adamw_scales *s, vf *root) {
+  if (!near_denormal(v, g)) {
+    const vf next = vf_multiply_rounded(s->beta2, v) + vf_multiply_rounded(vf_multiply_rounded(s->fresh, g), g);
+    *root = vf_sqrt(next);
+    return next;
+  }
+  const vf next = product_by_doubles(s->beta2, v) + product_by_doubles(product_by_doubles(s->fresh, g), g);
+  struct vd_pair wide = vd_of(next);
+  for (int h = 0; h < 2; h++) wide.half[h] = vd_root(wide.half[h]); /* as good as one rounding: 53 >= 2*24 + 2 bits */
+  *root = vf_of(wide);
+  return next;
+}
+
 LANES_INLINE void adamw_some(float *parameters, float *second_moment, const float *gradient,
                              const struct adamw_scales *s, size_t count) {
   const vf g = vf_load_some(gradient, count);
-  const vf v = vf_multiply_rounded(s->beta2, vf_load_some(second_moment, count)) +
-               vf_multiply_rounded(vf_multiply_rounded(s->fresh, g), g);
-  const vf step = vf_multiply_rounded(s->rate, g / (vf_multiply_rounded(vf_sqrt(v), s->unbias) + s->eps));
+  vf root;
+  const vf v = next_moment(vf_load_some(second_moment, count), g, s, &root);
+  const vf step = vf_multiply_rounded(s->rate, g / (vf_multiply_rounded(root, s->unbias) + s->eps));
   vf_store_some(parameters, vf_multiply_rounded(s->keep, vf_load_some(parameters, count)) - step, count);
   vf_store_some(second_moment, vf_select(v > FLT_MAX, vf_all(FLT_MAX), v), count);
 }

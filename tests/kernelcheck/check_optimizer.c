@@ -75,6 +75,44 @@ static void check_adamw(const struct kernel *kernel, size_t n) {
   }
 }
 
+/* Second moments and squares of gradients all around the smallest normal number, and far below it. */
+static void test_denormal(void **state) {
+  (void)state;
+  enum { N = 20000 };
+  for (size_t k = 1; k < KERNELS; k++) {
+    if (!machine_has(kernels[k].isa)) continue;
+    struct guarded p[2], v[2], g = guarded_make(N);
+    for (size_t i = 0; i < N; i++) {
+      const struct ern_random random = ern_random_at(9, 0, (uint32_t)i, ERN_RNG_INIT);
+      const float sign = random.word[0] % 2 ? 1.0f : -1.0f, spread = ern_uniform(random.word[1]);
+      g.data[i] = random.word[2] % 3 == 0 ? 0 : sign * powf(10, -16 - 8 * spread);
+      if (random.word[2] % 1000 == 1) g.data[i] = sign * powf(10, -30 - 15 * spread);
+      if (random.word[2] % 1000 == 4) g.data[i] = odd[random.word[0] % ODD];
+    }
+    for (int with = 0; with < 2; with++) {
+      p[with] = values_of(1, N, false);
+      v[with] = guarded_make(N);
+      for (size_t i = 0; i < N; i++) {
+        const struct ern_random random = ern_random_at(10, 0, (uint32_t)i, ERN_RNG_INIT);
+        v[with].data[i] = random.word[0] % 5 == 0 ? 0 : powf(10, -36 - 9 * ern_uniform(random.word[1]));
+        if (random.word[2] % 1000 == 1) v[with].data[i] = fabsf(odd[random.word[0] % ODD]);
+        if (random.word[2] % 1000 == 2) v[with].data[i] = -1e-40f;
+      }
+      for (int step = 1; step <= 20; step++)
+        (with == 0 ? &kernels[0] : &kernels[k])
+            ->adamw(p[with].data, v[with].data, g.data, 5e-3f, 0.01f, step % 2 ? 0.99f : 0.999f,
+                    step % 3 ? 1e-8f : 1e-15f, 1 - pow(0.99, step), N);
+    }
+    expect_same(kernels[k].name, "parameters", &p[1], &p[0]);
+    expect_same(kernels[k].name, "second moment", &v[1], &v[0]);
+    guarded_free(&g);
+    for (int with = 0; with < 2; with++) {
+      guarded_free(&p[with]);
+      guarded_free(&v[with]);
+    }
+  }
+}
+
 static void check_ema(const struct kernel *kernel, size_t n) {
   struct guarded average[2], p = values_of(4, n, false);
   for (int with = 0; with < 2; with++) {
@@ -133,7 +171,7 @@ enum { PARAMETERS = 655360 };
 
 struct bench {
   const struct kernel *kernel;
-  struct guarded p, v, g;
+  struct guarded p, v, g, low, none;
   int what;
   bool sink;
 };
@@ -143,6 +181,10 @@ static void bench_run(void *user) {
   switch (b->what) {
     case 0: b->kernel->adamw(b->p.data, b->v.data, b->g.data, 1e-3f, 0, 0.99f, 1e-8f, 0.5, PARAMETERS); break;
     case 1: b->kernel->ema(b->v.data, b->g.data, 0.95f, PARAMETERS); break;
+    case 2:
+      memcpy(b->v.data, b->low.data, PARAMETERS * sizeof(float));
+      b->kernel->adamw(b->p.data, b->v.data, b->none.data, 1e-3f, 0, 0.99f, 1e-8f, 0.5, PARAMETERS);
+      break;
     default: b->sink |= b->kernel->finite(b->g.data, PARAMETERS); break;
   }
 }
@@ -156,21 +198,27 @@ static void copy_run(void *user) {
 }
 
 static void measure(void) {
-  static const char *const name[] = {"adamw", "ema", "finite"};
-  struct bench bench = {.p = guarded_make(PARAMETERS), .v = guarded_make(PARAMETERS), .g = guarded_make(PARAMETERS)};
+  static const char *const name[] = {"adamw", "ema", "adamw of denormal moments", "finite"};
+  struct bench bench = {.p = guarded_make(PARAMETERS),
+                        .v = guarded_make(PARAMETERS),
+                        .g = guarded_make(PARAMETERS),
+                        .low = guarded_make(PARAMETERS),
+                        .none = guarded_make(PARAMETERS)};
   for (size_t i = 0; i < PARAMETERS; i++) {
     bench.p.data[i] = random_at(1, i, 1);
     bench.v.data[i] = fabsf(random_at(2, i, 1));
     bench.g.data[i] = random_at(3, i, 1e-3f);
+    bench.low.data[i] = 1e-42f;
+    bench.none.data[i] = 0;
   }
-  for (bench.what = 0; bench.what < 3; bench.what++) {
+  for (bench.what = 0; bench.what < 4; bench.what++) {
     double first = 0;
     for (size_t k = 0; k < KERNELS; k++) {
       if (!machine_has(kernels[k].isa)) continue;
       bench.kernel = &kernels[k];
       const double seconds = seconds_of(bench_run, &bench);
       if (k == 0) first = seconds;
-      printf("%-6s of %d parameters %-6s: %6.3f ms, %.3f ns each, %.1f times ref\n", name[bench.what], PARAMETERS,
+      printf("%-25s, %d parameters %-6s: %6.3f ms, %.3f ns each, %.1f times ref\n", name[bench.what], PARAMETERS,
              kernels[k].name, seconds * 1e3, seconds * 1e9 / PARAMETERS, first / seconds);
     }
   }
@@ -178,6 +226,8 @@ static void measure(void) {
   guarded_free(&bench.p);
   guarded_free(&bench.v);
   guarded_free(&bench.g);
+  guarded_free(&bench.low);
+  guarded_free(&bench.none);
 }
 
 int main(int argc, char **argv) {
@@ -187,6 +237,7 @@ int main(int argc, char **argv) {
   }
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_updates),
+      cmocka_unit_test(test_denormal),
       cmocka_unit_test(test_finite),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
