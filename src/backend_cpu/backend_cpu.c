@@ -111,6 +111,9 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->adamw = ern_adamw_avx2;
   k->ema = ern_ema_avx2;
   k->finite = ern_finite_avx2;
+  k->sh_fwd = ern_sh_fwd_avx2;
+  k->freq_fwd = ern_freq_fwd_avx2;
+  k->freq_bwd = ern_freq_bwd_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
   k->backdrop = ern_backdrop_avx2;
@@ -137,6 +140,9 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->adamw = ern_adamw_avx512;
   k->ema = ern_ema_avx512;
   k->finite = ern_finite_avx512;
+  k->sh_fwd = ern_sh_fwd_avx512;
+  k->freq_fwd = ern_freq_fwd_avx512;
+  k->freq_bwd = ern_freq_bwd_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
   k->backdrop = ern_backdrop_avx512;
@@ -166,6 +172,9 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->adamw = ern_adamw_neon;
   k->ema = ern_ema_neon;
   k->finite = ern_finite_neon;
+  k->sh_fwd = ern_sh_fwd_neon;
+  k->freq_fwd = ern_freq_fwd_neon;
+  k->freq_bwd = ern_freq_bwd_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
   k->backdrop = ern_backdrop_neon;
