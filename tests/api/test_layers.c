@@ -35,6 +35,7 @@ static const struct rule rules[] = {
     {"backend_cpu", {FILLS}},
     {"backend_opencl", {FILLS}},
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
+    {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},
     {"tools", {"ernerf/*"}},
     {"examples", {"ernerf/*"}},

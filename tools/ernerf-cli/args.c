@@ -309,7 +309,8 @@ int args_parse(struct args *args, int argc, char **argv) {
       return args_refuse(args, "found the word \"%s\", expected no more than %zu", word, args->word_count);
     }
   }
-  if (words < args->word_count) return args_refuse(args, "%s is missing", args->words[words].name);
+  if (words + args->optional_words < args->word_count)
+    return args_refuse(args, "%s is missing", args->words[words].name);
   return -1;
 }
 

@@ -62,7 +62,7 @@ struct args {
   const char *usage;   /* how it is called, lines without "ernerf " */
   const char *notes;   /* paragraphs after the options; NULL: none */
   struct word *words;
-  size_t word_count;
+  size_t word_count, optional_words; /* the last so many may be missing */
   struct {
     const char *title;
     struct option *options;

@@ -20,6 +20,7 @@ static const struct verb {
     {"info", "what is in a file, or which devices can compute", cmd_info},
     {"convert", "a model between .safetensors and PyTorch's .pth, both ways", cmd_convert},
     {"synth", "make up a clip to try things on", cmd_synth},
+    {"bench", "how fast the machine is, and how much of it kernels, a frame and a step use", cmd_bench},
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 

@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: MIT
+ * Each kernel by itself, on one thread: a training step of the head and one of the torso are made once, the calls of
+ * their slots are kept, and each is repeated with the arguments that it had. */
+#include <math.h>
+#include <string.h>
+
+#include "bench/bench.h"
+#include "core/memory.h"
+#include "core/status.h"
+#include "train/trainer.h"
+
+enum {
+  HEAD_RAYS = 3072,   /* about 8000 samples: what a thread works on at a time, in its L2 */
+  TORSO_RAYS = 16384, /* a third of them on the torso */
+  SOME_CELLS = 8192,  /* of an occupancy refresh */
+  MOST_KERNELS = 96
+};
+
+/* Four of them a backend, each with scratch of its own: a kept call's arguments lie in it. */
+enum source_kind { HEAD_STEP, HEAD_REFRESH, TORSO_STEP, TORSO_REFRESH, SOURCES };
+
+struct source {
+  enum source_kind kind;
+  struct ern_bench_shim *shim;
+  struct ern_trainer *trainer;
+  struct ern_bench_data data;
+  struct subject *subject;
+};
+
+struct kept {
+  struct ern_bench_call call;
+  struct ern_bench_call_cost cost;
+  struct source *source;
+};
+
+/* A backend and its calls. */
+struct subject {
+  struct ern_backend *backend;
+  struct source source[SOURCES];
+  struct kept kept[MOST_KERNELS];
+  size_t count;
+};
+
+struct kernels {
+  struct subject *subject; /* [count] */
+  size_t count;
+  size_t at[ERN_BENCH_BACKENDS]; /* of the kernel at hand, in each subject's list */
+};
+
+/* ---- keeping calls ----------------------------------------------------------------------------------------------- */
+
+/* A step's refresh is another source's; what follows the step is its update. */
+static bool wanted(const struct source *source, const struct ern_bench_call *call) {
+  const bool update =
+      call->slot == ERN_BENCH_SLOT_adamw || call->slot == ERN_BENCH_SLOT_finite || call->slot == ERN_BENCH_SLOT_ema;
+  const bool step = source->kind == HEAD_STEP || source->kind == TORSO_STEP;
+  return step ? call->section == ERN_BENCH_HEAD || update : true;
+}
+
+/* Of several calls of one kernel in one source the one with the most to do. */
+static ern_status keep(void *user, const struct ern_bench_call *call) {
+  struct source *source = user;
+  struct subject *subject = source->subject;
+  if (!wanted(source, call)) return ERN_OK;
+  const struct ern_bench_call_cost cost =
+      ern_bench_call_cost(call, &source->trainer->model->field, subject->backend->real_bytes);
+  if (cost.name == NULL) return ERN_OK;
+  size_t at = 0;
+  while (at < subject->count && strcmp(subject->kept[at].cost.name, cost.name) != 0) at++;
+  if (at == MOST_KERNELS) return ERN_OK;
+  if (at < subject->count && (subject->kept[at].source != source || subject->kept[at].cost.items >= cost.items))
+    return ERN_OK;
+  subject->kept[at] = (struct kept){.call = *call, .cost = cost, .source = source};
+  if (at == subject->count) subject->count++;
+  return ERN_OK;
+}
+
+static ern_status make_calls(struct source *source) {
+  struct ern_trainer *t = source->trainer;
+  ern_train_report report;
+  ern_status status = ERN_OK;
+  ern_bench_shim_listen(source->shim, keep, source);
+  if (source->kind == HEAD_REFRESH) {
+    ERN_TRY(ern_trainer_mark(t));
+    ERN_TRY(ern_trainer_list(t));
+  }
+  if (t->cell_count > SOME_CELLS) t->cell_count = SOME_CELLS;
+  t->step = ERN_REFRESH_EVERY;
+  if (source->kind == HEAD_REFRESH || source->kind == TORSO_REFRESH) {
+    ERN_TRY(ern_trainer_refresh(t));
+  } else {
+    ERN_TRY(ern_trainer_step(t, &report));
+    struct ern_ema_args ema = {
+        .average = t->average, .parameters = t->parameters, .decay = 0.95f, .n = t->model->field.parameters};
+    ERN_TRY(t->backend->ema(t->stream, &ema));
+  }
+fail:
+  ern_bench_shim_listen(source->shim, NULL, NULL);
+  return status;
+}
+
+static ern_status make_source(struct source *source, enum source_kind kind, struct subject *subject,
+                              const struct ern_bench_scene *scene, uint64_t seed) {
+  const bool torso = kind == TORSO_STEP || kind == TORSO_REFRESH;
+  ern_status status = ERN_OK;
+  source->kind = kind;
+  source->subject = subject;
+  ERN_TRY(ern_bench_shim_make(subject->backend, &source->shim));
+  ERN_TRY(ern_bench_trainer_make(&source->trainer, &source->data, ern_bench_shim_backend(source->shim), scene, torso,
+                                 torso ? TORSO_RAYS : HEAD_RAYS, 1, seed));
+  ERN_TRY(make_calls(source));
+fail:
+  return status;
+}
+
+static void free_subject(struct subject *subject) {
+  for (int s = 0; s < SOURCES; s++) {
+    ern_trainer_free(&subject->source[s].trainer);
+    ern_bench_shim_free(subject->source[s].shim);
+  }
+}
+
+/* ---- figures ----------------------------------------------------------------------------------------------------- */
+
+/* The least seconds that the machine would need: for the arithmetic, for the arrays, for the random reads. */
+static void judge(ern_bench_kernel *kernel, const ern_bench_machine *machine, size_t index, size_t real) {
+  kernel->share = (double)NAN;
+  kernel->bound = "";
+  if (machine == NULL || index >= machine->peaks) return;
+  const ern_bench_peak *peak = &machine->peak[index];
+  const bool l2 = kernel->bytes <= (double)machine->l2_bytes, l3 = kernel->bytes <= (double)machine->l3_bytes / 2;
+  const double stream = l2 ? machine->stream_l2.one : l3 ? machine->stream_l3.one : machine->stream_memory.one;
+  const double words = (double)real / sizeof(float); /* a double is two reads of 32 bits */
+  const struct {
+    const char *name;
+    double seconds;
+  } needs[] = {{"flops", kernel->flops / peak->flops.one},
+               {l2   ? "l2"
+                : l3 ? "l3"
+                     : "memory",
+                kernel->bytes / stream},
+               {"reads", kernel->reads * words / peak->reads.one}};
+  double most = 0;
+  for (size_t i = 0; i < sizeof needs / sizeof *needs; i++)
+    if (needs[i].seconds > most) {
+      most = needs[i].seconds;
+      kernel->bound = needs[i].name;
+    }
+  if (most > 0) kernel->share = most / kernel->seconds.least;
+}
+
+static ern_status repeat(void *user, size_t which, size_t times) {
+  struct kernels *kernels = user;
+  struct kept *kept = &kernels->subject[which].kept[kernels->at[which]];
+  ern_status status = ERN_OK;
+  for (size_t k = 0; k < times && status == ERN_OK; k++)
+    status = ern_bench_shim_repeat(kept->source->shim, &kept->call);
+  return status;
+}
+
+/* Kernel number `number` of the first subject, on all of them. */
+static ern_status measure(struct kernels *kernels, size_t number, double seconds, const ern_bench_machine *machine,
+                          int (*say)(void *user, const ern_bench_kernel *kernel), void *user) {
+  const struct kept *first = &kernels->subject[0].kept[number];
+  ern_bench_timing timing[ERN_BENCH_TURNS];
+  const struct ern_bench_turns turns = {.work = repeat,
+                                        .user = kernels,
+                                        .count = kernels->count,
+                                        .seconds = seconds,
+                                        .least = 1e-3,
+                                        .most = ERN_BENCH_REPEATS};
+  for (size_t k = 0; k < kernels->count; k++) {
+    const struct subject *subject = &kernels->subject[k];
+    size_t at = 0;
+    while (at < subject->count && strcmp(subject->kept[at].cost.name, first->cost.name) != 0) at++;
+    if (at == subject->count) return ERN_OK; /* not made by all */
+    kernels->at[k] = at;
+    /* gradients only grow: what earlier kernels have added is taken away before it overflows */
+    const struct ern_trainer *t = subject->kept[at].source->trainer;
+    const ern_status zeroed = t->backend->zero(t->stream, t->gradient);
+    if (zeroed != ERN_OK) return zeroed;
+  }
+  ern_status status = ern_bench_take_turns(&turns, timing);
+  for (size_t k = 0; k < kernels->count && status == ERN_OK; k++) {
+    const struct subject *subject = &kernels->subject[k];
+    const struct ern_bench_call_cost *cost = &subject->kept[kernels->at[k]].cost;
+    ern_bench_kernel kernel = {.name = cost->name,
+                               .item = cost->item,
+                               .isa = subject->backend->isa,
+                               .items = cost->items,
+                               .flops_written = cost->flops_written,
+                               .flops = cost->flops,
+                               .bytes = cost->bytes,
+                               .reads = cost->reads,
+                               .seconds = timing[k]};
+    judge(&kernel, machine, k, subject->backend->real_bytes);
+    if (say(user, &kernel) != 0)
+      status = ern_fail(subject->backend->context, ERN_E_CANCELLED, "bench: stopped at the kernel %s", cost->name);
+  }
+  return status;
+}
+
+ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
+                             const ern_bench_machine *machine, const ern_bench_options *options,
+                             int (*say)(void *user, const ern_bench_kernel *kernel), void *user) {
+  ern_bench_options chosen;
+  struct kernels kernels = {.count = count};
+  void *room = NULL;
+  ern_status status = ern_bench_choose(backends, count, options, &chosen);
+  if (status != ERN_OK) return status;
+  ern_context *context = backends[0]->context;
+  const int sources = scene->model->field.config.torso ? SOURCES : TORSO_STEP;
+  ERN_TRY(ern_allocate(context, count, sizeof(struct subject), &room));
+  kernels.subject = room;
+  for (size_t k = 0; k < count; k++) {
+    kernels.subject[k].backend = backends[k];
+    for (int s = 0; s < sources; s++)
+      ERN_TRY(make_source(&kernels.subject[k].source[s], (enum source_kind)s, &kernels.subject[k], scene, chosen.seed));
+  }
+  const size_t all = kernels.subject[0].count;
+  for (size_t number = 0; number < all; number++) {
+    ERN_TRY(ern_bench_tell(context, &chosen, number, all));
+    ERN_TRY(measure(&kernels, number, chosen.seconds / (double)all, machine, say, user));
+  }
+  status = ern_bench_tell(context, &chosen, all, all);
+fail:
+  for (size_t k = 0; kernels.subject != NULL && k < count; k++) free_subject(&kernels.subject[k]);
+  ern_release(context, room);
+  return status;
+}

@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: MIT
+ * A dispatch table whose slots are another's with a clock around each. Rendering and training run on it unchanged, so
+ * that a frame or a step is what its public function does and not a copy of it. */
+#include "bench/bench.h"
+
+#include <string.h>
+
+#include "backend_cpu/cpu_kernels.h"
+#include "core/memory.h"
+#include "core/profile.h"
+#include "core/status.h"
+
+enum { MOST_LANES = 256 };
+
+/* Sums of one thread; padded so that no two share a cache line. */
+struct sums {
+  double seconds[ERN_BENCH_SECTIONS][ERN_BENCH_SLOTS];
+  double marched;
+  double apart[8];
+};
+
+struct ern_bench_shim {
+  struct ern_cpu_backend cpu; /* first: the shim is a backend, with the real one's kernels */
+  struct ern_backend *real;
+  struct ern_cpu_stream *main;
+  enum ern_bench_section section;
+  struct ern_profile profile;
+  ern_status (*hear)(void *user, const struct ern_bench_call *call);
+  void *user;
+  struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its lanes */
+};
+
+/* Where a call on `stream` is summed; NULL: a stream that is not looked at. */
+static struct sums *sums_of(struct ern_bench_shim *shim, const struct ern_stream *stream) {
+  if (shim->main == NULL) return NULL;
+  if (stream == &shim->main->base) return &shim->sums[0];
+  for (int l = 0; l < shim->main->lanes && l < MOST_LANES; l++)
+    if (stream == &shim->main->lane[l]->base) return &shim->sums[1 + l];
+  return NULL;
+}
+
+static struct ern_bench_shim *shim_of(struct ern_stream *stream) { return (struct ern_bench_shim *)stream->backend; }
+
+static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *stream, enum ern_bench_slot slot,
+                       const void *args, size_t bytes) {
+  if (shim->hear == NULL || shim->main == NULL || stream != &shim->main->base) return ERN_OK;
+  struct ern_bench_call call = {.slot = slot, .section = shim->section};
+  memcpy(&call.args, args, bytes);
+  return shim->hear(shim->user, &call);
+}
+
+/* ---- slots ------------------------------------------------------------------------------------------------------- */
+
+#define SHIM_SLOT(slot, args_type)                                                                      \
+  static ern_status timed_##slot(struct ern_stream *stream, struct args_type *args) {                   \
+    struct ern_bench_shim *shim = shim_of(stream);                                                      \
+    struct sums *sums = sums_of(shim, stream);                                                          \
+    const double began = ern_profile_now();                                                             \
+    ern_status status = shim->real->slot(stream, args);                                                 \
+    if (sums != NULL) sums->seconds[shim->section][ERN_BENCH_SLOT_##slot] += ern_profile_now() - began; \
+    if (status == ERN_OK) status = tell(shim, stream, ERN_BENCH_SLOT_##slot, args, sizeof *args);       \
+    return status;                                                                                      \
+  }
+ERN_SLOTS(SHIM_SLOT)
+#undef SHIM_SLOT
+
+static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *args) {
+  const ern_status status = timed_scan(stream, args);
+  struct sums *sums = sums_of(shim_of(stream), stream);
+  if (sums != NULL && status == ERN_OK) sums->marched += (double)args->total;
+  return status;
+}
+
+/* The fused ones open a section; where they have a profile it is ours. */
+#define SHIM_SECTION(slot, args_type, opened, prepare)                                  \
+  static ern_status section_##slot(struct ern_stream *stream, struct args_type *args) { \
+    struct ern_bench_shim *shim = shim_of(stream);                                      \
+    const bool outer = shim->main != NULL && stream == &shim->main->base;               \
+    if (!outer) return shim->real->slot(stream, args);                                  \
+    prepare;                                                                            \
+    shim->section = opened;                                                             \
+    const ern_status status = timed_##slot(stream, args);                               \
+    shim->section = ERN_BENCH_OUTSIDE;                                                  \
+    return status;                                                                      \
+  }
+SHIM_SECTION(render_rays, ern_render_rays_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
+SHIM_SECTION(head_step, ern_head_step_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
+SHIM_SECTION(torso_step, ern_torso_step_args, ERN_BENCH_HEAD, (void)0)
+SHIM_SECTION(render_torso, ern_render_torso_args, ERN_BENCH_TORSO, (void)0)
+#undef SHIM_SECTION
+
+static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
+  struct ern_bench_shim *shim = (struct ern_bench_shim *)backend;
+  const ern_status status = shim->real->stream_make(backend, threads, stream);
+  if (status == ERN_OK && shim->main == NULL) shim->main = (struct ern_cpu_stream *)*stream;
+  return status;
+}
+static void stream_free(struct ern_stream *stream) {
+  if (stream == NULL) return;
+  struct ern_bench_shim *shim = shim_of(stream);
+  if (shim->main != NULL && stream == &shim->main->base) shim->main = NULL;
+  shim->real->stream_free(stream);
+}
+
+/* ---- the shim ---------------------------------------------------------------------------------------------------- */
+
+ern_status ern_bench_shim_make(struct ern_backend *backend, struct ern_bench_shim **shim) {
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  *shim = NULL;
+  if (strcmp(backend->name, "cpu") != 0)
+    return ern_fail(backend->context, ERN_E_UNSUPPORTED, "bench: found the backend %s, expected cpu", backend->name);
+  ERN_TRY(ern_allocate(backend->context, 1, sizeof **shim, &room));
+  struct ern_bench_shim *made = room;
+  made->cpu = *(struct ern_cpu_backend *)backend;
+  made->real = backend;
+  struct ern_backend *table = &made->cpu.table;
+#define SHIM_FILL(slot, args) table->slot = timed_##slot;
+  ERN_SLOTS(SHIM_FILL)
+#undef SHIM_FILL
+  table->scan = counted_scan;
+  table->render_rays = section_render_rays;
+  table->render_torso = section_render_torso;
+  table->head_step = section_head_step;
+  table->torso_step = section_torso_step;
+  table->stream_make = stream_make;
+  table->stream_free = stream_free;
+  status = ern_allocate(backend->context, 1 + MOST_LANES, sizeof(struct sums), &room);
+  if (status != ERN_OK) {
+    ern_release(backend->context, made);
+    return status;
+  }
+  made->sums = room;
+  *shim = made;
+fail:
+  return status;
+}
+
+void ern_bench_shim_free(struct ern_bench_shim *shim) {
+  if (shim == NULL) return;
+  ern_context *context = shim->real->context;
+  ern_release(context, shim->sums);
+  ern_release(context, shim);
+}
+
+struct ern_backend *ern_bench_shim_backend(struct ern_bench_shim *shim) {
+  return &shim->cpu.table;
+}
+const struct ern_profile *ern_bench_shim_profile(const struct ern_bench_shim *shim) { return &shim->profile; }
+int ern_bench_shim_threads(const struct ern_bench_shim *shim) { return shim->main != NULL ? shim->main->lanes : 1; }
+
+void ern_bench_shim_clear(struct ern_bench_shim *shim) {
+  memset(shim->sums, 0, (1 + MOST_LANES) * sizeof *shim->sums);
+  shim->profile = (struct ern_profile){0};
+}
+
+double ern_bench_shim_seconds(const struct ern_bench_shim *shim, enum ern_bench_section section,
+                              enum ern_bench_slot slot) {
+  double lanes = 0;
+  for (int l = 1; l <= MOST_LANES; l++) lanes += shim->sums[l].seconds[section][slot];
+  return shim->sums[0].seconds[section][slot] + lanes / ern_bench_shim_threads(shim);
+}
+
+double ern_bench_shim_marched(const struct ern_bench_shim *shim) {
+  double samples = 0;
+  for (int l = 0; l <= MOST_LANES; l++) samples += shim->sums[l].marched;
+  return samples;
+}
+
+void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
+                           void *user) {
+  shim->hear = hear;
+  shim->user = user;
+}
+
+ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call) {
+  struct ern_stream *stream = &shim->main->base;
+  switch (call->slot) {
+#define SHIM_REPEAT(slot, args_type) \
+  case ERN_BENCH_SLOT_##slot: return shim->real->slot(stream, &call->args.slot);
+    ERN_SLOTS(SHIM_REPEAT)
+#undef SHIM_REPEAT
+    case ERN_BENCH_SLOTS: break;
+  }
+  return ERN_E_ARGUMENT;
+}
