@@ -30,16 +30,27 @@ LANES_INLINE void encode_level(float *f, const vf *u, const vf *v, const struct 
   }
 }
 
-/* f [3*levels][TILE] of x [3][TILE], all inside [-bound, bound]. */
-static __attribute__((unused)) void encode_tile(float *f, const float *x, const struct ern_frame_net *net) {
+/* Coordinates on [0, 1] of the samples of a tile. */
+struct tile_places {
   vf u[3][TILE / LANES];
-  const vf bound = vf_all(net->bound);
+};
+LANES_INLINE void tile_place(struct tile_places *places, const float *x, float bound) {
   for (size_t axis = 0; axis < 3; axis++) {
-    for (size_t k = 0; k < TILE / LANES; k++) u[axis][k] = (vf_load(x + axis * TILE + k * LANES) + bound) / (2 * bound);
+    for (size_t k = 0; k < TILE / LANES; k++)
+      places->u[axis][k] = (vf_load(x + axis * TILE + k * LANES) + bound) / (2 * bound);
   }
+}
+
+/* Features of some tiles, f[i] [3*levels][TILE], level by level; all samples inside [-bound, bound]. */
+static __attribute__((unused)) void encode_tiles(float *const *f, const struct tile_places *places, size_t tiles,
+                                                 const struct ern_frame_net *net) {
+  size_t row = 0;
   for (size_t plane = 0; plane < ERN_PLANES; plane++) {
-    const vf *first = u[net->axis[plane][0]], *second = u[net->axis[plane][1]];
-    for (int l = 0; l < net->levels; l++, f += TILE) encode_level(f, first, second, &net->level[plane][l]);
+    const int *axis = net->axis[plane];
+    for (int l = 0; l < net->levels; l++, row += TILE) {
+      for (size_t i = 0; i < tiles; i++)
+        encode_level(f[i] + row, places[i].u[axis[0]], places[i].u[axis[1]], &net->level[plane][l]);
+    }
   }
 }
 

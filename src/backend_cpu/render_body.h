@@ -26,12 +26,13 @@ static void attention_norm(float *norm, float *v, const struct ern_frame_net *ne
   }
 }
 
-/* sigma, rgb of a tile whose features are in s->features; the rays' share of the colour is in s->ray_share. */
-static void field_tile(struct render_scratch *s, const struct ern_frame_net *net, bool norm_wanted) {
-  float *hidden = s->features + net->features * TILE, *eye = hidden + net->attention * TILE;
-  tile_product(hidden, NULL, net->attention1, s->features, net->attention, net->features, TILE_RELU);
+/* sigma, rgb of a tile whose features are there. */
+static void field_tile(struct render_scratch *s, const struct flight *f, const struct ern_frame_net *net,
+                       bool norm_wanted) {
+  float *hidden = f->features + net->features * TILE, *eye = hidden + net->attention * TILE;
+  tile_product(hidden, NULL, net->attention1, f->features, net->attention, net->features, TILE_RELU);
   if (net->eye) {
-    tile_product(s->hidden[0], NULL, net->eye1, s->features, net->eye_hidden, net->features, TILE_RELU);
+    tile_product(s->hidden[0], NULL, net->eye1, f->features, net->eye_hidden, net->features, TILE_RELU);
     tile_product(s->eye, NULL, net->eye2, s->hidden[0], 1, net->eye_hidden, TILE_STORE);
     for (size_t k = 0; k < TILE; k += LANES) {
       const vf attention = vf_sigmoid(vf_load(s->eye + k));
@@ -40,11 +41,11 @@ static void field_tile(struct render_scratch *s, const struct ern_frame_net *net
     }
   }
   if (norm_wanted) attention_norm(s->norm, s->hidden[0], net, hidden);
-  tile_product(s->hidden[0], NULL, net->density1, s->features, net->density, net->features + net->attention + net->eye,
+  tile_product(s->hidden[0], NULL, net->density1, f->features, net->density, net->features + net->attention + net->eye,
                TILE_RELU);
   tile_product(s->hidden[1], NULL, net->density2, s->hidden[0], net->density, net->density, TILE_RELU);
   tile_product(s->sigma, NULL, net->sigma, s->hidden[1], 1, net->density, TILE_STORE);
-  tile_product(s->hidden[0], s->ray_share, net->colour1, s->hidden[1], net->colour, net->density, TILE_RELU);
+  tile_product(s->hidden[0], f->ray_share, net->colour1, s->hidden[1], net->colour, net->density, TILE_RELU);
   tile_product(s->rgb, NULL, net->colour2, s->hidden[0], 3, net->colour, TILE_STORE);
   for (size_t k = 0; k < TILE; k += LANES) {
     const vf log_sigma = vf_load(s->sigma + k);
@@ -99,19 +100,18 @@ static void share_rays(struct render_scratch *s, const struct ern_render_work *w
 }
 
 /* Gives a slot the next ray. False where there is none. */
-static bool take_ray(struct render_scratch *s, size_t slot, const struct ern_render_work *work, atomic_size_t *next,
-                     struct ern_profile *profile) {
+static bool take_ray(struct render_scratch *s, struct flight *f, size_t slot, const struct ern_render_work *work,
+                     atomic_size_t *next, struct ern_profile *profile) {
   if (s->taken == s->hits && !next_rays(s, work, next, profile)) return false;
   if (s->taken == s->shared) share_rays(s, work);
   const size_t from = (size_t)s->hit[s->taken], max_steps = (size_t)work->settings.max_steps;
-  struct flight *f = &s->flight;
   f->ray[slot] = s->ray[s->taken];
   f->left[slot] = s->count[from];
   f->at[slot] = (int32_t)(slot * max_steps);
-  memcpy(s->flight_distance + slot * max_steps, s->distance + from * max_steps, (size_t)s->count[from] * sizeof(float));
+  memcpy(f->distance + slot * max_steps, s->distance + from * max_steps, (size_t)s->count[from] * sizeof(float));
   for (size_t axis = 0; axis < 3; axis++) f->d[axis][slot] = s->direction[axis * s->batch + from];
   const float *share = s->next_share + s->taken % TILE;
-  for (size_t r = 0; r < work->net->colour; r++) s->ray_share[r * TILE + slot] = share[r * TILE];
+  for (size_t r = 0; r < work->net->colour; r++) f->ray_share[r * TILE + slot] = share[r * TILE];
   f->transmittance[slot] = 1;
   f->opacity[slot] = f->depth[slot] = f->attention[slot] = f->eye[slot] = 0;
   for (size_t c = 0; c < 3; c++) f->colour[c][slot] = 0;
@@ -122,40 +122,36 @@ static bool take_ray(struct render_scratch *s, size_t slot, const struct ern_ren
 /* ---- a sample of each ray ---------------------------------------------------------------------------------------- */
 
 /* x = clamp(o + t d), dt(t), and the distance at the sample's end */
-static void next_samples(struct render_scratch *s, const struct ern_render_work *work) {
-  const struct flight *f = &s->flight;
+static void next_samples(struct flight *f, const struct render_scratch *s, const struct ern_render_work *work) {
   const vf bound = vf_all(work->settings.bound);
   for (size_t k = 0; k < TILE; k += LANES) {
     vf t;
-    for (size_t l = 0; l < LANES; l++) t[l] = s->flight_distance[f->at[k + l]];
+    for (size_t l = 0; l < LANES; l++) t[l] = f->distance[f->at[k + l]];
     const vf step = vf_min(vf_max(t * work->settings.dt_gamma, vf_all(s->shortest)), vf_all(s->longest));
-    vf_store(s->dt + k, step);
-    vf_store(s->end + k, t + step);
+    vf_store(f->dt + k, step);
+    vf_store(f->end + k, t + step);
     for (size_t axis = 0; axis < 3; axis++) {
       const vf x = vf_multiply_rounded(t, vf_load(f->d[axis] + k)) + work->view.pose[4 * axis + 3];
-      vf_store(s->x + axis * TILE + k, vf_min(vf_max(x, -bound), bound));
+      vf_store(f->x[axis] + k, vf_min(vf_max(x, -bound), bound));
     }
   }
 }
 
 /* w = alpha T, T *= 1 - alpha (paper eq. 1-2) */
-static void add_samples(struct render_scratch *s, const struct ern_render_work *work) {
-  struct flight *f = &s->flight;
+static void add_samples(struct flight *f, const struct render_scratch *s, const struct ern_render_work *work) {
   for (size_t k = 0; k < TILE; k += LANES) {
-    const vf tau = vf_load(s->sigma + k) * vf_load(s->dt + k), transmittance = vf_load(f->transmittance + k);
+    const vf tau = vf_load(s->sigma + k) * vf_load(f->dt + k), transmittance = vf_load(f->transmittance + k);
     const vf w = -vf_expm1(-tau) * transmittance;
     for (size_t c = 0; c < 3; c++)
       vf_store(f->colour[c] + k, vf_load(f->colour[c] + k) + w * vf_load(s->rgb + c * TILE + k));
     vf_store(f->opacity + k, vf_load(f->opacity + k) + w);
-    vf_store(f->depth + k, vf_load(f->depth + k) + w * vf_load(s->end + k));
+    vf_store(f->depth + k, vf_load(f->depth + k) + w * vf_load(f->end + k));
     if (work->attention != NULL) vf_store(f->attention + k, vf_load(f->attention + k) + vf_load(s->norm + k));
     if (work->eye != NULL) vf_store(f->eye + k, vf_load(f->eye + k) + vf_load(s->eye + k));
     vf_store(f->transmittance + k, transmittance * vf_exp(-tau));
   }
-  for (size_t slot = 0; slot < TILE; slot++) {
-    f->at[slot]++;
-    f->left[slot]--;
-  }
+  for (size_t slot = 0; slot < TILE; slot++) f->at[slot] += f->ray[slot] >= 0;
+  for (size_t slot = 0; slot < TILE; slot++) f->left[slot]--;
 }
 
 /* ---- rays going out ---------------------------------------------------------------------------------------------- */
@@ -175,31 +171,38 @@ static void put_ray(const struct flight *f, size_t slot, const struct ern_render
 }
 
 /* An empty slot goes on with a sample of an earlier ray, or with zeros, and nobody reads what becomes of it. */
-static void empty_slot(struct render_scratch *s, size_t slot, const struct ern_render_work *work) {
-  s->flight.ray[slot] = -1;
-  s->flight.at[slot] = (int32_t)(slot * (size_t)work->settings.max_steps);
-  s->flight.left[slot] = INT32_MAX;
-  s->flight.transmittance[slot] = 1;
+static void empty_slot(struct flight *f, size_t slot, const struct ern_render_work *work) {
+  f->ray[slot] = -1;
+  f->at[slot] = (int32_t)(slot * (size_t)work->settings.max_steps);
+  f->left[slot] = INT32_MAX;
+  f->transmittance[slot] = 1;
 }
 
-/* Writes out the rays that are done and gives their slots to others. Returns the number of rays in flight. */
-static size_t turn_over(struct render_scratch *s, const struct ern_render_work *work, atomic_size_t *next,
-                        struct ern_profile *profile) {
-  struct flight *f = &s->flight;
-  size_t flying = 0;
-  for (size_t slot = 0; slot < TILE; slot++) {
-    if (f->ray[slot] >= 0 && (f->left[slot] == 0 || f->transmittance[slot] < work->transmittance_stop)) {
-      put_ray(f, slot, work);
-      if (s->ended || !take_ray(s, slot, work, next, profile)) {
-        s->ended = true;
-        empty_slot(s, slot, work);
-      }
-    } else if (f->ray[slot] < 0) {
-      empty_slot(s, slot, work);
-    }
-    flying += f->ray[slot] >= 0;
+/* A bit for each slot whose ray is spent or has no sample left. */
+static uint64_t slots_done(const struct flight *f, const struct ern_render_work *work) {
+  uint64_t done = 0;
+  for (size_t k = 0; k < TILE; k += LANES) {
+    vi left;
+    memcpy(&left, f->left + k, sizeof left);
+    const vi spent = (vf_load(f->transmittance + k) < work->transmittance_stop) | (left == 0);
+    done |= (uint64_t)vi_bits(spent) << k;
   }
-  return flying;
+  return done;
+}
+
+/* Writes out the rays that are done and gives their slots to others. */
+static void turn_over(struct render_scratch *s, struct flight *f, const struct ern_render_work *work,
+                      atomic_size_t *next, struct ern_profile *profile) {
+  for (uint64_t done = slots_done(f, work); done != 0; done &= done - 1) {
+    const size_t slot = (size_t)__builtin_ctzll(done);
+    if (f->ray[slot] >= 0) {
+      put_ray(f, slot, work);
+      s->ended = s->ended || !take_ray(s, f, slot, work, next, profile);
+      if (!s->ended) continue;
+      f->flying--;
+    }
+    empty_slot(f, slot, work);
+  }
 }
 
 static double lap(struct ern_profile *profile, ern_profile_stage stage, double since) {
@@ -209,30 +212,49 @@ static double lap(struct ern_profile *profile, ern_profile_stage stage, double s
   return now;
 }
 
+/* A sample of each ray in flight. False where no ray is. */
+static bool advance(struct render_scratch *s, const struct ern_render_work *work, atomic_size_t *next,
+                    struct ern_profile *profile, double *at) {
+  struct tile_places places[ERN_FLIGHTS];
+  struct flight *flight[ERN_FLIGHTS] = {NULL};
+  float *features[ERN_FLIGHTS];
+  size_t tiles = 0;
+  for (size_t k = 0; k < ERN_FLIGHTS; k++) {
+    struct flight *f = &s->flight[k];
+    if (f->flying == 0) continue;
+    next_samples(f, s, work);
+    tile_place(&places[tiles], f->x[0], work->net->bound);
+    features[tiles] = f->features;
+    flight[tiles++] = f;
+    if (profile != NULL) profile->count[ERN_PROFILE_SAMPLES] += f->flying;
+    if (profile != NULL) profile->count[ERN_PROFILE_COLOURS] += f->flying;
+  }
+  *at = lap(profile, ERN_PROFILE_MARCH, *at);
+  encode_tiles(features, places, tiles, work->net);
+  *at = lap(profile, ERN_PROFILE_ENCODE, *at);
+  for (size_t k = 0; k < tiles; k++) {
+    field_tile(s, flight[k], work->net, work->attention != NULL);
+    *at = lap(profile, ERN_PROFILE_FORWARD, *at);
+    add_samples(flight[k], s, work);
+    *at = lap(profile, ERN_PROFILE_COMPOSITE, *at);
+    turn_over(s, flight[k], work, next, profile);
+    *at = lap(profile, ERN_PROFILE_MARCH, *at);
+  }
+  return tiles > 0;
+}
+
 void ERN_ISA(ern_render_lane)(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
                               struct ern_profile *profile) {
   struct render_scratch *s = ern_render_scratch_make(scratch, work);
-  size_t flying = 0;
   double at = profile != NULL ? ern_profile_now() : 0;
-  for (size_t slot = 0; slot < TILE; slot++) {
-    if (!s->ended) s->ended = !take_ray(s, slot, work, next, profile);
-    if (s->ended) empty_slot(s, slot, work);
-    flying += !s->ended;
-  }
-  while (flying > 0) {
-    next_samples(s, work);
-    at = lap(profile, ERN_PROFILE_MARCH, at);
-    encode_tile(s->features, s->x, work->net);
-    at = lap(profile, ERN_PROFILE_ENCODE, at);
-    field_tile(s, work->net, work->attention != NULL);
-    at = lap(profile, ERN_PROFILE_FORWARD, at);
-    add_samples(s, work);
-    at = lap(profile, ERN_PROFILE_COMPOSITE, at);
-    if (profile != NULL) {
-      profile->count[ERN_PROFILE_SAMPLES] += flying;
-      profile->count[ERN_PROFILE_COLOURS] += flying;
+  for (size_t k = 0; k < ERN_FLIGHTS; k++) {
+    struct flight *f = &s->flight[k];
+    for (size_t slot = 0; slot < TILE; slot++) {
+      s->ended = s->ended || !take_ray(s, f, slot, work, next, profile);
+      if (s->ended) empty_slot(f, slot, work);
+      f->flying += !s->ended;
     }
-    flying = turn_over(s, work, next, profile);
   }
-  lap(profile, ERN_PROFILE_MARCH, at);
+  while (advance(s, work, next, profile, &at)) {
+  }
 }

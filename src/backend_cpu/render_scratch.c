@@ -30,11 +30,13 @@ static size_t lay_out(struct render_scratch *s, char *room, const struct ern_ren
   size_t used = 0;
   carve(room, &used, sizeof *s);
   s->batch = batch;
-  s->features = carve(room, &used, (net->features + net->attention + 1) * tile);
   for (int k = 0; k < 2; k++) s->hidden[k] = carve(room, &used, widest * tile);
-  s->ray_share = carve(room, &used, net->colour * tile);
   s->next_share = carve(room, &used, net->colour * tile);
-  s->flight_distance = carve(room, &used, steps * tile);
+  for (int k = 0; k < ERN_FLIGHTS; k++) {
+    s->flight[k].distance = carve(room, &used, steps * tile);
+    s->flight[k].ray_share = carve(room, &used, net->colour * tile);
+    s->flight[k].features = carve(room, &used, (net->features + net->attention + 1) * tile);
+  }
   s->distance = carve(room, &used, batch * steps * sizeof(float));
   s->direction = carve(room, &used, 3 * batch * sizeof(float));
   s->number = carve(room, &used, batch * sizeof(int32_t));

@@ -6,19 +6,27 @@
 #include "backend_cpu/render_lane.h"
 #include "mlp/mlp_tile.h"
 
-/* The rays in flight, by slot. */
+/* The rays of a tile in flight, by slot, and the sample that each of them is at. */
 struct flight {
   int32_t ray[ERN_MLP_TILE];  /* -1: the slot is empty */
   int32_t left[ERN_MLP_TILE]; /* samples */
-  int32_t at[ERN_MLP_TILE];   /* of the next one, in flight_distance */
+  int32_t at[ERN_MLP_TILE];   /* of the next one, in `distance` */
   float d[3][ERN_MLP_TILE], transmittance[ERN_MLP_TILE], colour[3][ERN_MLP_TILE];
   float opacity[ERN_MLP_TILE], depth[ERN_MLP_TILE], attention[ERN_MLP_TILE], eye[ERN_MLP_TILE];
+  float x[3][ERN_MLP_TILE], dt[ERN_MLP_TILE], end[ERN_MLP_TILE];
+  float *distance;  /* [tile][max_steps] */
+  float *ray_share; /* [colour][tile]: what direction and code give to the colour's first layer */
+  float *features;  /* [features, attention, eye 1][tile]: the density's input */
+  size_t flying;    /* slots that are not empty */
 };
 
+/* Tiles whose samples are encoded together, level by level: a level's entries are found where the tile before has just
+ * left them. */
+enum { ERN_FLIGHTS = 4 };
+
 struct render_scratch {
-  struct flight flight;
-  /* the samples of the tile */
-  float x[3 * ERN_MLP_TILE], dt[ERN_MLP_TILE], end[ERN_MLP_TILE];
+  struct flight flight[ERN_FLIGHTS];
+  /* the samples of a tile */
   float sigma[ERN_MLP_TILE], rgb[3 * ERN_MLP_TILE], norm[ERN_MLP_TILE], eye[ERN_MLP_TILE];
   float harmonics[ERN_SH_ROWS * ERN_MLP_TILE];
   float shortest, longest; /* step */
@@ -26,11 +34,8 @@ struct render_scratch {
   size_t batch;            /* rays that are marched together */
   size_t hits, taken;      /* of the batch: rays with samples, and how many of them have a slot or had one */
   size_t shared;           /* of the hits, those whose share of the colour has been worked out */
-  float *features;         /* [features, attention, eye 1][tile]: the density's input */
   float *hidden[2];        /* [widest][tile] */
-  float *ray_share;        /* [colour][tile]: by slot */
   float *next_share;       /* [colour][tile]: of hits shared-tile .. shared */
-  float *flight_distance;  /* [tile][max_steps] */
   float *distance;         /* [batch][max_steps] */
   float *direction;        /* [3][batch] */
   int32_t *number, *count; /* [batch]: pixel, samples */
