@@ -114,6 +114,9 @@ static void overwrite_avx2(struct ern_cpu_kernels *k) {
   k->sh_fwd = ern_sh_fwd_avx2;
   k->freq_fwd = ern_freq_fwd_avx2;
   k->freq_bwd = ern_freq_bwd_avx2;
+  k->occupancy_points = ern_occupancy_points_avx2;
+  k->occupancy_update = ern_occupancy_update_avx2;
+  k->occupancy_pack = ern_occupancy_pack_avx2;
   k->activate_fwd = ern_activate_fwd_avx2;
   k->activate_bwd = ern_activate_bwd_avx2;
   k->backdrop = ern_backdrop_avx2;
@@ -143,6 +146,9 @@ static void overwrite_avx512(struct ern_cpu_kernels *k) {
   k->sh_fwd = ern_sh_fwd_avx512;
   k->freq_fwd = ern_freq_fwd_avx512;
   k->freq_bwd = ern_freq_bwd_avx512;
+  k->occupancy_points = ern_occupancy_points_avx512;
+  k->occupancy_update = ern_occupancy_update_avx512;
+  k->occupancy_pack = ern_occupancy_pack_avx512;
   k->activate_fwd = ern_activate_fwd_avx512;
   k->activate_bwd = ern_activate_bwd_avx512;
   k->backdrop = ern_backdrop_avx512;
@@ -175,6 +181,9 @@ static void overwrite_neon(struct ern_cpu_kernels *k) {
   k->sh_fwd = ern_sh_fwd_neon;
   k->freq_fwd = ern_freq_fwd_neon;
   k->freq_bwd = ern_freq_bwd_neon;
+  k->occupancy_points = ern_occupancy_points_neon;
+  k->occupancy_update = ern_occupancy_update_neon;
+  k->occupancy_pack = ern_occupancy_pack_neon;
   k->activate_fwd = ern_activate_fwd_neon;
   k->activate_bwd = ern_activate_bwd_neon;
   k->backdrop = ern_backdrop_neon;
