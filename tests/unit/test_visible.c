@@ -158,6 +158,25 @@ static void test_full_and_empty(void **state) {
     assert_true(not_before[b] == INFINITY);
 }
 
+/* From so far away that float is off by a good part of a pixel. (The margin for that is argued in visible.c; it is so
+ * seldom needed that this test passes without it too.) */
+static void test_far(void **state) {
+  (void)state;
+  static const struct ern_march_settings settings = {1, 16, 1 / 256.0f, 0.05f};
+  struct tally tally = {0};
+  fill_cells(6000, 9);
+  for (uint64_t seed = 0; seed < 60; seed++) {
+    float origin[3], target[3];
+    for (uint32_t a = 0; a < 3; a++) {
+      origin[a] = 2000 * around(seed, 70 + a), target[a] = (a == 1 ? 0.4f : 0.8f) * around(seed, 80 + a);
+    }
+    struct ern_view view = view_of(origin, target, 0, seed);
+    view.width = view.height = 64, view.cx = view.cy = 32, view.focal = 1e6f;
+    check_view(&view, &settings, &tally);
+  }
+  assert_true(tally.rays > 2000);
+}
+
 /* A camera that is none: everything may be seen from 0 on. */
 static void test_no_camera(void **state) {
   (void)state;
@@ -208,8 +227,8 @@ static void test_not_useless(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_cells),     cmocka_unit_test(test_balls),       cmocka_unit_test(test_full_and_empty),
-      cmocka_unit_test(test_no_camera), cmocka_unit_test(test_not_useless),
+      cmocka_unit_test(test_cells), cmocka_unit_test(test_balls),     cmocka_unit_test(test_full_and_empty),
+      cmocka_unit_test(test_far),   cmocka_unit_test(test_no_camera), cmocka_unit_test(test_not_useless),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
