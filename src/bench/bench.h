@@ -67,6 +67,7 @@ enum ern_bench_section {
   ERN_BENCH_OUTSIDE, /* of the three below: speech, refresh, update */
   ERN_BENCH_HEAD,    /* render_rays, head_step, torso_step */
   ERN_BENCH_TORSO,   /* render_torso */
+  ERN_BENCH_DENSITY, /* head_density */
   ERN_BENCH_SECTIONS
 };
 enum ern_bench_slot {
@@ -89,9 +90,9 @@ struct ern_bench_call {
 };
 
 /* A CPU backend whose slots are another's, timed. Its streams are made on it and given to it; the first is the one that
- * is looked at, with its lanes. */
+ * is looked at, with its lanes. `staged`: fused slots go through the stages, so that their kernels are called. */
 struct ern_bench_shim;
-ERN_NODISCARD ern_status ern_bench_shim_make(struct ern_backend *backend, struct ern_bench_shim **shim);
+ERN_NODISCARD ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct ern_bench_shim **shim);
 void ern_bench_shim_free(struct ern_bench_shim *shim);               /* accepts NULL */
 struct ern_backend *ern_bench_shim_backend(struct ern_bench_shim *); /* lives as long as the shim */
 

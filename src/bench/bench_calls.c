@@ -202,6 +202,7 @@ static cost cost_update(const struct ern_bench_call *call, size_t real) {
   }
 }
 
+/* and pictures */
 static cost cost_torso(const struct ern_bench_call *call, size_t real) {
   const union ern_bench_args *a = &call->args;
   switch (call->slot) {
@@ -219,6 +220,12 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
       return cost_each("torso_composite_fwd", "pixel", a->torso_composite_fwd.n, 12, 10, 1, real);
     case ERN_BENCH_SLOT_torso_composite_bwd:
       return cost_each("torso_composite_bwd", "pixel", a->torso_composite_bwd.forward.n, 12, 14, 1, real);
+    case ERN_BENCH_SLOT_backdrop: /* bytes count a quarter of an int */
+      return a->backdrop.torso.buffer != NULL ? cost_each("backdrop", "pixel", a->backdrop.n, 13, 4, 1.75, real)
+                                              : cost_each("backdrop", "pixel", a->backdrop.n, 3, 4, 0.75, real);
+    case ERN_BENCH_SLOT_picture:
+      return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
+                       a->picture.head.buffer != NULL ? 5 : 3, 1, real);
     case ERN_BENCH_SLOT_torso_points: return (cost){"torso_points", "cell", ERN_TORSO_CELLS, 0, 0, 0, 0};
     case ERN_BENCH_SLOT_torso_update: return cost_each("torso_update", "cell", ERN_TORSO_CELLS, 1, 3, 0, real);
     default: return (cost){0};

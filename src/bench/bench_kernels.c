@@ -16,13 +16,14 @@ enum {
   MOST_KERNELS = 96
 };
 
-/* Four of them a backend, each with scratch of its own: a kept call's arguments lie in it. */
-enum source_kind { HEAD_STEP, HEAD_REFRESH, TORSO_STEP, TORSO_REFRESH, SOURCES };
+/* Several a backend, each with scratch of its own: a kept call's arguments lie in it. */
+enum source_kind { HEAD_STEP, HEAD_REFRESH, FRAME, TORSO_STEP, TORSO_REFRESH, SOURCES };
 
 struct source {
   enum source_kind kind;
   struct ern_bench_shim *shim;
-  struct ern_trainer *trainer;
+  struct ern_trainer *trainer;   /* NULL: a frame's */
+  struct ern_renderer *renderer; /* of a frame */
   struct ern_bench_data data;
   struct subject *subject;
 };
@@ -54,6 +55,7 @@ static bool wanted(const struct source *source, const struct ern_bench_call *cal
   const bool update =
       call->slot == ERN_BENCH_SLOT_adamw || call->slot == ERN_BENCH_SLOT_finite || call->slot == ERN_BENCH_SLOT_ema;
   const bool step = source->kind == HEAD_STEP || source->kind == TORSO_STEP;
+  if (source->kind == FRAME) return call->slot == ERN_BENCH_SLOT_backdrop || call->slot == ERN_BENCH_SLOT_picture;
   return step ? call->section == ERN_BENCH_HEAD || update : true;
 }
 
@@ -62,8 +64,9 @@ static ern_status keep(void *user, const struct ern_bench_call *call) {
   struct source *source = user;
   struct subject *subject = source->subject;
   if (!wanted(source, call)) return ERN_OK;
-  const struct ern_bench_call_cost cost =
-      ern_bench_call_cost(call, &source->trainer->model->field, subject->backend->real_bytes);
+  const struct ern_bench_call_cost cost = ern_bench_call_cost(
+      call, source->trainer != NULL ? &source->trainer->model->field : &source->data.scene->model->field,
+      subject->backend->real_bytes);
   if (cost.name == NULL) return ERN_OK;
   size_t at = 0;
   while (at < subject->count && strcmp(subject->kept[at].cost.name, cost.name) != 0) at++;
@@ -99,13 +102,34 @@ fail:
   return status;
 }
 
+/* A frame of its own size, for what is done to all its pixels. */
+static ern_status draw_frame(struct source *source, const struct ern_bench_scene *scene) {
+  const ern_camera *camera = &scene->frame.camera;
+  ern_context *context = source->subject->backend->context;
+  ern_render_options options = ern_render_options_default();
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  options.threads = 1;
+  source->data.scene = scene;
+  ERN_TRY(ern_renderer_create(&source->renderer, ern_bench_shim_backend(source->shim), scene->model, &options));
+  ERN_TRY(ern_allocate(context, (size_t)camera->width * (size_t)camera->height, 4, &room));
+  const ern_frame_output output = {.rgba = room};
+  ern_bench_shim_listen(source->shim, keep, source);
+  status = ern_renderer_frame(source->renderer, &scene->frame, &output, NULL);
+fail:
+  ern_bench_shim_listen(source->shim, NULL, NULL);
+  ern_release(context, room);
+  return status;
+}
+
 static ern_status make_source(struct source *source, enum source_kind kind, struct subject *subject,
                               const struct ern_bench_scene *scene, uint64_t seed) {
   const bool torso = kind == TORSO_STEP || kind == TORSO_REFRESH;
   ern_status status = ERN_OK;
   source->kind = kind;
   source->subject = subject;
-  ERN_TRY(ern_bench_shim_make(subject->backend, &source->shim));
+  ERN_TRY(ern_bench_shim_make(subject->backend, kind != FRAME, &source->shim));
+  if (kind == FRAME) return draw_frame(source, scene);
   ERN_TRY(ern_bench_trainer_make(&source->trainer, &source->data, ern_bench_shim_backend(source->shim), scene, torso,
                                  torso ? TORSO_RAYS : HEAD_RAYS, 1, seed));
   ERN_TRY(make_calls(source));
@@ -116,6 +140,7 @@ fail:
 static void free_subject(struct subject *subject) {
   for (int s = 0; s < SOURCES; s++) {
     ern_trainer_free(&subject->source[s].trainer);
+    ern_renderer_free(&subject->source[s].renderer);
     ern_bench_shim_free(subject->source[s].shim);
   }
 }
@@ -177,7 +202,7 @@ static ern_status measure(struct kernels *kernels, size_t number, double seconds
     kernels->at[k] = at;
     /* gradients only grow: what earlier kernels have added is taken away before it overflows */
     const struct ern_trainer *t = subject->kept[at].source->trainer;
-    const ern_status zeroed = t->backend->zero(t->stream, t->gradient);
+    const ern_status zeroed = t != NULL ? t->backend->zero(t->stream, t->gradient) : ERN_OK;
     if (zeroed != ERN_OK) return zeroed;
   }
   ern_status status = ern_bench_take_turns(&turns, timing);

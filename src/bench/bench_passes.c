@@ -93,6 +93,7 @@ static void stage_seconds(const struct subject *s, double seconds[STAGES]) {
     seconds[stage == STAGE_UPDATE ? STAGE_UPDATE : STAGE_REFRESH] += outside;
     if (!s->pass->fused) seconds[stage] += ern_bench_shim_seconds(s->shim, ERN_BENCH_HEAD, (enum ern_bench_slot)slot);
   }
+  seconds[STAGE_REFRESH] += ern_bench_shim_seconds(s->shim, ERN_BENCH_DENSITY, ERN_BENCH_SLOT_head_density);
   for (int i = 0; i < ERN_PROFILE_STAGES && s->pass->fused; i++)
     seconds[i] = profile->seconds[i] / ern_bench_shim_threads(s->shim);
 }
@@ -209,7 +210,7 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
     struct subject *s = &passes.subject[k];
     results[k] = (ern_bench_pass){.isa = backends[k]->isa};
     *s = (struct subject){.scene = scene, .pass = &results[k]};
-    ERN_TRY(ern_bench_shim_make(backends[k], &s->shim));
+    ERN_TRY(ern_bench_shim_make(backends[k], false, &s->shim));
     ERN_TRY(make_renderer(s, backends[k], &chosen));
     results[k].threads = ern_bench_shim_threads(s->shim);
   }
@@ -305,7 +306,7 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
     struct subject *s = &passes.subject[k];
     results[k] = (ern_bench_pass){.isa = backends[k]->isa};
     *s = (struct subject){.scene = scene, .pass = &results[k]};
-    ERN_TRY(ern_bench_shim_make(backends[k], &s->shim));
+    ERN_TRY(ern_bench_shim_make(backends[k], false, &s->shim));
     ERN_TRY(make_trainer(s, &chosen, torso));
     results[k].threads = ern_bench_shim_threads(s->shim);
   }

@@ -98,6 +98,7 @@ static ern_status measure(struct peaks *peaks, double seconds, ern_bench_rate *r
     out->one = peaks->load[k].each / timing[k].least;
     if (unrest != NULL && timing[k].median > *unrest * timing[k].least) *unrest = timing[k].median / timing[k].least;
     out->all = peaks->load[k].each * (double)peaks->threads / timing[peaks->count + k].least;
+    if (out->all < out->one) out->all = out->one; /* all of them can do what one can: they were not let */
   }
   return status;
 }

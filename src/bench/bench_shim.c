@@ -9,6 +9,8 @@
 #include "core/memory.h"
 #include "core/profile.h"
 #include "core/status.h"
+#include "render/stages.h"
+#include "train/step.h"
 
 enum { MOST_LANES = 256 };
 
@@ -24,6 +26,7 @@ struct ern_bench_shim {
   struct ern_backend *real;
   struct ern_cpu_stream *main;
   enum ern_bench_section section;
+  bool staged;
   struct ern_profile profile;
   ern_status (*hear)(void *user, const struct ern_bench_call *call);
   void *user;
@@ -72,21 +75,22 @@ static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *
 }
 
 /* The fused ones open a section; where they have a profile it is ours. */
-#define SHIM_SECTION(slot, args_type, opened, prepare)                                  \
-  static ern_status section_##slot(struct ern_stream *stream, struct args_type *args) { \
-    struct ern_bench_shim *shim = shim_of(stream);                                      \
-    const bool outer = shim->main != NULL && stream == &shim->main->base;               \
-    if (!outer) return shim->real->slot(stream, args);                                  \
-    prepare;                                                                            \
-    shim->section = opened;                                                             \
-    const ern_status status = timed_##slot(stream, args);                               \
-    shim->section = ERN_BENCH_OUTSIDE;                                                  \
-    return status;                                                                      \
+#define SHIM_SECTION(slot, args_type, opened, prepare)                                                       \
+  static ern_status section_##slot(struct ern_stream *stream, struct args_type *args) {                      \
+    struct ern_bench_shim *shim = shim_of(stream);                                                           \
+    if (shim->main == NULL || stream != &shim->main->base) return shim->real->slot(stream, args);            \
+    const enum ern_bench_section before = shim->section;                                                     \
+    prepare;                                                                                                 \
+    shim->section = opened;                                                                                  \
+    const ern_status status = shim->staged ? ern_##slot##_stages(stream, args) : timed_##slot(stream, args); \
+    shim->section = before;                                                                                  \
+    return status;                                                                                           \
   }
 SHIM_SECTION(render_rays, ern_render_rays_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
 SHIM_SECTION(head_step, ern_head_step_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
 SHIM_SECTION(torso_step, ern_torso_step_args, ERN_BENCH_HEAD, (void)0)
 SHIM_SECTION(render_torso, ern_render_torso_args, ERN_BENCH_TORSO, (void)0)
+SHIM_SECTION(head_density, ern_head_density_args, ERN_BENCH_DENSITY, (void)0)
 #undef SHIM_SECTION
 
 static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
@@ -104,7 +108,7 @@ static void stream_free(struct ern_stream *stream) {
 
 /* ---- the shim ---------------------------------------------------------------------------------------------------- */
 
-ern_status ern_bench_shim_make(struct ern_backend *backend, struct ern_bench_shim **shim) {
+ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct ern_bench_shim **shim) {
   void *room = NULL;
   ern_status status = ERN_OK;
   *shim = NULL;
@@ -114,6 +118,7 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, struct ern_bench_shi
   struct ern_bench_shim *made = room;
   made->cpu = *(struct ern_cpu_backend *)backend;
   made->real = backend;
+  made->staged = staged;
   struct ern_backend *table = &made->cpu.table;
 #define SHIM_FILL(slot, args) table->slot = timed_##slot;
   ERN_SLOTS(SHIM_FILL)
@@ -123,6 +128,7 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, struct ern_bench_shi
   table->render_torso = section_render_torso;
   table->head_step = section_head_step;
   table->torso_step = section_torso_step;
+  table->head_density = section_head_density;
   table->stream_make = stream_make;
   table->stream_free = stream_free;
   status = ern_allocate(backend->context, 1 + MOST_LANES, sizeof(struct sums), &room);
