@@ -38,6 +38,7 @@ ERN_API ern_bench_options ern_bench_options_default(void);
 /* Seconds of one call. */
 typedef struct ern_bench_timing {
   double least, median;
+  double cpu; /* the least processor time, of all threads together: tells on a machine that is shared with others */
   int repeats;
 } ern_bench_timing;
 
@@ -157,7 +158,7 @@ ERN_API ERN_NODISCARD ern_status ern_bench_frame(ern_backend *const *backends, s
 
 /* A training step of the head, or of the torso (ERN_E_ARGUMENT where the scene has none): rays, forward, backward,
  * update, and its share (one in 16) of an occupancy refresh and of the smoothness term, both in stages of their own.
- * The model stays as it is: the rates of the update are 0. */
+ * The model stays as it is: the rates of the update are 0. Processor time is that of a plain step. */
 ERN_API ERN_NODISCARD ern_status ern_bench_step(ern_backend *const *backends, size_t count,
                                                 const ern_bench_scene *scene, const ern_bench_machine *machine,
                                                 const ern_bench_options *options, bool torso, ern_bench_pass *passes);

@@ -276,7 +276,7 @@ static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool 
   add_stage(pass, "refresh/16", refresh);
   add_stage(pass, "smoothness/16", smooth);
   pass->seconds.least += refresh + smooth;
-  pass->seconds.median += refresh + smooth;
+  pass->seconds.median += refresh + smooth; /* the processor time stays that of the plain step */
 }
 
 static ern_status take_steps(struct passes *passes, bool sixteenth, double seconds, ern_bench_timing *timing) {

@@ -72,8 +72,9 @@ void bench_print_passes(const struct bench_results *results, const char *title, 
   for (size_t i = 0; i < results->backends; i++) {
     const ern_bench_pass *p = &passes[i];
     const double s = p->seconds.least;
-    printf("%s, %s, %d threads: %.2f ms least, %.2f median of %d; %.2f a second%s\n", title, p->isa, p->threads,
-           1e3 * s, 1e3 * p->seconds.median, p->seconds.repeats, 1 / s, p->fused ? ", fused" : ", stage by stage");
+    printf("%s, %s, %d threads: %.2f ms least, %.2f median of %d, %.2f of processor time; %.2f a second%s\n", title,
+           p->isa, p->threads, 1e3 * s, 1e3 * p->seconds.median, p->seconds.repeats, 1e3 * p->seconds.cpu, 1 / s,
+           p->fused ? ", fused" : ", stage by stage");
     printf("  %.0f rays, %.0f samples marched, %.0f evaluated, %.0f coloured: %.2f M samples a second\n", p->rays,
            p->marched, p->evaluated, p->colours, p->evaluated / s * 1e-6);
     printf("  GFLOP/s: %.1f computed, %.1f as written;", p->flops / s * 1e-9, p->flops_written / s * 1e-9);
@@ -96,8 +97,8 @@ static json_t *rate_json(const ern_bench_rate *rate) {
 }
 
 static json_t *timing_json(const ern_bench_timing *timing) {
-  return json_pack("{s:o, s:o, s:i}", "least", session_number(timing->least), "median", session_number(timing->median),
-                   "repeats", timing->repeats);
+  return json_pack("{s:o, s:o, s:o, s:i}", "least", session_number(timing->least), "median",
+                   session_number(timing->median), "cpu", session_number(timing->cpu), "repeats", timing->repeats);
 }
 
 static json_t *peaks_json(const ern_bench_machine *m) {
