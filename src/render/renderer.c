@@ -7,6 +7,7 @@
 #include "core/memory.h"
 #include "model/model.h"
 #include "render/stages.h"
+#include "render/thin.h"
 
 #include "ernerf/render.h"
 
@@ -151,6 +152,39 @@ void ern_renderer_free(ern_renderer **renderer) {
   free_rooms(r);
   r->backend->stream_free(r->stream);
   ern_release(r->context, r);
+}
+
+ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
+                                  size_t count, float density) {
+  ern_context *context = renderer->context;
+  void *bits = NULL, *room = NULL;
+  ern_status status = ERN_OK;
+  if (!(density >= 0) || !isfinite(density))
+    ERN_TRY(
+        ern_fail(context, ERN_E_ARGUMENT, "render: density to leave out is %g, expected 0 or more", (double)density));
+  if (window_length < 1 || window_length > 16)
+    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16", window_length));
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)renderer->field.config.feature_width;
+  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_BYTES, 1, &bits));
+  ERN_TRY(ern_allocate(context, count, sizeof(struct ern_thin_speech), &room));
+  memcpy(bits, renderer->model->bits, ERN_OCCUPANCY_BYTES);
+  struct ern_thin_speech *speech = room;
+  for (size_t k = 0; k < count; k++) {
+    speech[k] = (struct ern_thin_speech){windows + k * values, window_length, eyes[k]};
+    for (size_t i = 0; i < values; i++)
+      if (!isfinite(speech[k].windows[i]))
+        ERN_TRY(ern_fail(context, ERN_E_NONFINITE, "render: moment %zu of the speech: value %zu is not finite", k, i));
+  }
+  if (density > 0 && count > 0)
+    ERN_TRY(ern_occupancy_thin(renderer->stream, &renderer->field,
+                               whole(renderer->parameters, renderer->field.parameters), speech, count, density, bits));
+  status = renderer->backend->upload_bytes(renderer->stream, whole(renderer->bits, ERN_OCCUPANCY_BYTES), bits,
+                                           ERN_OCCUPANCY_BYTES);
+fail:
+  ern_release(context, room);
+  ern_release(context, bits);
+  return status;
 }
 
 ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features, const char *name) {

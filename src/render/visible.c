@@ -10,9 +10,11 @@
  * less than 16 e |R|, and p by 16 e |R| t + 2 e (|p| + |o|); the cell's number by another 2^-16 of a cell = 2^-22
  * bound. For p in the cube t = |q| <= |R^-1| (|o| + sqrt(3) bound). Boxes that are larger by 32 e (1 + |R| |R^-1|) (|o|
  * + 2 bound) a side hold all of that (norms of Frobenius); what is here in double adds nothing that counts. */
-#include "render/visible.h"
+#include "render/visible_ops.h"
 
 #include <math.h>
+
+#include "render/render_ops.h"
 
 enum { AXES = 3, LAYERS = 4 /* of cells along an edge of a word */ };
 

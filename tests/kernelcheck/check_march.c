@@ -5,7 +5,7 @@
 #include "backend_cpu/kernels_isa.h"
 #include "render/morton.h"
 #include "render/render_kernels.h"
-#include "render/visible.h"
+#include "render/visible_ops.h"
 
 struct kernel {
   const char *name;

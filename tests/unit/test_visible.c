@@ -8,7 +8,7 @@
 #include "core/rng.h"
 #include "render/morton.h"
 #include "render/render_kernels.h"
-#include "render/visible.h"
+#include "render/visible_ops.h"
 
 enum { MOST_STEPS = 200, SIDE = ERN_OCCUPANCY_SIDE };
 

@@ -220,6 +220,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->clip_path);
   status = shots_of_clip(&job->shots, session, portrait->clip, (enum shot_split)portrait->split);
   if (status == 0) status = portrait_cut(portrait, args, &job->shots);
+  if (status == 0) status = portrait_thin(portrait, session, &job->shots, job->features);
   if (status == 0) status = backdrop_open(&job->backdrop, session, NULL, portrait->clip, info->width, info->height);
   return status;
 }

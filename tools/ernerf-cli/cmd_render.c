@@ -234,6 +234,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = check_eye(job, args);
   if (status == 0) status = open_features(job);
   if (status == 0) status = open_shots(job, args);
+  if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->shots, job->features);
   if (status == 0 && job->size.width == 0)
     job->size = (struct dimensions){job->shots.camera.width, job->shots.camera.height};
   if (status == 0) status = open_backdrop(job);

@@ -5,8 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
+
+/* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/performance.md). */
+static const float TRANSMITTANCE_STOP = 3e-3f;
+
 void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]) {
   portrait->render = ern_render_options_default();
+  portrait->render.transmittance_stop = TRANSMITTANCE_STOP;
   portrait->scale = 4;
   portrait->split = split;
   portrait->frames = (struct range){.open_end = true};
@@ -38,6 +44,18 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
        .low = 0,
        .high = 1,
        .help = "growth of the step with distance (default 1/256)"},
+      {.name = "transmittance_stop",
+       .kind = OPTION_FLOAT,
+       .target = &render->transmittance_stop,
+       .low = 0,
+       .high = 0.99,
+       .help = "a ray ends when less light than this is left (default 0.003; 1e-4 is what models are trained with)"},
+      {.name = "occupancy_threshold",
+       .kind = OPTION_FLOAT,
+       .target = &portrait->occupancy_threshold,
+       .low = 0,
+       .high = 1e6,
+       .help = "leave out cells that stay thinner than this in the speech (default 0: none)"},
       {.name = "torso_shrink",
        .kind = OPTION_FLOAT,
        .target = &render->torso_shrink,
@@ -118,6 +136,25 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
   if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)
     return session_fail(session);
   return 0;
+}
+
+/* Moments spread over the speech; eyes from open to closed, whatever they are at those. */
+int portrait_thin(struct portrait *portrait, struct session *session, const struct shots *shots,
+                  const ern_features *features) {
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  float eyes[MOMENTS];
+  if (portrait->occupancy_threshold <= 0 || shots->count == 0) return 0;
+  float *windows = malloc(MOMENTS * values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for %d moments of the speech", MOMENTS);
+  for (size_t k = 0; k < MOMENTS; k++) {
+    shots_windows(shots, (shots->count - 1) * k / (MOMENTS - 1), features, (ern_audio_pad)portrait->audio_pad,
+                  windows + k * values);
+    eyes[k] = (float)(k % 3) / 2;
+  }
+  const ern_status status = ern_renderer_skip_thin(portrait->renderer, windows, features->window_length, eyes, MOMENTS,
+                                                   portrait->occupancy_threshold);
+  free(windows);
+  return status == ERN_OK ? 0 : session_fail(session);
 }
 
 void portrait_close(struct portrait *portrait) {

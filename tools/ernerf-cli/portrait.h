@@ -13,7 +13,7 @@ struct portrait {
   const char *model_path, *clip_path; /* clip_path NULL: no clip */
   /* from the command line */
   ern_render_options render;
-  float scale;
+  float scale, occupancy_threshold;
   int audio_pad, split; /* ern_audio_pad, enum shot_split */
   struct range frames;
   uint64_t memory;
@@ -28,16 +28,20 @@ struct portrait {
   ern_renderer *renderer;
 };
 
-enum { PORTRAIT_OPTIONS = 11 };
-/* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --torso_shrink --scale --smooth_lips
- * --asr_model
- * --memory --force. */
+enum { PORTRAIT_OPTIONS = 13 };
+/* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --transmittance_stop --occupancy_threshold
+ * --torso_shrink --scale --smooth_lips --asr_model --memory --force. */
 void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]);
 
 /* Opens model, clip (where there is one), backend and renderer. A model of another clip is refused, with --force only
  * told of. Returns 0, or EXIT_FAILURE after a message. */
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
 void portrait_close(struct portrait *portrait);
+
+/* Leaves out cells that hold next to nothing while these shots speak, where --occupancy_threshold asks for it. Returns
+ * 0, or EXIT_FAILURE after a message. */
+int portrait_thin(struct portrait *portrait, struct session *session, const struct shots *shots,
+                  const ern_features *features);
 
 /* The pose of the head where the model has a camera refinement and the shot is a training frame, in `refined`; else
  * NULL. */

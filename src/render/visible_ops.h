@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * Which parts of a picture can see an occupied cell at all, and from where on: so that rays past the head, and the way
  * to it, need no look at the cells. */
-#ifndef ERN_RENDER_VISIBLE_H
-#define ERN_RENDER_VISIBLE_H
+#ifndef ERN_RENDER_VISIBLE_OPS_H
+#define ERN_RENDER_VISIBLE_OPS_H
 
-#include "render/render_ops.h"
+#include "core/types.h"
+
+struct ern_view;
 
 enum { ERN_VISIBLE_SIDE = 8 }; /* pixels an edge of a block */
 
