@@ -161,7 +161,9 @@ static void check_head(const struct kernel *kernel, size_t n, bool adaptive, boo
   const bool eye = n % 2 == 0;
   double terms[ERN_LOSS_TERMS] = {0}, expected[ERN_LOSS_TERMS] = {0}, most = -INFINITY, sum = 0, worst = 0;
   const float *const u = b.in.data + UNCERTAINTY * b.stride;
-  for (size_t r = 0; r < n; r++) most = fmax(most, (double)u[r]);
+  for (size_t r = 0; r < n; r++) {
+    if ((double)u[r] > most) most = (double)u[r];
+  }
   for (size_t r = 0; r < n; r++) sum += exp((double)u[r] - most);
   const struct ern_softmax softmax = kernel->head_softmax(u, n);
   assert_true((double)softmax.most == most);
@@ -176,7 +178,7 @@ static void check_head(const struct kernel *kernel, size_t n, bool adaptive, boo
   for (size_t r = 0; r < n; r++) {
     const struct exact e = exact_of(&b, r, most, sum, eye);
     const double of_share = share_units(&b, r, most) + sum_units;
-    worst = fmax(worst, of_share);
+    if (of_share > worst) worst = of_share;
     for (size_t row = 0; row < OUT_ROWS; row++) {
       const double allowed = units + (row < DOPACITY && adaptive ? of_share : 0);
       if (row == DEYE && !eye) continue;
