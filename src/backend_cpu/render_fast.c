@@ -7,7 +7,7 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "render/stages.h"
-#include "render/visible.h"
+#include "render/visible_ops.h"
 
 enum { SIDE = ERN_VISIBLE_SIDE, FILL_RAYS = 4096 /* rays of a task that writes the background */ };
 
