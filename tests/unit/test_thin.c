@@ -59,7 +59,7 @@ static void scene_free(struct scene *scene) {
 
 static void draw(struct scene *scene, float *opacity) {
   ern_frame_input input = {.camera = {.pose = {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1},
-                                      .focal = 2 * SIDE,
+                                      .focal = 4 * SIDE,
                                       .cx = SIDE / 2,
                                       .cy = SIDE / 2,
                                       .width = SIDE,
