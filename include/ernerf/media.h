@@ -62,7 +62,7 @@ typedef struct ern_video_options {
   const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
                              Must outlive the writer. */
   double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
-  int crf;                /* H.264 quality 0..51, 18 is the default */
+  int crf;                /* H.264 quality 0..51, 15 is the default */
 } ern_video_options;
 
 ERN_API ern_video_options ern_video_options_default(int width, int height);

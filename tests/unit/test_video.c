@@ -193,7 +193,7 @@ static void test_odd_size_and_sound(void **state) {
   ern_video_options options = ern_video_options_default(161, 119);
   assert_int_equal(options.rate_numerator, 25);
   assert_int_equal(options.rate_denominator, 1);
-  assert_int_equal(options.crf, 18);
+  assert_int_equal(options.crf, 15);
   assert_null(options.sound);
   options.sound = &sound;
   write_video("odd.mp4", &options, 60);
