@@ -40,14 +40,10 @@ int backdrop_fill(struct backdrop *backdrop, struct session *session) {
   return backdrop->background.data != NULL ? 0 : plain_background(backdrop, session, BLACK);
 }
 
-void backdrop_free(struct backdrop *backdrop, struct session *session) {
-  ern_image_free(session->context, &backdrop->background);
-  ern_image_free(session->context, &backdrop->torso);
-}
+/* ---- torso pictures ---------------------------------------------------------------------------------------------- */
 
 /* Colours are averaged by how much of them is seen, else what is transparent would leave a rim. */
-static ern_status resize_rgba(struct session *session, const ern_image *image, int width, int height,
-                              ern_image *resized) {
+static ern_status resize_rgba(ern_context *context, const ern_image *image, int width, int height, ern_image *resized) {
   const size_t pixels = (size_t)image->width * (size_t)image->height;
   ern_image seen = *image;
   seen.data = malloc(pixels * 4);
@@ -57,7 +53,7 @@ static ern_status resize_rgba(struct session *session, const ern_image *image, i
     for (int c = 0; c < 3; c++) seen.data[4 * i + (size_t)c] = (uint8_t)((from[c] * from[3] + 127) / 255);
     seen.data[4 * i + 3] = from[3];
   }
-  const ern_status status = ern_image_resize(session->context, &seen, width, height, resized);
+  const ern_status status = ern_image_resize(context, &seen, width, height, resized);
   free(seen.data);
   if (status != ERN_OK) return status;
   const size_t new_pixels = (size_t)width * (size_t)height;
@@ -72,16 +68,103 @@ static ern_status resize_rgba(struct session *session, const ern_image *image, i
   return ERN_OK;
 }
 
+/* *rgba = a frame's picture in the size of the frames, NULL where there is none. ERN_E_NO_MEMORY may come without
+ * words.
+ */
+static ern_status get_torso(struct backdrop *backdrop, ern_context *context, ern_clip *clip, ern_split split,
+                            size_t index, const uint8_t **rgba) {
+  ern_image torso = {0};
+  ern_status status = ern_clip_pixels(clip, split, index, NULL, &torso);
+  *rgba = torso.data;
+  if (status != ERN_OK || torso.data == NULL || (torso.width == backdrop->width && torso.height == backdrop->height))
+    return status;
+  ern_image_free(context, &backdrop->resized);
+  status = resize_rgba(context, &torso, backdrop->width, backdrop->height, &backdrop->resized);
+  *rgba = backdrop->resized.data;
+  return status;
+}
+
+static const char *words_of(ern_context *context, ern_status status) {
+  return status == ERN_E_NO_MEMORY ? "no memory for a torso picture" : ern_last_error(context);
+}
+
 int backdrop_torso(struct backdrop *backdrop, struct session *session, ern_clip *clip, ern_split split, size_t index,
                    const uint8_t **rgba) {
-  ern_image torso = {0};
+  const ern_status status = get_torso(backdrop, session->context, clip, split, index, rgba);
+  return status == ERN_OK ? 0 : session_fail_with(session, "%s", words_of(session->context, status));
+}
+
+/* ---- reading ahead: the reader's thread -------------------------------------------------------------------------- */
+
+static bool read_torso(struct backdrop *backdrop, const struct shot *shot, uint8_t *to) {
+  const uint8_t *rgba = NULL;
+  const ern_status status = get_torso(backdrop, backdrop->context, backdrop->clip, shot->split, shot->index, &rgba);
+  if (status == ERN_OK)
+    memcpy(to, rgba, (size_t)backdrop->width * (size_t)backdrop->height * 4);
+  else
+    backdrop->trouble = strdup(words_of(backdrop->context, status));
+  return status == ERN_OK;
+}
+
+static void *reader_main(void *argument) {
+  struct backdrop *backdrop = argument;
+  for (size_t k = 0; k < backdrop->shots->count; k++) {
+    const int place = belt_free_place(&backdrop->belt);
+    if (place == BELT_OVER) return NULL;
+    const double began = session_seconds();
+    const bool read = read_torso(backdrop, &backdrop->shots->shot[k], backdrop->torso[place]);
+    backdrop->seconds += session_seconds() - began;
+    if (!read) break;
+    belt_fill(&backdrop->belt);
+  }
+  belt_end(&backdrop->belt);
+  return NULL;
+}
+
+int backdrop_read(struct backdrop *backdrop, struct session *session, ern_clip *clip, const struct shots *shots) {
+  const size_t bytes = (size_t)backdrop->width * (size_t)backdrop->height * 4; /* at most 2^28 */
+  backdrop->context = session->context;
+  backdrop->clip = clip;
+  backdrop->shots = shots;
+  for (size_t i = 0; i < BACKDROP_TORSOS; i++) {
+    backdrop->torso[i] = malloc(bytes);
+    if (backdrop->torso[i] == NULL) return session_fail_with(session, "no memory for a torso picture");
+  }
+  belt_make(&backdrop->belt, BACKDROP_TORSOS);
+  if (pthread_create(&backdrop->reader, NULL, reader_main, backdrop) != 0) {
+    belt_free(&backdrop->belt);
+    return session_fail_with(session, "the system refused a thread that reads");
+  }
+  backdrop->running = true;
+  return 0;
+}
+
+static void end_reader(struct backdrop *backdrop) {
+  if (!backdrop->running) return;
+  belt_break(&backdrop->belt);
+  pthread_join(backdrop->reader, NULL);
+  belt_free(&backdrop->belt);
+  backdrop->running = false;
+}
+
+int backdrop_next_torso(struct backdrop *backdrop, struct session *session, const uint8_t **rgba) {
   *rgba = NULL;
-  if (ern_clip_pixels(clip, split, index, NULL, &torso) != ERN_OK) return session_fail(session);
-  *rgba = torso.data;
-  if (torso.data == NULL || (torso.width == backdrop->width && torso.height == backdrop->height)) return 0;
-  ern_image_free(session->context, &backdrop->torso);
-  const ern_status status = resize_rgba(session, &torso, backdrop->width, backdrop->height, &backdrop->torso);
-  *rgba = backdrop->torso.data;
-  if (status == ERN_E_NO_MEMORY) return session_fail_with(session, "no memory for a torso picture");
-  return status == ERN_OK ? 0 : session_fail(session);
+  if (backdrop->holding) belt_empty(&backdrop->belt);
+  const int place = belt_item(&backdrop->belt);
+  backdrop->holding = place != BELT_OVER;
+  if (place == BELT_OVER) {
+    end_reader(backdrop);
+    return session_fail_with(session, "%s", backdrop->trouble != NULL ? backdrop->trouble : "no more torso pictures");
+  }
+  *rgba = backdrop->torso[place];
+  return 0;
+}
+
+void backdrop_free(struct backdrop *backdrop, struct session *session) {
+  end_reader(backdrop);
+  ern_image_free(session->context, &backdrop->background);
+  ern_image_free(session->context, &backdrop->resized);
+  for (size_t i = 0; i < BACKDROP_TORSOS; i++) free(backdrop->torso[i]);
+  free(backdrop->trouble);
+  *backdrop = (struct backdrop){0};
 }

@@ -11,13 +11,9 @@
 #include "sink.h"
 #include "verbs.h"
 
-enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11 };
-
-/* Milliseconds, summed over the frames. */
-struct stages {
-  double read, encode;
-  ern_frame_times draw;
-};
+/* PICTURE_BYTES: torso pictures that stay in memory, without --memory. They are read ahead, so that it is the few of a
+ * path that goes forward and back in short that are worth it. */
+enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11, PICTURE_BYTES = 16 << 20 };
 
 struct render_job {
   struct session session;
@@ -37,7 +33,7 @@ struct render_job {
   ern_sound sound;
   double sound_start; /* seconds */
   float *windows;
-  struct stages stages;
+  ern_frame_times stages; /* of drawing, milliseconds, summed over the frames */
 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
@@ -206,6 +202,11 @@ static int open_sound(struct render_job *job) {
   return 0;
 }
 
+/* Whether the head is drawn over the torso pictures of the clip. */
+static bool is_behind(const struct render_job *job) {
+  return job->portrait.clip != NULL && !job->portrait.info.has_torso && job->portrait.clip_info.has_torso;
+}
+
 static int open_backdrop(struct render_job *job) {
   const int width = job->size.width, height = job->size.height;
   int status = backdrop_open(&job->backdrop, &job->session, job->background, job->portrait.clip, width, height);
@@ -230,7 +231,9 @@ static void say_plan(struct render_job *job) {
 static int open_all(struct render_job *job, const struct args *args) {
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(&job->session, "%s: its folder is not there", job->out);
-  int status = portrait_open(&job->portrait, &job->session, args);
+  struct session *session = &job->session;
+  if (!args_given(args, "memory")) job->portrait.memory = PICTURE_BYTES;
+  int status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = check_eye(job, args);
   if (status == 0) status = open_features(job);
   if (status == 0) status = open_shots(job, args);
@@ -239,6 +242,7 @@ static int open_all(struct render_job *job, const struct args *args) {
     job->size = (struct dimensions){job->shots.camera.width, job->shots.camera.height};
   if (status == 0) status = open_backdrop(job);
   if (status == 0) status = open_sound(job);
+  if (status == 0 && is_behind(job)) status = backdrop_read(&job->backdrop, session, job->portrait.clip, &job->shots);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->portrait.info.has_eye,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
@@ -248,14 +252,10 @@ static int open_all(struct render_job *job, const struct args *args) {
 
 static int draw(struct render_job *job, size_t k) {
   const struct shot *shot = &job->shots.shot[k];
-  const bool behind = job->portrait.clip != NULL && !job->portrait.info.has_torso;
   const uint8_t *torso = NULL;
+  ern_frame_output output;
   ern_frame_times times;
-  const double began = session_seconds();
-  if (behind &&
-      backdrop_torso(&job->backdrop, &job->session, job->portrait.clip, shot->split, shot->index, &torso) != 0)
-    return EXIT_FAILURE;
-  const double read = session_seconds();
+  if (is_behind(job) && backdrop_next_torso(&job->backdrop, &job->session, &torso) != 0) return EXIT_FAILURE;
   shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
   const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
   float refined[16];
@@ -266,33 +266,35 @@ static int draw(struct render_job *job, size_t k) {
                                  .eye = shot->eye,
                                  .background = job->backdrop.background.data,
                                  .torso = torso};
-  const ern_frame_output output = sink_room(&job->sink);
+  if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
   if (ern_renderer_frame(job->portrait.renderer, &input, &output, &times) != ERN_OK) return session_fail(&job->session);
-  const double drawn = session_seconds();
-  const int status = sink_put(&job->sink, &job->session, shot->number);
-  job->stages.read += 1000 * (read - began);
-  job->stages.encode += 1000 * (session_seconds() - drawn);
-  job->stages.draw.audio += times.audio;
-  job->stages.draw.torso += times.torso;
-  job->stages.draw.head += times.head;
-  job->stages.draw.output += times.output;
-  return status;
+  sink_put(&job->sink, shot->number);
+  job->stages.audio += times.audio;
+  job->stages.torso += times.torso;
+  job->stages.head += times.head;
+  job->stages.output += times.output;
+  return 0;
+}
+
+/* Of a frame; reading and encoding go on beside the others. */
+static json_t *report_stages(const struct render_job *job) {
+  const ern_frame_times *draw = &job->stages;
+  const double frames = (double)job->shots.count;
+  return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "read", session_number(1000 * job->backdrop.seconds / frames),
+                   "audio", session_number(draw->audio / frames), "torso", session_number(draw->torso / frames), "head",
+                   session_number(draw->head / frames), "output", session_number(draw->output / frames), "encode",
+                   session_number(1000 * job->sink.seconds / frames));
 }
 
 static json_t *report(const struct render_job *job, double seconds) {
-  const struct stages *stages = &job->stages;
   const double frames = (double)job->shots.count;
-  json_t *by_stage =
-      json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "read", session_number(stages->read / frames), "audio",
-                session_number(stages->draw.audio / frames), "torso", session_number(stages->draw.torso / frames),
-                "head", session_number(stages->draw.head / frames), "output",
-                session_number(stages->draw.output / frames), "encode", session_number(stages->encode / frames));
   return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:o, s:o, s:o, s:o, s:b, s:s, s:s}", "output", job->out, "model",
                    job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
                    (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "seconds",
                    session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
-                   session_number(1000 * seconds / frames), "ms_by_stage", by_stage, "sound", job->sound.data != NULL,
-                   "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa);
+                   session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
+                   job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
+                   job->session.backend_info.isa);
 }
 
 static int draw_all(struct render_job *job) {

@@ -2,6 +2,7 @@
 #include "sink.h"
 
 #include <errno.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,60 +47,21 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path) {
       args, "-o is \"%s\", expected NAME.mp4, numbered pictures such as out/%%05d.png or out/%%05d.exr, or -", path);
 }
 
-/* ---- opening ----------------------------------------------------------------------------------------------------- */
+/* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
 
-static bool make_room(struct sink *sink) {
-  const size_t pixels = (size_t)sink->width * (size_t)sink->height; /* at most 2^26 */
-  if (sink->kind != SINK_EXR) return (sink->rgba = malloc(pixels * 4)) != NULL;
-  sink->rgb = malloc(pixels * 3 * sizeof(float));
-  sink->alpha = malloc(pixels * sizeof(float));
-  sink->depth = malloc(pixels * sizeof(float));
-  sink->attention = malloc(pixels * sizeof(float));
-  sink->eye = malloc(pixels * sizeof(float));
-  sink->channels = malloc(pixels * EXR_CHANNELS * sizeof(float));
-  return sink->rgb != NULL && sink->alpha != NULL && sink->depth != NULL && sink->attention != NULL &&
-         sink->eye != NULL && sink->channels != NULL;
-}
-
-int sink_open(struct sink *sink, struct session *session, int width, int height, bool has_eye, const ern_sound *sound,
-              double sound_start) {
-  sink->width = width;
-  sink->height = height;
-  sink->has_eye = has_eye;
-  if (!make_room(sink)) return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
-  if (sink->kind != SINK_VIDEO) return 0;
-  ern_video_options options = ern_video_options_default(width, height);
-  options.sound = sound;
-  options.sound_start = sound_start;
-  if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)
-    return session_fail(session);
-  return 0;
-}
-
-ern_frame_output sink_room(const struct sink *sink) {
-  return (ern_frame_output){.rgba = sink->rgba,
-                            .rgb = sink->rgb,
-                            .alpha = sink->alpha,
-                            .depth = sink->depth,
-                            .attention = sink->attention,
-                            .eye = sink->has_eye ? sink->eye : NULL};
-}
-
-/* ---- frames ------------------------------------------------------------------------------------------------------ */
-
-static ern_status write_exr(const struct sink *sink, struct session *session, const char *path) {
+static ern_status write_exr(const struct sink *sink, const struct sink_room *room, const char *path) {
   static const char *const names[EXR_CHANNELS] = {"R", "G", "B", "A", "Z", "audio_attention", "eye_attention"};
   const size_t pixels = (size_t)sink->width * (size_t)sink->height;
   const size_t channels = sink->has_eye ? EXR_CHANNELS : EXR_CHANNELS - 1;
   for (size_t i = 0; i < pixels; i++) {
     float *to = sink->channels + i * channels;
-    memcpy(to, sink->rgb + 3 * i, 3 * sizeof(float));
-    to[3] = sink->alpha[i];
-    to[4] = sink->depth[i];
-    to[5] = sink->attention[i];
-    if (sink->has_eye) to[6] = sink->eye[i];
+    memcpy(to, room->rgb + 3 * i, 3 * sizeof(float));
+    to[3] = room->alpha[i];
+    to[4] = room->depth[i];
+    to[5] = room->attention[i];
+    if (sink->has_eye) to[6] = room->eye[i];
   }
-  return ern_image_write_exr(session->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
+  return ern_image_write_exr(sink->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
 }
 
 /* The path with the number in place of its mark, which sink_choose has checked. */
@@ -110,40 +72,154 @@ static bool numbered_path(const struct sink *sink, size_t number, char path[PATH
          PATH_BYTES;
 }
 
-static int put_raw(const struct sink *sink, struct session *session) {
-  const size_t bytes = (size_t)sink->width * (size_t)sink->height * 4;
-  if (fwrite(sink->rgba, 1, bytes, stdout) == bytes && fflush(stdout) == 0) return 0;
-  return session_fail_with(session, "standard output: cannot be written: %s", strerror(errno));
+/* Remembers why, for the thread that draws. */
+static bool give_up(struct sink *sink, const char *format, ...) ERN_PRINTF(2, 3);
+static bool give_up(struct sink *sink, const char *format, ...) {
+  char text[PATH_BYTES];
+  va_list values;
+  va_start(values, format);
+  vsnprintf(text, sizeof text, format, values);
+  va_end(values);
+  sink->trouble = strdup(text);
+  return false;
 }
 
-int sink_put(struct sink *sink, struct session *session, size_t number) {
+static bool write_room(struct sink *sink, const struct sink_room *room) {
+  const size_t bytes = (size_t)sink->width * (size_t)sink->height * 4;
   char path[PATH_BYTES];
   ern_status status = ERN_OK;
-  if (sink->kind == SINK_RAW) return put_raw(sink, session);
-  if (sink->kind == SINK_VIDEO) {
-    status = ern_video_writer_frame(sink->video, sink->rgba);
-  } else {
-    if (!numbered_path(sink, number, path)) return session_fail_with(session, "%s: the name is too long", sink->path);
-    const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = sink->rgba};
-    status =
-        sink->kind == SINK_PNG ? ern_image_write(session->context, path, &image, 100) : write_exr(sink, session, path);
+  if (sink->kind == SINK_RAW) {
+    if (fwrite(room->rgba, 1, bytes, stdout) == bytes && fflush(stdout) == 0) return true;
+    return give_up(sink, "standard output: cannot be written: %s", strerror(errno));
   }
-  return status == ERN_OK ? 0 : session_fail(session);
+  if (sink->kind == SINK_VIDEO) {
+    status = ern_video_writer_frame(sink->video, room->rgba);
+  } else {
+    if (!numbered_path(sink, room->number, path)) return give_up(sink, "%s: the name is too long", sink->path);
+    const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = room->rgba};
+    status = sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, room, path);
+  }
+  return status == ERN_OK || give_up(sink, "%s", ern_last_error(sink->context));
+}
+
+static void *writer_main(void *argument) {
+  struct sink *sink = argument;
+  for (int place = belt_item(&sink->belt); place != BELT_OVER; place = belt_item(&sink->belt)) {
+    const double began = session_seconds();
+    const bool written = write_room(sink, &sink->rooms[place]);
+    sink->seconds += session_seconds() - began;
+    if (!written) {
+      belt_break(&sink->belt);
+      break;
+    }
+    belt_empty(&sink->belt);
+  }
+  return NULL;
+}
+
+/* ---- opening and closing ----------------------------------------------------------------------------------------- */
+
+static bool make_room(const struct sink *sink, struct sink_room *room) {
+  const size_t pixels = (size_t)sink->width * (size_t)sink->height; /* at most 2^26 */
+  if (sink->kind != SINK_EXR) return (room->rgba = malloc(pixels * 4)) != NULL;
+  room->rgb = malloc(pixels * 3 * sizeof(float));
+  room->alpha = malloc(pixels * sizeof(float));
+  room->depth = malloc(pixels * sizeof(float));
+  room->attention = malloc(pixels * sizeof(float));
+  room->eye = malloc(pixels * sizeof(float));
+  return room->rgb != NULL && room->alpha != NULL && room->depth != NULL && room->attention != NULL &&
+         room->eye != NULL;
+}
+
+static bool make_rooms(struct sink *sink) {
+  const size_t pixels = (size_t)sink->width * (size_t)sink->height;
+  bool made = true;
+  for (size_t i = 0; i < SINK_ROOMS; i++) made = made && make_room(sink, &sink->rooms[i]);
+  if (sink->kind != SINK_EXR) return made;
+  sink->channels = malloc(pixels * EXR_CHANNELS * sizeof(float));
+  return made && sink->channels != NULL;
+}
+
+int sink_open(struct sink *sink, struct session *session, int width, int height, bool has_eye, const ern_sound *sound,
+              double sound_start) {
+  sink->context = session->context;
+  sink->width = width;
+  sink->height = height;
+  sink->has_eye = has_eye;
+  if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
+  if (sink->kind == SINK_VIDEO) {
+    ern_video_options options = ern_video_options_default(width, height);
+    options.sound = sound;
+    options.sound_start = sound_start;
+    if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)
+      return session_fail(session);
+  }
+  belt_make(&sink->belt, SINK_ROOMS);
+  if (pthread_create(&sink->writer, NULL, writer_main, sink) != 0) {
+    belt_free(&sink->belt);
+    return session_fail_with(session, "the system refused a thread that writes");
+  }
+  sink->running = true;
+  return 0;
+}
+
+/* Waits until the writer is done with what it was given. */
+static void end_writer(struct sink *sink) {
+  if (!sink->running) return;
+  belt_end(&sink->belt);
+  pthread_join(sink->writer, NULL);
+  belt_free(&sink->belt);
+  sink->running = false;
+}
+
+static int say_trouble(const struct sink *sink, struct session *session) {
+  return session_fail_with(session, "%s", sink->trouble != NULL ? sink->trouble : "no memory while writing");
+}
+
+int sink_room(struct sink *sink, struct session *session, ern_frame_output *output) {
+  const int place = sink->running ? belt_free_place(&sink->belt) : BELT_OVER;
+  if (place == BELT_OVER) {
+    end_writer(sink);
+    return say_trouble(sink, session);
+  }
+  const struct sink_room *room = &sink->rooms[place];
+  *output = (ern_frame_output){.rgba = room->rgba,
+                               .rgb = room->rgb,
+                               .alpha = room->alpha,
+                               .depth = room->depth,
+                               .attention = room->attention,
+                               .eye = sink->has_eye ? room->eye : NULL};
+  return 0;
+}
+
+void sink_put(struct sink *sink, size_t number) {
+  const int place = belt_free_place(&sink->belt); /* that of sink_room */
+  if (place == BELT_OVER) return;                 /* the next sink_room says why */
+  sink->rooms[place].number = number;
+  belt_fill(&sink->belt);
 }
 
 int sink_close(struct sink *sink, struct session *session) {
+  end_writer(sink);
+  if (sink->belt.broken) return say_trouble(sink, session);
   if (sink->kind != SINK_VIDEO) return 0;
   return ern_video_writer_close(&sink->video) == ERN_OK ? 0 : session_fail(session);
 }
 
 void sink_free(struct sink *sink) {
+  if (sink->running) belt_break(&sink->belt);
+  end_writer(sink);
   ern_video_writer_abandon(&sink->video);
-  free(sink->rgba);
-  free(sink->rgb);
-  free(sink->alpha);
-  free(sink->depth);
-  free(sink->attention);
-  free(sink->eye);
+  for (size_t i = 0; i < SINK_ROOMS; i++) {
+    struct sink_room *room = &sink->rooms[i];
+    free(room->rgba);
+    free(room->rgb);
+    free(room->alpha);
+    free(room->depth);
+    free(room->attention);
+    free(room->eye);
+  }
   free(sink->channels);
+  free(sink->trouble);
   *sink = (struct sink){0};
 }
