@@ -6,6 +6,7 @@
 #include "backend_cpu/field_train.h"
 #include "backend_cpu/head_step_fast.h"
 #include "backend_cpu/render_fast.h"
+#include "backend_cpu/torso_fast.h"
 #include "core/memory.h"
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
 #include "backend_cpu/kernels_isa.h"
@@ -248,10 +249,13 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   }
 #endif
 #if defined(ERN_X86_KERNELS)
+  if (isa == ERN_ISA_AVX2) table->render_torso = ern_render_torso_avx2;
+  if (isa == ERN_ISA_AVX512) table->render_torso = ern_render_torso_avx512;
   if (isa == ERN_ISA_AVX2) fuse_training(made, &ern_train_kernels_avx2);
   if (isa == ERN_ISA_AVX512) fuse_training(made, &ern_train_kernels_avx512);
 #endif
 #if defined(ERN_ARM_KERNELS)
+  if (isa == ERN_ISA_NEON) table->render_torso = ern_render_torso_neon;
   if (isa == ERN_ISA_NEON) fuse_training(made, &ern_train_kernels_neon);
 #endif
   *backend = table;

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ * The torso over a picture without doing anything twice.
+ *
+ * Both MLPs see [.., encoding of q, encoding of k, code], and k and the code are the frame's: their part of the first
+ * layers is a bias. The encoding of q = (row, column) is one of the row beside one of the column, so the rest of a
+ * first layer is a term of the row plus a term of the column, H + W of them instead of H W: hidden_j (row, column) =
+ * relu(row_term_j + column_term_j [+ W_grid f]), the bias being in the column's term.
+ *
+ * A kernel works through a band of ERN_TORSO_BAND rows of pixels, in blocks of LANES/4 x 4 pixels, one a register,
+ * tiles of blocks from coordinate to pixel; blocks without a chosen pixel are never looked at. */
+#ifndef ERN_TORSO_FAST_H
+#define ERN_TORSO_FAST_H
+
+#include "core/backend.h"
+
+enum {
+  ERN_TORSO_BAND = 16,                    /* rows of pixels a task */
+  ERN_TORSO_HIDDEN = 32,                  /* units of each hidden layer */
+  ERN_TORSO_TERMS = 2 * ERN_TORSO_HIDDEN, /* units of both first layers: deformation, layer */
+  ERN_TORSO_AXIS_ROWS = 17,               /* encoding of one coordinate: x, sin and cos of 8 octaves */
+};
+
+/* What is known of a row or a column; arrays of `padded` values, a multiple of ERN_TORSO_AXIS_UNIT. */
+enum { ERN_TORSO_AXIS_UNIT = 16 };
+struct ern_torso_axis {
+  const float *q;      /* coordinate times shrink */
+  const int32_t *cell; /* of the 2D occupancy: cell, weight of the next one */
+  const float *weight;
+  const float *terms; /* [padded/4][ERN_TORSO_TERMS][4] */
+};
+
+struct ern_torso_level {
+  float scale;
+  uint32_t column_step; /* entries from a cell to the one in the next column; rows lie side by side */
+  uint32_t mask;        /* entries - 1 where the index is taken modulo that, else all ones */
+  const float *table;   /* [entries][2] */
+};
+
+/* The levels side by side, ERN_TORSO_LEVELS of them; behind the last: scale 0, last -1. */
+enum { ERN_TORSO_LEVELS = (ERN_GRID_MAX_LEVELS + 15) / 16 * 16 };
+struct ern_torso_levels {
+  float scale[ERN_TORSO_LEVELS];
+  int32_t column_step[ERN_TORSO_LEVELS], mask[ERN_TORSO_LEVELS];
+  int32_t last[ERN_TORSO_LEVELS]; /* from which 4 rows of 4 columns still lie in the table, in their order */
+};
+
+struct ern_torso_frame {
+  int width, height, levels;
+  struct ern_torso_axis row, column;
+  struct ern_torso_level level[ERN_GRID_MAX_LEVELS];
+  struct ern_torso_levels abreast;
+  const float *occupancy; /* cell (r, c) at c*128 + r */
+  float threshold;
+  const float *deform1, *deform2;        /* packed: [32][32], [2][32] */
+  const float *layer0, *layer1, *layer2; /* [32][2 levels], [32][32], [4][32] */
+  float *pixel;                          /* [3][stride], in and out */
+  size_t stride;
+  float *opacity; /* NULL: not wanted */
+};
+
+/* terms[i/4][j][i%4] = bias_j + sum_c weight[c][j] encoding[c][i] for `count` i, a multiple of ERN_TORSO_AXIS_UNIT;
+ * weight: [ERN_TORSO_AXIS_ROWS][ERN_TORSO_TERMS], encoding: rows at `stride`. */
+typedef void ern_torso_terms_kernel(float *terms, const float *bias, const float *weight, const float *encoding,
+                                    size_t stride, size_t count);
+/* Rows ERN_TORSO_BAND*band and on. */
+typedef void ern_torso_band_kernel(const struct ern_torso_frame *frame, size_t band);
+
+#define ERN_TORSO_KERNELS_OF(isa)                      \
+  extern ern_torso_terms_kernel ern_torso_terms_##isa; \
+  extern ern_torso_band_kernel ern_torso_band_##isa;   \
+  ern_status ern_render_torso_##isa(struct ern_stream *stream, struct ern_render_torso_args *args)
+
+ERN_TORSO_KERNELS_OF(avx2);
+ERN_TORSO_KERNELS_OF(avx512);
+ERN_TORSO_KERNELS_OF(neon);
+
+#endif
