@@ -21,6 +21,8 @@ static const struct kernel kernels[] = {
 #if defined(ERN_X86_KERNELS)
     {"avx2", MACHINE_AVX2, ern_rays_avx2, ern_march_avx2, ern_march_from_avx2, ern_samples_avx2},
     {"avx512", MACHINE_AVX512, ern_rays_avx512, ern_march_avx512, ern_march_from_avx512, ern_samples_avx512},
+#elif defined(ERN_ARM_KERNELS)
+    {"neon", MACHINE_NEON, ern_rays_neon, ern_march_neon, ern_march_from_neon, ern_samples_neon},
 #endif
 };
 enum { KERNELS = sizeof kernels / sizeof *kernels };
