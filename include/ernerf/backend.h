@@ -17,7 +17,7 @@ typedef struct ern_backend_config {
   uint32_t cookie;
   const char *name; /* "auto" (the CPU), "cpu"; "opencl" is refused until its table is whole */
   const char *isa;  /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
-                       "ref64" the reference in double, "avx2", "avx512", "neon" */
+                       "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon" */
   int device;       /* number of an OpenCL device, as ern_devices_list counts */
 } ern_backend_config;
 

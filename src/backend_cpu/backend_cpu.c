@@ -237,10 +237,12 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
     ern_cpu_fill_kernels_ref(made->kernel_room);
   }
 #if defined(ERN_X86_KERNELS)
-  if (isa == ERN_ISA_AVX2 || isa == ERN_ISA_AVX512) overwrite_avx2(made->kernel_room);
-  if (isa == ERN_ISA_AVX512) overwrite_avx512(made->kernel_room);
+  const bool bf16 = isa == ERN_ISA_AVX512BF16, wide = isa == ERN_ISA_AVX512 || bf16;
+  if (isa == ERN_ISA_AVX2 || wide) overwrite_avx2(made->kernel_room);
+  if (wide) overwrite_avx512(made->kernel_room);
   if (isa == ERN_ISA_AVX2) fuse(made, ern_render_lane_avx2);
-  if (isa == ERN_ISA_AVX512) fuse(made, ern_render_lane_avx512);
+  if (wide) fuse(made, bf16 ? ern_render_lane_avx512bf16 : ern_render_lane_avx512);
+  made->render_pairs = bf16;
 #endif
 #if defined(ERN_ARM_KERNELS)
   if (isa == ERN_ISA_NEON) {
@@ -250,9 +252,9 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
 #endif
 #if defined(ERN_X86_KERNELS)
   if (isa == ERN_ISA_AVX2) table->render_torso = ern_render_torso_avx2;
-  if (isa == ERN_ISA_AVX512) table->render_torso = ern_render_torso_avx512;
+  if (wide) table->render_torso = ern_render_torso_avx512;
   if (isa == ERN_ISA_AVX2) fuse_training(made, &ern_train_kernels_avx2);
-  if (isa == ERN_ISA_AVX512) fuse_training(made, &ern_train_kernels_avx512);
+  if (wide) fuse_training(made, &ern_train_kernels_avx512);
 #endif
 #if defined(ERN_ARM_KERNELS)
   if (isa == ERN_ISA_NEON) table->render_torso = ern_render_torso_neon;

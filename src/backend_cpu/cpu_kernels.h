@@ -88,6 +88,7 @@ struct ern_cpu_backend {
   void *kernel_room;
   /* the fused pass of rendering; NULL: render_rays goes through the stages */
   ern_render_lane_kernel *render_lane;
+  bool render_pairs; /* it reads a net in pairs of bf16 (frame_net.h) */
   ern_status (*render_rays_stages)(struct ern_stream *, struct ern_render_rays_args *);
   const struct ern_train_kernels *train; /* of the fused training step; NULL: head_step goes through the stages */
 };

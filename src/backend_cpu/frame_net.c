@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "backend_cpu/pack.h"
+#include "backend_cpu/pack_pairs.h"
 #include "core/memory.h"
 
 bool ern_frame_net_fits(const struct ern_field *field) {
@@ -75,29 +75,46 @@ static void multiply(float *out, const float *a, size_t a_row, const float *scal
   }
 }
 
+/* Packed columns that n inputs take, and the density's in all. */
+static size_t room_of(const struct ern_frame_net *net, size_t n) { return net->pairs ? ern_pairs(n) : n; }
+static size_t density_room(const struct ern_frame_net *net) {
+  return room_of(net, net->features) + room_of(net, net->attention) + net->eye;
+}
+
+/* A [rows][columns], rows `row_step` apart, from place `at` of a layer that takes `width`. */
+static void pack_part(const struct ern_frame_net *net, float *packed, size_t width, size_t at, const float *a,
+                      size_t row_step, size_t rows, size_t columns) {
+  if (net->pairs)
+    ern_pack_pairs(packed, width, at, a, row_step, rows, columns);
+  else
+    ern_pack_columns(packed, width, at, a, row_step, 1, rows, columns);
+}
+static void pack(const struct ern_frame_net *net, float *packed, const float *w, size_t rows, size_t columns) {
+  pack_part(net, packed, room_of(net, columns), 0, w, columns, rows, columns);
+}
+
 /* The colour's first layer reads [SH, geometry, code]; the density's last one gives [log sigma, geometry]. */
 static void pack_model(struct ern_frame_net *net, const struct ern_field *field, const float *parameters) {
   const size_t wide = (size_t)field->density.width[0], inputs = (size_t)field->colour.width[0];
   const float *last = layer(&field->density, parameters, 2), *first = layer(&field->colour, parameters, 0);
-  ern_pack(net->attention1, layer(&field->attention, parameters, 0), net->attention, net->features);
-  ern_pack(net->value, layer(&field->attention, parameters, 1), net->value_rows, net->attention);
+  pack(net, net->attention1, layer(&field->attention, parameters, 0), net->attention, net->features);
+  pack(net, net->value, layer(&field->attention, parameters, 1), net->value_rows, net->attention);
   if (net->eye) {
-    ern_pack(net->eye1, layer(&field->eye, parameters, 0), net->eye_hidden, net->features);
-    ern_pack(net->eye2, layer(&field->eye, parameters, 1), 1, net->eye_hidden);
+    pack(net, net->eye1, layer(&field->eye, parameters, 0), net->eye_hidden, net->features);
+    pack(net, net->eye2, layer(&field->eye, parameters, 1), 1, net->eye_hidden);
   }
-  const size_t columns = net->features + net->attention + net->eye;
+  const size_t room = density_room(net);
   const float *density = layer(&field->density, parameters, 0);
-  ern_pack_columns(net->density1, columns, 0, density, wide, 1, net->density, net->features);
+  pack_part(net, net->density1, room, 0, density, wide, net->density, net->features);
   if (net->eye)
-    ern_pack_columns(net->density1, columns, columns - 1, density + net->features + net->value_rows, wide, 1,
-                     net->density, 1);
-  ern_pack(net->density2, layer(&field->density, parameters, 1), net->density, net->density);
-  ern_pack(net->sigma, last, 1, net->density);
+    pack_part(net, net->density1, room, room - 1, density + net->features + net->value_rows, wide, net->density, 1);
+  pack(net, net->density2, layer(&field->density, parameters, 1), net->density, net->density);
+  pack(net, net->sigma, last, 1, net->density);
   multiply(net->folded, first + ERN_SH_ROWS, inputs, NULL, last + net->density, net->colour, ERN_GEOMETRY,
            net->density);
-  ern_pack(net->colour1, net->folded, net->colour, net->density);
+  pack(net, net->colour1, net->folded, net->colour, net->density);
   ern_pack_columns(net->ray, ERN_SH_ROWS, 0, first, inputs, 1, net->colour, ERN_SH_ROWS);
-  ern_pack(net->colour2, layer(&field->colour, parameters, 1), 3, net->colour);
+  pack(net, net->colour2, layer(&field->colour, parameters, 1), 3, net->colour);
 }
 
 void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field, const float *parameters,
@@ -106,8 +123,8 @@ void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field
   net->eye_value = eye_value;
   multiply(net->folded, layer(&field->density, parameters, 0) + net->features, wide, code,
            layer(&field->attention, parameters, 1), net->density, net->value_rows, net->attention);
-  ern_pack_columns(net->density1, net->features + net->attention + net->eye, net->features, net->folded, net->attention,
-                   1, net->density, net->attention);
+  pack_part(net, net->density1, density_room(net), room_of(net, net->features), net->folded, net->attention,
+            net->density, net->attention);
   memset(net->code, 0, net->colour * sizeof *net->code);
   if (field->config.codes == 0) return;
   const float *own = parameters + field->codes + individual * ERN_CODE_WIDTH;
@@ -120,24 +137,26 @@ void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field
 
 struct part {
   float **at;
-  size_t rows, columns;
+  size_t count;
 };
 
 static size_t parts_of(struct ern_frame_net *net, struct part part[12]) {
+  const size_t features = room_of(net, net->features), hidden = room_of(net, net->attention);
+  const size_t density = room_of(net, net->density), eye_hidden = room_of(net, net->eye_hidden);
   const struct part all[] = {
-      {&net->attention1, net->attention, net->features},
-      {&net->eye1, net->eye_hidden, net->features},
-      {&net->eye2, net->eye, net->eye_hidden},
-      {&net->value, net->value_rows, net->attention},
-      {&net->density1, net->density, net->features + net->attention + net->eye},
-      {&net->density2, net->density, net->density},
-      {&net->sigma, 1, net->density},
-      {&net->colour1, net->colour, net->density},
-      {&net->ray, net->colour, ERN_SH_ROWS},
-      {&net->colour2, 3, net->colour},
-      {&net->code, net->colour, 1},
-      {&net->folded, net->density > net->colour ? net->density : net->colour,
-       net->density > net->attention ? net->density : net->attention},
+      {&net->attention1, ern_pack_count(net->attention, features)},
+      {&net->eye1, ern_pack_count(net->eye_hidden, features)},
+      {&net->eye2, ern_pack_count(net->eye, eye_hidden)},
+      {&net->value, ern_pack_count(net->value_rows, hidden)},
+      {&net->density1, ern_pack_count(net->density, density_room(net))},
+      {&net->density2, ern_pack_count(net->density, density)},
+      {&net->sigma, ern_pack_count(1, density)},
+      {&net->colour1, ern_pack_count(net->colour, density)},
+      {&net->ray, ern_pack_count(net->colour, ERN_SH_ROWS)},
+      {&net->colour2, ern_pack_count(3, room_of(net, net->colour))},
+      {&net->code, ern_pack_count(net->colour, 1)},
+      {&net->folded, ern_pack_count(net->density > net->colour ? net->density : net->colour,
+                                    net->density > net->attention ? net->density : net->attention)},
   };
   memcpy(part, all, sizeof all);
   return sizeof all / sizeof *all;
@@ -155,7 +174,7 @@ static void set_widths(struct ern_frame_net *net, const struct ern_field *field)
   net->colour = (size_t)field->colour.width[1];
 }
 
-ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters,
+ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters, bool pairs,
                               struct ern_frame_net **net) {
   void *room = NULL;
   *net = NULL;
@@ -163,10 +182,11 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
   if (status != ERN_OK) return status;
   struct ern_frame_net *made = room;
   set_widths(made, field);
+  made->pairs = pairs;
   struct part part[12];
   const size_t parts = parts_of(made, part);
   size_t count = 0;
-  for (size_t i = 0; i < parts; i++) count += (ern_pack_count(part[i].rows, part[i].columns) + 15) / 16 * 16;
+  for (size_t i = 0; i < parts; i++) count += (part[i].count + 15) / 16 * 16;
   for (int plane = 0; plane < ERN_PLANES; plane++) count += dense_count(&field->plane[plane]);
   status = ern_allocate(context, count, sizeof(float), &room);
   if (status != ERN_OK) {
@@ -176,7 +196,7 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
   float *at = made->room = room;
   for (size_t i = 0; i < parts; i++) {
     *part[i].at = at;
-    at += (ern_pack_count(part[i].rows, part[i].columns) + 15) / 16 * 16;
+    at += (part[i].count + 15) / 16 * 16;
   }
   unhash(made, field, parameters, at);
   pack_model(made, field, parameters);

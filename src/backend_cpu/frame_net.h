@@ -6,7 +6,10 @@
  * the first coordinate always lie side by side.
  * Once for a frame: the audio code a scales the attention's last layer, which has no activation behind it either:
  *   W_region (a * (W_v h)) = (W_region diag(a) W_v) h, one matrix over the hidden attention h;
- * the individual code gives the colour's first layer a constant. */
+ * the individual code gives the colour's first layer a constant.
+ *
+ * For instruction sets that multiply pairs of bf16 the layers of a sample are packed so (pack_pairs.h), each part of
+ * the density's input filled up to whole pairs. What a ray adds (`ray`, `code`) stays in float. */
 #ifndef ERN_FRAME_NET_H
 #define ERN_FRAME_NET_H
 
@@ -25,9 +28,9 @@ struct ern_frame_net {
   int axis[ERN_PLANES][2];
   int levels;
   float bound, eye_value;
-  bool eye;
+  bool eye, pairs;
   size_t features, attention, eye_hidden, density, colour, value_rows; /* widths of inputs and hidden layers */
-  /* packed; [rows] x [columns] */
+  /* packed, all but `ray` in pairs of bf16 where `pairs` says so; [rows] x [columns] */
   float *attention1;  /* [attention] x [features] */
   float *eye1, *eye2; /* [eye_hidden] x [features]; [1] x [eye_hidden] */
   float *value;       /* [value_rows] x [attention]: v itself, for its norm */
@@ -44,8 +47,9 @@ struct ern_frame_net {
 
 /* Whether a model has the layers that the net is made of. */
 bool ern_frame_net_fits(const struct ern_field *field);
-/* Everything that the model alone decides. The caller frees *net. parameters: the whole block. */
-ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters,
+/* Everything that the model alone decides, with layers in pairs of bf16 or in floats. The caller frees *net.
+ * parameters: the whole block. */
+ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters, bool pairs,
                               struct ern_frame_net **net);
 void ern_frame_net_free(ern_context *context, struct ern_frame_net *net); /* accepts NULL */
 /* What a frame decides. code: [ERN_AUDIO_CODE]; individual: row of the individual codes. */

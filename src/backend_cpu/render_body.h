@@ -10,12 +10,13 @@
 #include "backend_cpu/lanes_math.h"
 #include "backend_cpu/render_lane.h"
 #include "backend_cpu/render_scratch.h"
+#include "backend_cpu/tile_layers.h"
 
 /* ---- the field --------------------------------------------------------------------------------------------------- */
 
 /* norm = |W_v h|: what the samples' attention is reported by */
 static void attention_norm(float *norm, float *v, const struct ern_frame_net *net, const float *hidden) {
-  tile_product(v, NULL, net->value, hidden, net->value_rows, net->attention, TILE_STORE);
+  tile_outputs(v, net->value, hidden, net->value_rows, tile_room(net->attention));
   for (size_t k = 0; k < TILE; k += LANES) {
     vf sum = {0};
     for (size_t c = 0; c < net->value_rows; c++) {
@@ -29,24 +30,25 @@ static void attention_norm(float *norm, float *v, const struct ern_frame_net *ne
 /* sigma, rgb of a tile whose features are there. */
 static void field_tile(struct render_scratch *s, const struct flight *f, const struct ern_frame_net *net,
                        bool norm_wanted) {
-  float *hidden = f->features + net->features * TILE, *eye = hidden + net->attention * TILE;
-  tile_product(hidden, NULL, net->attention1, f->features, net->attention, net->features, TILE_RELU);
+  const size_t features = tile_room(net->features), density = tile_room(net->density);
+  float *input = tile_inputs(s->input, f->features, net->features);
+  float *hidden = input + features * TILE, *eye = hidden + tile_room(net->attention) * TILE;
+  tile_layer(hidden, NULL, net->attention1, input, net->attention, features);
   if (net->eye) {
-    tile_product(s->hidden[0], NULL, net->eye1, f->features, net->eye_hidden, net->features, TILE_RELU);
-    tile_product(s->eye, NULL, net->eye2, s->hidden[0], 1, net->eye_hidden, TILE_STORE);
+    tile_layer(s->hidden[0], NULL, net->eye1, input, net->eye_hidden, features);
+    tile_outputs(s->eye, net->eye2, s->hidden[0], 1, tile_room(net->eye_hidden));
     for (size_t k = 0; k < TILE; k += LANES) {
       const vf attention = vf_sigmoid(vf_load(s->eye + k));
       vf_store(s->eye + k, attention);
-      vf_store(eye + k, attention * net->eye_value);
+      tile_last_input(eye + k, attention * net->eye_value);
     }
   }
   if (norm_wanted) attention_norm(s->norm, s->hidden[0], net, hidden);
-  tile_product(s->hidden[0], NULL, net->density1, f->features, net->density, net->features + net->attention + net->eye,
-               TILE_RELU);
-  tile_product(s->hidden[1], NULL, net->density2, s->hidden[0], net->density, net->density, TILE_RELU);
-  tile_product(s->sigma, NULL, net->sigma, s->hidden[1], 1, net->density, TILE_STORE);
-  tile_product(s->hidden[0], f->ray_share, net->colour1, s->hidden[1], net->colour, net->density, TILE_RELU);
-  tile_product(s->rgb, NULL, net->colour2, s->hidden[0], 3, net->colour, TILE_STORE);
+  tile_layer(s->hidden[0], NULL, net->density1, input, net->density, features + tile_room(net->attention) + net->eye);
+  tile_layer(s->hidden[1], NULL, net->density2, s->hidden[0], net->density, density);
+  tile_outputs(s->sigma, net->sigma, s->hidden[1], 1, density);
+  tile_layer(s->hidden[0], f->ray_share, net->colour1, s->hidden[1], net->colour, density);
+  tile_outputs(s->rgb, net->colour2, s->hidden[0], 3, tile_room(net->colour));
   for (size_t k = 0; k < TILE; k += LANES) {
     const vf log_sigma = vf_load(s->sigma + k);
     vf_store(s->sigma + k, vf_exp(vf_select(log_sigma > 80, vf_all(80), log_sigma)));

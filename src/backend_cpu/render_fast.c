@@ -22,7 +22,8 @@ static ern_status prepare(struct ern_stream *stream, struct ern_render_prepare_a
   cpu->net = NULL;
   cpu->net_of = (ern_span){0};
   if (!ern_frame_net_fits(a->field)) return ERN_OK;
-  const ern_status status = ern_frame_net_make(context, a->field, floats(a->parameters), &cpu->net);
+  const bool pairs = ((const struct ern_cpu_backend *)stream->backend)->render_pairs;
+  const ern_status status = ern_frame_net_make(context, a->field, floats(a->parameters), pairs, &cpu->net);
   if (status == ERN_OK) cpu->net_of = a->parameters;
   return status;
 }

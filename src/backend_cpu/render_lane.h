@@ -33,5 +33,6 @@ size_t ern_render_lane_scratch(const struct ern_render_work *work);
  * by the threads. A ray's values do not depend on which others share its tile. scratch: aligned to a cache line.
  * profile may be NULL. */
 ern_render_lane_kernel ern_render_lane_avx2, ern_render_lane_avx512, ern_render_lane_neon;
+ern_render_lane_kernel ern_render_lane_avx512bf16; /* takes a net in pairs of bf16 */
 
 #endif

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "backend_cpu/pack_pairs.h"
+
 enum {
   LINE = 64,           /* bytes of a cache line */
   BATCH_SAMPLES = 8192 /* distances that a batch of rays may fill: they stay in the cache */
@@ -31,6 +33,8 @@ static size_t lay_out(struct render_scratch *s, char *room, const struct ern_ren
   carve(room, &used, sizeof *s);
   s->batch = batch;
   for (int k = 0; k < 2; k++) s->hidden[k] = carve(room, &used, widest * tile);
+  if (net->pairs)
+    s->input = carve(room, &used, (ern_pairs(net->features) + ern_pairs(net->attention) + ern_pairs(1)) * tile);
   s->next_share = carve(room, &used, net->colour * tile);
   for (int k = 0; k < ERN_FLIGHTS; k++) {
     s->flight[k].distance = carve(room, &used, steps * tile);

@@ -16,7 +16,7 @@ struct flight {
   float x[3][ERN_MLP_TILE], dt[ERN_MLP_TILE], end[ERN_MLP_TILE];
   float *distance;  /* [tile][max_steps] */
   float *ray_share; /* [colour][tile]: what direction and code give to the colour's first layer */
-  float *features;  /* [features, attention, eye 1][tile]: the density's input */
+  float *features;  /* [features, attention, eye 1][tile]: the density's input, unless that is in pairs */
   size_t flying;    /* slots that are not empty */
 };
 
@@ -34,10 +34,11 @@ struct render_scratch {
   size_t batch;            /* rays that are marched together */
   size_t hits, taken;      /* of the batch: rays with samples, and how many of them have a slot or had one */
   size_t shared;           /* of the hits, those whose share of the colour has been worked out */
-  float *hidden[2];        /* [widest][tile] */
-  float *next_share;       /* [colour][tile]: of hits shared-tile .. shared */
-  float *distance;         /* [batch][max_steps] */
-  float *direction;        /* [3][batch] */
+  float *input;      /* pairs of bf16 (tile_pairs.h) of features, attention, eye: the density's input; else NULL */
+  float *hidden[2];  /* [widest][tile] */
+  float *next_share; /* [colour][tile]: of hits shared-tile .. shared */
+  float *distance;   /* [batch][max_steps] */
+  float *direction;  /* [3][batch] */
   int32_t *number, *count; /* [batch]: pixel, samples */
   int32_t *hit, *ray;      /* [hits]: place in the batch, number of the ray */
 };

@@ -9,7 +9,7 @@
 #endif
 
 const char *ern_isa_name(ern_isa isa) {
-  static const char *const name[ERN_ISAS] = {"ref", "ref64", "avx2", "avx512", "neon"};
+  static const char *const name[ERN_ISAS] = {"ref", "ref64", "avx2", "avx512", "avx512bf16", "neon"};
   return isa < ERN_ISAS ? name[isa] : "unknown";
 }
 
@@ -22,9 +22,11 @@ bool ern_isa_available(ern_isa isa) {
     case ERN_ISA_AVX512:
       return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
              __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma");
+    case ERN_ISA_AVX512BF16: return ern_isa_available(ERN_ISA_AVX512) && __builtin_cpu_supports("avx512bf16");
 #else
     case ERN_ISA_AVX2:
-    case ERN_ISA_AVX512: return false;
+    case ERN_ISA_AVX512:
+    case ERN_ISA_AVX512BF16: return false;
 #endif
 #if defined(ERN_ARM_KERNELS)
     case ERN_ISA_NEON: return true; /* every aarch64 has it */
@@ -34,6 +36,16 @@ bool ern_isa_available(ern_isa isa) {
     case ERN_ISAS: break;
   }
   return false;
+}
+
+/* AMD's has that rate since the first of them (Zen 4). Intel's since Sapphire Rapids is four micro-operations, two
+ * cycles of both ports: half the rate that plain multiply-adds give. */
+bool ern_bf16_is_fast(void) {
+#if defined(ERN_X86_KERNELS)
+  return ern_isa_available(ERN_ISA_AVX512BF16) && __builtin_cpu_is("amd");
+#else
+  return false;
+#endif
 }
 
 void ern_isa_list(char *text, size_t bytes) {

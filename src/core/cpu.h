@@ -6,12 +6,23 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-typedef enum ern_isa { ERN_ISA_REF, ERN_ISA_REF64, ERN_ISA_AVX2, ERN_ISA_AVX512, ERN_ISA_NEON, ERN_ISAS } ern_isa;
+typedef enum ern_isa {
+  ERN_ISA_REF,
+  ERN_ISA_REF64,
+  ERN_ISA_AVX2,
+  ERN_ISA_AVX512,
+  ERN_ISA_AVX512BF16, /* AVX-512 whose rendered networks multiply pairs of bf16 */
+  ERN_ISA_NEON,
+  ERN_ISAS
+} ern_isa;
 
-const char *ern_isa_name(ern_isa isa); /* "ref", "ref64", "avx2", "avx512", "neon" */
+const char *ern_isa_name(ern_isa isa); /* "ref", "ref64", "avx2", "avx512", "avx512bf16", "neon" */
 
 /* Whether this build has kernels for it and this machine runs them. */
 bool ern_isa_available(ern_isa isa);
+
+/* Whether VDPBF16PS has the rate of a multiply-add here, and so twice its products. */
+bool ern_bf16_is_fast(void);
 
 /* The names of those available, with blanks between. */
 void ern_isa_list(char *text, size_t bytes);

@@ -9,8 +9,12 @@ static const struct {
   const char *name;
   machine_isa isa;
 } sets[] = {
-    {"ref", MACHINE_REF},       {"ref64", MACHINE_REF}, {"avx2", MACHINE_AVX2},
-    {"avx512", MACHINE_AVX512}, {"neon", MACHINE_NEON},
+    {"ref", MACHINE_REF},
+    {"ref64", MACHINE_REF},
+    {"avx2", MACHINE_AVX2},
+    {"avx512", MACHINE_AVX512},
+    {"avx512bf16", MACHINE_AVX512BF16},
+    {"neon", MACHINE_NEON},
 };
 enum { SETS = sizeof sets / sizeof *sets };
 
@@ -37,10 +41,20 @@ static void expect_choice(const char *wanted, const char *expected) {
   ern_context_free(&context);
 }
 
+/* Of the processors that have it, AMD's multiply pairs of bf16 as fast as floats; Intel's take longer. */
+static bool bf16_is_faster(void) {
+#if defined(__x86_64__)
+  return __builtin_cpu_is("amd");
+#else
+  return false;
+#endif
+}
+
 static void test_best(void **state) {
   (void)state;
   const char *best = "ref";
   for (size_t s = 2; s < SETS; s++) {
+    if (sets[s].isa == MACHINE_AVX512BF16 && !bf16_is_faster()) continue;
     if (expected_here(s)) best = sets[s].name;
   }
   print_message("the best here: %s\n", best);

@@ -4,6 +4,8 @@
 #include "kernelcheck.h"
 
 #include "backend_cpu/backend_cpu.h"
+#include "backend_cpu/cpu_kernels.h"
+#include "bf16_kernels.h"
 #include "core/profile.h"
 #include "model/parameters.h"
 #include "render/morton.h"
@@ -21,7 +23,7 @@ struct scene {
   uint8_t *bits;
   struct ern_view view;
   struct ern_march_settings settings;
-  float stop, code[ERN_AUDIO_CODE];
+  float stop, log_sigma, eye_value, code[ERN_AUDIO_CODE];
   int32_t *pixel;
   size_t rays;
 };
@@ -43,13 +45,13 @@ static void fill_shell(uint8_t *bits, float inner, float outer) {
 
 /* Random parameters; `log_sigma` is about what the density's exponent spreads over. */
 static struct scene scene_make(int levels, bool eye, int codes, int width, int height, float log_sigma) {
-  struct scene scene = {.context = support_context(), .stop = 1e-4f};
+  struct scene scene = {.context = support_context(), .stop = 1e-4f, .log_sigma = log_sigma, .eye_value = 0.4f};
   struct ern_parameter_table rows;
   scene.config = (struct ern_model_config){
       .levels = levels, .feature_width = 29, .window_length = 16, .head = true, .eye = eye, .codes = codes, .bound = 1};
   support_ok(scene.context, ern_parameters_build(scene.context, &scene.config, &scene.field, &rows));
   scene.block = room(scene.field.parameters, sizeof(float));
-  ern_parameters_init(scene.block, &rows, true, 11);
+  ern_parameters_init(scene.block, &rows, false, 11);
   for (int plane = 0; plane < ERN_PLANES; plane++)
     for (size_t i = 0; i < scene.field.plane[plane].entries; i++)
       scene.block[scene.field.plane_table[plane] + i] = random_at(3 + (uint64_t)plane, i, 1);
@@ -94,6 +96,30 @@ static struct ern_buffer *buffer_of(struct ern_stream *stream, const float *valu
   return buffer;
 }
 
+/* Who renders. */
+struct renderer {
+  ern_isa isa;
+  machine_isa machine;
+  const char *name;
+  bool bf16;
+  ern_render_lane_kernel *lane; /* in place of the table's own; NULL: that */
+};
+static const struct renderer truthful = {ERN_ISA_REF64, MACHINE_REF, "ref64", false, NULL};
+static const struct renderer plain = {ERN_ISA_REF, MACHINE_REF, "ref", false, NULL};
+static const struct renderer fast[] = {
+#if defined(__aarch64__)
+    {ERN_ISA_NEON, MACHINE_NEON, "neon", false, NULL},
+#else
+    {ERN_ISA_AVX2, MACHINE_AVX2, "avx2", false, NULL},
+    {ERN_ISA_AVX512, MACHINE_AVX512, "avx512", false, NULL},
+#if defined(ERN_X86_KERNELS)
+    {ERN_ISA_AVX512, MACHINE_AVX512, "avx512bf16, emulated", true, ern_render_lane_bf16_emulated},
+#endif
+    {ERN_ISA_AVX512BF16, MACHINE_AVX512BF16, "avx512bf16", true, NULL},
+#endif
+};
+enum { FAST = sizeof fast / sizeof *fast };
+
 /* A table with the scene on it. */
 struct stage {
   struct ern_backend *backend;
@@ -103,9 +129,14 @@ struct stage {
   struct ern_render_rays_args args;
 };
 
-static struct stage stage_make(const struct scene *scene, ern_isa isa, int threads, bool all) {
+static struct stage stage_make(const struct scene *scene, const struct renderer *who, int threads, bool all) {
   struct stage stage = {0};
-  support_ok(scene->context, ern_cpu_backend_make(scene->context, isa, &stage.backend));
+  support_ok(scene->context, ern_cpu_backend_make(scene->context, who->isa, &stage.backend));
+  if (who->lane != NULL) {
+    struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)stage.backend;
+    cpu->render_lane = who->lane;
+    cpu->render_pairs = who->bf16;
+  }
   support_ok(scene->context, stage.backend->stream_make(stage.backend, threads, &stage.stream));
   struct ern_backend *backend = stage.backend;
   struct ern_stream *stream = stage.stream;
@@ -132,7 +163,7 @@ static struct stage stage_make(const struct scene *scene, ern_isa isa, int threa
                                              .parameters = block,
                                              .field = &scene->field,
                                              .code = {stage.code, 0, ERN_AUDIO_CODE},
-                                             .eye_value = 0.4f,
+                                             .eye_value = scene->eye_value,
                                              .individual = 1,
                                              .settings = scene->settings,
                                              .transmittance_stop = scene->stop,
@@ -156,8 +187,8 @@ static void stage_free(struct stage *stage) {
 }
 
 /* [OUTPUTS][rays] */
-static float *render(const struct scene *scene, ern_isa isa, int threads, bool all) {
-  struct stage stage = stage_make(scene, isa, threads, all);
+static float *render(const struct scene *scene, const struct renderer *who, int threads, bool all) {
+  struct stage stage = stage_make(scene, who, threads, all);
   float *out = room(OUTPUTS * scene->rays, sizeof(float));
   support_ok(scene->context, stage.backend->render_rays(stage.stream, &stage.args));
   for (int k = 0; k < OUTPUTS; k++)
@@ -167,37 +198,43 @@ static float *render(const struct scene *scene, ern_isa isa, int threads, bool a
   return out;
 }
 
-static const struct {
-  machine_isa machine;
-  ern_isa isa;
-  const char *name;
-} fast[] = {
-#if defined(__aarch64__)
-    {MACHINE_NEON, ERN_ISA_NEON, "neon"},
-#else
-    {MACHINE_AVX2, ERN_ISA_AVX2, "avx2"},
-    {MACHINE_AVX512, ERN_ISA_AVX512, "avx512"},
-#endif
-};
-enum { FAST = sizeof fast / sizeof *fast };
-
 /* Folding two layers and the audio code changes the order of sums: of numbers of about 1, some hundred roundings of
  * 2^-24. A transmittance within rounding of the stop may let one sample more or less count: `stop` of a colour, and of
- * the unweighted sums a whole sample, which is why those are held only where nothing stops. */
+ * the unweighted sums a whole sample, which is why those are held only where nothing stops.
+ * With bf16 each factor is off by up to 2^-9. What comes out of a layer, a sum of terms of either sign, is off by about
+ * as much of its size, and by 2^-8 after all layers: of the colours a quarter of it arrives behind the sigmoid. Of the
+ * exponent's error, of sums of about 1/10 times log_sigma, no more than 1/e arrives in the opacity. */
+static double allowed_of(const struct scene *scene, bool bf16) {
+  const double rounding = bf16 ? 0x1p-9 + 0x1p-13 * (double)scene->log_sigma : 4e-5;
+  return rounding + 2 * (double)scene->stop;
+}
+
+/* Of one output: everywhere, and at a quarter of that in the mean square, where no stop decides. */
+static void check_output(const struct scene *scene, const char *what, const struct renderer *who, size_t k,
+                         const float *out, const float *truth) {
+  const double allowed = allowed_of(scene, who->bf16);
+  double sum = 0;
+  for (size_t i = 0; i < scene->rays; i++) {
+    const double is = (double)out[k * scene->rays + i], expected = (double)truth[k * scene->rays + i];
+    const double error = fabs(is - expected) / (1 + fabs(expected));
+    if (!(error <= allowed))
+      fail_msg("%s, %s: %s of ray %zu is %.9g, expected %.9g", what, who->name, output_name[k], i, is, expected);
+    sum += error * error;
+  }
+  const double root = sqrt(sum / (double)scene->rays);
+  if (scene->stop < 1e-3f && !(root <= allowed / 4))
+    fail_msg("%s, %s: %s is off by %.3g, root of the mean square", what, who->name, output_name[k], root);
+}
+
 static void check_against_double(const struct scene *scene, const char *what) {
-  const double rounding = 4e-5, allowed = rounding + 2 * (double)scene->stop;
-  float *truth = render(scene, ERN_ISA_REF64, 2, true);
+  float *truth = render(scene, &truthful, 2, true);
   for (size_t f = 0; f < FAST; f++) {
     if (!machine_has(fast[f].machine)) continue;
-    float *out = render(scene, fast[f].isa, 2, true);
+    float *out = render(scene, &fast[f], 2, true);
     for (size_t k = 0; k < OUTPUTS; k++) {
       if ((k == 8 || k == 9) && scene->stop > 0) continue;
       if (k == 9 && !scene->config.eye) continue;
-      for (size_t i = 0; i < scene->rays; i++) {
-        const double is = (double)out[k * scene->rays + i], expected = (double)truth[k * scene->rays + i];
-        if (!(fabs(is - expected) <= allowed * (1 + fabs(expected))))
-          fail_msg("%s, %s: %s of ray %zu is %.9g, expected %.9g", what, fast[f].name, output_name[k], i, is, expected);
-      }
+      check_output(scene, what, &fast[f], k, out, truth);
     }
     free(out);
   }
@@ -205,7 +242,7 @@ static void check_against_double(const struct scene *scene, const char *what) {
 }
 
 static size_t hits(const struct scene *scene) {
-  float *truth = render(scene, ERN_ISA_REF, 1, true);
+  float *truth = render(scene, &plain, 1, true);
   size_t count = 0;
   for (size_t i = 0; i < scene->rays; i++) count += truth[6 * scene->rays + i] > 0;
   free(truth);
@@ -284,13 +321,13 @@ static void test_threads_and_outputs(void **state) {
   struct scene scene = scene_make(14, true, 2, emulated_side(90), emulated_side(70), 8);
   for (size_t f = 0; f < FAST; f++) {
     if (!machine_has(fast[f].machine)) continue;
-    float *one = render(&scene, fast[f].isa, 1, true);
+    float *one = render(&scene, &fast[f], 1, true);
     for (int threads = 2; threads <= 4; threads++) {
-      float *more = render(&scene, fast[f].isa, threads, true);
+      float *more = render(&scene, &fast[f], threads, true);
       assert_memory_equal(one, more, OUTPUTS * scene.rays * sizeof(float));
       free(more);
     }
-    float *some = render(&scene, fast[f].isa, 2, false);
+    float *some = render(&scene, &fast[f], 2, false);
     assert_memory_equal(one, some, 3 * scene.rays * sizeof(float));
     assert_memory_equal(one + 6 * scene.rays, some + 6 * scene.rays, scene.rays * sizeof(float));
     for (size_t i = 3 * scene.rays; i < 6 * scene.rays; i++) assert_true(some[i] == 0);
@@ -305,7 +342,7 @@ static void test_frames_follow(void **state) {
   struct scene scene = scene_make(12, true, 3, 40, 40, 8);
   for (size_t f = 0; f < FAST; f++) {
     if (!machine_has(fast[f].machine)) continue;
-    struct stage stage = stage_make(&scene, fast[f].isa, 2, true);
+    struct stage stage = stage_make(&scene, &fast[f], 2, true);
     support_ok(scene.context, stage.backend->render_rays(stage.stream, &stage.args));
     float other[ERN_AUDIO_CODE];
     for (size_t c = 0; c < ERN_AUDIO_CODE; c++) other[c] = -2 * scene.code[c];
@@ -315,7 +352,7 @@ static void test_frames_follow(void **state) {
     support_ok(scene.context, stage.backend->upload_reals(stage.stream, stage.args.code, scene.code, ERN_AUDIO_CODE));
     stage.args.eye_value = 0.4f;
     support_ok(scene.context, stage.backend->render_rays(stage.stream, &stage.args));
-    float *again = room(scene.rays, sizeof(float)), *once = render(&scene, fast[f].isa, 2, true);
+    float *again = room(scene.rays, sizeof(float)), *once = render(&scene, &fast[f], 2, true);
     support_ok(scene.context, stage.backend->download_reals(stage.stream, again,
                                                             ern_span_of_row(stage.out, 0, scene.rays), scene.rays));
     assert_memory_equal(again, once, scene.rays * sizeof(float));
@@ -325,11 +362,35 @@ static void test_frames_follow(void **state) {
   scene_free(&scene);
 }
 
+/* Speech and eyes so strong that each of them decides what is seen: none of the density's inputs may be lost. */
+static void test_every_input_counts(void **state) {
+  (void)state;
+  for (int levels = 11; levels <= 14; levels++) {
+    struct scene scene = scene_make(levels, true, 2, 30, 26, 3);
+    float *weak = render(&scene, &truthful, 1, true);
+    scene.eye_value = 16;
+    float *eyes = render(&scene, &truthful, 1, true);
+    check_against_double(&scene, "strong eyes");
+    scene.eye_value = 0.4f;
+    for (size_t c = 0; c < ERN_AUDIO_CODE; c++) scene.code[c] *= 16;
+    float *speech = render(&scene, &truthful, 1, true);
+    check_against_double(&scene, "strong speech");
+    double most[2] = {0};
+    for (size_t i = 0; i < 3 * scene.rays; i++) {
+      most[0] = fmax(most[0], fabs((double)eyes[i] - (double)weak[i]));
+      most[1] = fmax(most[1], fabs((double)speech[i] - (double)weak[i]));
+    }
+    assert_true(most[0] > 3 * allowed_of(&scene, true) && most[1] > 3 * allowed_of(&scene, true));
+    free(weak), free(eyes), free(speech);
+    scene_free(&scene);
+  }
+}
+
 static void bench(void) {
   struct scene scene = scene_make(14, true, 2, 450, 450, 8);
   for (size_t f = 0; f < FAST; f++) {
     if (!machine_has(fast[f].machine)) continue;
-    struct stage stage = stage_make(&scene, fast[f].isa, 1, false);
+    struct stage stage = stage_make(&scene, &fast[f], 1, false);
     struct ern_profile best = {{1e9}, {0}};
     for (int repeat = 0; repeat < 5; repeat++) {
       struct ern_profile profile = {{0}, {0}};
@@ -356,9 +417,13 @@ int main(int argc, char **argv) {
     return 0;
   }
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_models),        cmocka_unit_test(test_occupancies_and_densities),
-      cmocka_unit_test(test_settings),      cmocka_unit_test(test_lists_of_pixels),
-      cmocka_unit_test(test_frames_follow), cmocka_unit_test(test_threads_and_outputs),
+      cmocka_unit_test(test_models),
+      cmocka_unit_test(test_occupancies_and_densities),
+      cmocka_unit_test(test_settings),
+      cmocka_unit_test(test_lists_of_pixels),
+      cmocka_unit_test(test_frames_follow),
+      cmocka_unit_test(test_threads_and_outputs),
+      cmocka_unit_test(test_every_input_counts),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

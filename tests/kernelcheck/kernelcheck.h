@@ -69,7 +69,7 @@ static inline void random_rows(struct guarded *array, size_t rows, size_t stride
   }
 }
 
-typedef enum machine_isa { MACHINE_REF, MACHINE_AVX2, MACHINE_AVX512, MACHINE_NEON } machine_isa;
+typedef enum machine_isa { MACHINE_REF, MACHINE_AVX2, MACHINE_AVX512, MACHINE_AVX512BF16, MACHINE_NEON } machine_isa;
 
 static inline bool machine_has(machine_isa isa) {
 #if defined(__x86_64__)
@@ -79,6 +79,7 @@ static inline bool machine_has(machine_isa isa) {
     case MACHINE_AVX512:
       return machine_has(MACHINE_AVX2) && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
              __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");
+    case MACHINE_AVX512BF16: return machine_has(MACHINE_AVX512) && __builtin_cpu_supports("avx512bf16");
     case MACHINE_NEON: return false;
   }
 #elif defined(__aarch64__)

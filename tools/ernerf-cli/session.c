@@ -53,7 +53,8 @@ void session_compute_options(struct session *session, struct option options[SESS
        .kind = OPTION_TEXT,
        .target = &session->isa,
        .choices = "NAME",
-       .help = "instruction set of the CPU: auto (the best, or that of ERNERF_ISA), ref, ref64, avx2, avx512, neon"},
+       .help = "instruction set of the CPU: auto (the best, or that of ERNERF_ISA), ref, ref64, avx2, avx512, "
+               "avx512bf16, neon"},
       {.name = "threads",
        .kind = OPTION_INT,
        .target = &session->threads,

@@ -1,0 +1,9 @@
+/* SPDX-License-Identifier: MIT
+ * By AVX-512 alone: the same bodies over another header, and the whole rendering pass. */
+#include "kernelcheck/bf16_emulated.h"
+#define BF16_NAME(name) name##_emulated
+#include "kernelcheck/bf16_kernels_body.h"
+
+#define ERN_ISA(name) name##_bf16_emulated
+#define ERN_TILE_PAIRS
+#include "backend_cpu/render_body.h"

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ * What is checked of pairs of bf16: the product and the conversion by the instructions (`real`: only where the machine
+ * has AVX512_BF16) and by AVX-512 alone (`emulated`), and the rendering pass made of the latter. */
+#ifndef ERN_TESTS_BF16_KERNELS_H
+#define ERN_TESTS_BF16_KERNELS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "backend_cpu/render_lane.h"
+
+/* pairs_product of tile_pairs.h; `relu`: TILE_RELU. */
+typedef void bf16_product(float *out, const float *start, const float *packed, const float *x, size_t rows,
+                          size_t count, bool relu);
+/* pairs_of_rows of tile_pairs.h */
+typedef void bf16_rows(float *made, const float *x, size_t n);
+/* 16 lanes of vf_add_pairs of lanes_bf16.h: sum[i] += a.b of pairs */
+typedef void bf16_add(float sum[16], const uint32_t a[16], const uint32_t b[16]);
+
+bf16_product bf16_product_real, bf16_product_emulated;
+bf16_rows bf16_rows_real, bf16_rows_emulated;
+bf16_add bf16_add_real, bf16_add_emulated;
+ern_render_lane_kernel ern_render_lane_bf16_emulated;
+
+#endif
