@@ -190,13 +190,15 @@ static size_t peak_of(pid_t pid, const char *field) {
   return peak;
 }
 
-/* A model of the clip in the repository, drawn as large as portraits are. */
+/* A head and a whole portrait of the clip in the repository, drawn as large as portraits are. */
 static void make_tiny(void) {
   const char *source = getenv("ERNERF_SOURCE");
   assert_non_null(source);
   static bool made;
   if (made) return;
   cli_run(&cli, "train '%s/data/tiny' -o tiny.safetensors --iters 100 --rays 1024 --quiet", source);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train '%s/data/tiny' --torso --head tiny.safetensors -o whole.safetensors --iters 2 --quiet", source);
   cli_expect(&cli, 0, NULL);
   made = true;
 }
@@ -206,7 +208,7 @@ enum { RENDER_KB = 150 * 1000, MINIMAL_KB = 64 * 1000 };
 static void test_render_memory(void **state) {
   (void)state;
   if (!MEASURABLE || kilobytes(getpid(), "RssAnon") == 0) skip();
-  static const char *const models[] = {"tiny"};
+  static const char *const models[] = {"tiny", "whole"};
   make_tiny();
   for (size_t i = 0; i < sizeof models / sizeof models[0]; i++) {
     /* more frames than the encoder looks ahead */
@@ -260,7 +262,7 @@ static void test_minimal_memory(void **state) {
   (void)state;
   const char *program = getenv("ERNERF_RENDER_MINIMAL");
   if (!MEASURABLE || program == NULL || kilobytes(getpid(), "VmHWM") == 0) skip();
-  static const char *const models[] = {"tiny.safetensors"};
+  static const char *const models[] = {"tiny.safetensors", "whole.safetensors"};
   make_tiny();
   write_inputs(getenv("ERNERF_SOURCE"));
   for (size_t i = 0; i < sizeof models / sizeof models[0]; i++) {

@@ -11,9 +11,10 @@
 #include "sink.h"
 #include "verbs.h"
 
-/* PICTURE_BYTES: torso pictures that stay in memory, without --memory. They are read ahead, so that it is the few of a
- * path that goes forward and back in short that are worth it. */
-enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11, PICTURE_BYTES = 16 << 20 };
+/* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
+ * twice.
+ */
+enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11, PICTURE_BYTES = 1 };
 
 struct render_job {
   struct session session;

@@ -80,7 +80,9 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
       {.name = "memory",
        .kind = OPTION_BYTES,
        .target = &portrait->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"},
+       .help = split == SHOTS_ALL
+                   ? "most that frames of the clip may keep, such as 512M (default: none is kept)"
+                   : "most that frames of the clip may take, such as 512M (default half of the machine)"},
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &portrait->force,
