@@ -3,9 +3,11 @@
  * for it. A sample's values do not depend on its place in a tile. */
 #include <math.h>
 
+#include "backend_cpu/encode_tile.h"
 #include "backend_cpu/field_train.h"
 #include "backend_cpu/lanes_math.h"
 #include "backend_cpu/rows.h"
+#include "core/profile.h"
 
 enum { ATTENTION = ERN_NET_ATTENTION, EYE = ERN_NET_EYE, UNCERTAINTY = ERN_NET_UNCERTAINTY };
 enum { DENSITY = ERN_NET_DENSITY, COLOUR = ERN_NET_COLOUR, COLOUR_INS = ERN_NET_COLOUR_INS };
@@ -17,6 +19,14 @@ static size_t least(size_t a, size_t b) { return a < b ? a : b; }
 
 static size_t number_of(const struct ern_train_list *list, size_t s) {
   return list->index != NULL ? (size_t)list->index[s] : s;
+}
+
+/* width: aligned */
+LANES_INLINE void copy_row(float *to, const float *from, size_t width) {
+  for (size_t c = 0; c < width; c += LANES) vf_store(to + c, vf_load(from + c));
+}
+LANES_INLINE void clear_row(float *to, size_t width) {
+  for (size_t c = 0; c < width; c += LANES) vf_store(to + c, (vf){0});
 }
 
 /* rows [TILE][row], columns 0 .. width-1 of it = f [width][stride] of the tile's samples; up to LANES - 1 columns
@@ -50,9 +60,8 @@ static void channels_of_rows(float *f, size_t stride, const float *rows, size_t 
 static void rows_of_list(float *rows, size_t row, const float *from, size_t width, const struct ern_train_list *list,
                          size_t first) {
   const size_t count = least(list->count - first, TILE);
-  for (size_t s = 0; s < count; s++)
-    memcpy(rows + s * row, from + number_of(list, first + s) * width, width * sizeof *rows);
-  for (size_t s = count; s < TILE; s++) memset(rows + s * row, 0, width * sizeof *rows);
+  for (size_t s = 0; s < count; s++) copy_row(rows + s * row, from + number_of(list, first + s) * width, width);
+  for (size_t s = count; s < TILE; s++) clear_row(rows + s * row, width);
 }
 
 /* out [TILE], lane by lane sum_c x(s, c) w[c] */
@@ -124,6 +133,76 @@ static void give(float *values, const float *tile, size_t first, size_t count) {
 
 #define EACH_VECTOR(s) for (size_t s = 0; s < TILE; s += LANES)
 
+/* ---- encoding ---------------------------------------------------------------------------------------------------- */
+
+/* Lane l becomes lane l ^ by, by < LANES. */
+LANES_INLINE vf exchanged(vf value, uint32_t by) {
+#define OTHER(l, d) ((l) ^ (d))
+#define EXCHANGE(d) \
+  if (by & (d)) value = __builtin_shufflevector(value, value, LANES_EACH(OTHER, d));
+  ROWS_ROUNDS(EXCHANGE)
+#undef EXCHANGE
+#undef OTHER
+  return value;
+}
+
+/* (c0, c1) is entry c0 ^ c1*prime modulo the size of the level (model.md section 2). The entries of a register of c0
+ * lie in one aligned place, in another order. */
+static void unhash(float *value, const float *entries, const struct ern_grid_level *level) {
+  const uint32_t side = level->resolution + 1, prime = 2654435761u, size = level->size;
+  for (uint32_t c1 = 0; c1 < side; c1++, value += side) {
+    const uint32_t key = c1 * prime, low = key % LANES;
+    if ((size & (size - 1)) == 0) {
+      for (uint32_t c0 = 0; c0 < side; c0 += LANES)
+        vf_store(value + c0, exchanged(vf_load(entries + ((c0 ^ (key - low)) & (size - 1))), low));
+    } else {
+      for (uint32_t c0 = 0; c0 < side; c0++) value[c0] = entries[(c0 ^ key) % size];
+    }
+  }
+}
+
+/* Features of the planes that see a point outside the cube: 0. */
+static void clear_outside(float *f, const vi *inside, const struct ern_frame_net *grids) {
+  for (size_t p = 0; p < ERN_PLANES; p++) {
+    const vi *first = inside + (size_t)grids->axis[p][0] * (TILE / LANES);
+    const vi *second = inside + (size_t)grids->axis[p][1] * (TILE / LANES);
+    for (int l = 0; l < grids->levels; l++, f += TILE) {
+      for (size_t k = 0; k < TILE / LANES; k++)
+        vf_store(f + k * LANES, vf_select(first[k] & second[k], vf_load(f + k * LANES), (vf){0}));
+    }
+  }
+}
+
+/* t->f of the tiles from sample `first` on, as many as there is room for. */
+static void encode(const struct ern_train_net *net, struct ern_train_tile *t, const float *x, size_t stride,
+                   size_t first, size_t count) {
+  const double began = ern_profile_now();
+  const vf bound = vf_all(net->grids->bound);
+  const size_t tiles = least((count - first + TILE - 1) / TILE, ERN_TRAIN_TILES);
+  struct tile_places places[ERN_TRAIN_TILES];
+  vi inside[ERN_TRAIN_TILES][3 * (TILE / LANES)];
+  uint32_t outside[ERN_TRAIN_TILES] = {0};
+  float *f[ERN_TRAIN_TILES];
+  for (size_t i = 0; i < tiles; i++, first += TILE) {
+    float tile[3 * TILE];
+    f[i] = t->f[i];
+    for (size_t axis = 0; axis < 3; axis++)
+      take(tile + axis * TILE, x + axis * stride, first, least(count - first, TILE));
+    for (size_t k = 0; k < 3 * (TILE / LANES); k++) {
+      const vf value = vf_load(tile + k * LANES);
+      inside[i][k] = (value >= -bound) & (value <= bound);
+      outside[i] |= vi_bits(~inside[i][k]);
+      vf_store(tile + k * LANES, vf_select(inside[i][k], value, (vf){0}));
+    }
+    tile_place(&places[i], tile, net->grids->bound);
+  }
+  encode_tiles(f, places, tiles, net->grids);
+  for (size_t i = 0; i < tiles; i++) {
+    if (outside[i] != 0) clear_outside(f[i], inside[i], net->grids);
+  }
+  t->encoding += ern_profile_now() - began;
+}
+
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
 static void layer(float *out, size_t out_row, const float *x, size_t x_row, const float *w, size_t w_row, size_t outs,
@@ -182,13 +261,21 @@ static void colour_fwd(const struct ern_train_net *net, struct ern_train_tile *t
     dots(t->rgb_raw + c * TILE, t->colour, COLOUR, net->weights + net->rgb + c * COLOUR, COLOUR);
 }
 
+/* The tile's features, encoded where it is the first of its group. */
+static void features_fwd(const struct ern_train_net *net, struct ern_train_tile *t, const float *x, size_t stride,
+                         size_t first, size_t count) {
+  const size_t tile = first / TILE % ERN_TRAIN_TILES;
+  if (tile == 0) encode(net, t, x, stride, first, count);
+  rows_of_channels(t->ins, net->in_row, t->f[tile], TILE, net->features);
+}
+
 static void density(const struct ern_train_net *net, struct ern_train_tile *t, const struct ern_train_density_args *a) {
   for (size_t first = 0; first < a->list.count; first += TILE) {
     const size_t count = least(a->list.count - first, TILE);
-    rows_of_channels(t->ins, net->in_row, a->f + first, a->stride, net->features);
+    features_fwd(net, t, a->x, a->x_stride, first, a->list.count);
     for (size_t s = 0; s < count && a->feature_rows != NULL; s++)
-      memcpy(a->feature_rows + number_of(&a->list, first + s) * net->feature_row, t->ins + s * net->in_row,
-             net->feature_row * sizeof *t->ins);
+      copy_row(a->feature_rows + number_of(&a->list, first + s) * net->feature_row, t->ins + s * net->in_row,
+               net->feature_row);
     hidden_fwd(net, t, 0, net->scene_hidden);
     attention_fwd(net, t);
     if (a->norm != NULL) {
@@ -211,7 +298,7 @@ static void colour(const struct ern_train_net *net, struct ern_train_tile *t, co
     for (size_t s = 0; s < TILE; s++) {
       const size_t at = first + (s < count ? s : 0);
       float *row = t->colour_ins + s * COLOUR_ROW;
-      memcpy(row, a->hidden + (size_t)a->place[at] * DENSITY, DENSITY * sizeof *row);
+      copy_row(row, a->hidden + (size_t)a->place[at] * DENSITY, DENSITY);
       put_harmonics(row, a->harmonics, a->sh_stride, a->ray[number_of(&a->list, at)]);
     }
     colour_fwd(net, t);
@@ -393,8 +480,8 @@ static void smooth(const struct ern_train_net *net, struct ern_train_tile *t, st
   float dnorm[TILE];
   for (size_t first = 0; first < a->count; first += TILE) {
     const size_t count = least(a->count - first, TILE);
-    rows_of_channels(t->ins, net->in_row, a->f + first, a->stride, net->features);
-    for (size_t s = count; s < TILE; s++) memset(t->ins + s * net->in_row, 0, net->feature_row * sizeof *t->ins);
+    features_fwd(net, t, a->x, a->x_stride, first, a->count);
+    for (size_t s = count; s < TILE; s++) clear_row(t->ins + s * net->in_row, net->feature_row);
     hidden_fwd(net, t, 0, net->hidden);
     attention_fwd(net, t);
     norms(t->norm, t->ins + net->features, net->in_row, CODE);
@@ -411,8 +498,8 @@ static void smooth(const struct ern_train_net *net, struct ern_train_tile *t, st
     EACH_VECTOR(s) vf_store(slope_unc(t) + s, vf_load(slope_unc(t) + s) * vf_sigmoid(vf_load(t->unc_raw + s)));
     norm_bwd(net, t, dnorm);
     attention_bwd(net, t, a->gradient, ROWS_STORE);
-    channels_of_rows(a->f + first, a->stride, t->d_features, net->slope_row, net->features);
+    channels_of_rows(a->df + first, a->stride, t->d_features, net->slope_row, net->features);
   }
 }
 
-const struct ern_train_kernels ERN_ISA(ern_train_kernels) = {density, colour, uncertainty, backward, smooth};
+const struct ern_train_kernels ERN_ISA(ern_train_kernels) = {unhash, density, colour, uncertainty, backward, smooth};

@@ -160,6 +160,38 @@ LANES_INLINE void add_to_table(float *dtable, const struct corners *corners, con
   }
 }
 
+/* Two neighbouring values of a table, added to at once. */
+typedef float two __attribute__((vector_size(8), aligned(4), may_alias));
+
+/* Lanes 0 .. LANES/2-1 of a and b in turns; the others. */
+LANES_INLINE void interleave(float *to, vf a, vf b) {
+#define FIRST(l, d) ((l)&1 ? LANES : 0) + (l) / 2
+#define SECOND(l, d) ((l)&1 ? LANES : 0) + LANES / 2 + (l) / 2
+  vf_store(to, __builtin_shufflevector(a, b, LANES_EACH(FIRST, 0)));
+  vf_store(to + LANES, __builtin_shufflevector(a, b, LANES_EACH(SECOND, 0)));
+#undef FIRST
+#undef SECOND
+}
+
+/* The same for one feature of a dense level in two dimensions, where every sample is inside: the two entries along the
+ * first coordinate lie side by side and take one addition. Every entry gets its parts in the same order. */
+LANES_INLINE void add_to_plane(float *dtable, const struct corners *corners, vf df) {
+  vf part[4];
+  uint32_t near_entry[LANES] __attribute__((aligned(64))), far_entry[LANES] __attribute__((aligned(64)));
+  float near[2 * LANES] __attribute__((aligned(64))), far[2 * LANES] __attribute__((aligned(64)));
+#pragma GCC unroll 4
+  for (int b = 0; b < 4; b++) part[b] = vf_multiply_rounded(corner_weight(corners, b, 2, -1), df);
+  memcpy(near_entry, &corners->entry[0], sizeof near_entry);
+  memcpy(far_entry, &corners->entry[2], sizeof far_entry);
+  interleave(near, part[0], part[1]);
+  interleave(far, part[2], part[3]);
+#pragma GCC unroll 16
+  for (int l = 0; l < LANES; l++) {
+    *(two *)(dtable + near_entry[l]) += *(const two *)(near + 2 * l);
+    *(two *)(dtable + far_entry[l]) += *(const two *)(far + 2 * l);
+  }
+}
+
 /* dx_d += scale/(2 bound) * sum over corners of (b_d ? 1 : -1) * weight without d * sum_c df_c table[entry][c] */
 LANES_INLINE void add_to_positions(float *const *dx, size_t at, const struct corners *corners, const vf *df, vi inside,
                                    size_t count, const float *table, float factor, const int dims,
@@ -190,13 +222,19 @@ enum { MAX_FEATURES = 64 }; /* as ern_grid_build has it */
 LANES_INLINE void level_bwd_of(const struct slopes *to, const float *table, const struct plan *plan,
                                const struct prepared *block, float factor, const int dims, const size_t features,
                                const bool hashed) {
+  /* no modulo comes between neighbours */
+  const bool side_by_side = dims == 2 && features == 1 && !hashed && !plan->divide && plan->mask == UINT32_MAX;
   for (size_t i = 0; i < block->count; i += LANES) {
     const size_t count = block->count - i < LANES ? block->count - i : LANES, at = block->first + i;
     const struct corners corners = find_corners(plan, block, i / LANES, dims, hashed);
     const vi inside = block->inside[i / LANES];
     vf df[MAX_FEATURES];
     for (size_t c = 0; c < features; c++) df[c] = vf_load_some(to->df + c * to->stride + at, count);
-    if (to->dtable != NULL) add_to_table(to->dtable, &corners, df, inside, count, dims, features);
+    if (to->dtable != NULL && side_by_side && count == LANES && !vi_any(~inside)) {
+      add_to_plane(to->dtable, &corners, df[0]);
+    } else if (to->dtable != NULL) {
+      add_to_table(to->dtable, &corners, df, inside, count, dims, features);
+    }
     if (to->dx[0] != NULL) {
       add_to_positions(to->dx, at, &corners, df, inside, count, table, factor, dims, features);
     }

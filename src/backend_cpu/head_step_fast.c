@@ -53,7 +53,7 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
     const struct range r = shard(s->rays, 64, k);
     if (r.end - r.begin > s->shard_rays) s->shard_rays = r.end - r.begin;
   }
-  const size_t lane_floats = ern_train_lane_floats(&s->net, s->shard_rays);
+  const size_t lane_floats = ern_train_lane_floats(s->shard_rays);
   ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_LANES, lanes * lane_floats, &next));
   s->lanes = (char *)next;
   s->lane_bytes = lane_floats * sizeof(float);
@@ -235,23 +235,21 @@ static void smooth_task(void *user, size_t k, int number) {
   struct ern_train_step *s = smooth->step;
   struct ern_train_lane *lane = ern_train_lane_of(s, number);
   const struct range r = shard(s->marched.total, ERN_MLP_TILE, k);
-  struct ern_train_smooth_args args = {
-      .stride = s->stride, .factor = smooth->factor, .gradient = s->gradient + k * s->net.forward};
-  for (size_t begin = r.begin; begin < r.end; begin += ERN_TRAIN_BATCH) {
-    const float *x = reals(smooth->x.span) + begin;
-    const float *const axis[3] = {x, x + smooth->x.stride, x + 2 * smooth->x.stride};
-    const double began = ern_profile_now();
-    args.count = r.end - begin < ERN_TRAIN_BATCH ? r.end - begin : ERN_TRAIN_BATCH;
-    args.f = s->df + begin;
-    args.norm = s->norm + begin;
-    args.eye = s->eye + begin;
-    args.unc = s->unc + begin;
-    ern_train_encode(s, args.f, s->stride, axis, args.count);
-    const double encoded = ern_profile_now();
-    s->train->smooth(&s->net, &lane->tile, &args);
-    lane->profile.seconds[ERN_PROFILE_ENCODE] += encoded - began;
-    lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - encoded;
-  }
+  struct ern_train_smooth_args args = {.count = r.end - r.begin,
+                                       .x = reals(smooth->x.span) + r.begin,
+                                       .x_stride = smooth->x.stride,
+                                       .norm = s->norm + r.begin,
+                                       .eye = s->eye + r.begin,
+                                       .unc = s->unc + r.begin,
+                                       .factor = smooth->factor,
+                                       .gradient = s->gradient + k * s->net.forward,
+                                       .df = s->df + r.begin,
+                                       .stride = s->stride};
+  const double began = ern_profile_now();
+  lane->tile.encoding = 0;
+  s->train->smooth(&s->net, &lane->tile, &args);
+  lane->profile.seconds[ERN_PROFILE_ENCODE] += lane->tile.encoding;
+  lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began - lane->tile.encoding;
   memcpy(smooth->sum[k], args.sum, sizeof args.sum);
 }
 
@@ -344,6 +342,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   ERN_TRY(take_marched(&s));
   const struct ern_train_fold fold = {a->field, s.parameters, reals(code), a->eye_value, a->individual};
   ern_train_net_fill(&s.net, weights, &fold);
+  ERN_TRY(ern_train_unhash(&s));
 
   ERN_TRY(ern_train_forward(&s));
   when[2] = ern_profile_now();
@@ -376,11 +375,8 @@ static void density_task(void *user, size_t k, int number) {
   const struct ern_head_density_args *a = job->args;
   struct ern_train_lane *lane = ern_train_lane_of(s, number);
   const size_t begin = k * ERN_TRAIN_BATCH, left = a->n - begin, n = left < ERN_TRAIN_BATCH ? left : ERN_TRAIN_BATCH;
-  const float *from = reals(a->x.span) + begin;
-  const float *const x[3] = {from, from + a->x.stride, from + 2 * a->x.stride};
-  ern_train_encode(s, lane->f, ERN_TRAIN_BATCH, x, n);
   const struct ern_train_density_args density = {
-      .list = {NULL, n}, .f = lane->f, .stride = ERN_TRAIN_BATCH, .sigma = reals(a->sigma) + begin};
+      .list = {NULL, n}, .x = reals(a->x.span) + begin, .x_stride = a->x.stride, .sigma = reals(a->sigma) + begin};
   s->train->density(&s->net, &lane->tile, &density);
 }
 
@@ -388,13 +384,15 @@ static ern_status head_density(struct ern_stream *stream, struct ern_head_densit
   struct ern_train_step s = step_of(stream, a->field, a->parameters);
   float *weights = NULL;
   if (!ern_train_net_plan(&s.net, a->field)) return ern_head_density_stages(stream, a);
-  const ern_status status = take_threads(&s, &weights);
-  if (status != ERN_OK) return status;
+  ern_status status = ERN_OK;
+  ERN_TRY(take_threads(&s, &weights));
   const struct ern_train_fold fold = {a->field, s.parameters, reals(a->code), a->eye_value, 0};
   ern_train_net_fill(&s.net, weights, &fold);
+  ERN_TRY(ern_train_unhash(&s));
   struct densities job = {&s, a};
   ern_pool_run(pool_of(stream), (a->n + ERN_TRAIN_BATCH - 1) / ERN_TRAIN_BATCH, density_task, &job);
-  return ERN_OK;
+fail:
+  return status;
 }
 
 void ern_cpu_fill_train_fast(struct ern_backend *backend) {

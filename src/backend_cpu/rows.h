@@ -7,11 +7,10 @@
 #ifndef ERN_ROWS_H
 #define ERN_ROWS_H
 
-#include "backend_cpu/lanes.h"
-#include "mlp/mlp_tile.h"
+#include "backend_cpu/tile.h"
 
 /* A block of ROWS x ROW_VECTORS sums lives in registers: 6 x 4 of 32, or 6 x 2 of 16; a tile is 8 blocks. */
-enum { TILE = ERN_MLP_TILE, ROWS = 6, ROW_VECTORS = LANES == 8 ? 2 : 4 };
+enum { ROWS = 6, ROW_VECTORS = LANES == 8 ? 2 : 4 };
 
 typedef enum rows_finish {
   ROWS_STORE,

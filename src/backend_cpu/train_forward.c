@@ -7,16 +7,50 @@
 
 #include "backend_cpu/train_step.h"
 
-enum { STRIDE = 2 /* samples of a ray in a batch */ };
+enum { STRIDE = 1 /* samples of a ray in a batch */ };
 
-void ern_train_encode(const struct ern_train_step *s, float *f, size_t stride, const float *const x[3], size_t n) {
+/* ---- grids ------------------------------------------------------------------------------------------------------- */
+
+static void unhash_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct ern_train_step *s = user;
+  const size_t levels = (size_t)s->field->config.levels, p = k / levels;
+  const struct ern_grid_level *level = &s->field->plane[p].level[k % levels];
+  const struct ern_dense_level *to = &s->grids.level[p][k % levels];
+  const float *entries = s->parameters + s->field->plane_table[p] + level->offset;
+  if (to->value != entries) s->train->unhash((float *)to->value, entries, level);
+}
+
+/* Levels that are dense already are read where they are. */
+ern_status ern_train_unhash(struct ern_train_step *s) {
   const struct ern_field *field = s->field;
-  const size_t levels = (size_t)field->config.levels;
-  for (size_t p = 0; p < ERN_PLANES; p++) {
-    const float *const plane_x[ERN_GRID_MAX_DIMS] = {x[field->plane_axis[p][0]], x[field->plane_axis[p][1]], NULL};
-    s->kernels->grid_fwd(f + p * levels * stride, stride, plane_x, s->parameters + field->plane_table[p],
-                         &field->plane[p], 0, field->config.levels, n);
+  const int levels = field->config.levels;
+  size_t floats = 64;
+  float *next = NULL;
+  for (int p = 0; p < ERN_PLANES; p++) {
+    for (int l = 0; l < levels; l++) {
+      const size_t side = (size_t)field->plane[p].level[l].resolution + 1;
+      floats += side * side + ERN_NET_ALIGNED;
+    }
   }
+  const ern_status status = ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_GRIDS, floats, &next);
+  if (status != ERN_OK) return status;
+  s->grids.levels = levels;
+  s->grids.bound = field->config.bound;
+  for (int p = 0; p < ERN_PLANES; p++) {
+    memcpy(s->grids.axis[p], field->plane_axis[p], sizeof s->grids.axis[p]);
+    for (int l = 0; l < levels; l++) {
+      const struct ern_grid_level *level = &field->plane[p].level[l];
+      const uint32_t side = level->resolution + 1;
+      const bool dense = (uint64_t)side * side <= level->size;
+      const float *value = s->parameters + field->plane_table[p] + level->offset;
+      if (!dense) value = ern_train_cut(&next, (size_t)side * side + ERN_NET_ALIGNED);
+      s->grids.level[p][l] = (struct ern_dense_level){level->scale, side, value};
+    }
+  }
+  s->net.grids = &s->grids;
+  ern_pool_run(pool_of(s->stream), ERN_PLANES * (size_t)levels, unhash_task, s);
+  return ERN_OK;
 }
 
 /* ---- samples in batches ------------------------------------------------------------------------------------------ */
@@ -31,7 +65,7 @@ struct waiting {
 };
 
 static struct waiting waiting_make(const struct ern_train_step *s, struct ern_train_lane *lane, struct range r) {
-  int32_t *room = (int32_t *)(void *)(lane->f + s->net.features * ERN_TRAIN_BATCH);
+  int32_t *room = (int32_t *)(void *)lane->by_ray;
   struct waiting w = {.first = int32s(s->marched.first) + r.begin,
                       .queue = room,
                       .done = room + s->shard_rays,
@@ -97,14 +131,10 @@ static void put(float *values, const float *batch, const int32_t *sample, size_t
 
 static void look_at(const struct ern_train_step *s, struct ern_train_lane *lane, struct waiting *w) {
   size_t groups;
-  const double began = ern_profile_now();
   const size_t count = collect(s, lane, w, &groups);
-  const float *const x[3] = {lane->x[0], lane->x[1], lane->x[2]};
-  ern_train_encode(s, lane->f, ERN_TRAIN_BATCH, x, count);
-  const double encoded = ern_profile_now();
   const struct ern_train_density_args density = {.list = {lane->sample, count},
-                                                 .f = lane->f,
-                                                 .stride = ERN_TRAIN_BATCH,
+                                                 .x = lane->x[0],
+                                                 .x_stride = ERN_TRAIN_BATCH,
                                                  .feature_rows = s->feature_rows,
                                                  .sigma = lane->sigma,
                                                  .norm = lane->norm,
@@ -131,8 +161,6 @@ static void look_at(const struct ern_train_step *s, struct ern_train_lane *lane,
   s->train->uncertainty(&s->net, &lane->tile, &uncertainty);
   put(s->unc, lane->unc, looked_at.index, looked_at.count);
 
-  lane->profile.seconds[ERN_PROFILE_ENCODE] += encoded - began;
-  lane->profile.seconds[ERN_PROFILE_FORWARD] += ern_profile_now() - encoded;
   lane->profile.count[ERN_PROFILE_SAMPLES] += count;
   lane->profile.count[ERN_PROFILE_COLOURS] += live;
 }
@@ -142,7 +170,11 @@ static void forward_task(void *user, size_t k, int number) {
   struct ern_train_lane *lane = ern_train_lane_of(s, number);
   const struct range r = shard(s->rays, 64, k);
   struct waiting w = waiting_make(s, lane, r);
+  const double began = ern_profile_now();
+  lane->tile.encoding = 0;
   while (w.length > 0) look_at(s, lane, &w);
+  lane->profile.seconds[ERN_PROFILE_ENCODE] += lane->tile.encoding;
+  lane->profile.seconds[ERN_PROFILE_FORWARD] += ern_profile_now() - began - lane->tile.encoding;
 }
 
 /* ---- those that count -------------------------------------------------------------------------------------------- */

@@ -11,7 +11,7 @@
 #ifndef ERN_TRAIN_NET_H
 #define ERN_TRAIN_NET_H
 
-#include "model/field.h"
+#include "backend_cpu/frame_net.h"
 
 enum {
   ERN_NET_ATTENTION = 64, /* hidden units */
@@ -57,7 +57,8 @@ struct ern_train_net {
   size_t attention_back; /* [32][64] */
   size_t hidden_back;    /* [scene_hidden][slope_row] */
   size_t count;
-  const float *weights; /* the block */
+  const float *weights;              /* the block */
+  const struct ern_frame_net *grids; /* of it, the unhashed levels alone */
 };
 
 /* False where the layers are not those of the head: then the step goes through the stages. */

@@ -17,6 +17,7 @@ struct ern_train_block {
 };
 typedef enum ern_train_use {
   ERN_TRAIN_NET,     /* the weights and the shards' gradients */
+  ERN_TRAIN_GRIDS,   /* the unhashed levels */
   ERN_TRAIN_LANES,   /* a struct ern_train_lane a thread */
   ERN_TRAIN_MARCHED, /* by marched sample */
   ERN_TRAIN_LIVE,    /* by sample that counts */
@@ -41,7 +42,7 @@ static inline size_t ern_train_padded(size_t n) { return (n + 2 * ERN_MLP_TILE -
 
 /* ---- a thread's own ---- */
 
-enum { ERN_TRAIN_BATCH = 1920 /* samples looked at together: a level's table is read for all of them */ };
+enum { ERN_TRAIN_BATCH = 1920 /* samples looked at together */ };
 
 /* The samples of one ray that are in the batch. */
 struct ern_train_group {
@@ -59,13 +60,13 @@ struct ern_train_lane {
   struct ern_train_group group[ERN_TRAIN_BATCH];
   float hidden[ERN_TRAIN_BATCH * ERN_NET_DENSITY];
   struct ern_profile profile;
-  float f[]; /* [features][ERN_TRAIN_BATCH], then by ray of the shard: queue, place, transmittance */
+  float by_ray[]; /* of the shard: queue, samples looked at, transmittance */
 };
 
 /* Floats of a lane, for shards of `rays`. */
-static inline size_t ern_train_lane_floats(const struct ern_train_net *net, size_t rays) {
+static inline size_t ern_train_lane_floats(size_t rays) {
   const size_t bytes = sizeof(struct ern_train_lane);
-  return (bytes / sizeof(float) + net->features * ERN_TRAIN_BATCH + 3 * rays + 63) / 64 * 64;
+  return (bytes / sizeof(float) + 3 * rays + 63) / 64 * 64;
 }
 
 /* ---- the step ---- */
@@ -77,6 +78,7 @@ struct ern_train_step {
   const struct ern_field *field;
   const float *parameters;
   struct ern_train_net net;
+  struct ern_frame_net grids;
   char *lanes;
   size_t lane_bytes, shard_rays;
 
@@ -106,8 +108,8 @@ static inline struct ern_train_lane *ern_train_lane_of(const struct ern_train_st
   return (struct ern_train_lane *)(void *)(s->lanes + (size_t)lane * s->lane_bytes);
 }
 
-/* Features of n points, channels at `stride`. x: [3] */
-void ern_train_encode(const struct ern_train_step *s, float *f, size_t stride, const float *const x[3], size_t n);
+/* Unhashes the levels, for all encoding of the step. */
+ERN_NODISCARD ern_status ern_train_unhash(struct ern_train_step *s);
 
 /* All of the field that the losses need, of all samples that count; they are gathered behind each other. */
 ERN_NODISCARD ern_status ern_train_forward(struct ern_train_step *s);

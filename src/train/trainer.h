@@ -4,6 +4,7 @@
 #define ERN_TRAIN_TRAINER_H
 
 #include "core/backend.h"
+#include "core/threads.h"
 #include "ernerf/train.h"
 #include "model/model.h"
 
@@ -44,9 +45,10 @@ struct ern_trainer {
   double seconds; /* of training, all runs together */
   struct ern_run_folder run;
 
-  int32_t *host_pixels; /* [rays] */
-  float *host_rows;     /* [8][rays]: truth, background, face, jitter */
-  float *host_windows;  /* [8][window_length][width] */
+  struct ern_pool *pool; /* for work on the host */
+  int32_t *host_pixels;  /* [rays] */
+  float *host_rows;      /* [8][rays]: truth, background, face, jitter */
+  float *host_windows;   /* [8][window_length][width] */
 };
 
 /* What one step trains on: a frame and its rays, on the backend (scratch). */

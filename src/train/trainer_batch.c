@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * What a step trains on: a frame, its speech, and random rays of it. */
+ * What a step trains on: a frame, its speech, and random rays of it.
+ *
+ * The rays are handed on patch by patch of the picture: rays of a patch pass through the same cells, so the tables that
+ * they read and add to stay in the cache. Which rays they are does not depend on it. */
 #include <string.h>
+
+#include "core/memory.h"
 
 #include "core/rng.h"
 #include "core/status.h"
@@ -56,23 +61,111 @@ fail:
   return status;
 }
 
+/* ---- rays -------------------------------------------------------------------------------------------------------- */
+
+enum { PATCHES = 4096 /* most patches of a picture */, LEAST_PATCH = 16 /* pixels a side */ };
+
+/* A batch while it is drawn. */
+struct draw {
+  ern_trainer *t;
+  const uint8_t *truth, *torso; /* torso NULL: none */
+  const ern_dataset_frame *about;
+  uint32_t side, across, patches; /* of a patch; patches a row, in all */
+  int32_t *pixel;                 /* [rays], as drawn */
+  float *jitter;
+  int32_t *place; /* [patches][ERN_SHARDS]: rays of a patch that a shard drew, then where they go */
+};
+
+struct portion {
+  size_t begin, end;
+};
+static struct portion portion_of(const ern_trainer *t, size_t shard) {
+  const size_t rays = (size_t)t->config.rays;
+  return (struct portion){rays * shard / ERN_SHARDS, rays * (shard + 1) / ERN_SHARDS};
+}
+
+static uint32_t patch_of(const struct draw *draw, int32_t pixel) {
+  const uint32_t width = (uint32_t)draw->t->data.width, row = (uint32_t)pixel / width;
+  return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
+}
+
+static void draw_task(void *user, size_t shard, int lane) {
+  (void)lane;
+  const struct draw *draw = user;
+  const ern_trainer *t = draw->t;
+  const struct portion p = portion_of(t, shard);
+  const uint32_t pixels = (uint32_t)t->data.width * (uint32_t)t->data.height;
+  for (uint32_t patch = 0; patch < draw->patches; patch++) draw->place[patch * ERN_SHARDS + shard] = 0;
+  for (size_t i = p.begin; i < p.end; i++) {
+    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)i, ERN_RNG_PIXEL);
+    draw->pixel[i] = (int32_t)ern_below(random.word[0], pixels);
+    draw->jitter[i] = ern_uniform(random.word[1]);
+    draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
+  }
+}
+
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. */
-static void fill_ray(const ern_trainer *t, size_t i, size_t pixel, const uint8_t *truth, const uint8_t *torso,
-                     const ern_dataset_frame *about) {
+ * to become. part: n/255 */
+static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const float part[256]) {
+  const ern_trainer *t = draw->t;
+  const ern_dataset_frame *about = draw->about;
   const size_t rays = (size_t)t->config.rays, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
-  const float alpha = torso != NULL ? (float)torso[4 * pixel + 3] / 255 : 0;
+  const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
   for (size_t c = 0; c < 3; c++) {
-    const float back = (float)t->data.background[3 * pixel + c] / 255;
-    const float over = torso != NULL ? (float)torso[4 * pixel + c] / 255 * alpha + back * (1 - alpha) : back;
-    t->host_rows[c * rays + i] = t->config.torso ? over : (float)truth[3 * pixel + c] / 255;
+    const float back = part[t->data.background[3 * pixel + c]];
+    const float over = draw->torso != NULL ? part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha) : back;
+    t->host_rows[c * rays + i] = t->config.torso ? over : part[draw->truth[3 * pixel + c]];
     t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : over;
   }
   t->host_rows[6 * rays + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
                                        column >= about->face.left && column < about->face.right
                                    ? 1
                                    : 0;
+}
+
+static void fill_task(void *user, size_t shard, int lane) {
+  (void)lane;
+  const struct draw *draw = user;
+  const ern_trainer *t = draw->t;
+  const struct portion p = portion_of(t, shard);
+  float part[256];
+  for (int value = 0; value < 256; value++) part[value] = (float)value / 255;
+  for (size_t i = p.begin; i < p.end; i++) {
+    const size_t to = (size_t)draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
+    t->host_pixels[to] = draw->pixel[i];
+    t->host_rows[7 * (size_t)t->config.rays + to] = draw->jitter[i];
+    fill_ray(draw, to, (size_t)draw->pixel[i], part);
+  }
+}
+
+/* Within a patch the rays keep the order in which they were drawn. */
+static ern_status draw_rays(struct draw *draw) {
+  ern_trainer *t = draw->t;
+  const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
+  const size_t rays = (size_t)t->config.rays;
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  for (draw->side = LEAST_PATCH;; draw->side *= 2) {
+    draw->across = (width + draw->side - 1) / draw->side;
+    draw->patches = draw->across * ((height + draw->side - 1) / draw->side);
+    if (draw->patches <= PATCHES) break;
+  }
+  ERN_TRY(ern_allocate(t->context, 2 * rays + draw->patches * (size_t)ERN_SHARDS, sizeof(int32_t), &room));
+  draw->pixel = room;
+  draw->jitter = (float *)(void *)(draw->pixel + rays);
+  draw->place = draw->pixel + 2 * rays;
+  ern_pool_run(t->pool, ERN_SHARDS, draw_task, draw);
+  int32_t next = 0;
+  for (size_t i = 0; i < draw->patches * (size_t)ERN_SHARDS; i++) {
+    const int32_t count = draw->place[i];
+    draw->place[i] = next;
+    next += count;
+  }
+  ern_pool_run(t->pool, ERN_SHARDS, fill_task, draw);
+fail:
+  ern_release(t->context, room);
+  return status;
 }
 
 static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
@@ -98,23 +191,16 @@ fail:
 }
 
 ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch) {
-  const size_t rays = (size_t)t->config.rays;
-  const uint32_t pixels = (uint32_t)t->data.width * (uint32_t)t->data.height;
   const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, 0, ERN_RNG_FRAME);
-  const uint8_t *truth = NULL, *torso = NULL;
   ern_dataset_frame about;
+  struct draw draw = {.t = t, .about = &about};
   ern_status status = ERN_OK;
   *batch = (struct ern_batch){.frame = ern_trainer_pick(t, of_frame.word[0])};
   ERN_TRY(t->data.frame(t->data.user, 0, batch->frame, &about));
-  ERN_TRY(t->data.pixels(t->data.user, 0, batch->frame, &truth, &torso));
-  if (!t->data.has_torso) torso = NULL;
+  ERN_TRY(t->data.pixels(t->data.user, 0, batch->frame, &draw.truth, &draw.torso));
+  if (!t->data.has_torso) draw.torso = NULL;
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
-  for (size_t i = 0; i < rays; i++) {
-    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)i, ERN_RNG_PIXEL);
-    t->host_pixels[i] = (int32_t)ern_below(random.word[0], pixels);
-    t->host_rows[7 * rays + i] = ern_uniform(random.word[1]);
-    fill_ray(t, i, (size_t)t->host_pixels[i], truth, torso, &about);
-  }
+  ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, &batch->windows));
 fail:

@@ -181,6 +181,7 @@ static ern_status take_host(ern_trainer *t) {
   const size_t rays = (size_t)t->config.rays;
   void *room = NULL;
   ern_status status = ERN_OK;
+  ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
   ERN_TRY(ern_allocate(t->context, t->data.frames[0], sizeof(struct ern_view), &room));
   t->views = room;
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
@@ -270,6 +271,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->backend->buffer_free(t->backend, t->bits_buffer);
   t->backend->buffer_free(t->backend, t->cells_buffer);
   t->backend->stream_free(t->stream);
+  ern_pool_free(t->pool);
   ern_release(t->context, t->views);
   ern_release(t->context, t->host_pixels);
   ern_release(t->context, t->host_rows);
