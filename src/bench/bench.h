@@ -109,7 +109,7 @@ double ern_bench_shim_marched(const struct ern_bench_shim *shim);
 int ern_bench_shim_threads(const struct ern_bench_shim *shim);
 
 /* Keeps the calls made from now on, inside the head's and the torso's sections or outside too; NULL: no more. The call
- * is told with its arguments as they were after it. */
+ * is told with its arguments as they were after it; their scratch stays theirs. */
 void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
                            void *user);
 /* Repeats a call on the stream that it was made on, untimed. */

@@ -30,6 +30,7 @@ struct ern_bench_shim {
   struct ern_profile profile;
   ern_status (*hear)(void *user, const struct ern_bench_call *call);
   void *user;
+  struct ern_arena_mark furthest; /* of the stream's scratch while calls were heard */
   struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its lanes */
 };
 
@@ -47,6 +48,14 @@ static struct ern_bench_shim *shim_of(struct ern_stream *stream) { return (struc
 static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *stream, enum ern_bench_slot slot,
                        const void *args, size_t bytes) {
   if (shim->hear == NULL || shim->main == NULL || stream != &shim->main->base) return ERN_OK;
+  const struct ern_arena_mark now = ern_arena_mark(stream);
+  for (int e = 0; e < 3; e++) {
+    const bool same = now.block[e] == shim->furthest.block[e];
+    if (now.block[e] > shim->furthest.block[e] || (same && now.used[e] > shim->furthest.used[e])) {
+      shim->furthest.block[e] = now.block[e];
+      shim->furthest.used[e] = now.used[e];
+    }
+  }
   struct ern_bench_call call = {.slot = slot, .section = shim->section};
   memcpy(&call.args, args, bytes);
   return shim->hear(shim->user, &call);
@@ -175,8 +184,11 @@ double ern_bench_shim_marched(const struct ern_bench_shim *shim) {
 
 void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
                            void *user) {
+  if (hear != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(&shim->main->base);
   shim->hear = hear;
   shim->user = user;
+  /* arguments that were heard lie in scratch that has been given back since: it is not to be given out again */
+  if (hear == NULL && shim->main != NULL) ern_arena_release(&shim->main->base, shim->furthest);
 }
 
 ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call) {
