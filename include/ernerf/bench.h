@@ -35,7 +35,8 @@ typedef struct ern_bench_options {
 } ern_bench_options;
 ERN_API ern_bench_options ern_bench_options_default(void);
 
-/* Seconds of one call. */
+/* Seconds of one call. What has one thread by itself (peaks of one, kernels) is read by its processor time, which is
+ * the time that passes where nobody else runs; all else by the time that passes. */
 typedef struct ern_bench_timing {
   double least, median;
   double cpu; /* the least processor time, of all threads together: tells on a machine that is shared with others */
@@ -64,8 +65,8 @@ typedef struct ern_bench_machine {
   ern_bench_rate stream_l2, stream_l3, stream_memory;
   ern_bench_peak peak[ERN_BENCH_BACKENDS]; /* one a backend, in the order of the call */
   size_t peaks;
-  double unrest; /* largest median over least of the multiply-adds on one thread: well above 1 where other programs take
-                    the processor's time, and all figures are then too low */
+  double unrest; /* largest median over least of the multiply-adds on all threads: well above 1 where other programs
+                    take the processor's time, and all figures are then too low */
 } ern_bench_machine;
 
 /* `backends`: 1..ERN_BENCH_BACKENDS of the CPU, all of one context. options NULL: the defaults. */

@@ -17,6 +17,7 @@ struct ern_bench_turns {
   void (*warm)(void *user, size_t which); /* the next readings of `which` count, the ones before did not; may be NULL */
   void *user;
   size_t count;   /* at most ERN_BENCH_TURNS */
+  size_t alone;   /* the first so many have one thread and are read by processor time: others' work is not in it */
   double seconds; /* for all of them together */
   double least;   /* seconds that a reading should last at least: calls are repeated to fill it */
   int most;       /* repeats, 1..ERN_BENCH_REPEATS */

@@ -191,6 +191,7 @@ static ern_status measure(struct kernels *kernels, size_t number, double seconds
   const struct ern_bench_turns turns = {.work = repeat,
                                         .user = kernels,
                                         .count = kernels->count,
+                                        .alone = kernels->count,
                                         .seconds = seconds,
                                         .least = 1e-3,
                                         .most = ERN_BENCH_REPEATS};

@@ -83,12 +83,13 @@ static ern_status run_load(void *user, size_t which, size_t times) {
   return ERN_OK;
 }
 
-/* unrest: grows to the largest median over least of one thread; NULL: not wanted. */
+/* unrest: grows to the largest median over least of all threads; NULL: not wanted. */
 static ern_status measure(struct peaks *peaks, double seconds, ern_bench_rate *rate, size_t rate_step, double *unrest) {
   ern_bench_timing timing[ERN_BENCH_TURNS];
   const struct ern_bench_turns turns = {.work = run_load,
                                         .user = peaks,
                                         .count = 2 * peaks->count,
+                                        .alone = peaks->count,
                                         .seconds = seconds,
                                         .least = 1e-3,
                                         .most = ERN_BENCH_REPEATS};
@@ -96,7 +97,8 @@ static ern_status measure(struct peaks *peaks, double seconds, ern_bench_rate *r
   for (size_t k = 0; k < peaks->count && status == ERN_OK; k++) {
     ern_bench_rate *out = (ern_bench_rate *)((uint8_t *)rate + k * rate_step);
     out->one = peaks->load[k].each / timing[k].least;
-    if (unrest != NULL && timing[k].median > *unrest * timing[k].least) *unrest = timing[k].median / timing[k].least;
+    const ern_bench_timing *together = &timing[peaks->count + k];
+    if (unrest != NULL && together->median > *unrest * together->least) *unrest = together->median / together->least;
     out->all = peaks->load[k].each * (double)peaks->threads / timing[peaks->count + k].least;
     if (out->all < out->one) out->all = out->one; /* all of them can do what one can: they were not let */
   }

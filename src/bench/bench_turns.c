@@ -60,7 +60,7 @@ static ern_status read_one(const struct ern_bench_turns *turns, size_t which, st
   const double seconds = (ern_profile_now() - began) / (double)reading->times;
   const double cpu = (processor_seconds() - cpu_began) / (double)reading->times;
   reading->cpu = reading->taken == 0 ? cpu : fmin(cpu, reading->cpu);
-  reading->seconds[reading->taken++] = seconds;
+  reading->seconds[reading->taken++] = which < turns->alone ? cpu : seconds;
   return status;
 }
 
