@@ -18,14 +18,20 @@ LANES_INLINE void vu_spill(struct vu_spilled *spilled, vu value) {
 
 /* A register made of four, two or one pairs a 128-bit part: even parts hold samples 4p and 4p + 1, odd ones 4p + 2 and
  * 4p + 3, so that one shuffle within the parts puts all first or all second values in order. */
+#if defined(__AVX2__)
+/* Two floats as one number of 64 bits, from wherever they are. */
+LANES_INLINE double pair_at(const float *at) {
+  double pair;
+  memcpy(&pair, at, sizeof pair);
+  return pair;
+}
+#endif
 #if defined(__AVX512F__)
 /* A load that fills one 64-bit lane costs no shuffle. */
 #define PAIR_INTO(to, lane64, from) \
-  (to) = _mm512_mask_broadcastsd_pd(to, (__mmask8)(1 << (lane64)), _mm_load_sd((const double *)(const void *)(from)))
+  (to) = _mm512_mask_broadcastsd_pd(to, (__mmask8)(1 << (lane64)), _mm_set_sd(pair_at(from)))
 typedef __m512d pairs;
-LANES_INLINE pairs pairs_from(const float *at) {
-  return _mm512_castpd128_pd512(_mm_load_sd((const double *)(const void *)at));
-}
+LANES_INLINE pairs pairs_from(const float *at) { return _mm512_castpd128_pd512(_mm_set_sd(pair_at(at))); }
 LANES_INLINE vf pairs_low(pairs a, pairs b) {
   return (vf)_mm512_shuffle_ps(_mm512_castpd_ps(a), _mm512_castpd_ps(b), 0x88);
 }
@@ -33,10 +39,9 @@ LANES_INLINE vf pairs_high(pairs a, pairs b) {
   return (vf)_mm512_shuffle_ps(_mm512_castpd_ps(a), _mm512_castpd_ps(b), 0xdd);
 }
 #elif defined(__AVX2__)
-#define PAIR_INTO(to, lane64, from) \
-  (to) = _mm256_blend_pd(to, _mm256_broadcast_sd((const double *)(const void *)(from)), 1 << (lane64))
+#define PAIR_INTO(to, lane64, from) (to) = _mm256_blend_pd(to, _mm256_set1_pd(pair_at(from)), 1 << (lane64))
 typedef __m256d pairs;
-LANES_INLINE pairs pairs_from(const float *at) { return _mm256_broadcast_sd((const double *)(const void *)at); }
+LANES_INLINE pairs pairs_from(const float *at) { return _mm256_set1_pd(pair_at(at)); }
 LANES_INLINE vf pairs_low(pairs a, pairs b) {
   return (vf)_mm256_shuffle_ps(_mm256_castpd_ps(a), _mm256_castpd_ps(b), 0x88);
 }
