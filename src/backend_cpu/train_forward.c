@@ -1,13 +1,17 @@
 /* SPDX-License-Identifier: MIT
  * The forward half of a fused training step, up to compositing.
  *
- * A ray's samples are looked at a few at a time, and none behind the point where its light is spent: they would count
- * for nothing and have no gradient. What is left is gathered, so that all that follows sees only samples that count. */
+ * A ray's samples are looked at one by one, or a few at a time, and none behind the point where its light is spent:
+ * they would count for nothing and have no gradient. What is left is gathered, so that all that follows sees only
+ * samples that count. */
 #include <math.h>
 
 #include "backend_cpu/train_step.h"
 
-enum { STRIDE = 1 /* samples of a ray in a batch */ };
+enum {
+  FULL = 2 * ERN_MLP_TILE, /* a batch of fewer samples is mostly the rest of a tile */
+  MOST = 16                /* samples of a ray in a batch */
+};
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
 
@@ -80,15 +84,22 @@ static struct waiting waiting_make(const struct ern_train_step *s, struct ern_tr
   return w;
 }
 
+/* Samples that a ray gives to the next batch: one, as the light may be spent behind it, but where the rays are few. */
+static int32_t share_of(const struct ern_train_step *s, const struct waiting *w) {
+  const size_t share = w->length > 0 ? (FULL + w->length - 1) / w->length : 1;
+  return share > MOST || s->everything ? MOST : (int32_t)share;
+}
+
 /* Takes the next samples of the longest waiting rays; *groups rays, and how many samples. */
 static size_t collect(const struct ern_train_step *s, struct ern_train_lane *lane, struct waiting *w, size_t *groups) {
   const float *x = reals(s->marched.x.span);
   const size_t x_stride = s->marched.x.stride;
+  const int32_t share = share_of(s, w);
   size_t count = 0;
   for (*groups = 0; w->length > 0 && count < ERN_TRAIN_BATCH; ++*groups) {
     const int32_t ray = w->queue[w->head], begin = w->first[ray] + w->done[ray];
     int32_t take = w->first[ray + 1] - begin;
-    if (take > STRIDE) take = STRIDE;
+    if (take > share) take = share;
     if ((size_t)take > ERN_TRAIN_BATCH - count) take = (int32_t)(ERN_TRAIN_BATCH - count);
     lane->group[*groups] = (struct ern_train_group){ray, take};
     w->head = w->head + 1 < w->rays ? w->head + 1 : 0;
