@@ -15,11 +15,12 @@ ern_backend_config ern_backend_config_default(void) {
   return (ern_backend_config){.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
 }
 
-/* bf16 is chosen unasked where it is faster, and if it costs a rendered frame less than 0.05 dB of its PSNR: it costs
- * 0.001 dB, the most of four models (docs/performance.md; tests/numerics/test_bf16_price.c holds it to that). */
+/* bf16 is chosen unasked where it is measured to be faster, and if it costs a rendered frame less than 0.05 dB of its
+ * PSNR: it costs 0.001 dB, the most of four models (docs/performance.md; tests/numerics/test_bf16_price.c holds it to
+ * that). */
 static ern_isa best_isa(void) {
   static const ern_isa order[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};
-  if (ern_bf16_is_fast()) return ERN_ISA_AVX512BF16;
+  if (ern_cpu_bf16_is_faster()) return ERN_ISA_AVX512BF16;
   for (size_t i = 0; i < sizeof order / sizeof *order; i++)
     if (ern_isa_available(order[i])) return order[i];
   return ERN_ISA_REF;

@@ -9,4 +9,7 @@
 /* The caller has checked ern_isa_available. */
 ERN_NODISCARD ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend);
 
+/* Whether this machine multiplies pairs of bf16 faster than floats: measured, in a tenth of a millisecond. */
+bool ern_cpu_bf16_is_faster(void);
+
 #endif

@@ -13,7 +13,8 @@ enum { ERN_PEAK_TABLE = 1 << 14 /* floats of the table that gathers read: 64 KiB
 typedef double ern_peak_multiply_loop(float *sink, size_t turns);
 typedef double ern_peak_gather_loop(float *sink, const float *table, size_t turns);
 
-ern_peak_multiply_loop ern_peak_multiply_base, ern_peak_multiply_avx2, ern_peak_multiply_avx512, ern_peak_multiply_neon;
+ern_peak_multiply_loop ern_peak_multiply_base, ern_peak_multiply_avx2, ern_peak_multiply_avx512,
+    ern_peak_multiply_avx512bf16, ern_peak_multiply_neon;
 ern_peak_gather_loop ern_peak_gather_base, ern_peak_gather_avx2, ern_peak_gather_avx512, ern_peak_gather_neon;
 /* `count` floats, a multiple of 64; aligned to 64 bytes. */
 typedef void ern_peak_copy_loop(float *restrict to, const float *restrict from, size_t count);

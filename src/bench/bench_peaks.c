@@ -124,8 +124,8 @@ static struct loops loops_of(const char *isa) {
 #if defined(ERN_X86_KERNELS)
     {"avx2", {ern_peak_multiply_avx2, ern_peak_gather_avx2, ern_peak_copy_avx2, ern_peak_update_avx2}},
     {"avx512", {ern_peak_multiply_avx512, ern_peak_gather_avx512, ern_peak_copy_avx512, ern_peak_update_avx512}},
-    /* in float too: products of pairs of bf16 may pass it */
-    {"avx512bf16", {ern_peak_multiply_avx512, ern_peak_gather_avx512, ern_peak_copy_avx512, ern_peak_update_avx512}},
+    {"avx512bf16",
+     {ern_peak_multiply_avx512bf16, ern_peak_gather_avx512, ern_peak_copy_avx512, ern_peak_update_avx512}},
 #endif
 #if defined(ERN_ARM_KERNELS)
     {"neon", {ern_peak_multiply_neon, ern_peak_gather_neon, ern_peak_copy_neon, ern_peak_update_neon}},

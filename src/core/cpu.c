@@ -38,16 +38,6 @@ bool ern_isa_available(ern_isa isa) {
   return false;
 }
 
-/* AMD's has that rate since the first of them (Zen 4). Intel's since Sapphire Rapids is four micro-operations, two
- * cycles of both ports: half the rate that plain multiply-adds give. */
-bool ern_bf16_is_fast(void) {
-#if defined(ERN_X86_KERNELS)
-  return ern_isa_available(ERN_ISA_AVX512BF16) && __builtin_cpu_is("amd");
-#else
-  return false;
-#endif
-}
-
 void ern_isa_list(char *text, size_t bytes) {
   size_t used = 0;
   if (bytes > 0) text[0] = 0;

@@ -21,9 +21,6 @@ const char *ern_isa_name(ern_isa isa); /* "ref", "ref64", "avx2", "avx512", "avx
 /* Whether this build has kernels for it and this machine runs them. */
 bool ern_isa_available(ern_isa isa);
 
-/* Whether VDPBF16PS has the rate of a multiply-add here, and so twice its products. */
-bool ern_bf16_is_fast(void);
-
 /* The names of those available, with blanks between. */
 void ern_isa_list(char *text, size_t bytes);
 

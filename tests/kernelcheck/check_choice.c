@@ -3,6 +3,7 @@
  * it, and a refusal in words where it has not. */
 #include "kernelcheck.h"
 
+#include "backend_cpu/backend_cpu.h"
 #include "ernerf/backend.h"
 
 static const struct {
@@ -41,20 +42,11 @@ static void expect_choice(const char *wanted, const char *expected) {
   ern_context_free(&context);
 }
 
-/* Of the processors that have it, AMD's multiply pairs of bf16 as fast as floats; Intel's take longer. */
-static bool bf16_is_faster(void) {
-#if defined(__x86_64__)
-  return __builtin_cpu_is("amd");
-#else
-  return false;
-#endif
-}
-
 static void test_best(void **state) {
   (void)state;
   const char *best = "ref";
   for (size_t s = 2; s < SETS; s++) {
-    if (sets[s].isa == MACHINE_AVX512BF16 && !bf16_is_faster()) continue;
+    if (sets[s].isa == MACHINE_AVX512BF16 && !ern_cpu_bf16_is_faster()) continue;
     if (expected_here(s)) best = sets[s].name;
   }
   print_message("the best here: %s\n", best);
