@@ -63,19 +63,48 @@ static void sort_rays(struct ray_order *order, const struct ern_render_rays_args
   }
 }
 
+/* Whether the rays are all pixels in their order, as a frame's are: blocks then need no sorting. */
+static bool is_picture(const struct ern_render_rays_args *a) {
+  const int32_t *pixel = (const int32_t *)a->pixel_number.buffer->memory + a->pixel_number.at;
+  if (a->n != (size_t)a->view.width * (size_t)a->view.height) return false;
+  int32_t other = 0;
+  for (size_t i = 0; i < a->n; i++) other |= pixel[i] ^ (int32_t)i;
+  return other == 0;
+}
+
+static void order_picture(struct ray_order *order, const struct ern_view *view, const float *nearest) {
+  const size_t width = (size_t)view->width, height = (size_t)view->height;
+  for (size_t top = 0; top < height; top += SIDE) {
+    for (size_t left = 0; left < width; left += SIDE) {
+      const float distance = *nearest++;
+      if (!(distance < INFINITY)) continue;
+      for (size_t row = top; row < top + SIDE && row < height; row++) {
+        for (size_t column = left; column < left + SIDE && column < width; column++) {
+          order->ray[order->count] = (int32_t)(row * width + column);
+          order->not_before[order->count++] = distance;
+        }
+      }
+    }
+  }
+}
+
 static ern_status make_order(struct ern_stream *stream, const struct ern_render_rays_args *a, const uint8_t *bits,
                              struct ray_order *order) {
   const size_t blocks = ern_visible_count(a->view.width) * ern_visible_count(a->view.height);
   ern_span nearest, first, block, ray, distance;
   ern_status status = ERN_OK;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, &nearest));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, blocks + 1, &first));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &block));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &ray));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->n, &distance));
   order->ray = (int32_t *)ray.buffer->memory + ray.at;
   order->not_before = floats(distance);
   ern_visible_blocks(floats(nearest), bits, &a->view, a->settings.bound);
+  if (is_picture(a)) {
+    order_picture(order, &a->view, floats(nearest));
+    return ERN_OK;
+  }
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, blocks + 1, &first));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &block));
   sort_rays(order, a, floats(nearest), (int32_t *)block.buffer->memory + block.at,
             (int32_t *)first.buffer->memory + first.at, blocks);
 fail:
