@@ -342,7 +342,7 @@ static void test_threads_and_outputs(void **state) {
 /* A frame may follow another with other speech, eyes and code on the same stream. */
 static void test_frames_follow(void **state) {
   (void)state;
-  struct scene scene = scene_make(12, true, 3, 40, 40, 8);
+  struct scene scene = scene_make(12, true, 3, emulated_side(40), emulated_side(40), 8);
   for (size_t f = 0; f < FAST; f++) {
     if (!machine_has(fast[f].machine)) continue;
     struct stage stage = stage_make(&scene, &fast[f], 2, true);
@@ -369,7 +369,7 @@ static void test_frames_follow(void **state) {
 static void test_every_input_counts(void **state) {
   (void)state;
   for (int levels = 11; levels <= 14; levels++) {
-    struct scene scene = scene_make(levels, true, 2, 30, 26, 3);
+    struct scene scene = scene_make(levels, true, 2, emulated_side(30), emulated_side(26), 3);
     float *weak = render(&scene, &truthful, 1, true);
     scene.eye_value = 16;
     float *eyes = render(&scene, &truthful, 1, true);
