@@ -90,106 +90,47 @@ static void backend_free(struct ern_backend *backend) {
   ern_release(backend->context, cpu);
 }
 
-#if defined(ERN_X86_KERNELS)
-static void overwrite_avx2(struct ern_cpu_kernels *k) {
-  k->rays = ern_rays_avx2;
-  k->march = ern_march_avx2;
-  k->march_from = ern_march_from_avx2;
-  k->samples = ern_samples_avx2;
-  k->mlp_fwd = ern_mlp_fwd_avx2;
-  k->mlp_bwd = ern_mlp_bwd_avx2;
-  k->grid_fwd = ern_grid_fwd_avx2;
-  k->grid_bwd = ern_grid_bwd_avx2;
-  k->composite_fwd = ern_composite_fwd_avx2;
-  k->composite_bwd = ern_composite_bwd_avx2;
-  k->attention_fwd = ern_attention_fwd_avx2;
-  k->attention_bwd = ern_attention_bwd_avx2;
-  k->head_softmax = ern_head_softmax_avx2;
-  k->head_loss = ern_head_loss_avx2;
-  k->smooth_loss = ern_smooth_loss_avx2;
-  k->smooth_points = ern_smooth_points_avx2;
-  k->mse = ern_mse_avx2;
-  k->adamw = ern_adamw_avx2;
-  k->ema = ern_ema_avx2;
-  k->finite = ern_finite_avx2;
-  k->sh_fwd = ern_sh_fwd_avx2;
-  k->freq_fwd = ern_freq_fwd_avx2;
-  k->freq_bwd = ern_freq_bwd_avx2;
-  k->occupancy_points = ern_occupancy_points_avx2;
-  k->occupancy_update = ern_occupancy_update_avx2;
-  k->occupancy_pack = ern_occupancy_pack_avx2;
-  k->activate_fwd = ern_activate_fwd_avx2;
-  k->activate_bwd = ern_activate_bwd_avx2;
-  k->backdrop = ern_backdrop_avx2;
-  k->picture = ern_picture_avx2;
-}
-static void overwrite_avx512(struct ern_cpu_kernels *k) {
-  k->rays = ern_rays_avx512;
-  k->march = ern_march_avx512;
-  k->march_from = ern_march_from_avx512;
-  k->samples = ern_samples_avx512;
-  k->mlp_fwd = ern_mlp_fwd_avx512;
-  k->mlp_bwd = ern_mlp_bwd_avx512;
-  k->grid_fwd = ern_grid_fwd_avx512;
-  k->grid_bwd = ern_grid_bwd_avx512;
-  k->composite_fwd = ern_composite_fwd_avx512;
-  k->composite_bwd = ern_composite_bwd_avx512;
-  k->attention_fwd = ern_attention_fwd_avx512;
-  k->attention_bwd = ern_attention_bwd_avx512;
-  k->head_softmax = ern_head_softmax_avx512;
-  k->head_loss = ern_head_loss_avx512;
-  k->smooth_loss = ern_smooth_loss_avx512;
-  k->smooth_points = ern_smooth_points_avx512;
-  k->mse = ern_mse_avx512;
-  k->adamw = ern_adamw_avx512;
-  k->ema = ern_ema_avx512;
-  k->finite = ern_finite_avx512;
-  k->sh_fwd = ern_sh_fwd_avx512;
-  k->freq_fwd = ern_freq_fwd_avx512;
-  k->freq_bwd = ern_freq_bwd_avx512;
-  k->occupancy_points = ern_occupancy_points_avx512;
-  k->occupancy_update = ern_occupancy_update_avx512;
-  k->occupancy_pack = ern_occupancy_pack_avx512;
-  k->activate_fwd = ern_activate_fwd_avx512;
-  k->activate_bwd = ern_activate_bwd_avx512;
-  k->backdrop = ern_backdrop_avx512;
-  k->picture = ern_picture_avx512;
-}
-#endif
+/* What each instruction set does faster than the reference: the same list for all of them. */
+#define OVERWRITE(isa)                                     \
+  static void overwrite_##isa(struct ern_cpu_kernels *k) { \
+    k->rays = ern_rays_##isa;                              \
+    k->march = ern_march_##isa;                            \
+    k->march_from = ern_march_from_##isa;                  \
+    k->samples = ern_samples_##isa;                        \
+    k->mlp_fwd = ern_mlp_fwd_##isa;                        \
+    k->mlp_bwd = ern_mlp_bwd_##isa;                        \
+    k->grid_fwd = ern_grid_fwd_##isa;                      \
+    k->grid_bwd = ern_grid_bwd_##isa;                      \
+    k->composite_fwd = ern_composite_fwd_##isa;            \
+    k->composite_bwd = ern_composite_bwd_##isa;            \
+    k->attention_fwd = ern_attention_fwd_##isa;            \
+    k->attention_bwd = ern_attention_bwd_##isa;            \
+    k->head_softmax = ern_head_softmax_##isa;              \
+    k->head_loss = ern_head_loss_##isa;                    \
+    k->smooth_loss = ern_smooth_loss_##isa;                \
+    k->smooth_points = ern_smooth_points_##isa;            \
+    k->mse = ern_mse_##isa;                                \
+    k->adamw = ern_adamw_##isa;                            \
+    k->ema = ern_ema_##isa;                                \
+    k->finite = ern_finite_##isa;                          \
+    k->sh_fwd = ern_sh_fwd_##isa;                          \
+    k->freq_fwd = ern_freq_fwd_##isa;                      \
+    k->freq_bwd = ern_freq_bwd_##isa;                      \
+    k->occupancy_points = ern_occupancy_points_##isa;      \
+    k->occupancy_update = ern_occupancy_update_##isa;      \
+    k->occupancy_pack = ern_occupancy_pack_##isa;          \
+    k->activate_fwd = ern_activate_fwd_##isa;              \
+    k->activate_bwd = ern_activate_bwd_##isa;              \
+    k->backdrop = ern_backdrop_##isa;                      \
+    k->picture = ern_picture_##isa;                        \
+  }
 
+#if defined(ERN_X86_KERNELS)
+OVERWRITE(avx2)
+OVERWRITE(avx512)
+#endif
 #if defined(ERN_ARM_KERNELS)
-static void overwrite_neon(struct ern_cpu_kernels *k) {
-  k->rays = ern_rays_neon;
-  k->march = ern_march_neon;
-  k->march_from = ern_march_from_neon;
-  k->samples = ern_samples_neon;
-  k->mlp_fwd = ern_mlp_fwd_neon;
-  k->mlp_bwd = ern_mlp_bwd_neon;
-  k->grid_fwd = ern_grid_fwd_neon;
-  k->grid_bwd = ern_grid_bwd_neon;
-  k->composite_fwd = ern_composite_fwd_neon;
-  k->composite_bwd = ern_composite_bwd_neon;
-  k->attention_fwd = ern_attention_fwd_neon;
-  k->attention_bwd = ern_attention_bwd_neon;
-  k->head_softmax = ern_head_softmax_neon;
-  k->head_loss = ern_head_loss_neon;
-  k->smooth_loss = ern_smooth_loss_neon;
-  k->smooth_points = ern_smooth_points_neon;
-  k->mse = ern_mse_neon;
-  k->adamw = ern_adamw_neon;
-  k->ema = ern_ema_neon;
-  k->finite = ern_finite_neon;
-  k->sh_fwd = ern_sh_fwd_neon;
-  k->freq_fwd = ern_freq_fwd_neon;
-  k->freq_bwd = ern_freq_bwd_neon;
-  k->occupancy_points = ern_occupancy_points_neon;
-  k->occupancy_update = ern_occupancy_update_neon;
-  k->occupancy_pack = ern_occupancy_pack_neon;
-  k->activate_fwd = ern_activate_fwd_neon;
-  k->activate_bwd = ern_activate_bwd_neon;
-  k->backdrop = ern_backdrop_neon;
-  k->picture = ern_picture_neon;
-}
+OVERWRITE(neon)
 #endif
 
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
