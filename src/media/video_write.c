@@ -120,8 +120,12 @@ static ern_status open_encoder(ern_video_writer *writer, int crf) {
   if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) {
     return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
   }
-  /* The same number on every machine, for the same bytes: they depend on it. Not 1: libx264 164 then encodes the same
-   * pictures to different streams, as memory it was given happens to look. */
+  /* The same pictures to the same bytes: libx264 164's macroblock tree reads memory that it has not written, and a
+   * stream depends on the number of threads. */
+  error = av_opt_set_int(made, "mbtree", 0, AV_OPT_SEARCH_CHILDREN);
+  if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) {
+    return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
+  }
   made->thread_count = 2;
   error = avcodec_open2(made, codec, NULL);
   if (error >= 0) error = avcodec_parameters_from_context(writer->stream->codecpar, made);

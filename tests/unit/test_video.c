@@ -383,6 +383,36 @@ static void test_nothing_is_left_behind(void **state) {
 }
 
 /* A full disk at whatever byte: an error from a frame or from close, the file of before untouched, nothing else. */
+/* Memory that has been used before looks different each time; nothing of it may reach the file. */
+static void dirty_heap(unsigned seed) {
+  enum { BLOCKS = 64 };
+  void *blocks[BLOCKS];
+  for (unsigned i = 0; i < BLOCKS; i++) {
+    const size_t bytes = 1000 + (size_t)(seed * 7919 + i * 104729) % 300000;
+    blocks[i] = malloc(bytes);
+    assert_non_null(blocks[i]);
+    memset(blocks[i], (int)(seed * 37 + i * 11), bytes);
+  }
+  for (unsigned i = 0; i < BLOCKS; i++) free(blocks[i]);
+}
+
+static void test_same_bytes(void **state) {
+  (void)state;
+  const ern_video_options options = ern_video_options_default(96, 96);
+  uint8_t *first = NULL, *again = NULL;
+  size_t count = 0, count_again = 0;
+  write_video("first.mp4", &options, 60);
+  support_ok(context, ern_file_read(context, "first.mp4", 1 << 24, &first, &count));
+  for (unsigned run = 1; run <= 8; run++) {
+    dirty_heap(run);
+    write_video("again.mp4", &options, 60);
+    support_ok(context, ern_file_read(context, "again.mp4", 1 << 24, &again, &count_again));
+    if (count != count_again || memcmp(first, again, count) != 0) fail_msg("run %u: other bytes", run);
+    ern_release(context, again);
+  }
+  ern_release(context, first);
+}
+
 static void test_full_disk(void **state) {
   (void)state;
   ern_sound sound = tones(16000, 1, 4);
@@ -512,6 +542,7 @@ int main(void) {
       cmocka_unit_test(test_colours),
       cmocka_unit_test(test_quality_counts),
       cmocka_unit_test(test_nothing_is_left_behind),
+      cmocka_unit_test(test_same_bytes),
       cmocka_unit_test(test_full_disk),
       cmocka_unit_test(test_cut_short_and_no_video),
       cmocka_unit_test(test_real_clip),
