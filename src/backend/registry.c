@@ -46,9 +46,12 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   *backend = NULL;
   if (chosen.cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
-  if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0)
-    return ern_fail(context, ERN_E_UNSUPPORTED,
-                    "backend: opencl lists its devices but does not train or render yet; use --backend cpu");
+  if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
+    const ern_status made = ern_opencl_backend_make(context, chosen.device, backend);
+    if (made == ERN_OK)
+      ern_log(context, ERN_LOG_INFO, "backend: opencl, device %d: %s", chosen.device, (*backend)->isa);
+    return made;
+  }
   if (chosen.name != NULL && strcmp(chosen.name, "auto") != 0 && strcmp(chosen.name, "cpu") != 0)
     return ern_fail(context, ERN_E_UNSUPPORTED, "backend: found \"%s\", expected auto, cpu or opencl", chosen.name);
   ern_status status = choose_isa(context, chosen.isa, &isa);

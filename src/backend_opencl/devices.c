@@ -1,51 +1,142 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Which devices there are, and what one of them can do. */
 #include "backend_opencl/devices.h"
 
 #include "core/status.h"
 
 #if defined(ERN_OPENCL)
-#define CL_TARGET_OPENCL_VERSION 120
-#include <CL/cl.h>
+#include <stdio.h>
+#include <string.h>
 
-enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, TEXT_BYTES = 256 };
+#include "backend_opencl/opencl.h"
 
-static void say_device(cl_device_id device, int number, void (*say)(void *, const ern_device_info *), void *user) {
-  char name[TEXT_BYTES] = "", version[TEXT_BYTES] = "";
-  cl_uint units = 0;
-  cl_ulong memory = 0;
-  if (clGetDeviceInfo(device, CL_DEVICE_NAME, sizeof name, name, NULL) != CL_SUCCESS) name[0] = 0;
-  if (clGetDeviceInfo(device, CL_DEVICE_VERSION, sizeof version, version, NULL) != CL_SUCCESS) version[0] = 0;
-  if (clGetDeviceInfo(device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof units, &units, NULL) != CL_SUCCESS) units = 0;
-  if (clGetDeviceInfo(device, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof memory, &memory, NULL) != CL_SUCCESS) memory = 0;
-  const ern_device_info info = {.kind = "opencl",
-                                .number = number,
-                                .name = name,
-                                .version = version,
-                                .instruction_sets = "",
-                                .compute_units = units,
-                                .memory_bytes = memory};
-  say(user, &info);
-}
+enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, TEXT_BYTES = 256, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
-ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+struct found {
+  cl_platform_id platform;
+  cl_device_id device;
+};
+
+/* The loader answers with an error where no driver is installed: that is a machine without OpenCL. */
+static int find_devices(struct found found[MAX_DEVICES], int *platforms_found) {
   cl_platform_id platform[MAX_PLATFORMS];
   cl_uint platforms = 0;
-  int number = 0;
-  /* The loader answers with an error where no driver is installed: that is a machine without OpenCL. */
+  int count = 0;
   if (clGetPlatformIDs(MAX_PLATFORMS, platform, &platforms) != CL_SUCCESS) platforms = 0;
-  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
-  for (cl_uint p = 0; p < platforms && p < MAX_PLATFORMS; p++) {
+  if (platforms > MAX_PLATFORMS) platforms = MAX_PLATFORMS;
+  for (cl_uint p = 0; p < platforms; p++) {
     cl_device_id device[MAX_DEVICES];
     cl_uint devices = 0;
     if (clGetDeviceIDs(platform[p], CL_DEVICE_TYPE_ALL, MAX_DEVICES, device, &devices) != CL_SUCCESS) continue;
-    for (cl_uint d = 0; d < devices && d < MAX_DEVICES; d++) say_device(device[d], number++, say, user);
+    for (cl_uint d = 0; d < devices && d < MAX_DEVICES && count < MAX_DEVICES; d++)
+      found[count++] = (struct found){platform[p], device[d]};
+  }
+  *platforms_found = (int)platforms;
+  return count;
+}
+
+/* The text of a device; "" where it has none or a longer one. */
+static void text_of(cl_device_id device, cl_device_info what, char *text, size_t bytes) {
+  text[0] = 0;
+  if (clGetDeviceInfo(device, what, bytes, text, NULL) != CL_SUCCESS) text[0] = 0;
+  text[bytes - 1] = 0;
+}
+
+static uint64_t number_of(cl_device_id device, cl_device_info what, size_t bytes) {
+  uint64_t value = 0; /* little-endian hosts: a cl_uint fills its low half */
+  if (clGetDeviceInfo(device, what, bytes, &value, NULL) != CL_SUCCESS) value = 0;
+  return value;
+}
+
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  struct found found[MAX_DEVICES];
+  int platforms = 0;
+  const int count = find_devices(found, &platforms);
+  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
+  for (int i = 0; i < count; i++) {
+    char name[TEXT_BYTES], version[TEXT_BYTES];
+    text_of(found[i].device, CL_DEVICE_NAME, name, sizeof name);
+    text_of(found[i].device, CL_DEVICE_VERSION, version, sizeof version);
+    const ern_device_info info = {
+        .kind = "opencl",
+        .number = i,
+        .name = name,
+        .version = version,
+        .instruction_sets = "",
+        .compute_units = (unsigned)number_of(found[i].device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint)),
+        .memory_bytes = number_of(found[i].device, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof(cl_ulong))};
+    say(user, &info);
   }
   return ERN_OK;
 }
+
+static bool has_extension(const char *extensions, const char *name) {
+  const size_t length = strlen(name);
+  for (const char *at = strstr(extensions, name); at != NULL; at = strstr(at + length, name))
+    if ((at == extensions || at[-1] == ' ') && (at[length] == ' ' || at[length] == 0)) return true;
+  return false;
+}
+
+static void ask(struct ern_cl_device *device) {
+  char extensions[EXTENSION_BYTES];
+  const cl_device_id id = device->id;
+  text_of(id, CL_DEVICE_NAME, device->name, sizeof device->name);
+  text_of(id, CL_DEVICE_VERSION, device->version, sizeof device->version);
+  text_of(id, CL_DRIVER_VERSION, device->driver, sizeof device->driver);
+  text_of(id, CL_DEVICE_EXTENSIONS, extensions, sizeof extensions);
+  if (clGetPlatformInfo(device->platform, CL_PLATFORM_VERSION, sizeof device->platform_version,
+                        device->platform_version, NULL) != CL_SUCCESS)
+    device->platform_version[0] = 0;
+  device->cpu = (number_of(id, CL_DEVICE_TYPE, sizeof(cl_device_type)) & CL_DEVICE_TYPE_CPU) != 0;
+  device->exact_divide = (number_of(id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof(cl_device_fp_config)) &
+                          CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0;
+  device->half = has_extension(extensions, "cl_khr_fp16");
+  device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
+  const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
+  device->width = 1;
+  for (int width = 4; device->cpu && width <= native && width <= CPU_WIDTH; width *= 2) device->width = width;
+  device->group_most = (size_t)number_of(id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof(size_t));
+  device->local_bytes = (size_t)number_of(id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof(cl_ulong));
+  device->memory_bytes = number_of(id, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof(cl_ulong));
+  device->buffer_bytes = number_of(id, CL_DEVICE_MAX_MEM_ALLOC_SIZE, sizeof(cl_ulong));
+  device->units = (cl_uint)number_of(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint));
+}
+
+ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device) {
+  struct found found[MAX_DEVICES];
+  int platforms = 0;
+  const int count = find_devices(found, &platforms);
+  if (platforms == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: no driver is installed (no ICD); install one for your device (Debian: pocl-opencl-icd "
+                    "runs on the CPU), or use --backend cpu");
+  if (count == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: %d driver%s installed, but none of them has a device",
+                    platforms, platforms == 1 ? " is" : "s are");
+  if (number < 0 || number >= count)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: found no device %d, expected 0 to %d (`ernerf info devices` lists them)", number,
+                    count - 1);
+  *device = (struct ern_cl_device){.platform = found[number].platform, .id = found[number].device};
+  ask(device);
+  if (number_of(device->id, CL_DEVICE_AVAILABLE, sizeof(cl_bool)) == 0)
+    return ern_fail(context, ERN_E_DEVICE, "OpenCL: device %d (%s) says it is not available", number, device->name);
+  if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: device %d (%s) has no compiler for kernels", number,
+                    device->name);
+  return ERN_OK;
+}
+
 #else
 ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
   (void)say, (void)user;
   ern_log(context, ERN_LOG_INFO, "OpenCL: this build is without it");
   return ERN_OK;
+}
+
+ern_status ern_opencl_backend_make(ern_context *context, int number, ern_backend **backend) {
+  (void)number;
+  *backend = NULL;
+  return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
 }
 #endif

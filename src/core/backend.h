@@ -95,6 +95,9 @@ struct ern_backend {
   ern_status (*download_bytes)(struct ern_stream *, uint8_t *to, ern_span from, size_t count);
   ern_status (*zero)(struct ern_stream *, ern_span);
   ern_status (*copy)(struct ern_stream *, ern_span to, ern_span from, size_t count);
+  /* The figures that losses hand to the host (`term`, `terms`) are there after this, not before: a device reads them
+   * back once for all of them. Their args must live until then, settled or not. */
+  ern_status (*settle)(struct ern_stream *);
 
 #define ERN_SLOT_MEMBER(slot, args) ern_status (*slot)(struct ern_stream *, struct args *);
   ERN_SLOTS(ERN_SLOT_MEMBER)

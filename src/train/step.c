@@ -18,6 +18,9 @@ struct pass {
   ern_rows pixel, colour, dpixel;               /* [3] per ray */
   ern_rows opacity, depth, attention, eye, unc; /* [1] per ray */
   ern_rows dopacity, dattention, deye, dunc;
+  struct ern_mse_args plain; /* figures of these come with `settle` */
+  struct ern_head_loss_args loss;
+  struct ern_smooth_loss_args smooth[3];
 };
 
 enum { ALL_PARTS = ERN_BATCH_DENSITY | ERN_BATCH_COLOUR | ERN_BATCH_UNCERTAINTY };
@@ -84,27 +87,24 @@ fail:
 
 static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   const bool eye = a->field->config.eye;
-  struct ern_mse_args plain = {.dpixel = p->dpixel, .pixel = p->pixel, .truth = a->truth, .n = a->n};
-  struct ern_head_loss_args args = {.dpixel = p->dpixel,
-                                    .dopacity = p->dopacity.span,
-                                    .dattention = p->dattention.span,
-                                    .deye = eye ? p->deye.span : (ern_span){0},
-                                    .duncertainty = p->dunc.span,
-                                    .pixel = p->pixel,
-                                    .truth = a->truth,
-                                    .opacity = p->opacity.span,
-                                    .attention = p->attention.span,
-                                    .eye = eye ? p->eye.span : (ern_span){0},
-                                    .uncertainty = p->unc.span,
-                                    .face = a->face,
-                                    .weights = a->weights,
-                                    .max_steps = a->settings->max_steps,
-                                    .n = a->n};
-  ern_status status = stream->backend->mse(stream, &plain);
-  if (status == ERN_OK) status = stream->backend->head_loss(stream, &args);
-  a->squared_error = plain.term;
-  memcpy(a->terms, args.terms, sizeof a->terms);
-  return status;
+  p->plain = (struct ern_mse_args){.dpixel = p->dpixel, .pixel = p->pixel, .truth = a->truth, .n = a->n};
+  p->loss = (struct ern_head_loss_args){.dpixel = p->dpixel,
+                                        .dopacity = p->dopacity.span,
+                                        .dattention = p->dattention.span,
+                                        .deye = eye ? p->deye.span : (ern_span){0},
+                                        .duncertainty = p->dunc.span,
+                                        .pixel = p->pixel,
+                                        .truth = a->truth,
+                                        .opacity = p->opacity.span,
+                                        .attention = p->attention.span,
+                                        .eye = eye ? p->eye.span : (ern_span){0},
+                                        .uncertainty = p->unc.span,
+                                        .face = a->face,
+                                        .weights = a->weights,
+                                        .max_steps = a->settings->max_steps,
+                                        .n = a->n};
+  const ern_status status = stream->backend->mse(stream, &p->plain);
+  return status != ERN_OK ? status : stream->backend->head_loss(stream, &p->loss);
 }
 
 static ern_status backward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
@@ -159,13 +159,11 @@ static ern_status move_points(struct ern_stream *stream, const struct ern_head_s
   return status;
 }
 
-static ern_status smooth_term(struct ern_stream *stream, ern_rows dmoved, ern_rows still, ern_rows moved, float weight,
-                              size_t n, double *term) {
-  struct ern_smooth_loss_args args = {
+static ern_status smooth_term(struct ern_stream *stream, struct ern_smooth_loss_args *args, ern_rows dmoved,
+                              ern_rows still, ern_rows moved, float weight, size_t n) {
+  *args = (struct ern_smooth_loss_args){
       .dmoved = dmoved.span, .still = still.span, .moved = moved.span, .weight = weight, .n = n};
-  const ern_status status = stream->backend->smooth_loss(stream, &args);
-  *term += args.term;
-  return status;
+  return stream->backend->smooth_loss(stream, args);
 }
 
 /* Attention, eye attention and uncertainty should not change within 1e-3; gradient through the moved points alone. */
@@ -176,7 +174,6 @@ static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_arg
   struct ern_head_batch moved, d;
   ern_rows x;
   ern_status status = ERN_OK;
-  double term = 0;
   if (n == 0 || weight == 0) return ERN_OK;
   ERN_TRY(ern_take_rows(stream, 3, n, &x));
   ERN_TRY(move_points(stream, a, p, x));
@@ -185,16 +182,22 @@ static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_arg
   ERN_TRY(ern_head_density_fwd(stream, &p->in, x, &moved));
   ERN_TRY(ern_head_uncertainty_fwd(stream, &p->in, &moved));
 
-  ERN_TRY(smooth_term(stream, d.norm, p->batch.norm, moved.norm, weight, n, &term));
-  ERN_TRY(smooth_term(stream, d.unc, p->batch.unc, moved.unc, weight, n, &term));
-  if (a->field->config.eye) ERN_TRY(smooth_term(stream, d.eye, p->batch.eye, moved.eye, weight, n, &term));
-  a->terms[ERN_LOSS_SMOOTHNESS] = term;
+  ERN_TRY(smooth_term(stream, &p->smooth[0], d.norm, p->batch.norm, moved.norm, weight, n));
+  ERN_TRY(smooth_term(stream, &p->smooth[1], d.unc, p->batch.unc, moved.unc, weight, n));
+  if (a->field->config.eye) ERN_TRY(smooth_term(stream, &p->smooth[2], d.eye, p->batch.eye, moved.eye, weight, n));
 
   ERN_TRY(stream->backend->zero(stream, d.f.span));
   ERN_TRY(ern_head_uncertainty_bwd(stream, &p->in, &moved, &d, a->dparameters));
   ERN_TRY(ern_head_density_bwd(stream, &p->in, x, &moved, &d, a->dparameters, (ern_span){0}));
 fail:
   return status;
+}
+
+static void take_figures(struct ern_head_step_args *a, const struct pass *p) {
+  memcpy(a->terms, p->loss.terms, sizeof a->terms);
+  for (int i = 0; i < 3; i++) a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
+  a->squared_error = p->plain.term;
+  a->samples = p->marched.total;
 }
 
 ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args) {
@@ -208,7 +211,8 @@ ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_
   ERN_TRY(loss(stream, args, &pass));
   ERN_TRY(backward(stream, args, &pass));
   if (args->smooth) ERN_TRY(smoothness(stream, args, &pass));
-  args->samples = pass.marched.total;
+  ERN_TRY(stream->backend->settle(stream));
+  take_figures(args, &pass);
 fail:
   ern_arena_release(stream, mark);
   return status;

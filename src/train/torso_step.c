@@ -40,16 +40,17 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
   ERN_TRY(backend->torso_composite_fwd(stream, &composite));
   struct ern_mse_args mse = {.dpixel = dpixel, .pixel = pixel, .truth = args->truth, .n = args->n};
   ERN_TRY(backend->mse(stream, &mse));
-  args->terms[ERN_LOSS_PHOTOMETRIC] = mse.term;
   struct ern_key_points_loss_args key_points = {.danchors = ern_span_part(args->dparameters, args->field->anchors, 12),
                                                 .anchors = ern_span_part(args->parameters, args->field->anchors, 12)};
   ERN_TRY(backend->key_points_loss(stream, &key_points));
-  args->terms[ERN_LOSS_KEY_POINTS] = key_points.term;
 
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &d));
   struct ern_torso_composite_bwd_args backward = {.dlayer = d.layer, .dpixel = dpixel, .forward = composite};
   ERN_TRY(backend->torso_composite_bwd(stream, &backward));
   ERN_TRY(ern_torso_bwd(stream, &in, &batch, &d, args->dparameters));
+  ERN_TRY(backend->settle(stream));
+  args->terms[ERN_LOSS_PHOTOMETRIC] = mse.term;
+  args->terms[ERN_LOSS_KEY_POINTS] = key_points.term;
 fail:
   ern_arena_release(stream, mark);
   return status;

@@ -1,0 +1,12 @@
+# The texts of OpenCL kernels as arrays of C: cmake -DNAMES="a;b" -DFOLDER=... -DOUTPUT=... -P embed_kernels.cmake
+set(text "#include <stddef.h>\n")
+foreach(name IN LISTS NAMES)
+  file(READ ${FOLDER}/${name}.cl bytes HEX)
+  string(LENGTH "${bytes}" length)
+  math(EXPR length "${length} / 2")
+  string(REGEX REPLACE "([0-9a-f][0-9a-f])" "0x\\1," bytes "${bytes}")
+  string(APPEND text "extern const unsigned char ern_cl_text_${name}[];\nextern const size_t ern_cl_bytes_${name};\n")
+  string(APPEND text "const unsigned char ern_cl_text_${name}[] = {${bytes}0};\n")
+  string(APPEND text "const size_t ern_cl_bytes_${name} = ${length};\n")
+endforeach()
+file(WRITE ${OUTPUT} "${text}")

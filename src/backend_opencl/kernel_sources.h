@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: MIT
+ * The texts of kernels/NAME.cl, written out at build time by cmake/embed_kernels.cmake. */
+#ifndef ERN_OPENCL_KERNEL_SOURCES_H
+#define ERN_OPENCL_KERNEL_SOURCES_H
+
+#include "backend_opencl/opencl.h"
+
+#define ERN_CL_TEXT(name)                          \
+  extern const unsigned char ern_cl_text_##name[]; \
+  extern const size_t ern_cl_bytes_##name;
+ERN_CL_TEXT(common)
+ERN_CL_SOURCES(ERN_CL_TEXT)
+#undef ERN_CL_TEXT
+
+#endif

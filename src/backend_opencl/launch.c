@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT
+ * Launching a kernel: its arguments in order, then its work-groups. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "backend_opencl/opencl.h"
+#include "core/memory.h"
+
+enum { GROUP = 64 };
+
+static ern_status kernel_get(struct ern_cl_stream *stream, cl_program program, const char *name, cl_kernel *kernel) {
+  struct ern_cl_backend *backend = (struct ern_cl_backend *)stream->base.backend;
+  for (size_t i = 0; i < stream->kernel_count; i++) {
+    const struct ern_cl_kernel *known = &stream->kernels[i];
+    if (known->program != program || strcmp(known->name, name) != 0) continue;
+    *kernel = known->kernel;
+    return ERN_OK;
+  }
+  if (stream->kernel_count == stream->kernel_room) {
+    const size_t room = stream->kernel_room > 0 ? 2 * stream->kernel_room : 64;
+    void *grown = NULL;
+    const ern_status status = ern_allocate(backend->table.context, room, sizeof *stream->kernels, &grown);
+    if (status != ERN_OK) return status;
+    if (stream->kernel_count > 0) memcpy(grown, stream->kernels, stream->kernel_count * sizeof *stream->kernels);
+    ern_release(backend->table.context, stream->kernels);
+    stream->kernels = grown;
+    stream->kernel_room = room;
+  }
+  cl_int code = CL_SUCCESS;
+  *kernel = clCreateKernel(program, name, &code);
+  if (code != CL_SUCCESS) return ern_cl_check(backend, code, name);
+  stream->kernels[stream->kernel_count++] = (struct ern_cl_kernel){program, name, *kernel};
+  return ERN_OK;
+}
+
+struct ern_cl_call ern_cl_begin(struct ern_stream *stream, ern_cl_source source, const char *kernel,
+                                const char *options) {
+  struct ern_cl_call call = {.stream = ern_cl_stream_of(stream), .name = kernel};
+  cl_program program = NULL;
+  call.status = ern_cl_program_get(ern_cl_backend_of(stream), source, options, &program);
+  if (call.status == ERN_OK) call.status = kernel_get(call.stream, program, kernel, &call.kernel);
+  return call;
+}
+
+void ern_cl_value(struct ern_cl_call *call, const void *value, size_t bytes) {
+  if (call->status != ERN_OK) return;
+  const cl_int code = clSetKernelArg(call->kernel, call->at, bytes, value);
+  struct ern_cl_backend *backend = (struct ern_cl_backend *)call->stream->base.backend;
+  if (code != CL_SUCCESS)
+    call->status = ern_fail(backend->table.context, ERN_E_DEVICE, "OpenCL: %s: argument %u of kernel %s: %s",
+                            backend->device.name, call->at, call->name, ern_cl_error_name(code));
+  call->at++;
+}
+
+void ern_cl_local(struct ern_cl_call *call, size_t bytes) { ern_cl_value(call, NULL, bytes); }
+
+void ern_cl_int(struct ern_cl_call *call, int value) {
+  const cl_int argument = value;
+  ern_cl_value(call, &argument, sizeof argument);
+}
+
+void ern_cl_size(struct ern_cl_call *call, size_t value) {
+  const cl_ulong argument = value;
+  ern_cl_value(call, &argument, sizeof argument);
+}
+
+void ern_cl_float(struct ern_cl_call *call, float value) {
+  const cl_float argument = value;
+  ern_cl_value(call, &argument, sizeof argument);
+}
+
+void ern_cl_span(struct ern_cl_call *call, ern_span span) {
+  const cl_mem memory = span.buffer != NULL ? span.buffer->memory : NULL;
+  ern_cl_value(call, span.buffer != NULL ? &memory : NULL, sizeof memory);
+  ern_cl_size(call, span.at);
+}
+
+void ern_cl_rows(struct ern_cl_call *call, ern_rows rows) {
+  ern_cl_span(call, rows.span);
+  ern_cl_size(call, rows.stride);
+}
+
+ern_status ern_cl_run(struct ern_cl_call *call, size_t groups, size_t group) {
+  if (call->status != ERN_OK || groups == 0) return call->status;
+  struct ern_cl_backend *backend = (struct ern_cl_backend *)call->stream->base.backend;
+  size_t items = 0;
+  if (!ern_size_multiply(groups, group, &items))
+    return ern_fail(backend->table.context, ERN_E_NO_MEMORY, "OpenCL: %zu groups of %zu items are too many", groups,
+                    group);
+  const cl_int code = clEnqueueNDRangeKernel(call->stream->queue, call->kernel, 1, NULL, &items, &group, 0, NULL, NULL);
+  return ern_cl_check(backend, code, call->name);
+}
+
+ern_status ern_cl_each(struct ern_cl_call *call, size_t items) {
+  return ern_cl_run(call, items / GROUP + (items % GROUP != 0), GROUP);
+}
+
+/* ---- figures ----------------------------------------------------------------------------------------------------- */
+
+enum { FIGURES = 1 << 14 };
+
+ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
+                          void (*settle)(void *args, const float *values, size_t count), void *args, ern_span *span) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  struct ern_backend *backend = stream->backend;
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  if (own->figures == NULL) {
+    ERN_TRY(ern_allocate(backend->context, FIGURES, sizeof(float), &room));
+    own->figures_host = room;
+    ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, FIGURES, &own->figures));
+  }
+  if (own->pending_count == ERN_CL_PENDING || count > FIGURES - own->figures_used) ERN_TRY(backend->settle(stream));
+  if (count > FIGURES)
+    ERN_TRY(ern_fail(backend->context, ERN_E_ARGUMENT, "OpenCL: %zu figures, expected %d at most", count, FIGURES));
+  *span = (ern_span){own->figures, own->figures_used, count};
+  own->pending[own->pending_count++] = (struct ern_cl_pending){settle, args, own->figures_used, count};
+  own->figures_used += count;
+fail:
+  return status;
+}

@@ -1,0 +1,189 @@
+/* SPDX-License-Identifier: MIT
+ * An OpenCL device as a backend: what its files share. Kernels are in kernels/, a .cl file a subject, each behind
+ * kernels/common.cl; slots_*.c fill the table by launching them.
+ *
+ * A kernel takes a span as two arguments (base, offset) and rows as three (base, offset, stride): see common.cl. */
+#ifndef ERN_OPENCL_H
+#define ERN_OPENCL_H
+
+#define CL_TARGET_OPENCL_VERSION 120
+#include <CL/cl.h>
+#include <pthread.h>
+
+#include "core/backend.h"
+#include "core/status.h"
+
+/* The sources, embedded at build time: kernels/NAME.cl. */
+#define ERN_CL_SOURCES(SOURCE) \
+  SOURCE(scan)                 \
+  SOURCE(march)                \
+  SOURCE(composite)            \
+  SOURCE(occupancy)            \
+  SOURCE(picture)              \
+  SOURCE(hashgrid)             \
+  SOURCE(mlp)                  \
+  SOURCE(encoding)             \
+  SOURCE(attention)            \
+  SOURCE(audio)                \
+  SOURCE(torso)                \
+  SOURCE(losses)               \
+  SOURCE(optimizer)            \
+  SOURCE(render)               \
+  SOURCE(render_torso)
+
+#define ERN_CL_SOURCE_NUMBER(name) ERN_CL_##name,
+typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;
+#undef ERN_CL_SOURCE_NUMBER
+
+struct ern_buffer {
+  ern_element element;
+  size_t count;
+  cl_mem memory;
+};
+
+/* What is asked of a device once. */
+struct ern_cl_device {
+  cl_platform_id platform;
+  cl_device_id id;
+  char name[128], version[128], driver[128], platform_version[128];
+  bool cpu;              /* its work-items run on the host's cores: a work-item carries a vector of samples */
+  bool exact_divide;     /* division and square root can be correctly rounded */
+  bool half;             /* cl_khr_fp16 */
+  bool subgroups;        /* cl_khr_subgroups or cl_intel_subgroups */
+  int width;             /* samples a work-item carries: the native vector of a CPU, 1 elsewhere */
+  size_t group_most;     /* work-items a group at most */
+  size_t local_bytes;    /* local memory a group */
+  uint64_t memory_bytes; /* global memory */
+  uint64_t buffer_bytes; /* one buffer at most */
+  cl_uint units;
+};
+
+struct ern_cl_program { /* one source built with one set of options */
+  ern_cl_source source;
+  char *options; /* beside those that every program is built with */
+  cl_program program;
+};
+
+struct ern_cl_backend {
+  struct ern_backend table; /* first: a backend is one */
+  struct ern_cl_device device;
+  cl_context context;
+  cl_command_queue queue; /* for what belongs to no stream: clearing new buffers */
+  pthread_mutex_t lock;   /* of the programs */
+  struct ern_cl_program *programs;
+  size_t program_count, program_room;
+};
+
+struct ern_cl_kernel {
+  cl_program program;
+  const char *name; /* a literal */
+  cl_kernel kernel;
+};
+
+enum { ERN_CL_PENDING = 32 };
+
+/* Figures that a slot leaves on the device until `settle`. */
+struct ern_cl_pending {
+  void (*settle)(void *args, const float *values, size_t count); /* in the order of the calls */
+  void *args;
+  size_t at, count;
+};
+
+struct ern_cl_stream {
+  struct ern_stream base; /* first: a stream is one */
+  cl_command_queue queue;
+  struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */
+  size_t kernel_count, kernel_room;
+  struct ern_buffer *figures; /* real; the pending ones one behind the other */
+  float *figures_host;
+  size_t figures_used;
+  struct ern_cl_pending pending[ERN_CL_PENDING];
+  size_t pending_count;
+  struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
+};
+
+static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream) {
+  return (struct ern_cl_backend *)stream->backend;
+}
+static inline struct ern_cl_stream *ern_cl_stream_of(struct ern_stream *stream) {
+  return (struct ern_cl_stream *)stream;
+}
+
+/* Opens device `number`, as ern_opencl_devices_list counts. ERN_E_UNSUPPORTED names what there is instead. */
+ERN_NODISCARD ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device);
+
+/* ERN_OK, or the error with the device's name and what was being done ("run mlp_fwd"). Out of memory is
+ * ERN_E_NO_MEMORY, all else ERN_E_DEVICE. */
+ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing);
+const char *ern_cl_error_name(cl_int code);
+
+/* The program of a source and options ("" or "-D A=1 -D B=2"), built or from the cache when first asked for. It lives
+ * as long as the backend. */
+ERN_NODISCARD ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                                            cl_program *program);
+void ern_cl_programs_free(struct ern_cl_backend *backend);
+
+/* Binaries of built programs in the user's cache folder ($XDG_CACHE_HOME/libernerf or ~/.cache/libernerf). An entry
+ * that cannot be read, or whose sum is wrong, is as good as none. key: 64 hex digits. */
+ern_status ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count); /* NULL: none */
+void ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count);
+
+/* ---- a launch: arguments in order, then run; the first error sticks and comes out of run ---- */
+
+struct ern_cl_call {
+  struct ern_cl_stream *stream;
+  const char *name;
+  cl_kernel kernel;
+  cl_uint at; /* number of the next argument */
+  ern_status status;
+};
+
+struct ern_cl_call ern_cl_begin(struct ern_stream *stream, ern_cl_source source, const char *kernel,
+                                const char *options);
+void ern_cl_span(struct ern_cl_call *call, ern_span span); /* a zeroed span is a null pointer in the kernel */
+void ern_cl_rows(struct ern_cl_call *call, ern_rows rows); /* likewise */
+void ern_cl_int(struct ern_cl_call *call, int value);
+void ern_cl_size(struct ern_cl_call *call, size_t value); /* ulong */
+void ern_cl_float(struct ern_cl_call *call, float value);
+void ern_cl_value(struct ern_cl_call *call, const void *value, size_t bytes); /* a struct */
+void ern_cl_local(struct ern_cl_call *call, size_t bytes);
+/* `groups` work-groups of `group` items; 0 groups: nothing is run. */
+ERN_NODISCARD ern_status ern_cl_run(struct ern_cl_call *call, size_t groups, size_t group);
+/* At least `items` work-items, in groups that suit the device; a kernel checks its number. */
+ERN_NODISCARD ern_status ern_cl_each(struct ern_cl_call *call, size_t items);
+
+/* Blocking read of `count` floats or int32. */
+ERN_NODISCARD ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count);
+
+/* Room for `count` figures, which `settle` will hand to the function together with `args` (alive until then). The
+ * values may be added up in double by the host: a float for each of a fixed number of groups. */
+ERN_NODISCARD ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
+                                        void (*settle)(void *args, const float *values, size_t count), void *args,
+                                        ern_span *span);
+
+/* What every source is built with, made from the device: "-cl-std=CL1.2 -D WIDTH=16 ...". */
+void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes);
+
+/* first[i] = sum of count[0..i), first[n] = the total, which is read back: the slot `scan`. */
+ERN_NODISCARD ern_status ern_cl_scan(struct ern_stream *stream, ern_span first, ern_span count, size_t n,
+                                     size_t *total);
+
+/* Groups of a reduction, whatever the device: so that sums are the same everywhere. Each writes one figure. */
+enum { ERN_CL_SUMS = 64, ERN_CL_SUM_GROUP = 64 };
+
+/* Each file of slots fills its part of the table. */
+void ern_cl_fill_march(struct ern_backend *table);     /* rays, march, scan, samples */
+void ern_cl_fill_composite(struct ern_backend *table); /* composite, backdrop, picture */
+void ern_cl_fill_occupancy(struct ern_backend *table);
+void ern_cl_fill_hashgrid(struct ern_backend *table);
+void ern_cl_fill_mlp(struct ern_backend *table);
+void ern_cl_fill_encoding(struct ern_backend *table); /* activations, SH, sines, region attention */
+void ern_cl_fill_audio(struct ern_backend *table);
+void ern_cl_fill_torso(struct ern_backend *table);
+void ern_cl_fill_train(struct ern_backend *table); /* losses, optimizer, steps */
+void ern_cl_fill_render(struct ern_backend *table);
+
+struct ern_cl_portrait;
+void ern_cl_portrait_free(struct ern_cl_stream *stream); /* accepts a stream without one */
+
+#endif

@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: MIT
+ * Programs: built from embedded sources for one device, or taken from the user's cache of binaries. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "backend_opencl/kernel_sources.h"
+#include "backend_opencl/opencl.h"
+#include "core/memory.h"
+#include "io/file.h"
+
+enum { OPTION_BYTES = 4096, KEY_BYTES = 65, LOG_BYTES = 3000 };
+
+static const struct {
+  const char *name;
+  const unsigned char *text;
+  const size_t *bytes;
+} sources[] = {
+#define ENTRY(source) {#source ".cl", ern_cl_text_##source, &ern_cl_bytes_##source},
+    ERN_CL_SOURCES(ENTRY)
+#undef ENTRY
+};
+
+void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
+  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d",
+           device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu);
+}
+
+/* The name of a binary: everything that it depends on. */
+static ern_status cache_key(const struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                            char key[KEY_BYTES]) {
+  const struct ern_cl_device *device = &backend->device;
+  char head[OPTION_BYTES];
+  void *room = NULL;
+  const int length = snprintf(head, sizeof head, "libernerf %s|%s|%s|%s|%s|%s|", ern_version(), device->name,
+                              device->version, device->driver, device->platform_version, options);
+  if (length < 0 || (size_t)length >= sizeof head)
+    return ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
+  const size_t parts[] = {(size_t)length, ern_cl_bytes_common, *sources[source].bytes};
+  const ern_status status = ern_allocate(backend->table.context, parts[0] + parts[1] + parts[2], 1, &room);
+  if (status != ERN_OK) return status;
+  char *all = room;
+  memcpy(all, head, parts[0]);
+  memcpy(all + parts[0], ern_cl_text_common, parts[1]);
+  memcpy(all + parts[0] + parts[1], sources[source].text, parts[2]);
+  ern_sha256_hex(all, parts[0] + parts[1] + parts[2], key);
+  ern_release(backend->table.context, room);
+  return ERN_OK;
+}
+
+/* The end of the build log, where compilers say what ended them. */
+static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source source, cl_program program, cl_int code) {
+  char *log = NULL;
+  void *room = NULL;
+  size_t bytes = 0;
+  if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes) == CL_SUCCESS &&
+      ern_allocate(backend->table.context, bytes + 1, 1, &room) == ERN_OK) {
+    log = room;
+    if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL) != CL_SUCCESS)
+      log[0] = 0;
+  }
+  const size_t length = log != NULL ? strlen(log) : 0;
+  const ern_status status =
+      ern_fail(backend->table.context, ERN_E_DEVICE, "OpenCL: %s does not build %s: %s; its log: %s",
+               backend->device.name, sources[source].name, ern_cl_error_name(code),
+               length == 0          ? "(empty)"
+               : length > LOG_BYTES ? log + length - LOG_BYTES
+                                    : log);
+  ern_release(backend->table.context, room);
+  return status;
+}
+
+/* NULL where the cache has none that this driver accepts. */
+static cl_program from_cache(struct ern_cl_backend *backend, const char *key, const char *options) {
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  cl_int code = CL_SUCCESS, fit = CL_SUCCESS;
+  if (ern_cl_cache_read(backend->table.context, key, &bytes, &count) != ERN_OK || bytes == NULL) return NULL;
+  const unsigned char *binary = bytes;
+  cl_program program =
+      clCreateProgramWithBinary(backend->context, 1, &backend->device.id, &count, &binary, &fit, &code);
+  if (code == CL_SUCCESS) code = fit;
+  if (code == CL_SUCCESS) code = clBuildProgram(program, 1, &backend->device.id, options, NULL, NULL);
+  if (code != CL_SUCCESS && program != NULL) {
+    clReleaseProgram(program);
+    program = NULL;
+  }
+  ern_release(backend->table.context, bytes);
+  return code == CL_SUCCESS ? program : NULL;
+}
+
+static void to_cache(struct ern_cl_backend *backend, const char *key, cl_program program) {
+  size_t bytes = 0;
+  void *room = NULL;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof bytes, &bytes, NULL) != CL_SUCCESS || bytes == 0)
+    return;
+  if (ern_allocate(backend->table.context, bytes, 1, &room) != ERN_OK) return;
+  unsigned char *binary = room;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof binary, &binary, NULL) == CL_SUCCESS)
+    ern_cl_cache_write(backend->table.context, key, binary, bytes);
+  ern_release(backend->table.context, room);
+}
+
+static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                              cl_program *program) {
+  const char *text[] = {(const char *)ern_cl_text_common, (const char *)sources[source].text};
+  const size_t bytes[] = {ern_cl_bytes_common, *sources[source].bytes};
+  cl_int code = CL_SUCCESS;
+  *program = clCreateProgramWithSource(backend->context, 2, text, bytes, &code);
+  if (code != CL_SUCCESS) return ern_cl_check(backend, code, sources[source].name);
+  code = clBuildProgram(*program, 1, &backend->device.id, options, NULL, NULL);
+  if (code == CL_SUCCESS) return ERN_OK;
+  const ern_status status = build_failed(backend, source, *program, code);
+  clReleaseProgram(*program);
+  *program = NULL;
+  return status;
+}
+
+static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program program) {
+  ern_context *context = backend->table.context;
+  if (backend->program_count == backend->program_room) {
+    const size_t room = backend->program_room > 0 ? 2 * backend->program_room : 32;
+    void *grown = NULL;
+    const ern_status status = ern_allocate(context, room, sizeof *backend->programs, &grown);
+    if (status != ERN_OK) return status;
+    if (backend->program_count > 0)
+      memcpy(grown, backend->programs, backend->program_count * sizeof *backend->programs);
+    ern_release(context, backend->programs);
+    backend->programs = grown;
+    backend->program_room = room;
+  }
+  struct ern_cl_program *entry = &backend->programs[backend->program_count];
+  *entry = (struct ern_cl_program){.source = source, .program = program};
+  const ern_status status = ern_string_copy(context, options, &entry->options);
+  if (status == ERN_OK) backend->program_count++;
+  return status;
+}
+
+static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
+  char all[OPTION_BYTES], key[KEY_BYTES];
+  ern_status status = ERN_OK;
+  ern_cl_base_options(&backend->device, all, sizeof all);
+  const size_t base = strlen(all);
+  const int more = snprintf(all + base, sizeof all - base, " %s", options);
+  if (more < 0 || (size_t)more >= sizeof all - base)
+    ERN_TRY(
+        ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
+  ERN_TRY(cache_key(backend, source, all, key));
+  *program = from_cache(backend, key, all);
+  if (*program == NULL) {
+    ern_log(backend->table.context, ERN_LOG_DEBUG, "OpenCL: building %s", sources[source].name);
+    ERN_TRY(from_source(backend, source, all, program));
+    to_cache(backend, key, *program);
+  }
+  ERN_TRY(keep(backend, source, options, *program));
+  return ERN_OK;
+fail:
+  if (*program != NULL) clReleaseProgram(*program);
+  *program = NULL;
+  return status;
+}
+
+ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                              cl_program *program) {
+  ern_status status = ERN_OK;
+  *program = NULL;
+  if (pthread_mutex_lock(&backend->lock) != 0)
+    return ern_fail(backend->table.context, ERN_E_STATE, "OpenCL: the lock of the programs failed");
+  for (size_t i = 0; i < backend->program_count && *program == NULL; i++) {
+    const struct ern_cl_program *known = &backend->programs[i];
+    if (known->source == source && strcmp(known->options, options) == 0) *program = known->program;
+  }
+  if (*program == NULL) status = make(backend, source, options, program);
+  pthread_mutex_unlock(&backend->lock);
+  return status;
+}
+
+void ern_cl_programs_free(struct ern_cl_backend *backend) {
+  for (size_t i = 0; i < backend->program_count; i++) {
+    clReleaseProgram(backend->programs[i].program);
+    ern_release(backend->table.context, backend->programs[i].options);
+  }
+  ern_release(backend->table.context, backend->programs);
+}
