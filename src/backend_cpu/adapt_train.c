@@ -92,7 +92,7 @@ static void smooth_loss_task(void *user, size_t k, int lane) {
   const struct ern_smooth_loss_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
   job->part[k] = job->kernels->smooth_loss(reals(a->dmoved) + r.begin, reals(a->still) + r.begin,
-                                           reals(a->moved) + r.begin, a->weight, a->n, r.end - r.begin);
+                                           reals(a->moved) + r.begin, a->weight, a->batch, r.end - r.begin);
 }
 static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
   a->term = sum_of_parts(stream, a, smooth_loss_task);
@@ -105,7 +105,7 @@ static void smooth_points_task(void *user, size_t k, int lane) {
   const struct ern_smooth_points_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
   job->kernels->smooth_points(reals(a->moved.span) + r.begin, reals(a->x.span) + r.begin, a->x.stride, a->reach,
-                              a->seed, a->step, r.begin, r.end - r.begin);
+                              a->seed, a->step, a->first + r.begin, r.end - r.begin);
 }
 static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
   run(stream, a, ERN_SHARDS, smooth_points_task);

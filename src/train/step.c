@@ -8,19 +8,27 @@
 #include "model/head.h"
 #include "render/stages.h"
 
-/* What the two halves of a step share. */
+/* What the halves of a step share. */
 struct pass {
-  struct ern_marched marched;
-  struct ern_head_inputs in;
-  struct ern_head_batch batch, d;
   struct ern_audio_args audio;
+  struct ern_head_inputs in;
   ern_span dcode;                               /* real [A] */
   ern_rows pixel, colour, dpixel;               /* [3] per ray */
   ern_rows opacity, depth, attention, eye, unc; /* [1] per ray */
   ern_rows dopacity, dattention, deye, dunc;
+  size_t total;              /* samples of all rays */
   struct ern_mse_args plain; /* figures of these come with `settle` */
   struct ern_head_loss_args loss;
   struct ern_smooth_loss_args smooth[3];
+};
+
+/* Some of the rays, and their samples. */
+struct part {
+  size_t begin, rays;  /* rays [begin, begin + rays) */
+  size_t first_sample; /* samples of the rays before */
+  struct ern_marched marched;
+  struct ern_head_inputs in; /* the pass's, with these rays */
+  struct ern_head_batch batch, d;
 };
 
 enum { ALL_PARTS = ERN_BATCH_DENSITY | ERN_BATCH_COLOUR | ERN_BATCH_UNCERTAINTY };
@@ -37,50 +45,70 @@ static ern_status take_ray_rows(struct ern_stream *stream, size_t rays, struct p
   return status;
 }
 
-static struct ern_composite_args composite_args(const struct ern_head_step_args *a, const struct pass *p) {
-  const bool eye = a->field->config.eye;
-  return (struct ern_composite_args){.pixel = p->pixel,
-                                     .colour = p->colour,
-                                     .opacity = p->opacity.span,
-                                     .depth = p->depth.span,
-                                     .attention = p->attention.span,
-                                     .eye = eye ? p->eye.span : (ern_span){0},
-                                     .uncertainty = p->unc.span,
-                                     .first = p->marched.first,
-                                     .sigma = p->batch.sigma.span,
-                                     .dt = p->marched.dt,
-                                     .sample_depth = p->marched.depth,
-                                     .sample_attention = p->batch.norm.span,
-                                     .sample_eye = eye ? p->batch.eye.span : (ern_span){0},
-                                     .sample_uncertainty = p->batch.unc.span,
-                                     .rgb = p->batch.rgb,
-                                     .background = a->background,
-                                     .transmittance_stop = a->transmittance_stop,
-                                     .n = a->n};
+static ern_rows rows_at(ern_rows rows, const struct part *part) {
+  rows.span = ern_span_part(rows.span, part->begin, rows.span.count - part->begin);
+  return rows;
+}
+/* Of a value a ray; a zeroed span stays one. */
+static ern_span span_at(ern_span span, const struct part *part) {
+  return span.buffer != NULL ? ern_span_part(span, part->begin, part->rays) : span;
 }
 
-static ern_status forward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
-  const struct ern_backend *backend = stream->backend;
+static struct ern_composite_args composite_args(const struct ern_head_step_args *a, const struct pass *p,
+                                                const struct part *part) {
+  const bool eye = a->field->config.eye;
+  return (struct ern_composite_args){.pixel = rows_at(p->pixel, part),
+                                     .colour = rows_at(p->colour, part),
+                                     .opacity = span_at(p->opacity.span, part),
+                                     .depth = span_at(p->depth.span, part),
+                                     .attention = span_at(p->attention.span, part),
+                                     .eye = eye ? span_at(p->eye.span, part) : (ern_span){0},
+                                     .uncertainty = span_at(p->unc.span, part),
+                                     .first = part->marched.first,
+                                     .sigma = part->batch.sigma.span,
+                                     .dt = part->marched.dt,
+                                     .sample_depth = part->marched.depth,
+                                     .sample_attention = part->batch.norm.span,
+                                     .sample_eye = eye ? part->batch.eye.span : (ern_span){0},
+                                     .sample_uncertainty = part->batch.unc.span,
+                                     .rgb = part->batch.rgb,
+                                     .background = rows_at(a->background, part),
+                                     .transmittance_stop = a->transmittance_stop,
+                                     .n = part->rays};
+}
+
+/* What the frame has for all of its rays. */
+static ern_status begin(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_march_rays(stream, a->pixel_number, a->view, a->jitter, a->bits, a->settings, a->n, &p->marched));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->dcode));
+  ERN_TRY(stream->backend->zero(stream, p->dcode));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->in.code));
   p->in.field = a->field;
   p->in.parameters = a->parameters;
   p->in.eye = a->eye_value;
   p->in.individual = a->individual;
-  p->in.sh = p->marched.sh;
-  p->in.ray = p->marched.ray;
   p->audio = (struct ern_audio_args){p->in.code, a->windows, a->parameters, a->field->audio};
-  ERN_TRY(backend->audio_fwd(stream, &p->audio));
-  ERN_TRY(ern_head_batch_take(stream, a->field, p->marched.total, ALL_PARTS, &p->batch));
-  if (p->marched.total > 0) {
-    ERN_TRY(ern_head_density_fwd(stream, &p->in, p->marched.x, &p->batch));
-    ERN_TRY(ern_head_colour_fwd(stream, &p->in, &p->batch));
-    ERN_TRY(ern_head_uncertainty_fwd(stream, &p->in, &p->batch));
-  }
   ERN_TRY(take_ray_rows(stream, a->n, p));
-  struct ern_composite_args composite = composite_args(a, p);
-  ERN_TRY(backend->composite_fwd(stream, &composite));
+  ERN_TRY(stream->backend->audio_fwd(stream, &p->audio));
+fail:
+  return status;
+}
+
+static ern_status forward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_march_rays(stream, ern_span_part(a->pixel_number, part->begin, part->rays), a->view,
+                         span_at(a->jitter, part), a->bits, a->settings, part->rays, &part->marched));
+  part->in = p->in;
+  part->in.sh = part->marched.sh;
+  part->in.ray = part->marched.ray;
+  ERN_TRY(ern_head_batch_take(stream, a->field, part->marched.total, ALL_PARTS, &part->batch));
+  if (part->marched.total > 0) {
+    ERN_TRY(ern_head_density_fwd(stream, &part->in, part->marched.x, &part->batch));
+    ERN_TRY(ern_head_colour_fwd(stream, &part->in, &part->batch));
+    ERN_TRY(ern_head_uncertainty_fwd(stream, &part->in, &part->batch));
+  }
+  struct ern_composite_args composite = composite_args(a, p, part);
+  ERN_TRY(stream->backend->composite_fwd(stream, &composite));
 fail:
   return status;
 }
@@ -107,113 +135,169 @@ static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, 
   return status != ERN_OK ? status : stream->backend->head_loss(stream, &p->loss);
 }
 
-static ern_status backward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
+static ern_status backward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
   const struct ern_backend *backend = stream->backend;
   const bool eye = a->field->config.eye;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_head_batch_take(stream, a->field, p->marched.total, ALL_PARTS, &p->d));
-  struct ern_composite_bwd_args composite = {.dsigma = p->d.sigma.span,
-                                             .drgb = p->d.rgb,
-                                             .dsample_attention = p->d.norm.span,
-                                             .dsample_eye = eye ? p->d.eye.span : (ern_span){0},
-                                             .dsample_uncertainty = p->d.unc.span,
-                                             .dpixel = p->dpixel,
-                                             .dopacity = p->dopacity.span,
-                                             .dattention = p->dattention.span,
-                                             .deye = eye ? p->deye.span : (ern_span){0},
-                                             .duncertainty = p->dunc.span,
-                                             .forward = composite_args(a, p)};
+  ERN_TRY(ern_head_batch_take(stream, a->field, part->marched.total, ALL_PARTS, &part->d));
+  struct ern_head_batch *d = &part->d;
+  struct ern_composite_bwd_args composite = {.dsigma = d->sigma.span,
+                                             .drgb = d->rgb,
+                                             .dsample_attention = d->norm.span,
+                                             .dsample_eye = eye ? d->eye.span : (ern_span){0},
+                                             .dsample_uncertainty = d->unc.span,
+                                             .dpixel = rows_at(p->dpixel, part),
+                                             .dopacity = span_at(p->dopacity.span, part),
+                                             .dattention = span_at(p->dattention.span, part),
+                                             .deye = eye ? span_at(p->deye.span, part) : (ern_span){0},
+                                             .duncertainty = span_at(p->dunc.span, part),
+                                             .forward = composite_args(a, p, part)};
   ERN_TRY(backend->composite_bwd(stream, &composite));
-  ERN_TRY(backend->zero(stream, p->d.f.span));
-  ERN_TRY(backend->zero(stream, p->d.h.span));
-  if (p->marched.total > 0) {
-    ERN_TRY(ern_head_uncertainty_bwd(stream, &p->in, &p->batch, &p->d, a->dparameters));
-    ERN_TRY(ern_head_colour_bwd(stream, &p->in, &p->batch, &p->d, a->dparameters));
-    ERN_TRY(ern_head_density_bwd(stream, &p->in, p->marched.x, &p->batch, &p->d, a->dparameters, p->dcode));
+  ERN_TRY(backend->zero(stream, d->f.span));
+  ERN_TRY(backend->zero(stream, d->h.span));
+  if (part->marched.total > 0) {
+    ERN_TRY(ern_head_uncertainty_bwd(stream, &part->in, &part->batch, d, a->dparameters));
+    ERN_TRY(ern_head_colour_bwd(stream, &part->in, &part->batch, d, a->dparameters));
+    ERN_TRY(ern_head_density_bwd(stream, &part->in, part->marched.x, &part->batch, d, a->dparameters, p->dcode));
   }
-  struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
-  ERN_TRY(backend->audio_bwd(stream, &audio));
 fail:
   return status;
 }
 
 /* The moved points: Philox's offsets, or another program's recorded ones. */
-static ern_status move_points(struct ern_stream *stream, const struct ern_head_step_args *a, const struct pass *p,
+static ern_status move_points(struct ern_stream *stream, const struct ern_head_step_args *a, const struct part *part,
                               ern_rows moved) {
-  const size_t n = p->marched.total;
+  const size_t n = part->marched.total;
   const struct ern_backend *backend = stream->backend;
   if (a->smooth_offsets == NULL) {
-    struct ern_smooth_points_args points = {
-        .moved = moved, .x = p->marched.x, .reach = 1e-3f, .seed = a->seed, .step = a->step, .n = n};
+    struct ern_smooth_points_args points = {.moved = moved,
+                                            .x = part->marched.x,
+                                            .reach = 1e-3f,
+                                            .seed = a->seed,
+                                            .step = a->step,
+                                            .first = part->first_sample,
+                                            .n = n};
     return backend->smooth_points(stream, &points);
   }
+  const float *offsets = a->smooth_offsets + 3 * part->first_sample;
   void *room = NULL;
   ern_status status = ern_allocate(backend->context, n, sizeof(float), &room);
   float *x = room;
   for (int axis = 0; axis < 3 && status == ERN_OK; axis++) {
-    status = backend->download_reals(stream, x, ern_span_of_row(p->marched.x, axis, n), n);
-    for (size_t i = 0; i < n; i++) x[i] += a->smooth_offsets[3 * i + (size_t)axis];
+    status = backend->download_reals(stream, x, ern_span_of_row(part->marched.x, axis, n), n);
+    for (size_t i = 0; i < n; i++) x[i] += offsets[3 * i + (size_t)axis];
     if (status == ERN_OK) status = backend->upload_reals(stream, ern_span_of_row(moved, axis, n), x, n);
   }
   ern_release(backend->context, room);
   return status;
 }
 
-static ern_status smooth_term(struct ern_stream *stream, struct ern_smooth_loss_args *args, ern_rows dmoved,
-                              ern_rows still, ern_rows moved, float weight, size_t n) {
-  *args = (struct ern_smooth_loss_args){
-      .dmoved = dmoved.span, .still = still.span, .moved = moved.span, .weight = weight, .n = n};
-  return stream->backend->smooth_loss(stream, args);
+static ern_status smooth_term(struct ern_stream *stream, const struct ern_head_step_args *a, struct pass *p, int which,
+                              ern_rows dmoved, ern_rows still, ern_rows moved, size_t n) {
+  p->smooth[which] = (struct ern_smooth_loss_args){.dmoved = dmoved.span,
+                                                   .still = still.span,
+                                                   .moved = moved.span,
+                                                   .weight = a->weights.smoothness * a->weights.s,
+                                                   .batch = p->total,
+                                                   .n = n};
+  return stream->backend->smooth_loss(stream, &p->smooth[which]);
 }
 
 /* Attention, eye attention and uncertainty should not change within 1e-3; gradient through the moved points alone. */
-static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
-  const float weight = a->weights.smoothness * a->weights.s;
-  const size_t n = p->marched.total;
+static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p,
+                             struct part *part) {
+  const size_t n = part->marched.total;
   const int parts = ERN_BATCH_ATTENTION | ERN_BATCH_UNCERTAINTY;
   struct ern_head_batch moved, d;
   ern_rows x;
   ern_status status = ERN_OK;
-  if (n == 0 || weight == 0) return ERN_OK;
+  if (n == 0 || a->weights.smoothness * a->weights.s == 0) return ERN_OK;
   ERN_TRY(ern_take_rows(stream, 3, n, &x));
-  ERN_TRY(move_points(stream, a, p, x));
+  ERN_TRY(move_points(stream, a, part, x));
   ERN_TRY(ern_head_batch_take(stream, a->field, n, parts, &moved));
   ERN_TRY(ern_head_batch_take(stream, a->field, n, parts, &d));
-  ERN_TRY(ern_head_density_fwd(stream, &p->in, x, &moved));
-  ERN_TRY(ern_head_uncertainty_fwd(stream, &p->in, &moved));
+  ERN_TRY(ern_head_density_fwd(stream, &part->in, x, &moved));
+  ERN_TRY(ern_head_uncertainty_fwd(stream, &part->in, &moved));
 
-  ERN_TRY(smooth_term(stream, &p->smooth[0], d.norm, p->batch.norm, moved.norm, weight, n));
-  ERN_TRY(smooth_term(stream, &p->smooth[1], d.unc, p->batch.unc, moved.unc, weight, n));
-  if (a->field->config.eye) ERN_TRY(smooth_term(stream, &p->smooth[2], d.eye, p->batch.eye, moved.eye, weight, n));
+  ERN_TRY(smooth_term(stream, a, p, 0, d.norm, part->batch.norm, moved.norm, n));
+  ERN_TRY(smooth_term(stream, a, p, 1, d.unc, part->batch.unc, moved.unc, n));
+  if (a->field->config.eye) ERN_TRY(smooth_term(stream, a, p, 2, d.eye, part->batch.eye, moved.eye, n));
 
   ERN_TRY(stream->backend->zero(stream, d.f.span));
-  ERN_TRY(ern_head_uncertainty_bwd(stream, &p->in, &moved, &d, a->dparameters));
-  ERN_TRY(ern_head_density_bwd(stream, &p->in, x, &moved, &d, a->dparameters, (ern_span){0}));
+  ERN_TRY(ern_head_uncertainty_bwd(stream, &part->in, &moved, &d, a->dparameters));
+  ERN_TRY(ern_head_density_bwd(stream, &part->in, x, &moved, &d, a->dparameters, (ern_span){0}));
 fail:
   return status;
 }
 
-static void take_figures(struct ern_head_step_args *a, const struct pass *p) {
-  memcpy(a->terms, p->loss.terms, sizeof a->terms);
-  for (int i = 0; i < 3; i++) a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
-  a->squared_error = p->plain.term;
-  a->samples = p->marched.total;
+static ern_status mirror(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
+  const ern_status status = backward(stream, a, p, part);
+  return status == ERN_OK && a->smooth ? smoothness(stream, a, p, part) : status;
 }
 
-ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args) {
+/* Backward of the audio net; then the figures. */
+static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
+  struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
+  ern_status status = stream->backend->audio_bwd(stream, &audio);
+  if (status == ERN_OK) status = stream->backend->settle(stream);
+  if (status != ERN_OK) return status;
+  const double smooth = a->terms[ERN_LOSS_SMOOTHNESS];
+  memcpy(a->terms, p->loss.terms, sizeof a->terms);
+  a->terms[ERN_LOSS_SMOOTHNESS] = smooth;
+  for (int i = 0; i < 3; i++) a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
+  a->squared_error = p->plain.term;
+  a->samples = p->total;
+  return ERN_OK;
+}
+
+/* Rays `at_once` at a time: the losses need all pixels, so the samples are thrown away and computed again. */
+static ern_status in_parts(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, size_t at_once) {
+  ern_status status = ERN_OK;
+  for (int back = 0; back < 2; back++) {
+    size_t samples = 0;
+    for (size_t from = 0; from < a->n; from += at_once) {
+      const struct ern_arena_mark mark = ern_arena_mark(stream);
+      struct part part = {
+          .begin = from, .rays = a->n - from < at_once ? a->n - from : at_once, .first_sample = samples};
+      status = forward(stream, a, p, &part);
+      if (status == ERN_OK && back == 1) status = mirror(stream, a, p, &part);
+      if (status == ERN_OK && back == 1) status = stream->backend->settle(stream);
+      samples += part.marched.total;
+      ern_arena_release(stream, mark);
+      if (status != ERN_OK) return status;
+      for (int i = 0; i < 3; i++) {
+        a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
+        p->smooth[i].term = 0;
+      }
+    }
+    p->total = samples;
+    if (back == 0) ERN_TRY(loss(stream, a, p));
+  }
+fail:
+  return status;
+}
+
+ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct pass pass = {0};
+  struct part all = {.rays = args->n};
   ern_status status = ERN_OK;
   memset(args->terms, 0, sizeof args->terms);
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &pass.dcode));
-  ERN_TRY(stream->backend->zero(stream, pass.dcode));
-  ERN_TRY(forward(stream, args, &pass));
-  ERN_TRY(loss(stream, args, &pass));
-  ERN_TRY(backward(stream, args, &pass));
-  if (args->smooth) ERN_TRY(smoothness(stream, args, &pass));
-  ERN_TRY(stream->backend->settle(stream));
-  take_figures(args, &pass);
+  ERN_TRY(begin(stream, args, &pass));
+  if (at_once < args->n) {
+    ERN_TRY(in_parts(stream, args, &pass, at_once > 0 ? at_once : 1));
+  } else {
+    ERN_TRY(forward(stream, args, &pass, &all));
+    pass.total = all.marched.total;
+    ERN_TRY(loss(stream, args, &pass));
+    ERN_TRY(mirror(stream, args, &pass, &all));
+  }
+  ERN_TRY(end(stream, args, &pass));
 fail:
   ern_arena_release(stream, mark);
   return status;
+}
+
+ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args) {
+  return ern_head_step_parts(stream, args, args->n);
 }

@@ -68,6 +68,7 @@ struct ern_smooth_loss_args {
   double term;           /* out, on the host */
   ern_span still, moved; /* real [n] */
   float weight;          /* smoothness * s */
+  size_t batch;          /* samples that the mean runs over: these and others */
   size_t n;
 };
 /* n of a batch: their share of its term. */
@@ -80,6 +81,7 @@ struct ern_smooth_points_args {
   ern_rows x;
   float reach; /* 1e-3 */
   uint64_t seed, step;
+  size_t first; /* number of the first sample */
   size_t n;
 };
 typedef void ern_smooth_points_kernel(ern_real *moved, const ern_real *x, size_t stride, float reach, uint64_t seed,
