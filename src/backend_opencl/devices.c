@@ -6,6 +6,7 @@
 
 #if defined(ERN_OPENCL)
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "backend_opencl/opencl.h"
@@ -94,6 +95,10 @@ static void ask(struct ern_cl_device *device) {
   device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
   const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
   device->width = 1;
+  /* the other form, to compare the two on one device */
+  const char *form = getenv("ERNERF_OPENCL_FORM");
+  if (form != NULL && strcmp(form, "cpu") == 0) device->cpu = true;
+  if (form != NULL && strcmp(form, "gpu") == 0) device->cpu = false;
   for (int width = 4; device->cpu && width <= native && width <= CPU_WIDTH; width *= 2) device->width = width;
   device->group_most = (size_t)number_of(id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof(size_t));
   device->local_bytes = (size_t)number_of(id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof(cl_ulong));

@@ -46,7 +46,8 @@ struct ern_cl_device {
   cl_platform_id platform;
   cl_device_id id;
   char name[128], version[128], driver[128], platform_version[128];
-  bool cpu;              /* its work-items run on the host's cores: a work-item carries a vector of samples */
+  bool cpu; /* the kernels' form: a work-item carries a vector of samples, as suits a CPU; false: one, as suits a GPU.
+               By the type of the device; ERNERF_OPENCL_FORM=cpu|gpu says otherwise */
   bool exact_divide;     /* division and square root can be correctly rounded */
   bool half;             /* cl_khr_fp16 */
   bool subgroups;        /* cl_khr_subgroups or cl_intel_subgroups */

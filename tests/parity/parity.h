@@ -6,6 +6,7 @@
 #include <math.h>
 
 #include "core/backend.h"
+#include "core/cpu.h"
 #include "ernerf/ernerf.h"
 #include "ernerf/media.h"
 #include "io/npy.h"
@@ -43,7 +44,18 @@ struct parity {
   ern_backend *backend;
 };
 
-/* Opens the clip, the model parity/NAME and the backend with that instruction set. */
+/* What a frame or a step is computed with: the instruction sets of this machine, and the OpenCL device where the build
+ * has OpenCL. NULL past the last. */
+static inline const char *parity_isa(int number) {
+  for (ern_isa isa = ERN_ISA_REF; isa < ERN_ISAS; isa++)
+    if (ern_isa_available(isa) && number-- == 0) return ern_isa_name(isa);
+#if defined(ERN_OPENCL)
+  if (number == 0) return "opencl";
+#endif
+  return NULL;
+}
+
+/* Opens the clip, the model parity/NAME and the backend with that instruction set, or the OpenCL device. */
 static inline void parity_open(struct parity *p, const char *model, const char *isa) {
   char path[1024];
   *p = (struct parity){.context = NULL};
@@ -56,7 +68,10 @@ static inline void parity_open(struct parity *p, const char *model, const char *
   parity_path(model, path);
   support_ok(p->context, ern_model_load(&p->model, p->context, path));
   ern_backend_config config = ern_backend_config_default();
-  config.isa = isa;
+  if (strcmp(isa, "opencl") == 0)
+    config.name = isa;
+  else
+    config.isa = isa;
   support_ok(p->context, ern_backend_create(&p->backend, p->context, &config));
 }
 
