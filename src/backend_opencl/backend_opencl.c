@@ -197,6 +197,7 @@ static ern_status stream_make(struct ern_backend *table, int threads, struct ern
   ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
   made = room;
   made->base.backend = table;
+  made->owner = backend;
   made->queue = clCreateCommandQueue(backend->context, backend->device.id, 0, &code);
   ERN_TRY(ern_cl_check(backend, code, "make a queue"));
   ERN_TRY(ern_arena_make(table, &made->base.arena));

@@ -9,7 +9,7 @@
 enum { GROUP = 64 };
 
 static ern_status kernel_get(struct ern_cl_stream *stream, cl_program program, const char *name, cl_kernel *kernel) {
-  struct ern_cl_backend *backend = (struct ern_cl_backend *)stream->base.backend;
+  struct ern_cl_backend *backend = stream->owner;
   for (size_t i = 0; i < stream->kernel_count; i++) {
     const struct ern_cl_kernel *known = &stream->kernels[i];
     if (known->program != program || strcmp(known->name, name) != 0) continue;
@@ -45,7 +45,7 @@ struct ern_cl_call ern_cl_begin(struct ern_stream *stream, ern_cl_source source,
 void ern_cl_value(struct ern_cl_call *call, const void *value, size_t bytes) {
   if (call->status != ERN_OK) return;
   const cl_int code = clSetKernelArg(call->kernel, call->at, bytes, value);
-  struct ern_cl_backend *backend = (struct ern_cl_backend *)call->stream->base.backend;
+  struct ern_cl_backend *backend = call->stream->owner;
   if (code != CL_SUCCESS)
     call->status = ern_fail(backend->table.context, ERN_E_DEVICE, "OpenCL: %s: argument %u of kernel %s: %s",
                             backend->device.name, call->at, call->name, ern_cl_error_name(code));
@@ -82,7 +82,7 @@ void ern_cl_rows(struct ern_cl_call *call, ern_rows rows) {
 
 ern_status ern_cl_run(struct ern_cl_call *call, size_t groups, size_t group) {
   if (call->status != ERN_OK || groups == 0) return call->status;
-  struct ern_cl_backend *backend = (struct ern_cl_backend *)call->stream->base.backend;
+  struct ern_cl_backend *backend = call->stream->owner;
   size_t items = 0;
   if (!ern_size_multiply(groups, group, &items))
     return ern_fail(backend->table.context, ERN_E_NO_MEMORY, "OpenCL: %zu groups of %zu items are too many", groups,

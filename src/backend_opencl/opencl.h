@@ -91,7 +91,8 @@ struct ern_cl_pending {
 };
 
 struct ern_cl_stream {
-  struct ern_stream base; /* first: a stream is one */
+  struct ern_stream base;       /* first: a stream is one; its table may be another that looks on (src/bench) */
+  struct ern_cl_backend *owner; /* the backend that made it */
   cl_command_queue queue;
   struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */
   size_t kernel_count, kernel_room;
@@ -103,11 +104,11 @@ struct ern_cl_stream {
   struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
 };
 
-static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream) {
-  return (struct ern_cl_backend *)stream->backend;
-}
 static inline struct ern_cl_stream *ern_cl_stream_of(struct ern_stream *stream) {
   return (struct ern_cl_stream *)stream;
+}
+static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream) {
+  return ern_cl_stream_of(stream)->owner;
 }
 
 /* Opens device `number`, as ern_opencl_devices_list counts. ERN_E_UNSUPPORTED names what there is instead. */
