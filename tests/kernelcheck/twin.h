@@ -31,7 +31,14 @@ struct twin {
 
 /* Sizes around the edges of vectors and work-groups. */
 static const size_t twin_sizes[] = {1, 2, 3, 7, 8, 15, 16, 17, 31, 33, 63, 64, 65, 127, 129, 255, 257, 1000};
-enum { TWIN_SIZES = sizeof twin_sizes / sizeof *twin_sizes, TWIN_MOST = 1000 };
+enum { TWIN_MOST = 1000 };
+
+/* All of them; with ERNERF_TEST_SMALL set, for simulators, those up to 65. */
+static inline size_t twin_size_count(void) {
+  const char *small = getenv("ERNERF_TEST_SMALL");
+  return small != NULL && small[0] != 0 ? 13 : sizeof twin_sizes / sizeof *twin_sizes;
+}
+#define TWIN_SIZES twin_size_count()
 
 /* The device is ERNERF_TEST_DEVICE, else 0; a build with OpenCL and no device fails. */
 static inline void twin_open(struct twin *twin, ern_context *context) {
@@ -156,6 +163,21 @@ static inline void twin_same_rows(struct twin *twin, const char *what, struct tw
                                   double absolute) {
   const struct twin_span span = {{rows.on[0].span, rows.on[1].span}};
   twin_same(twin, what, span, relative, absolute);
+}
+
+/* The same bits, zeros of different signs being different; which NaN comes of an operation is not settled. */
+static inline void twin_same_bits(struct twin *twin, const char *what, struct twin_span span) {
+  float *expected = twin_down(twin, 0, span.on[0]), *found = twin_down(twin, 1, span.on[1]);
+  for (size_t i = 0; i < span.on[0].count + 2 * TWIN_GUARD; i++) {
+    uint32_t a, b;
+    memcpy(&a, expected + i, sizeof a);
+    memcpy(&b, found + i, sizeof b);
+    if (a == b || (isnan(expected[i]) && isnan(found[i]))) continue;
+    fail_msg("%s [%ld] of %zu: device %.9g, reference %.9g", what, (long)i - TWIN_GUARD, span.on[0].count,
+             (double)found[i], (double)expected[i]);
+  }
+  free(expected);
+  free(found);
 }
 
 static inline void twin_same_int32(struct twin *twin, const char *what, struct twin_span span) {
