@@ -1,4 +1,85 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Slots from samples to pixels, and between pixels and the caller's pictures. */
 #include "backend_opencl/opencl.h"
 
-void ern_cl_fill_composite(struct ern_backend *table) { (void)table; }
+static ern_status composite_fwd(struct ern_stream *stream, struct ern_composite_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_composite, "composite_fwd", "");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_rows(&call, a->colour);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_span(&call, a->depth);
+  ern_cl_span(&call, a->attention);
+  ern_cl_span(&call, a->eye);
+  ern_cl_span(&call, a->uncertainty);
+  ern_cl_span(&call, a->first);
+  ern_cl_span(&call, a->sigma);
+  ern_cl_span(&call, a->dt);
+  ern_cl_span(&call, a->sample_depth);
+  ern_cl_span(&call, a->sample_attention);
+  ern_cl_span(&call, a->sample_eye);
+  ern_cl_span(&call, a->sample_uncertainty);
+  ern_cl_rows(&call, a->rgb);
+  ern_cl_rows(&call, a->background);
+  ern_cl_float(&call, a->transmittance_stop);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status composite_bwd(struct ern_stream *stream, struct ern_composite_bwd_args *a) {
+  const struct ern_composite_args *f = &a->forward;
+  if (f->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_composite, "composite_bwd", "");
+  ern_cl_span(&call, a->dsigma);
+  ern_cl_rows(&call, a->drgb);
+  ern_cl_span(&call, a->dsample_attention);
+  ern_cl_span(&call, a->dsample_eye);
+  ern_cl_span(&call, a->dsample_uncertainty);
+  ern_cl_rows(&call, a->dpixel);
+  ern_cl_span(&call, a->dopacity);
+  ern_cl_span(&call, a->dattention);
+  ern_cl_span(&call, a->deye);
+  ern_cl_span(&call, a->duncertainty);
+  ern_cl_rows(&call, f->colour);
+  ern_cl_span(&call, f->opacity);
+  ern_cl_span(&call, f->first);
+  ern_cl_span(&call, f->sigma);
+  ern_cl_span(&call, f->dt);
+  ern_cl_span(&call, f->sample_uncertainty);
+  ern_cl_rows(&call, f->rgb);
+  ern_cl_rows(&call, f->background);
+  ern_cl_float(&call, f->transmittance_stop);
+  ern_cl_size(&call, f->n);
+  return ern_cl_each(&call, f->n);
+}
+
+static ern_status backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "backdrop", "");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_span(&call, a->background);
+  ern_cl_span(&call, a->torso);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "picture", "");
+  ern_cl_span(&call, a->rgba);
+  ern_cl_span(&call, a->rgb);
+  ern_cl_span(&call, a->alpha);
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->head);
+  ern_cl_span(&call, a->torso);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+void ern_cl_fill_composite(struct ern_backend *table) {
+  table->composite_fwd = composite_fwd;
+  table->composite_bwd = composite_bwd;
+  table->backdrop = backdrop;
+  table->picture = picture;
+}

@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: MIT
+ * Between bytes and rows on an OpenCL device: the reference's numbers and bytes. Every pixel is one of its own, so that
+ * a tolerance has nothing to allow for but division that is not correctly rounded. */
+#include "twin.h"
+
+#if defined(ERN_OPENCL)
+#include "backend_opencl/opencl.h"
+
+enum { EVERY_PAIR = 65536 };
+
+static ern_context *context;
+static struct twin twin;
+
+/* Every pair of two byte values is among the first 65536. */
+static uint8_t byte_at(size_t i, size_t c) {
+  return (uint8_t)(c == 3 ? i >> 8 : c == 0 ? i : ern_random_at(5, 0, (uint32_t)(4 * i + c), ERN_RNG_INIT).word[0]);
+}
+
+static void check_backdrop(size_t n) {
+  uint8_t *background = malloc(3 * n + 1), *torso = malloc(4 * n + 1);
+  assert_true(background != NULL && torso != NULL);
+  for (size_t i = 0; i < n; i++) {
+    for (size_t c = 0; c < 3; c++) background[3 * i + c] = byte_at(i, c + 1 == 3 ? 3 : c + 1);
+    for (size_t c = 0; c < 4; c++) torso[4 * i + c] = byte_at(i, c);
+  }
+  const struct twin_span back = twin_bytes(&twin, background, 3 * n), front = twin_bytes(&twin, torso, 4 * n);
+  for (int with = 0; with < 4; with++) {
+    const struct twin_rows pixel = twin_rows_of(&twin, NULL, 3, n, ERN_PER_RAY);
+    const struct twin_span opacity = twin_take(&twin, ERN_ELEMENT_REAL, n);
+    struct ern_backdrop_args args[2];
+    for (int k = 0; k < 2; k++)
+      args[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], with & 1 ? back.on[k] : (ern_span){0},
+                                           with & 2 ? front.on[k] : (ern_span){0}, n};
+    TWIN_RUN(&twin, backdrop, args)
+    twin_same_rows(&twin, "pixel", pixel, 0, 0);
+    twin_same(&twin, "opacity", opacity, 0, 0);
+  }
+  twin_clear(&twin);
+  free(background);
+  free(torso);
+}
+
+static void test_backdrop(void **state) {
+  (void)state;
+  for (size_t s = 0; s < TWIN_SIZES; s++) check_backdrop(twin_sizes[s]);
+  check_backdrop(EVERY_PAIR);
+  check_backdrop(0);
+}
+
+/* Colours, and opacities among which 0 is: ordinary ones, borders between two bytes, and what no byte can hold. */
+static float colour_at(size_t i) {
+  static const float hard[] = {0,      -0.0f,  1,          -1,         2,          NAN,          INFINITY, -INFINITY,
+                               1e-45f, 1e-30f, 0.5f / 255, 1.5f / 255, 2.5f / 255, 254.5f / 255, 1e30f,    0.99999994f};
+  const size_t kinds = sizeof hard / sizeof *hard;
+  if (i % 5 == 0) return hard[i / 5 % kinds];
+  return i % 5 == 1 ? ((float)(i / 5 % 255) + 0.5f) / 255 : fabsf(twin_random(9, i, 1.02f));
+}
+
+/* `reach`: how far a byte may be off. */
+static void expect_bytes(struct twin_span span, int reach) {
+  const size_t all = span.on[0].count + 2 * TWIN_GUARD;
+  uint8_t *bytes[2];
+  for (int k = 0; k < 2; k++) {
+    bytes[k] = malloc(all);
+    assert_non_null(bytes[k]);
+    const ern_span whole = {span.on[k].buffer, 0, all};
+    support_ok(context, twin.backend[k]->download_bytes(twin.stream[k], bytes[k], whole, all));
+  }
+  for (size_t i = 0; i < all; i++)
+    if (abs(bytes[0][i] - bytes[1][i]) > reach)
+      fail_msg("byte [%ld]: device %d, reference %d", (long)i - TWIN_GUARD, bytes[1][i], bytes[0][i]);
+  free(bytes[0]);
+  free(bytes[1]);
+}
+
+static void check_picture(size_t n) {
+  enum { WANT_RGBA = 1, WANT_RGB = 2, WANT_ALPHA = 4, WANT_ALL = 7 };
+  const ern_span none = {0};
+  const bool exact = ((const struct ern_cl_backend *)twin.backend[1])->device.exact_divide;
+  float *values = malloc((5 * n + 1) * sizeof *values), *head = values + 3 * n, *torso = head + n;
+  assert_non_null(values);
+  for (size_t c = 0; c < 3; c++)
+    for (size_t i = 0; i < n; i++) values[c * n + i] = colour_at(7 * i + 3 * c + n);
+  for (size_t i = 0; i < n; i++) {
+    head[i] = i % 3 == 0 ? 0 : i % 3 == 1 ? fabsf(twin_random(3, i, 1)) : colour_at(i);
+    torso[i] = i % 4 < 2 ? (float)(i % 2) : fabsf(twin_random(4, i, 1));
+  }
+  const struct twin_rows pixel = twin_rows_of(&twin, values, 3, n, ERN_PER_RAY);
+  const struct twin_span heads = twin_reals(&twin, head, n), torsos = twin_reals(&twin, torso, n);
+  for (int over = 0; over < 2; over++) {
+    for (int want = 0; want <= WANT_ALL; want++) {
+      const struct twin_span rgba = twin_take(&twin, ERN_ELEMENT_BYTE, 4 * n);
+      const struct twin_span rgb = twin_take(&twin, ERN_ELEMENT_REAL, 3 * n);
+      const struct twin_span alpha = twin_take(&twin, ERN_ELEMENT_REAL, n);
+      struct ern_picture_args args[2];
+      for (int k = 0; k < 2; k++)
+        args[k] = (struct ern_picture_args){.rgba = want & WANT_RGBA ? rgba.on[k] : none,
+                                            .rgb = want & WANT_RGB ? rgb.on[k] : none,
+                                            .alpha = want & WANT_ALPHA ? alpha.on[k] : none,
+                                            .pixel = pixel.on[k],
+                                            .head = over ? none : heads.on[k],
+                                            .torso = over ? none : torsos.on[k],
+                                            .n = n};
+      TWIN_RUN(&twin, picture, args)
+      expect_bytes(rgba, exact || over ? 0 : 1); /* a quotient of 2.5 ulp may cross a border between two bytes */
+      twin_same(&twin, "rgb", rgb, 0, 0);
+      twin_same(&twin, "alpha", alpha, 0, 0);
+    }
+  }
+  twin_clear(&twin);
+  free(values);
+}
+
+static void test_picture(void **state) {
+  (void)state;
+  for (size_t s = 0; s < TWIN_SIZES; s++) check_picture(twin_sizes[s]);
+  check_picture(EVERY_PAIR);
+  check_picture(0);
+}
+
+static int set_up(void **state) {
+  (void)state;
+  context = support_context();
+  twin_open(&twin, context);
+  return 0;
+}
+static int tear_down(void **state) {
+  (void)state;
+  twin_close(&twin);
+  ern_context_free(&context);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture)};
+  return cmocka_run_group_tests_name("opencl picture", tests, set_up, tear_down);
+}
+#else
+int main(void) { return 0; }
+#endif
