@@ -1,4 +1,104 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Slots of the fully connected stacks: a program for each shape, all layers in one launch. */
+#include <stdarg.h>
+#include <stdio.h>
+
 #include "backend_opencl/opencl.h"
 
-void ern_cl_fill_mlp(struct ern_backend *table) { (void)table; }
+enum {
+  OPTION_BYTES = 2048,
+  MOST_VECTORS = 3,         /* of a work-item on a CPU: with 8 rows of sums they fill its registers */
+  MOST_GROUP = 64,          /* work-items on a GPU */
+  STAGE_BYTES = 32 * 36 * 4 /* weights that a group of a GPU shares: CHUNK x STAGE_ROW of mlp.cl */
+};
+
+/* How a program is cut: see mlp.cl. */
+struct plan {
+  int group, vectors, lanes;
+  size_t tile; /* samples of a group */
+  char options[OPTION_BYTES];
+  size_t used;
+};
+
+static void say(struct plan *plan, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  const size_t room = sizeof plan->options - plan->used;
+  const int length = vsnprintf(plan->options + plan->used, room, format, values);
+  va_end(values);
+  if (length < 0 || (size_t)length >= room)
+    plan->used = sizeof plan->options - 1; /* the longest are a third of the room */
+  else
+    plan->used += (size_t)length;
+}
+
+/* Floats of a row of a tile. */
+static size_t line(const struct plan *plan, bool cpu) {
+  return (size_t)(plan->group * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
+}
+
+/* Local memory of a tile of `channels`, and of `turned` channels sample by sample. */
+static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t turned) {
+  const size_t tile = (size_t)(plan->group * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
+  const size_t turned_bytes = tile * ((turned + lanes - 1) / lanes * lanes) * sizeof(float);
+  return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
+}
+
+/* The largest tile that fits. */
+static void plan_tile(struct plan *plan, const struct ern_cl_device *device, size_t channels, size_t turned) {
+  *plan = (struct plan){.group = 1, .vectors = 1, .lanes = 1};
+  if (device->cpu) {
+    plan->lanes = device->width;
+    plan->vectors = MOST_VECTORS;
+    while (local_bytes(plan, true, channels, turned) > device->local_bytes && plan->vectors * plan->lanes > 1) {
+      if (plan->vectors > 1)
+        plan->vectors--;
+      else
+        plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
+    }
+  } else {
+    plan->group = MOST_GROUP;
+    while (((size_t)plan->group > device->group_most ||
+            local_bytes(plan, false, channels, turned) > device->local_bytes) &&
+           plan->group > 1)
+      plan->group /= 2;
+  }
+  plan->tile = (size_t)(plan->group * plan->vectors * plan->lanes);
+  say(plan, "-D GROUP=%d -D VECTORS=%d -D LANES=%d", plan->group, plan->vectors, plan->lanes);
+}
+
+static void say_shape(struct plan *plan, const struct ern_mlp_args *a) {
+  const struct ern_mlp *mlp = &a->mlp;
+  say(plan, " -D LAYERS=%d -D HIDDEN=%d", mlp->layers, mlp->layers - 1);
+  for (int l = 0; l <= mlp->layers; l++) say(plan, " -D C%d=%d", l, mlp->width[l]);
+  for (int l = 0; l < mlp->layers; l++) say(plan, " -D A%d=%zu", l, mlp->weight[l] - mlp->weight[0]);
+  for (int p = 0; p < ERN_MAX_PIECES; p++) {
+    const bool there = p < a->pieces;
+    say(plan, " -D R%d=%d -D P%d=%d", p, there ? a->x[p].rows : 0, p, there ? (int)a->x[p].per : 0);
+  }
+}
+
+static void give_inputs(struct ern_cl_call *call, const struct ern_mlp_args *a) {
+  for (int p = 0; p < ERN_MAX_PIECES; p++) ern_cl_rows(call, p < a->pieces ? a->x[p] : (ern_rows){.stride = 0});
+  ern_cl_span(call, a->ray);
+  const size_t skip = a->mlp.weight[0];
+  ern_cl_span(call, ern_span_part(a->parameters, skip, a->parameters.count - skip));
+}
+
+static ern_status mlp_fwd(struct ern_stream *stream, struct ern_mlp_args *a) {
+  if (a->n == 0) return ERN_OK;
+  int widest[2] = {0, 0}; /* of the even layers' values, of the odd ones' */
+  for (int l = 0; l < a->mlp.layers; l++)
+    if (a->mlp.width[l] > widest[l % 2]) widest[l % 2] = a->mlp.width[l];
+  struct plan plan;
+  plan_tile(&plan, &ern_cl_backend_of(stream)->device, (size_t)(widest[0] + widest[1]), 0);
+  say_shape(&plan, a);
+  say(&plan, " -D EVEN=%d -D ODD=%d", widest[0], widest[1]);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_fwd", plan.options);
+  ern_cl_rows(&call, a->y);
+  give_inputs(&call, a);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, a->n / plan.tile + (a->n % plan.tile != 0), (size_t)plan.group);
+}
+
+void ern_cl_fill_mlp(struct ern_backend *table) { table->mlp_fwd = mlp_fwd; }
