@@ -1,4 +1,244 @@
-/* SPDX-License-Identifier: MIT */
-#include "backend_opencl/opencl.h"
+/* SPDX-License-Identifier: MIT
+ * Slots of the torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy. */
+#include <math.h>
 
-void ern_cl_fill_torso(struct ern_backend *table) { (void)table; }
+#include "backend_opencl/opencl.h"
+#include "core/memory.h"
+#include "core/rng.h"
+#include "model/torso_ops.h"
+#include "render/stages.h"
+
+static struct ern_cl_call begin(struct ern_stream *stream, const char *kernel) {
+  return ern_cl_begin(stream, ERN_CL_torso, kernel, "");
+}
+
+/* ---- pose -------------------------------------------------------------------------------------------------------- */
+
+/* The kernel's struct inverse: high + low is the inverse in double to 48 bits, 4 x 4 row by row. */
+struct inverse {
+  cl_float high[16], low[16];
+};
+_Static_assert(sizeof(struct inverse) == 32 * sizeof(float), "as the kernel has it");
+
+/* Row `column` of a [4][8] becomes a unit row with a 1 in that column, which is cleared in the other rows. */
+static void eliminate(double a[4][8], int column) {
+  int pivot = column;
+  for (int i = column + 1; i < 4; i++) {
+    if (fabs(a[i][column]) > fabs(a[pivot][column])) pivot = i;
+  }
+  for (int j = 0; j < 8; j++) {
+    const double swapped = a[pivot][j];
+    a[pivot][j] = a[column][j];
+    a[column][j] = swapped;
+  }
+  const double scale = 1 / a[column][column];
+  for (int j = 0; j < 8; j++) a[column][j] *= scale;
+  for (int i = 0; i < 4; i++) {
+    const double factor = a[i][column];
+    for (int j = 0; j < 8 && i != column; j++) a[i][j] -= factor * a[column][j];
+  }
+}
+
+/* Gauss-Jordan with row pivoting in double on the host, in the reference's order of operations. */
+static struct inverse inverse_of(const float pose[16]) {
+  struct inverse inverse;
+  double a[4][8];
+  for (int i = 0; i < 4; i++) {
+    for (int j = 0; j < 4; j++) {
+      a[i][j] = (double)pose[4 * i + j];
+      a[i][4 + j] = i == j;
+    }
+  }
+  for (int column = 0; column < 4; column++) eliminate(a, column);
+  for (int i = 0; i < 16; i++) {
+    const double value = a[i / 4][4 + i % 4];
+    inverse.high[i] = (float)value;
+    inverse.low[i] = (float)(value - (double)inverse.high[i]);
+  }
+  return inverse;
+}
+
+static ern_status torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pose_args *a) {
+  const struct inverse inverse = inverse_of(a->pose);
+  struct ern_cl_call call = begin(stream, "torso_pose_fwd");
+  ern_cl_span(&call, a->k);
+  ern_cl_span(&call, a->anchors);
+  ern_cl_span(&call, a->gamma);
+  ern_cl_value(&call, &inverse, sizeof inverse);
+  return ern_cl_run(&call, 1, 1);
+}
+
+static ern_status torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pose_bwd_args *a) {
+  const struct inverse inverse = inverse_of(a->forward.pose);
+  struct ern_cl_call call = begin(stream, "torso_pose_bwd");
+  ern_cl_span(&call, a->danchors);
+  ern_cl_span(&call, a->dgamma);
+  ern_cl_span(&call, a->dk);
+  ern_cl_span(&call, a->forward.anchors);
+  ern_cl_span(&call, a->forward.gamma);
+  ern_cl_value(&call, &inverse, sizeof inverse);
+  return ern_cl_run(&call, 1, 1);
+}
+
+/* ---- pixels ------------------------------------------------------------------------------------------------------ */
+
+static ern_status torso_coords(struct ern_stream *stream, struct ern_torso_coords_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_coords");
+  ern_cl_rows(&call, a->q);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_int(&call, a->width);
+  ern_cl_int(&call, a->height);
+  ern_cl_float(&call, a->shrink);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status find_reached(struct ern_stream *stream, const struct ern_torso_select_args *a, ern_span reached) {
+  struct ern_cl_call call = begin(stream, "torso_reached");
+  ern_cl_span(&call, reached);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_span(&call, a->grid);
+  ern_cl_float(&call, a->threshold);
+  ern_cl_int(&call, a->width);
+  ern_cl_int(&call, a->height);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status gather(struct ern_stream *stream, const struct ern_torso_select_args *a, ern_span reached,
+                         ern_span first) {
+  struct ern_cl_call call = begin(stream, "torso_gather");
+  ern_cl_span(&call, a->index);
+  ern_cl_span(&call, a->selected);
+  ern_cl_span(&call, reached);
+  ern_cl_span(&call, first);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status torso_select(struct ern_stream *stream, struct ern_torso_select_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  struct ern_scan_args scan = {.n = a->n};
+  a->count = 0;
+  if (a->n == 0) return ERN_OK;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &scan.count));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n + 1, &scan.first));
+  ERN_TRY(find_reached(stream, a, scan.count));
+  ERN_TRY(stream->backend->scan(stream, &scan));
+  if (scan.total > 0) ERN_TRY(gather(stream, a, scan.count, scan.first));
+  a->count = scan.total;
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+/* ---- deformation ------------------------------------------------------------------------------------------------- */
+
+static ern_status torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_deform_fwd");
+  ern_cl_rows(&call, a->x);
+  ern_cl_rows(&call, a->q);
+  ern_cl_rows(&call, a->d);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status torso_deform_bwd(struct ern_stream *stream, struct ern_torso_deform_bwd_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_deform_bwd");
+  ern_cl_rows(&call, a->dd);
+  ern_cl_rows(&call, a->dx);
+  ern_cl_rows(&call, a->forward.q);
+  ern_cl_rows(&call, a->forward.d);
+  ern_cl_size(&call, a->forward.n);
+  return ern_cl_each(&call, a->forward.n);
+}
+
+/* ---- compositing ------------------------------------------------------------------------------------------------- */
+
+static ern_status leave_untouched(struct ern_stream *stream, const struct ern_torso_composite_args *a) {
+  const ern_span to = a->pixel.span, from = a->background.span;
+  const bool in_place = to.buffer == from.buffer && to.at == from.at;
+  if (in_place && a->opacity.buffer == NULL) return ERN_OK;
+  struct ern_cl_call call = begin(stream, "torso_untouched");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_rows(&call, in_place ? (ern_rows){0} : a->background);
+  ern_cl_size(&call, a->rays);
+  return ern_cl_each(&call, a->rays);
+}
+
+static ern_status torso_composite_fwd(struct ern_stream *stream, struct ern_torso_composite_args *a) {
+  const ern_status status = leave_untouched(stream, a);
+  if (status != ERN_OK) return status;
+  struct ern_cl_call call = begin(stream, "torso_composite_fwd");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_rows(&call, a->layer);
+  ern_cl_span(&call, a->index);
+  ern_cl_rows(&call, a->background);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status torso_composite_bwd(struct ern_stream *stream, struct ern_torso_composite_bwd_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_composite_bwd");
+  ern_cl_rows(&call, a->dlayer);
+  ern_cl_rows(&call, a->dpixel);
+  ern_cl_rows(&call, a->forward.layer);
+  ern_cl_span(&call, a->forward.index);
+  ern_cl_rows(&call, a->forward.background);
+  ern_cl_size(&call, a->forward.n);
+  return ern_cl_each(&call, a->forward.n);
+}
+
+/* ---- occupancy --------------------------------------------------------------------------------------------------- */
+
+static ern_status torso_points(struct ern_stream *stream, struct ern_torso_points_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_points");
+  ern_cl_rows(&call, a->q);
+  ern_cl_float(&call, a->shrink);
+  ern_cl_size(&call, a->seed);
+  ern_cl_size(&call, a->step);
+  ern_cl_int(&call, ERN_RNG_REFRESH_CELL);
+  return ern_cl_each(&call, ERN_TORSO_CELLS);
+}
+
+/* The grid is 64 KB: read back and added up cell by cell in double, its mean has the reference's bits. */
+static ern_status mean_of(struct ern_stream *stream, ern_span grid, double *mean) {
+  ern_context *context = stream->backend->context;
+  void *room = NULL;
+  double sum = 0;
+  ern_status status = ern_allocate(context, ERN_TORSO_CELLS, sizeof(float), &room);
+  if (status != ERN_OK) return status;
+  const float *values = room;
+  status = ern_cl_read(stream, room, grid, ERN_TORSO_CELLS);
+  for (size_t i = 0; i < ERN_TORSO_CELLS && status == ERN_OK; i++) sum += (double)values[i];
+  *mean = sum / ERN_TORSO_CELLS;
+  ern_release(context, room);
+  return status;
+}
+
+static ern_status torso_update(struct ern_stream *stream, struct ern_torso_update_args *a) {
+  struct ern_cl_call call = begin(stream, "torso_update");
+  ern_cl_span(&call, a->grid);
+  ern_cl_span(&call, a->alpha);
+  ern_cl_float(&call, a->decay);
+  const ern_status status = ern_cl_each(&call, ERN_TORSO_CELLS);
+  return status == ERN_OK ? mean_of(stream, a->grid, &a->mean) : status;
+}
+
+void ern_cl_fill_torso(struct ern_backend *table) {
+  table->torso_pose_fwd = torso_pose_fwd;
+  table->torso_pose_bwd = torso_pose_bwd;
+  table->torso_coords = torso_coords;
+  table->torso_select = torso_select;
+  table->torso_deform_fwd = torso_deform_fwd;
+  table->torso_deform_bwd = torso_deform_bwd;
+  table->torso_composite_fwd = torso_composite_fwd;
+  table->torso_composite_bwd = torso_composite_bwd;
+  table->torso_points = torso_points;
+  table->torso_update = torso_update;
+  table->render_torso = ern_render_torso_stages;
+}
