@@ -1,4 +1,265 @@
-/* SPDX-License-Identifier: MIT */
-#include "backend_opencl/opencl.h"
+/* SPDX-License-Identifier: MIT
+ * Slots of the training: losses, optimizer, average, and whole steps, which go through the stages. */
+#include <math.h>
 
-void ern_cl_fill_train(struct ern_backend *table) { (void)table; }
+#include "backend_opencl/opencl.h"
+#include "core/rng.h"
+#include "train/step.h"
+
+/* ---- losses: each part's share of a figure is added up in double when the stream settles ---- */
+
+/* Layout of struct head_factors in kernels/losses.cl. */
+struct head_factors {
+  cl_float by_pixel, by_uncertainty, by_outside, by_entropy, by_audio, by_eye;
+  cl_float s, mean, rays;
+  cl_int adaptive;
+};
+_Static_assert(sizeof(struct head_factors) == 10 * 4, "the same in losses.cl");
+
+static struct head_factors factors_of(const struct ern_head_loss_args *a) {
+  const struct ern_loss_weights *w = &a->weights;
+  const double mean = 1 / (double)a->n, s = (double)w->s;
+  return (struct head_factors){.by_pixel = (float)(2 * mean / 3),
+                               .by_uncertainty = (float)((double)(w->uncertainty * w->s) * mean),
+                               .by_outside = (float)((double)(w->static_uncertainty * w->s) * mean),
+                               .by_entropy = (float)((double)w->entropy * mean),
+                               .by_audio = (float)((double)(w->audio_ambient * w->s) * mean),
+                               .by_eye = (float)((double)(w->eye_ambient * w->s) * mean / a->max_steps),
+                               .s = (float)s,
+                               .mean = (float)mean,
+                               .rays = (float)a->n,
+                               .adaptive = w->adaptive};
+}
+
+/* The order of the figures of a part. */
+static const ern_loss_term head_term[] = {ERN_LOSS_PHOTOMETRIC, ERN_LOSS_UNCERTAINTY,   ERN_LOSS_STATIC_UNCERTAINTY,
+                                          ERN_LOSS_ENTROPY,     ERN_LOSS_AUDIO_AMBIENT, ERN_LOSS_EYE_AMBIENT};
+enum { HEAD_TERMS = sizeof head_term / sizeof *head_term };
+
+static void head_loss_settle(void *args, const float *values, size_t count) {
+  struct ern_head_loss_args *a = args;
+  const struct ern_loss_weights *w = &a->weights;
+  const double s = (double)w->s;
+  const double weight[HEAD_TERMS] = {1,
+                                     (double)w->uncertainty * s,
+                                     (double)w->static_uncertainty * s,
+                                     (double)w->entropy,
+                                     (double)w->audio_ambient * s,
+                                     (double)w->eye_ambient * s / a->max_steps};
+  for (size_t t = 0; t < HEAD_TERMS; t++) {
+    double sum = 0;
+    for (size_t part = 0; part < count / HEAD_TERMS; part++) sum += (double)values[part * HEAD_TERMS + t];
+    a->terms[head_term[t]] = weight[t] * sum;
+  }
+}
+
+static ern_status head_softmax(struct ern_stream *stream, ern_span most, ern_span sum, ern_span uncertainty, size_t n) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "head_softmax", "");
+  ern_cl_span(&call, most);
+  ern_cl_span(&call, sum);
+  ern_cl_span(&call, uncertainty);
+  ern_cl_size(&call, n);
+  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+}
+
+static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  ern_span most = {0}, sum = {0}, terms;
+  for (size_t t = 0; t < HEAD_TERMS; t++) a->terms[head_term[t]] = 0;
+  if (a->n == 0) return ERN_OK;
+  const struct head_factors factors = factors_of(a);
+  if (a->weights.adaptive) {
+    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &most));
+    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &sum));
+    ERN_TRY(head_softmax(stream, most, sum, a->uncertainty, a->n));
+  }
+  ERN_TRY(ern_cl_figures(stream, ERN_CL_SUMS * HEAD_TERMS, head_loss_settle, a, &terms));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "head_loss", "");
+  ern_cl_span(&call, terms);
+  ern_cl_rows(&call, a->dpixel);
+  ern_cl_span(&call, a->dopacity);
+  ern_cl_span(&call, a->dattention);
+  ern_cl_span(&call, a->deye);
+  ern_cl_span(&call, a->duncertainty);
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_rows(&call, a->truth);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_span(&call, a->attention);
+  ern_cl_span(&call, a->eye);
+  ern_cl_span(&call, a->uncertainty);
+  ern_cl_span(&call, a->face);
+  ern_cl_span(&call, most);
+  ern_cl_span(&call, sum);
+  ern_cl_value(&call, &factors, sizeof factors);
+  ern_cl_size(&call, a->n);
+  ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+enum { SQUARES = 3 }; /* sums of a part: usual, of huge ones times 2^-160, of tiny ones times 2^160 */
+
+static double squares_of(const float *values, size_t count) {
+  double sum = 0;
+  for (size_t i = 0; i < count; i += SQUARES)
+    sum += (double)values[i] + (double)values[i + 1] * 0x1p160 + (double)values[i + 2] * 0x1p-160;
+  return sum;
+}
+
+static void smooth_loss_settle(void *args, const float *values, size_t count) {
+  struct ern_smooth_loss_args *a = args;
+  a->term = (double)a->weight / (double)a->batch * squares_of(values, count);
+}
+
+static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
+  ern_span squares;
+  a->term = 0;
+  if (a->n == 0 || a->batch == 0) return ERN_OK;
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, smooth_loss_settle, a, &squares);
+  if (status != ERN_OK) return status;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_loss", "");
+  ern_cl_span(&call, squares);
+  ern_cl_span(&call, a->dmoved);
+  ern_cl_span(&call, a->still);
+  ern_cl_span(&call, a->moved);
+  ern_cl_float(&call, (float)(2 * ((double)a->weight / (double)a->batch)));
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+}
+
+static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_points", "");
+  ern_cl_rows(&call, a->moved);
+  ern_cl_rows(&call, a->x);
+  ern_cl_float(&call, a->reach);
+  ern_cl_value(&call, &a->seed, sizeof a->seed);
+  ern_cl_value(&call, &a->step, sizeof a->step);
+  ern_cl_size(&call, a->first);
+  ern_cl_int(&call, ERN_RNG_SMOOTH);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static void mse_settle(void *args, const float *values, size_t count) {
+  struct ern_mse_args *a = args;
+  a->term = squares_of(values, count) * (1 / (3 * (double)a->n));
+}
+
+static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
+  ern_span squares;
+  a->term = 0;
+  if (a->n == 0) return ERN_OK;
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, mse_settle, a, &squares);
+  if (status != ERN_OK) return status;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "mse", "");
+  ern_cl_span(&call, squares);
+  ern_cl_rows(&call, a->dpixel);
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_rows(&call, a->truth);
+  ern_cl_float(&call, (float)(2 * (1 / (3 * (double)a->n))));
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+}
+
+static void key_points_loss_settle(void *args, const float *values, size_t count) {
+  struct ern_key_points_loss_args *a = args;
+  double sum = 0;
+  for (size_t point = 0; point < count; point++) sum += (double)values[point] * (double)values[point];
+  a->term = sum / (double)count;
+}
+
+static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
+  enum { POINTS = 3 };
+  ern_span short_of;
+  const ern_status status = ern_cl_figures(stream, POINTS, key_points_loss_settle, a, &short_of);
+  if (status != ERN_OK) return status;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "key_points_loss", "");
+  ern_cl_span(&call, short_of);
+  ern_cl_span(&call, a->danchors);
+  ern_cl_span(&call, a->anchors);
+  return ern_cl_each(&call, POINTS);
+}
+
+/* ---- optimizer ---- */
+
+/* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
+static ern_status adamw(struct ern_stream *stream, struct ern_adamw_args *a) {
+  if (a->n == 0) return ERN_OK;
+  const double correction = -expm1((double)a->step * log((double)a->beta2));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "adamw", "");
+  ern_cl_span(&call, a->parameters);
+  ern_cl_span(&call, a->second_moment);
+  ern_cl_span(&call, a->gradient);
+  ern_cl_float(&call, a->rate);
+  ern_cl_float(&call, (float)(1 - (double)a->rate * (double)a->decay));
+  ern_cl_float(&call, a->beta2);
+  ern_cl_float(&call, (float)(1 - (double)a->beta2));
+  ern_cl_float(&call, (float)(1 / sqrt(correction)));
+  ern_cl_float(&call, a->eps);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status ema(struct ern_stream *stream, struct ern_ema_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "ema", "");
+  ern_cl_span(&call, a->average);
+  ern_cl_span(&call, a->parameters);
+  ern_cl_float(&call, (float)(1 - (double)a->decay));
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status finite(struct ern_stream *stream, struct ern_finite_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  ern_span found;
+  int32_t host[ERN_CL_SUMS];
+  a->finite = true;
+  if (a->n == 0) return ERN_OK;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "finite", "");
+  ern_cl_span(&call, found);
+  ern_cl_span(&call, a->values);
+  ern_cl_size(&call, a->n);
+  ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
+  ERN_TRY(ern_cl_read(stream, host, found, ERN_CL_SUMS));
+  for (size_t i = 0; i < ERN_CL_SUMS; i++) a->finite = a->finite && host[i] == 0;
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+/* ---- whole steps ---- */
+
+/* What a failed step left for `settle` would be written to arguments that are gone. */
+static ern_status drop_figures(struct ern_stream *stream, ern_status status) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  if (status != ERN_OK) own->pending_count = own->figures_used = 0;
+  return status;
+}
+
+static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
+  return drop_figures(stream, ern_head_step_stages(stream, a));
+}
+
+static ern_status torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
+  return drop_figures(stream, ern_torso_step_stages(stream, a));
+}
+
+void ern_cl_fill_train(struct ern_backend *table) {
+  table->head_loss = head_loss;
+  table->smooth_loss = smooth_loss;
+  table->smooth_points = smooth_points;
+  table->mse = mse;
+  table->key_points_loss = key_points_loss;
+  table->adamw = adamw;
+  table->ema = ema;
+  table->finite = finite;
+  table->head_density = ern_head_density_stages;
+  table->head_step = head_step;
+  table->torso_step = torso_step;
+}

@@ -1,1 +1,51 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * AdamW, the moving average of the weights, and the test for finite values (model.md section 6). */
+
+/* Each product and sum is rounded, as in the reference. */
+#pragma OPENCL FP_CONTRACT OFF
+
+/* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps), with
+ * keep = 1 - rate decay, fresh = 1 - beta2 and unbias = 1/sqrt(bias_correction), made in double by the host.
+ * The root is split, so that v/bias_correction cannot overflow. Where the square of a gradient does, the step is 0 (g
+ * over infinity), and v is kept at the largest number, from which it comes down again. All [n]. */
+kernel void adamw(SPAN(float, parameters), SPAN(float, second_moment), SPAN(const float, gradient), float rate,
+                  float keep, float beta2, float fresh, float unbias, float eps, ulong n) {
+  OPEN(float, parameters);
+  OPEN(float, second_moment);
+  OPEN(const float, gradient);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  const float g = gradient[i], v = beta2 * second_moment[i] + fresh * g * g;
+  parameters[i] = keep * parameters[i] - rate * (g / (sqrt(v) * unbias + eps));
+  second_moment[i] = v > FLT_MAX ? FLT_MAX : v;
+}
+
+/* average += fresh (parameters - average), fresh = 1 - decay; [n] */
+kernel void ema(SPAN(float, average), SPAN(const float, parameters), float fresh, ulong n) {
+  OPEN(float, average);
+  OPEN(const float, parameters);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  average[i] += fresh * (parameters[i] - average[i]);
+}
+
+#define GROUP 64 /* items; ERN_CL_SUM_GROUP */
+
+/* found: [groups], whether one of a group's values, (n + groups - 1)/groups consecutive ones, is not finite */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),
+                                                                      ulong n) {
+  OPEN(int, found);
+  OPEN(const float, values);
+  local int any[GROUP];
+  const ulong part = (n + get_num_groups(0) - 1) / get_num_groups(0);
+  const ulong begin = min(get_group_id(0) * part, n), end = min(begin + part, n);
+  const uint item = get_local_id(0);
+  int own = 0;
+  for (ulong base = begin; base < end; base += GROUP)
+    if (base + item < end) own |= (as_uint(values[base + item]) & 0x7f800000u) == 0x7f800000u;
+  any[item] = own;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (item != 0) return;
+  for (uint k = 1; k < GROUP; k++) own |= any[k];
+  found[get_group_id(0)] = own;
+}
