@@ -1,0 +1,243 @@
+/* SPDX-License-Identifier: MIT
+ * The fused passes of rendering on an OpenCL device against the stages of the CPU's reference. `--bench` measures a
+ * 450 x 450 view of a made-up head against the CPU's best instruction set. */
+#include <time.h>
+
+#include "twin.h"
+
+#if defined(ERN_OPENCL)
+#include "model/parameters.h"
+#include "render/morton.h"
+
+enum { OUTPUTS = 10 /* pixel 3, colour 3, opacity, depth, attention, eye */ };
+static const char *const output_name[OUTPUTS] = {"red",         "green",   "blue",  "sum of red", "sum of green",
+                                                 "sum of blue", "opacity", "depth", "attention",  "eye"};
+
+static ern_context *context;
+static struct twin twin;
+
+struct scene {
+  struct ern_model_config config;
+  struct ern_field field;
+  float *block, *background;
+  uint8_t *bits;
+  struct ern_view view;
+  struct ern_march_settings settings;
+  float stop, log_sigma, eye_value, code[ERN_AUDIO_CODE];
+  int32_t *pixel;
+  size_t rays;
+};
+
+static void *room(size_t count, size_t bytes) {
+  void *memory = calloc(count > 0 ? count : 1, bytes);
+  assert_non_null(memory);
+  return memory;
+}
+
+/* Cells between two radii around the middle of the head's box. */
+static void fill_shell(uint8_t *bits, float inner, float outer) {
+  for (uint32_t number = 0; number < ERN_OCCUPANCY_CELLS; number++) {
+    const float x = (float)ern_morton_gather(number) / 64 - 1, y = (float)ern_morton_gather(number >> 1) / 64 - 1,
+                z = (float)ern_morton_gather(number >> 2) / 64 - 1, r = sqrtf(x * x + y * y + z * z);
+    if (r >= inner && r <= outer) bits[number >> 3] |= (uint8_t)(1u << (number & 7));
+  }
+}
+
+/* Random parameters; `log_sigma` is about what the density's exponent spreads over. */
+static struct scene scene_make(int levels, bool eye, int codes, int width, int height, float log_sigma) {
+  struct scene scene = {.stop = 1e-4f, .log_sigma = log_sigma, .eye_value = 0.4f};
+  struct ern_parameter_table rows;
+  scene.config = (struct ern_model_config){
+      .levels = levels, .feature_width = 29, .window_length = 16, .head = true, .eye = eye, .codes = codes, .bound = 1};
+  support_ok(context, ern_parameters_build(context, &scene.config, &scene.field, &rows));
+  scene.block = room(scene.field.parameters, sizeof(float));
+  ern_parameters_init(scene.block, &rows, false, 11);
+  for (int plane = 0; plane < ERN_PLANES; plane++)
+    twin_fill(scene.block + scene.field.plane_table[plane], scene.field.plane[plane].entries, 3 + (uint64_t)plane, 1);
+  const struct ern_mlp *density = &scene.field.density;
+  for (size_t i = 0; i < 64; i++) scene.block[density->weight[2] + i] *= log_sigma;
+  scene.bits = room(ERN_OCCUPANCY_BYTES, 1);
+  fill_shell(scene.bits, 0.2f, 0.45f);
+  /* the pose of a head that is looked at from 3.4 units ahead */
+  scene.view = (struct ern_view){
+      .pose = {0.02f, -0.99f, 0.05f, 0.03f, 0.03f, -0.05f, -0.99f, 3.4f, 0.99f, 0.02f, 0.03f, -0.05f, 0, 0, 0, 1},
+      .focal = 2.7f * (float)width,
+      .cx = (float)width / 2,
+      .cy = (float)height / 2,
+      .width = width,
+      .height = height};
+  scene.settings = (struct ern_march_settings){1, 16, 1.0f / 256, 0.05f};
+  twin_fill(scene.code, ERN_AUDIO_CODE, 5, 1);
+  scene.rays = (size_t)width * (size_t)height;
+  scene.pixel = room(scene.rays, sizeof(int32_t));
+  scene.background = room(3 * scene.rays, sizeof(float));
+  for (size_t i = 0; i < scene.rays; i++) scene.pixel[i] = (int32_t)i;
+  for (size_t i = 0; i < 3 * scene.rays; i++) scene.background[i] = 0.5f + twin_random(6, i, 0.5f);
+  return scene;
+}
+
+static void scene_free(struct scene *scene) {
+  free(scene->block), free(scene->background), free(scene->bits), free(scene->pixel);
+}
+
+/* A scene on both backends, ready to be rendered. */
+struct stage {
+  struct twin_rows out;
+  struct ern_render_rays_args args[2];
+};
+
+static struct stage stage_make(const struct scene *scene, bool all) {
+  struct stage stage;
+  const struct twin_span block = twin_reals(&twin, scene->block, scene->field.parameters);
+  const struct twin_span code = twin_reals(&twin, scene->code, ERN_AUDIO_CODE);
+  const struct twin_span bits = twin_bytes(&twin, scene->bits, ERN_OCCUPANCY_BYTES);
+  const struct twin_span pixel = twin_int32s(&twin, scene->pixel, scene->rays);
+  const struct twin_rows background = twin_rows_of(&twin, scene->background, 3, scene->rays, ERN_PER_RAY);
+  stage.out = twin_rows_of(&twin, NULL, OUTPUTS, scene->rays, ERN_PER_RAY);
+  for (int k = 0; k < 2; k++) {
+    const ern_rows out = stage.out.on[k];
+    struct ern_render_rays_args *args = &stage.args[k];
+    *args = (struct ern_render_rays_args){.pixel = ern_rows_part(out, 0, 3),
+                                          .opacity = ern_span_of_row(out, 6, scene->rays),
+                                          .pixel_number = pixel.on[k],
+                                          .view = scene->view,
+                                          .background = background.on[k],
+                                          .bits = bits.on[k],
+                                          .parameters = block.on[k],
+                                          .field = &scene->field,
+                                          .code = code.on[k],
+                                          .eye_value = scene->eye_value,
+                                          .individual = 1,
+                                          .settings = scene->settings,
+                                          .transmittance_stop = scene->stop,
+                                          .n = scene->rays};
+    if (all) {
+      args->colour = ern_rows_part(out, 3, 3);
+      args->depth = ern_span_of_row(out, 7, scene->rays);
+      args->attention = ern_span_of_row(out, 8, scene->rays);
+      args->eye = ern_span_of_row(out, 9, scene->rays);
+    }
+    struct ern_render_prepare_args prepare = {block.on[k], &scene->field};
+    support_ok(context, twin.backend[k]->render_prepare(twin.stream[k], &prepare));
+  }
+  return stage;
+}
+
+/* Folding two layers and the audio code changes the order of sums: of numbers of about 1, some hundred roundings of
+ * 2^-24. A transmittance within rounding of the stop may let one sample more or less count: `stop` of a colour, and of
+ * the unweighted sums a whole sample, which is why those are held only where nothing stops. */
+static double allowed_of(const struct scene *scene) { return 4e-5 + 2 * (double)scene->stop; }
+
+/* Of rows `first` to `last` everything is near the reference; poison is where it was. */
+static void check_rows(const struct scene *scene, const char *what, const struct stage *stage, int first, int last) {
+  const double allowed = allowed_of(scene);
+  for (int row = first; row < last; row++) {
+    float *values[2];
+    for (int k = 0; k < 2; k++) {
+      values[k] = room(scene->rays, sizeof(float));
+      support_ok(context,
+                 twin.backend[k]->download_reals(twin.stream[k], values[k],
+                                                 ern_span_of_row(stage->out.on[k], row, scene->rays), scene->rays));
+    }
+    for (size_t i = 0; i < scene->rays; i++)
+      if (!twin_near(values[1][i], values[0][i], allowed, allowed))
+        fail_msg("%s: %s of ray %zu of %zu is %.9g, expected %.9g", what, output_name[row], i, scene->rays,
+                 (double)values[1][i], (double)values[0][i]);
+    free(values[0]), free(values[1]);
+  }
+}
+
+/* No value between the rows or outside of them was written. */
+static void check_gaps(const struct scene *scene, const char *what, const struct stage *stage) {
+  const ern_rows out = stage->out.on[1];
+  float *values = twin_down(&twin, 1, out.span);
+  for (size_t i = 0; i < out.span.count + 2 * TWIN_GUARD; i++) {
+    const bool inside =
+        i >= TWIN_GUARD && i < TWIN_GUARD + out.span.count && (i - TWIN_GUARD) % out.stride < scene->rays;
+    if (!inside && values[i] != TWIN_POISON) fail_msg("%s: %g was written outside", what, (double)values[i]);
+  }
+  free(values);
+}
+
+static void check_scene(const struct scene *scene, const char *what) {
+  struct stage stage = stage_make(scene, true);
+  TWIN_RUN(&twin, render_rays, stage.args);
+  const bool stops = scene->stop > 0;
+  check_rows(scene, what, &stage, 0, stops ? 8 : scene->config.eye ? 10 : 9);
+  check_gaps(scene, what, &stage);
+  twin_clear(&twin);
+}
+
+static void test_models(void **state) {
+  (void)state;
+  for (int variant = 0; variant < 8; variant++) {
+    const int levels = variant & 1 ? 14 : variant & 2 ? 12 : 2;
+    struct scene scene = scene_make(levels, (variant & 2) != 0, variant & 4 ? 3 : 0, 45, 37, 8);
+    char what[64];
+    snprintf(what, sizeof what, "levels %d, eye %d, codes %d", levels, scene.config.eye, scene.config.codes);
+    check_scene(&scene, what);
+    scene.stop = 3e-3f;
+    check_scene(&scene, what);
+    scene.stop = 0;
+    check_scene(&scene, what);
+    scene_free(&scene);
+  }
+}
+
+/* ---- measuring --------------------------------------------------------------------------------------------------- */
+
+static double now(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static double frame_seconds(int k, struct stage *stage) {
+  float value;
+  const double began = now();
+  support_ok(context, twin.backend[k]->render_rays(twin.stream[k], &stage->args[k]));
+  support_ok(context, twin.backend[k]->download_reals(twin.stream[k], &value, stage->args[k].opacity, 1));
+  return now() - began;
+}
+
+static int measure(void) {
+  context = support_context();
+  twin_open(&twin, context);
+  twin.backend[0]->stream_free(twin.stream[0]);
+  ern_backend_free(&twin.backend[0]);
+  support_ok(context, ern_backend_create(&twin.backend[0], context, NULL));
+  support_ok(context, twin.backend[0]->stream_make(twin.backend[0], 0, &twin.stream[0]));
+  struct scene scene = scene_make(14, true, 2, 450, 450, 8);
+  struct stage stage = stage_make(&scene, false);
+  double least[2] = {1e9, 1e9};
+  for (int turn = 0; turn < 25; turn++)
+    for (int k = 0; k < 2; k++) least[k] = fmin(least[k], frame_seconds(k, &stage));
+  printf("450 x 450: cpu %.2f ms, device %.2f ms, %.0f %% of its speed\n", least[0] * 1e3, least[1] * 1e3,
+         100 * least[0] / least[1]);
+  scene_free(&scene);
+  twin_close(&twin);
+  ern_context_free(&context);
+  return 0;
+}
+
+static int set_up(void **state) {
+  (void)state;
+  context = support_context();
+  twin_open(&twin, context);
+  return 0;
+}
+static int tear_down(void **state) {
+  (void)state;
+  twin_close(&twin);
+  ern_context_free(&context);
+  return 0;
+}
+
+int main(int argc, char **argv) {
+  if (argc == 2 && strcmp(argv[1], "--bench") == 0) return measure();
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_models)};
+  return cmocka_run_group_tests_name("opencl render", tests, set_up, tear_down);
+}
+#else
+int main(void) { return 0; }
+#endif
