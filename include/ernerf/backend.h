@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Where a portrait is computed: the CPU with one of its instruction sets, or (later) an OpenCL device. */
+ * Where a portrait is computed: the CPU with one of its instruction sets, or an OpenCL device. */
 #ifndef ERNERF_BACKEND_H
 #define ERNERF_BACKEND_H
 
@@ -15,10 +15,12 @@ typedef struct ern_backend ern_backend;
 
 typedef struct ern_backend_config {
   uint32_t cookie;
-  const char *name; /* "auto" (the CPU), "cpu"; "opencl" is refused until its table is whole */
-  const char *isa;  /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
-                       "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon" */
-  int device;       /* number of an OpenCL device, as ern_devices_list counts */
+  const char *name;   /* "auto" (the CPU), "cpu", "opencl" */
+  const char *isa;    /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
+                         "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon" */
+  int device;         /* number of an OpenCL device, as ern_devices_list counts */
+  bool deterministic; /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
+                         slower so. The CPU, as either backend, always computes in this way */
 } ern_backend_config;
 
 ERN_API ern_backend_config ern_backend_config_default(void);
@@ -44,6 +46,10 @@ typedef struct ern_device_info {
   const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
   unsigned compute_units;
   uint64_t memory_bytes;
+  /* of an OpenCL device; "", 0 and false for the CPU */
+  const char *driver;                 /* its version */
+  uint64_t buffer_bytes, local_bytes; /* one buffer at most; local memory of a work-group */
+  bool half, subgroups;               /* half precision; groups that share registers */
 } ern_device_info;
 
 /* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */

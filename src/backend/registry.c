@@ -9,7 +9,7 @@
 #include "core/status.h"
 #include "ernerf/backend.h"
 
-enum { CONFIG_COOKIE = 0x45524e32, TEXT_BYTES = 128 };
+enum { CONFIG_COOKIE = 0x45524e38, TEXT_BYTES = 128 };
 
 ern_backend_config ern_backend_config_default(void) {
   return (ern_backend_config){.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
@@ -47,7 +47,7 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   if (chosen.cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
-    const ern_status made = ern_opencl_backend_make(context, chosen.device, backend);
+    const ern_status made = ern_opencl_backend_make(context, chosen.device, chosen.deterministic, backend);
     if (made == ERN_OK)
       ern_log(context, ERN_LOG_INFO, "backend: opencl, device %d: %s", chosen.device, (*backend)->isa);
     return made;
@@ -78,6 +78,7 @@ ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const 
   const ern_device_info cpu = {.kind = "cpu",
                                .name = name,
                                .version = "",
+                               .driver = "",
                                .instruction_sets = list,
                                .compute_units = cores > 0 ? (unsigned)cores : 0,
                                .memory_bytes = pages > 0 && page > 0 ? (uint64_t)pages * (uint64_t)page : 0};

@@ -50,25 +50,45 @@ static bool is_memory(cl_int code) {
   return code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_OUT_OF_RESOURCES;
 }
 
+/* Drivers tell of a device that is gone, or that stopped at a fault, by several codes, CL_OUT_OF_RESOURCES among them:
+ * so it is asked to do something small. */
+static bool answers(struct ern_cl_backend *backend) {
+  const cl_uint word = 0;
+  if (backend->probe == NULL) return true; /* still being made */
+  return clEnqueueFillBuffer(backend->queue, backend->probe, &word, sizeof word, 0, sizeof word, 0, NULL, NULL) ==
+             CL_SUCCESS &&
+         clFinish(backend->queue) == CL_SUCCESS;
+}
+
 ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing) {
   if (code == CL_SUCCESS) return ERN_OK;
-  return ern_fail(backend->table.context, is_memory(code) ? ERN_E_NO_MEMORY : ERN_E_DEVICE,
-                  "OpenCL: %s: %s failed: %s (%d)", backend->device.name, doing, ern_cl_error_name(code), (int)code);
+  const bool lost = !answers(backend);
+  return ern_fail(backend->table.context, is_memory(code) && !lost ? ERN_E_NO_MEMORY : ERN_E_DEVICE,
+                  "OpenCL: %s: %s failed: %s (%d)%s", backend->device.name, doing, ern_cl_error_name(code), (int)code,
+                  lost ? "; the device is lost, it no longer answers" : "");
 }
 
 /* ---- buffers ----------------------------------------------------------------------------------------------------- */
 
+static size_t bytes_of(const struct ern_buffer *buffer) {
+  return (buffer->count > 0 ? buffer->count : 1) * element_bytes[buffer->element];
+}
+
 static void buffer_free(struct ern_backend *table, struct ern_buffer *buffer) {
   if (buffer == NULL) return;
-  if (buffer->memory != NULL) clReleaseMemObject(buffer->memory);
+  if (buffer->memory != NULL) {
+    clReleaseMemObject(buffer->memory);
+    atomic_fetch_sub(&((struct ern_cl_backend *)table)->taken, bytes_of(buffer));
+  }
   ern_release(table->context, buffer);
 }
 
 static ern_status too_large(struct ern_cl_backend *backend, size_t bytes) {
   const struct ern_cl_device *device = &backend->device;
   return ern_fail(backend->table.context, ERN_E_NO_MEMORY,
-                  "OpenCL: %s: a buffer of %zu bytes is needed, but one may have %llu and all memory is %llu",
-                  device->name, bytes, (unsigned long long)device->buffer_bytes,
+                  "OpenCL: %s: too little memory: a buffer of %zu bytes is needed beside the %zu taken, but one may "
+                  "have %llu and all memory is %llu",
+                  device->name, bytes, atomic_load(&backend->taken), (unsigned long long)device->buffer_bytes,
                   (unsigned long long)device->memory_bytes);
 }
 
@@ -81,8 +101,8 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   size_t bytes = 0;
   cl_int code = CL_SUCCESS;
   *buffer = NULL;
-  if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes) || bytes > backend->device.buffer_bytes)
-    return too_large(backend, bytes);
+  if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes)) return too_large(backend, SIZE_MAX);
+  if (bytes > backend->device.buffer_bytes) return too_large(backend, bytes);
   ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
   made = room;
   made->element = element;
@@ -93,8 +113,13 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   if (code == CL_SUCCESS)
     code = clEnqueueFillBuffer(backend->queue, made->memory, &zero, sizeof zero, 0, bytes, 0, NULL, NULL);
   if (code == CL_SUCCESS) code = clFinish(backend->queue);
-  if (is_memory(code)) ERN_TRY(too_large(backend, bytes));
+  if (code != CL_SUCCESS && made->memory != NULL) {
+    clReleaseMemObject(made->memory);
+    made->memory = NULL;
+  }
+  if (is_memory(code) && answers(backend)) ERN_TRY(too_large(backend, bytes));
   ERN_TRY(ern_cl_check(backend, code, "make a buffer"));
+  atomic_fetch_add(&backend->taken, bytes);
   *buffer = made;
   return ERN_OK;
 fail:
@@ -214,18 +239,19 @@ static void backend_free(struct ern_backend *table) {
   if (table == NULL) return;
   struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
   ern_cl_programs_free(backend);
+  if (backend->probe != NULL) clReleaseMemObject(backend->probe);
   if (backend->queue != NULL) clReleaseCommandQueue(backend->queue);
   if (backend->context != NULL) clReleaseContext(backend->context);
   pthread_mutex_destroy(&backend->lock);
   ern_release(table->context, backend);
 }
 
-static void fill_table(struct ern_cl_backend *backend) {
+static void fill_table(struct ern_cl_backend *backend, bool deterministic) {
   struct ern_backend *table = &backend->table;
   table->name = "opencl";
   table->isa = backend->device.name;
   table->real_bytes = sizeof(float);
-  table->deterministic = true;
+  table->deterministic = deterministic || backend->device.cpu;
   table->buffer_make = buffer_make;
   table->buffer_free = buffer_free;
   table->stream_make = stream_make;
@@ -249,10 +275,11 @@ static void fill_table(struct ern_cl_backend *backend) {
   ern_cl_fill_audio(table);
   ern_cl_fill_torso(table);
   ern_cl_fill_train(table);
+  ern_cl_fill_steps(table);
   ern_cl_fill_render(table);
 }
 
-ern_status ern_opencl_backend_make(ern_context *context, int number, struct ern_backend **backend) {
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, struct ern_backend **backend) {
   struct ern_cl_backend *made = NULL;
   ern_status status = ERN_OK;
   void *room = NULL;
@@ -271,7 +298,9 @@ ern_status ern_opencl_backend_make(ern_context *context, int number, struct ern_
   ERN_TRY(ern_cl_check(made, code, "open the device"));
   made->queue = clCreateCommandQueue(made->context, made->device.id, 0, &code);
   ERN_TRY(ern_cl_check(made, code, "make a queue"));
-  fill_table(made);
+  made->probe = clCreateBuffer(made->context, CL_MEM_READ_WRITE, sizeof(cl_uint), NULL, &code);
+  ERN_TRY(ern_cl_check(made, code, "make a buffer"));
+  fill_table(made, deterministic);
   *backend = &made->table;
   return ERN_OK;
 fail:

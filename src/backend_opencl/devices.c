@@ -11,7 +11,7 @@
 
 #include "backend_opencl/opencl.h"
 
-enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, TEXT_BYTES = 256, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
+enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
 struct found {
   cl_platform_id platform;
@@ -47,28 +47,6 @@ static uint64_t number_of(cl_device_id device, cl_device_info what, size_t bytes
   uint64_t value = 0; /* little-endian hosts: a cl_uint fills its low half */
   if (clGetDeviceInfo(device, what, bytes, &value, NULL) != CL_SUCCESS) value = 0;
   return value;
-}
-
-ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
-  struct found found[MAX_DEVICES];
-  int platforms = 0;
-  const int count = find_devices(found, &platforms);
-  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
-  for (int i = 0; i < count; i++) {
-    char name[TEXT_BYTES], version[TEXT_BYTES];
-    text_of(found[i].device, CL_DEVICE_NAME, name, sizeof name);
-    text_of(found[i].device, CL_DEVICE_VERSION, version, sizeof version);
-    const ern_device_info info = {
-        .kind = "opencl",
-        .number = i,
-        .name = name,
-        .version = version,
-        .instruction_sets = "",
-        .compute_units = (unsigned)number_of(found[i].device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint)),
-        .memory_bytes = number_of(found[i].device, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof(cl_ulong))};
-    say(user, &info);
-  }
-  return ERN_OK;
 }
 
 static bool has_extension(const char *extensions, const char *name) {
@@ -107,6 +85,34 @@ static void ask(struct ern_cl_device *device) {
   device->units = (cl_uint)number_of(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint));
 }
 
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  struct found found[MAX_DEVICES];
+  int platforms = 0;
+  const int count = find_devices(found, &platforms);
+  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
+  if (platforms > 0 && count == 0)
+    ern_log(context, ERN_LOG_INFO, "OpenCL: %d driver%s installed, but none of them has a device", platforms,
+            platforms == 1 ? " is" : "s are");
+  for (int i = 0; i < count; i++) {
+    struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
+    ask(&device);
+    const ern_device_info info = {.kind = "opencl",
+                                  .number = i,
+                                  .name = device.name,
+                                  .version = device.version,
+                                  .instruction_sets = "",
+                                  .compute_units = device.units,
+                                  .memory_bytes = device.memory_bytes,
+                                  .driver = device.driver,
+                                  .buffer_bytes = device.buffer_bytes,
+                                  .local_bytes = device.local_bytes,
+                                  .half = device.half,
+                                  .subgroups = device.subgroups};
+    say(user, &info);
+  }
+  return ERN_OK;
+}
+
 ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device) {
   struct found found[MAX_DEVICES];
   int platforms = 0;
@@ -139,8 +145,8 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
   return ERN_OK;
 }
 
-ern_status ern_opencl_backend_make(ern_context *context, int number, ern_backend **backend) {
-  (void)number;
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, ern_backend **backend) {
+  (void)number, (void)deterministic;
   *backend = NULL;
   return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
 }

@@ -9,8 +9,9 @@
 ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
                                                  void (*say)(void *user, const ern_device_info *device), void *user);
 
-/* The backend of device `number`. ERN_E_UNSUPPORTED where there is no driver or no such device, or where this build is
- * without OpenCL. */
-ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, ern_backend **backend);
+/* The backend of device `number`; see ern_backend_config for `deterministic`. ERN_E_UNSUPPORTED where there is no
+ * driver or no such device, or where this build is without OpenCL. */
+ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic,
+                                                 ern_backend **backend);
 
 #endif

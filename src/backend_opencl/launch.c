@@ -102,14 +102,14 @@ enum { FIGURES = 1 << 14 };
 ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
                           void (*settle)(void *args, const float *values, size_t count), void *args, ern_span *span) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  struct ern_backend *backend = stream->backend;
+  struct ern_backend *backend = &own->owner->table;
   ern_status status = ERN_OK;
   void *room = NULL;
-  if (own->figures == NULL) {
+  if (own->figures_host == NULL) {
     ERN_TRY(ern_allocate(backend->context, FIGURES, sizeof(float), &room));
     own->figures_host = room;
-    ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, FIGURES, &own->figures));
   }
+  if (own->figures == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, FIGURES, &own->figures));
   if (own->pending_count == ERN_CL_PENDING || count > FIGURES - own->figures_used) ERN_TRY(backend->settle(stream));
   if (count > FIGURES)
     ERN_TRY(ern_fail(backend->context, ERN_E_ARGUMENT, "OpenCL: %zu figures, expected %d at most", count, FIGURES));

@@ -9,6 +9,7 @@
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <pthread.h>
+#include <stdatomic.h>
 
 #include "core/backend.h"
 #include "core/status.h"
@@ -70,6 +71,8 @@ struct ern_cl_backend {
   struct ern_cl_device device;
   cl_context context;
   cl_command_queue queue; /* for what belongs to no stream: clearing new buffers */
+  cl_mem probe;           /* 4 bytes, written to see whether the device still answers */
+  atomic_size_t taken;    /* bytes of all buffers */
   pthread_mutex_t lock;   /* of the programs */
   struct ern_cl_program *programs;
   size_t program_count, program_room;
@@ -102,6 +105,7 @@ struct ern_cl_stream {
   struct ern_cl_pending pending[ERN_CL_PENDING];
   size_t pending_count;
   struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
+  size_t rays_at_once;              /* of a training step that had memory; 0: all of them had */
 };
 
 static inline struct ern_cl_stream *ern_cl_stream_of(struct ern_stream *stream) {
@@ -115,7 +119,7 @@ static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream
 ERN_NODISCARD ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device);
 
 /* ERN_OK, or the error with the device's name and what was being done ("run mlp_fwd"). Out of memory is
- * ERN_E_NO_MEMORY, all else ERN_E_DEVICE. */
+ * ERN_E_NO_MEMORY, all else ERN_E_DEVICE; so is out of memory where the device no longer answers at all. */
 ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing);
 const char *ern_cl_error_name(cl_int code);
 
@@ -182,7 +186,8 @@ void ern_cl_fill_mlp(struct ern_backend *table);
 void ern_cl_fill_encoding(struct ern_backend *table); /* activations, SH, sines, region attention */
 void ern_cl_fill_audio(struct ern_backend *table);
 void ern_cl_fill_torso(struct ern_backend *table);
-void ern_cl_fill_train(struct ern_backend *table); /* losses, optimizer, steps */
+void ern_cl_fill_train(struct ern_backend *table); /* losses, optimizer */
+void ern_cl_fill_steps(struct ern_backend *table); /* whole training steps, densities */
 void ern_cl_fill_render(struct ern_backend *table);
 
 struct ern_cl_portrait;

@@ -9,7 +9,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 
-enum { OPTION_BYTES = 4096, KEY_BYTES = 65, LOG_BYTES = 3000 };
+enum { OPTION_BYTES = 4096, KEY_BYTES = 65, LOG_BYTES = 1500 /* an error text has 2048 */ };
 
 static const struct {
   const char *name;

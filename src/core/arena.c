@@ -46,6 +46,15 @@ void ern_arena_release(struct ern_stream *stream, struct ern_arena_mark mark) {
   }
 }
 
+void ern_arena_trim(struct ern_stream *stream) {
+  struct ern_arena *arena = stream->arena;
+  for (int e = 0; e < 3; e++) {
+    const size_t keep = arena->chain[e].current + (arena->chain[e].used > 0);
+    while (arena->chain[e].blocks > keep)
+      arena->backend->buffer_free(arena->backend, arena->chain[e].block[--arena->chain[e].blocks]);
+  }
+}
+
 ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span) {
   struct ern_arena *arena = stream->arena;
   ern_context *context = arena->backend->context;
@@ -65,8 +74,11 @@ ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count
     if (b == MAX_BLOCKS) return ern_fail(context, ERN_E_NO_MEMORY, "scratch: more than %d blocks", MAX_BLOCKS);
     size_t size = b == 0 ? FIRST_BLOCK : 2 * arena->chain[element].size[b - 1];
     if (size < need) size = need;
-    const ern_status status =
-        arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
+    ern_status status = arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
+    if (status == ERN_E_NO_MEMORY && size > need) {
+      size = need;
+      status = arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
+    }
     if (status != ERN_OK) return status;
     arena->chain[element].size[b] = size;
     arena->chain[element].blocks++;

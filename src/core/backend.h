@@ -121,6 +121,8 @@ struct ern_arena_mark {
 };
 struct ern_arena_mark ern_arena_mark(const struct ern_stream *stream);
 void ern_arena_release(struct ern_stream *stream, struct ern_arena_mark mark);
+/* Frees the blocks that nothing is taken from; nothing may be running on them. */
+void ern_arena_trim(struct ern_stream *stream);
 
 /* *span = room for `count` elements, at a multiple of 64; contents undefined. */
 ERN_NODISCARD ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span);

@@ -4,6 +4,7 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include <time.h>
 
@@ -213,19 +214,33 @@ fail:
   return status;
 }
 
+/* A device that is lost takes with it what was learnt since the last save, and nothing else. */
+static ern_status stopped(const ern_trainer *t, ern_status status) {
+  char cause[1500];
+  if (status != ERN_E_DEVICE || t->output == NULL) return status;
+  snprintf(cause, sizeof cause, "%s", ern_last_error(t->context));
+  if (t->saved == 0)
+    return ern_fail(t->context, status, "%s; after step %" PRIu64 ", and nothing of this training was saved before",
+                    cause, t->step);
+  return ern_fail(t->context, status,
+                  "%s; after step %" PRIu64 "; the state of step %" PRIu64
+                  " is whole in %s, and a resume goes on from it, on any backend",
+                  cause, t->step, t->saved, t->run.folder);
+}
+
 ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
   while (t->step < t->config.iters) {
     ern_train_report report;
     ern_status status = ern_trainer_step(t, &report);
-    if (status != ERN_OK) return status;
+    if (status != ERN_OK) return stopped(t, status);
     tally.loss += report.loss;
     tally.psnr += report.psnr;
     tally.samples += report.samples_per_ray;
     tally.steps++;
     status = finish_step(t, hooks, &tally);
-    if (status != ERN_OK) return status;
+    if (status != ERN_OK) return stopped(t, status);
   }
   return ERN_OK;
 }

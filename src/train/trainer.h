@@ -44,6 +44,7 @@ struct ern_trainer {
   uint64_t step, ema_updates;
   double seconds; /* of training, all runs together */
   struct ern_run_folder run;
+  uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
 
   struct ern_pool *pool; /* for work on the host */
   int32_t *host_pixels;  /* [rays] */

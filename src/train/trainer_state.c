@@ -129,6 +129,7 @@ static ern_status write_state(ern_trainer *t) {
     ERN_TRY(move(t->context, t->run.state, t->run.previous));
   }
   ERN_TRY(move(t->context, t->run.next, t->run.state));
+  t->saved = t->step;
 fail:
   if (s != NULL) {
     ern_release(t->context, s->moment);
@@ -331,6 +332,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   ERN_TRY(check_config(t, best.model, best.path));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   t->run.fresh = false;
+  t->saved = t->step;
   *resumed = true;
 fail:
   close_candidate(t, &best);

@@ -53,13 +53,19 @@ static bool has_word(const json_t *list, const char *word) {
 static void test_devices(void **state) {
   (void)state;
   cli_run(&cli, "info devices");
-  cli_expect_out(&cli, 0, "cpu", "instruction sets", "ref", "backends", NULL);
+  cli_expect_out(&cli, 0, "cpu", "instruction sets", "ref", "backends: auto (the CPU), cpu, opencl", NULL);
   cli_run(&cli, "info devices --json");
   json_t *object = cli_json(&cli, NULL);
   const json_t *cpu = find(json_object_get(object, "devices"), "kind", "cpu");
   assert_non_null(cpu);
   assert_non_null(strstr(text_of(cpu, "instruction_sets"), "ref64"));
   assert_true(count_of(cpu, "compute_units") >= 1 && count_of(cpu, "memory_bytes") > 0);
+  const json_t *device = find(json_object_get(object, "devices"), "kind", "opencl");
+  if (device != NULL) {
+    assert_true(count_of(device, "buffer_bytes") > 0 && count_of(device, "local_bytes") > 0);
+    assert_true(strlen(text_of(device, "driver")) > 0 && json_is_boolean(json_object_get(device, "half")) &&
+                json_is_boolean(json_object_get(device, "subgroups")));
+  }
   json_decref(object);
 }
 

@@ -10,6 +10,8 @@
 #include "session.h"
 #include "verbs.h"
 
+#define GIB (1024.0 * 1024 * 1024)
+
 /* ---- devices ----------------------------------------------------------------------------------------------------- */
 
 struct device_list {
@@ -19,17 +21,24 @@ struct device_list {
 
 static void take_device(void *user, const ern_device_info *device) {
   struct device_list *devices = user;
-  const double gib = (double)device->memory_bytes / (1024.0 * 1024 * 1024);
   if (!session_json_on_stdout(devices->session)) {
     printf("%-7s %d  %s, %u compute units, %.1f GiB%s%s\n", device->kind, device->number, device->name,
-           device->compute_units, gib, device->version[0] != 0 ? ", " : "", device->version);
+           device->compute_units, (double)device->memory_bytes / GIB, device->version[0] != 0 ? ", " : "",
+           device->version);
     if (device->instruction_sets[0] != 0) printf("           instruction sets: %s\n", device->instruction_sets);
+    if (strcmp(device->kind, "opencl") == 0)
+      printf("           driver %s, %.1f GiB a buffer, %.0f KiB local memory, half precision: %s, subgroups: %s\n",
+             device->driver, (double)device->buffer_bytes / GIB, (double)device->local_bytes / 1024,
+             device->half ? "yes" : "no", device->subgroups ? "yes" : "no");
   }
   json_array_append_new(
       devices->list,
-      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I}", "kind", device->kind, "number", device->number, "name",
-                device->name, "version", device->version, "instruction_sets", device->instruction_sets, "compute_units",
-                (json_int_t)device->compute_units, "memory_bytes", (json_int_t)device->memory_bytes));
+      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I, s:s, s:I, s:I, s:b, s:b}", "kind", device->kind, "number",
+                device->number, "name", device->name, "version", device->version, "instruction_sets",
+                device->instruction_sets, "compute_units", (json_int_t)device->compute_units, "memory_bytes",
+                (json_int_t)device->memory_bytes, "driver", device->driver, "buffer_bytes",
+                (json_int_t)device->buffer_bytes, "local_bytes", (json_int_t)device->local_bytes, "half", device->half,
+                "subgroups", device->subgroups));
 }
 
 static int list_devices(struct session *session) {
@@ -38,9 +47,9 @@ static int list_devices(struct session *session) {
     json_decref(devices.list);
     return session_fail(session);
   }
-  if (!session_json_on_stdout(session))
-    printf("\nbackends: auto (the CPU), cpu; opencl lists its devices and is refused by the other verbs for now\n");
-  return session_report(session, json_pack("{s:[s, s], s:o}", "backends", "auto", "cpu", "devices", devices.list));
+  if (!session_json_on_stdout(session)) printf("\nbackends: auto (the CPU), cpu, opencl (with --device N)\n");
+  return session_report(session,
+                        json_pack("{s:[s, s, s], s:o}", "backends", "auto", "cpu", "opencl", "devices", devices.list));
 }
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */

@@ -11,7 +11,7 @@
 #include "session.h"
 #include "verbs.h"
 
-enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 18, CLIP_OPTIONS = 3 };
+enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3 };
 
 struct train_job {
   struct session session;

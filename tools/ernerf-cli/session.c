@@ -49,6 +49,10 @@ void session_compute_options(struct session *session, struct option options[SESS
        .low = 0,
        .high = 255,
        .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl"},
+      {.name = "deterministic",
+       .kind = OPTION_FLAG,
+       .target = &session->deterministic,
+       .help = "the same bytes on every run on an OpenCL device that is no CPU, at a price there; a CPU always is"},
       {.name = "isa",
        .kind = OPTION_TEXT,
        .target = &session->isa,
@@ -147,6 +151,7 @@ ern_status session_backend(struct session *session) {
   config.name = names[session->backend_choice];
   config.isa = session->isa;
   config.device = session->device;
+  config.deterministic = session->deterministic;
   const ern_status status = ern_backend_create(&session->backend, session->context, &config);
   if (status == ERN_OK) ern_backend_describe(session->backend, &session->backend_info);
   return status;

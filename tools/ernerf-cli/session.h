@@ -19,15 +19,15 @@ struct session {
   int backend_choice, device, threads;
   const char *isa;
   uint64_t seed;
-  bool quiet;
+  bool quiet, deterministic;
   const char *json; /* NULL: none, "-": standard output, else a file */
   bool line_open;   /* the progress line stands on the terminal without its newline */
 };
 
-enum { SESSION_OUTPUT_OPTIONS = 2, SESSION_COMPUTE_OPTIONS = 5 };
+enum { SESSION_OUTPUT_OPTIONS = 2, SESSION_COMPUTE_OPTIONS = 6 };
 /* --quiet --json. */
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]);
-/* --backend --device --isa --threads --seed. */
+/* --backend --device --deterministic --isa --threads --seed. */
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]);
 
 /* Makes the context, and catches Ctrl-C and the signals of a full disk and a closed pipe. Returns -1 to go on, else the

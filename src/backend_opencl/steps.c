@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ * Whole training steps and densities through the stages; where the device has too little memory for all rays at once,
+ * with fewer of them at a time. */
+#include "train/step.h"
+
+#include "backend_opencl/opencl.h"
+
+/* What a failed step left for `settle` would be written to arguments that are gone. The arena's blocks above what is
+ * in use are given back: the next try may need them to be of other sizes. */
+static ern_status clean_up(struct ern_stream *stream, ern_status status) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  if (status == ERN_OK) return ERN_OK;
+  own->pending_count = own->figures_used = 0;
+  clFinish(own->queue); /* whatever it returns, `status` is what is told */
+  ern_arena_trim(stream);
+  return status;
+}
+
+static ern_status too_little(struct ern_stream *stream, const char *what, const char *one) {
+  ern_context *context = stream->backend->context;
+  return ern_fail(context, ERN_E_NO_MEMORY, "%s does not fit into the device even with one %s at a time: %s", what, one,
+                  ern_last_error(context));
+}
+
+/* The gradient before a step that may fail is kept: the copy is of 2.5 MB for 14 levels, beside the 100s of a step. */
+static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  const struct ern_backend *backend = stream->backend;
+  size_t at_once = own->rays_at_once > 0 && own->rays_at_once < a->n ? own->rays_at_once : a->n;
+  ern_status status = ERN_OK;
+  ern_span before;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->dparameters.count, &before));
+  ERN_TRY(backend->copy(stream, before, a->dparameters, before.count));
+  for (;;) {
+    status = clean_up(stream, ern_head_step_parts(stream, a, at_once));
+    if (status != ERN_E_NO_MEMORY) break;
+    if (at_once <= 1) ERN_TRY(too_little(stream, "a training step", "ray"));
+    at_once /= 2;
+    ERN_TRY(backend->copy(stream, a->dparameters, before, before.count));
+  }
+  if (status == ERN_OK && at_once < a->n && own->rays_at_once != at_once) {
+    own->rays_at_once = at_once;
+    ern_log(backend->context, ERN_LOG_INFO,
+            "OpenCL: too little memory for a training step of %zu rays at once; going on with %zu at a time, which is "
+            "slower",
+            a->n, at_once);
+  }
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+static ern_status torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
+  return clean_up(stream, ern_torso_step_stages(stream, a));
+}
+
+static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
+  struct ern_head_density_args part = *a;
+  ern_status status = ERN_OK;
+  for (size_t begin = 0; begin < a->n; begin += part.n) {
+    part.x.span = ern_span_part(a->x.span, begin, a->x.span.count - begin);
+    part.sigma = ern_span_part(a->sigma, begin, a->sigma.count - begin);
+    if (part.n > a->n - begin) part.n = a->n - begin;
+    while ((status = clean_up(stream, ern_head_density_stages(stream, &part))) == ERN_E_NO_MEMORY && part.n > 1)
+      part.n /= 2;
+    if (status == ERN_E_NO_MEMORY) return too_little(stream, "the density of points", "point");
+    if (status != ERN_OK) return status;
+  }
+  return status;
+}
+
+void ern_cl_fill_steps(struct ern_backend *table) {
+  table->head_density = head_density;
+  table->head_step = head_step;
+  table->torso_step = torso_step;
+}

@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: MIT
+ * A device that fails on demand: an OpenCL layer (the loader takes it from OPENCL_LAYERS) between a program and its
+ * driver, steered by the environment:
+ *
+ *   ERNERF_FAULT_HIDE=platforms|devices  none of them is there
+ *   ERNERF_FAULT_BUILD=N                 no program builds from source; the log has N lines
+ *   ERNERF_FAULT_MEMORY=BYTES            all the memory of the device; a buffer may have half of it
+ *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1) fails, and then
+ *   ERNERF_FAULT_COUNT=C                 so do launches up to C in all; without it the device is lost: nothing works
+ *   ERNERF_FAULT_FILE=PATH               lost as soon as this file is there
+ *   ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE */
+#define CL_TARGET_OPENCL_VERSION 120
+#include <CL/cl.h>
+#include <CL/cl_layer.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { LOG_BYTES = 1 << 16 };
+
+static const cl_icd_dispatch *driver; /* the next layer, or the loader's way to a driver */
+static cl_icd_dispatch layer;
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* of what follows */
+static unsigned long long launches, bytes_taken;
+static bool lost;
+
+static long long number_of(const char *name, long long otherwise) {
+  const char *value = getenv(name);
+  return value != NULL && value[0] != 0 ? strtoll(value, NULL, 10) : otherwise;
+}
+static bool hides(const char *what) {
+  const char *value = getenv("ERNERF_FAULT_HIDE");
+  return value != NULL && strcmp(value, what) == 0;
+}
+static cl_int fault_code(void) { return (cl_int)number_of("ERNERF_FAULT_CODE", CL_DEVICE_NOT_AVAILABLE); }
+
+/* CL_SUCCESS, or what a call returns now; `launched`: it is a launch. */
+static cl_int look(bool launched) {
+  const char *file = getenv("ERNERF_FAULT_FILE");
+  const long long first = number_of("ERNERF_FAULT_LAUNCH", 0), count = number_of("ERNERF_FAULT_COUNT", 0);
+  bool fails = false;
+  pthread_mutex_lock(&lock);
+  if (launched) launches++;
+  if (file != NULL && access(file, F_OK) == 0) lost = true;
+  if (first > 0 && launches >= (unsigned long long)first) {
+    if (count == 0)
+      lost = true;
+    else
+      fails = launched && launches < (unsigned long long)(first + count);
+  }
+  fails |= lost;
+  pthread_mutex_unlock(&lock);
+  return fails ? fault_code() : CL_SUCCESS;
+}
+
+/* ---- platforms and devices --------------------------------------------------------------------------------------- */
+
+static cl_int CL_API_CALL get_platforms(cl_uint entries, cl_platform_id *platforms, cl_uint *count) {
+  if (!hides("platforms")) return driver->clGetPlatformIDs(entries, platforms, count);
+  if (count != NULL) *count = 0;
+  return -1001; /* CL_PLATFORM_NOT_FOUND_KHR */
+}
+
+static cl_int CL_API_CALL get_devices(cl_platform_id platform, cl_device_type type, cl_uint entries,
+                                      cl_device_id *devices, cl_uint *count) {
+  if (!hides("devices")) return driver->clGetDeviceIDs(platform, type, entries, devices, count);
+  if (count != NULL) *count = 0;
+  return CL_DEVICE_NOT_FOUND;
+}
+
+static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info what, size_t bytes, void *value,
+                                          size_t *needed) {
+  const cl_int code = driver->clGetDeviceInfo(device, what, bytes, value, needed);
+  cl_ulong limit = (cl_ulong)number_of("ERNERF_FAULT_MEMORY", 0), found = 0;
+  if (code != CL_SUCCESS || limit == 0 || value == NULL || bytes < sizeof found) return code;
+  if (what != CL_DEVICE_GLOBAL_MEM_SIZE && what != CL_DEVICE_MAX_MEM_ALLOC_SIZE) return code;
+  if (what == CL_DEVICE_MAX_MEM_ALLOC_SIZE) limit /= 2;
+  memcpy(&found, value, sizeof found);
+  if (found > limit) memcpy(value, &limit, sizeof limit);
+  return CL_SUCCESS;
+}
+
+/* ---- memory ------------------------------------------------------------------------------------------------------ */
+
+static cl_mem CL_API_CALL create_buffer(cl_context context, cl_mem_flags flags, size_t bytes, void *host,
+                                        cl_int *code) {
+  const unsigned long long limit = (unsigned long long)number_of("ERNERF_FAULT_MEMORY", 0);
+  cl_int found = look(false), ignored = CL_SUCCESS;
+  if (code == NULL) code = &ignored;
+  pthread_mutex_lock(&lock);
+  if (found == CL_SUCCESS && limit > 0 && bytes_taken + bytes > limit) found = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+  if (found == CL_SUCCESS) bytes_taken += bytes;
+  pthread_mutex_unlock(&lock);
+  *code = found;
+  if (found != CL_SUCCESS) return NULL;
+  const cl_mem memory = driver->clCreateBuffer(context, flags, bytes, host, code);
+  if (*code == CL_SUCCESS) return memory;
+  pthread_mutex_lock(&lock);
+  bytes_taken -= bytes;
+  pthread_mutex_unlock(&lock);
+  return memory;
+}
+
+static cl_int CL_API_CALL release_memory(cl_mem memory) {
+  cl_uint references = 0;
+  size_t bytes = 0;
+  const bool known =
+      driver->clGetMemObjectInfo(memory, CL_MEM_REFERENCE_COUNT, sizeof references, &references, NULL) == CL_SUCCESS &&
+      driver->clGetMemObjectInfo(memory, CL_MEM_SIZE, sizeof bytes, &bytes, NULL) == CL_SUCCESS;
+  const cl_int code = driver->clReleaseMemObject(memory);
+  pthread_mutex_lock(&lock);
+  if (known && references == 1 && code == CL_SUCCESS) bytes_taken -= bytes;
+  pthread_mutex_unlock(&lock);
+  return code;
+}
+
+/* ---- programs ---------------------------------------------------------------------------------------------------- */
+
+static cl_int CL_API_CALL build(cl_program program, cl_uint count, const cl_device_id *devices, const char *options,
+                                void(CL_CALLBACK *done)(cl_program, void *), void *user) {
+  if (number_of("ERNERF_FAULT_BUILD", 0) > 0) return CL_BUILD_PROGRAM_FAILURE;
+  return driver->clBuildProgram(program, count, devices, options, done, user);
+}
+
+static cl_int CL_API_CALL get_build_info(cl_program program, cl_device_id device, cl_program_build_info what,
+                                         size_t bytes, void *value, size_t *needed) {
+  static char text[LOG_BYTES];
+  const long long lines = number_of("ERNERF_FAULT_BUILD", 0);
+  size_t used = 0;
+  if (what != CL_PROGRAM_BUILD_LOG || lines <= 0)
+    return driver->clGetProgramBuildInfo(program, device, what, bytes, value, needed);
+  pthread_mutex_lock(&lock);
+  for (long long i = 1; i <= lines && used < sizeof text - 100; i++)
+    used += (size_t)snprintf(text + used, sizeof text - used, "<source>:%lld:1: error: it was told to fail\n", i);
+  if (needed != NULL) *needed = used + 1;
+  if (value != NULL && bytes > used) memcpy(value, text, used + 1);
+  pthread_mutex_unlock(&lock);
+  return value == NULL || bytes > used ? CL_SUCCESS : CL_INVALID_VALUE;
+}
+
+/* ---- commands ---------------------------------------------------------------------------------------------------- */
+
+static cl_int CL_API_CALL launch(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
+                                 const size_t *global, const size_t *local, cl_uint waits, const cl_event *wait,
+                                 cl_event *event) {
+  const cl_int code = look(true);
+  if (code != CL_SUCCESS) return code;
+  return driver->clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, waits, wait, event);
+}
+
+static cl_int CL_API_CALL read_buffer(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset,
+                                      size_t bytes, void *to, cl_uint waits, const cl_event *wait, cl_event *event) {
+  const cl_int code = look(false);
+  if (code != CL_SUCCESS) return code;
+  return driver->clEnqueueReadBuffer(queue, memory, blocking, offset, bytes, to, waits, wait, event);
+}
+
+static cl_int CL_API_CALL write_buffer(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset,
+                                       size_t bytes, const void *from, cl_uint waits, const cl_event *wait,
+                                       cl_event *event) {
+  const cl_int code = look(false);
+  if (code != CL_SUCCESS) return code;
+  return driver->clEnqueueWriteBuffer(queue, memory, blocking, offset, bytes, from, waits, wait, event);
+}
+
+static cl_int CL_API_CALL copy_buffer(cl_command_queue queue, cl_mem from, cl_mem to, size_t from_offset,
+                                      size_t to_offset, size_t bytes, cl_uint waits, const cl_event *wait,
+                                      cl_event *event) {
+  const cl_int code = look(false);
+  if (code != CL_SUCCESS) return code;
+  return driver->clEnqueueCopyBuffer(queue, from, to, from_offset, to_offset, bytes, waits, wait, event);
+}
+
+static cl_int CL_API_CALL fill_buffer(cl_command_queue queue, cl_mem memory, const void *pattern, size_t pattern_bytes,
+                                      size_t offset, size_t bytes, cl_uint waits, const cl_event *wait,
+                                      cl_event *event) {
+  const cl_int code = look(false);
+  if (code != CL_SUCCESS) return code;
+  return driver->clEnqueueFillBuffer(queue, memory, pattern, pattern_bytes, offset, bytes, waits, wait, event);
+}
+
+static cl_int CL_API_CALL finish(cl_command_queue queue) {
+  const cl_int code = look(false);
+  return code != CL_SUCCESS ? code : driver->clFinish(queue);
+}
+
+/* ---- the layer --------------------------------------------------------------------------------------------------- */
+
+CL_API_ENTRY cl_int CL_API_CALL clGetLayerInfo(cl_layer_info what, size_t bytes, void *value, size_t *needed) {
+  static const char name[] = "libernerf's faults";
+  const cl_layer_api_version version = CL_LAYER_API_VERSION_100;
+  const void *from = what == CL_LAYER_API_VERSION ? (const void *)&version : (const void *)name;
+  const size_t size = what == CL_LAYER_API_VERSION ? sizeof version : sizeof name;
+  if (what != CL_LAYER_API_VERSION && what != CL_LAYER_NAME) return CL_INVALID_VALUE;
+  if (value != NULL && bytes < size) return CL_INVALID_VALUE;
+  if (value != NULL) memcpy(value, from, size);
+  if (needed != NULL) *needed = size;
+  return CL_SUCCESS;
+}
+
+/* The loader's table may be shorter than ours: entries past its end stay empty. */
+CL_API_ENTRY cl_int CL_API_CALL clInitLayer(cl_uint entries, const cl_icd_dispatch *target, cl_uint *entries_here,
+                                            const cl_icd_dispatch **table) {
+  const size_t known = (size_t)entries * sizeof(void *);
+  if (target == NULL || entries_here == NULL || table == NULL) return CL_INVALID_VALUE;
+  memcpy(&layer, target, known < sizeof layer ? known : sizeof layer);
+  driver = target;
+  layer.clGetPlatformIDs = get_platforms;
+  layer.clGetDeviceIDs = get_devices;
+  layer.clGetDeviceInfo = get_device_info;
+  layer.clCreateBuffer = create_buffer;
+  layer.clReleaseMemObject = release_memory;
+  layer.clBuildProgram = build;
+  layer.clGetProgramBuildInfo = get_build_info;
+  layer.clEnqueueNDRangeKernel = launch;
+  layer.clEnqueueReadBuffer = read_buffer;
+  layer.clEnqueueWriteBuffer = write_buffer;
+  layer.clEnqueueCopyBuffer = copy_buffer;
+  layer.clEnqueueFillBuffer = fill_buffer;
+  layer.clFinish = finish;
+  *entries_here = (cl_uint)(sizeof layer / sizeof(void *));
+  *table = &layer;
+  return CL_SUCCESS;
+}
