@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * How fast this machine is, and how much of it the library uses: the machine's peaks, each kernel, a frame and a
- * training step. All figures of a call come from one run: what is compared is measured in turns.
+ * training step, on instruction sets of the CPU, on OpenCL devices, or on both. All figures of a call come from one
+ * run: what is compared is measured in turns.
  *
  * What is counted. FLOP: one addition or multiplication of the arithmetic of the model, two a multiply-add; a division,
  * a root, an exponential or a sine counts one; comparisons and index arithmetic none. `flops_written` is the model as
@@ -24,7 +25,8 @@ enum { ERN_BENCH_BACKENDS = 8, ERN_BENCH_STAGES = 16 };
 
 typedef struct ern_bench_options {
   uint32_t cookie;
-  int threads;    /* of a frame and a step, and of the peaks of all threads; 0: one a core. Kernels have one */
+  int threads;    /* of a frame and a step, and of the peaks of all threads; 0: one a core. Kernels have one, or beside
+                     a device as many */
   double seconds; /* what a call may take, about; what takes longer is measured once all the same. 0..86400; 5 */
   int frames;     /* most repeats of a frame, 1..1000; 16 */
   int rays;       /* of a training step, 1..1048576; 65536 */
@@ -35,8 +37,8 @@ typedef struct ern_bench_options {
 } ern_bench_options;
 ERN_API ern_bench_options ern_bench_options_default(void);
 
-/* Seconds of one call. What has one thread by itself (peaks of one, kernels) is read by its processor time, which is
- * the time that passes where nobody else runs; all else by the time that passes. */
+/* Seconds of one call, on a device until it is done. What has one thread by itself (peaks of one, kernels) is read by
+ * its processor time, which is the time that passes where nobody else runs; all else by the time that passes. */
 typedef struct ern_bench_timing {
   double least, median;
   double cpu; /* the least processor time, of all threads together: tells on a machine that is shared with others */
@@ -45,23 +47,31 @@ typedef struct ern_bench_timing {
 
 /* ---- peaks ------------------------------------------------------------------------------------------------------- */
 
-/* The best of several repeats, a second: of one thread, and of all threads at once. */
+/* The best of several repeats, a second: of one thread, and of all threads at once. Of a device both are all of it. */
 typedef struct ern_bench_rate {
   double one, all;
 } ern_bench_rate;
 
 typedef struct ern_bench_peak {
-  const char *isa;      /* lives as long as its backend */
+  const char *backend;  /* "cpu" or "opencl"; lives as long as its backend, as `isa` does */
+  const char *isa;      /* of a device its name */
   ern_bench_rate flops; /* multiply-adds in registers, FLOP. Of ref and ref64: products and sums apart, without an
                            instruction set, as the reference is built */
   ern_bench_rate reads; /* of 32 bits at random places of a table of 64 KiB, the size of a level of the hash grid */
+  /* Of a device; 0 of the CPU, whose streams are the machine's. */
+  unsigned units;     /* compute units */
+  size_t cache_bytes; /* of its memory; 0: not known */
+  /* Bytes, read and written, by the best of a copy, an update in place and the driver's own copy: over half of the
+   * cache (not known: the same as the next), and over four times as much (64 to 512 MiB). */
+  ern_bench_rate stream_cache, stream_memory;
 } ern_bench_peak;
 
 typedef struct ern_bench_machine {
   int threads;               /* of the `all` figures */
   size_t l2_bytes, l3_bytes; /* what the system says; guesses (1 MiB, 32 MiB) where it does not */
-  /* Bytes, read and written, by the best of memcpy, a copy and an update in place, of the last backend's instruction
-   * set: over half of L2, half of L3, and four times L3 (64 to 512 MiB), threads sharing the last two. */
+  /* Bytes, read and written, by the best of memcpy, a copy and an update in place, of the last instruction set: over
+   * half of L2, half of L3, and four times L3 (64 to 512 MiB), threads sharing the last two. 0 where no backend is the
+   * CPU. */
   ern_bench_rate stream_l2, stream_l3, stream_memory;
   ern_bench_peak peak[ERN_BENCH_BACKENDS]; /* one a backend, in the order of the call */
   size_t peaks;
@@ -69,7 +79,7 @@ typedef struct ern_bench_machine {
                     take the processor's time, and all figures are then too low */
 } ern_bench_machine;
 
-/* `backends`: 1..ERN_BENCH_BACKENDS of the CPU, all of one context. options NULL: the defaults. */
+/* `backends`: 1..ERN_BENCH_BACKENDS, all of one context. options NULL: the defaults. */
 ERN_API ERN_NODISCARD ern_status ern_bench_peaks(ern_backend *const *backends, size_t count,
                                                  const ern_bench_options *options, ern_bench_machine *machine);
 
@@ -112,21 +122,26 @@ ERN_API ERN_NODISCARD ern_status ern_bench_scene_describe(const ern_bench_scene 
 /* ---- kernels ----------------------------------------------------------------------------------------------------- */
 
 typedef struct ern_bench_kernel {
-  const char *name; /* "density_fwd"; lives for ever, as `item` */
-  const char *item; /* what it works on: "sample", "ray", "pixel", "cell", "value", "frame" */
-  const char *isa;  /* of its backend */
-  double items;     /* of one call; so are the next four */
+  const char *name;          /* "density_fwd"; lives for ever, as `item` */
+  const char *item;          /* what it works on: "sample", "ray", "pixel", "cell", "value", "frame" */
+  const char *backend, *isa; /* of its backend */
+  int threads;               /* 1, or beside a device those of the options; of a device its compute units */
+  double items;              /* of one call; so are the next four */
   double flops_written, flops;
   double bytes, reads;      /* 0: none are counted */
-  ern_bench_timing seconds; /* of one call, on one thread */
-  double share;             /* of the peak that binds it: the largest of FLOP, bytes and reads over what the machine
-                               reaches of each, over the least time. NaN where nothing can be counted before it ran */
-  const char *bound;        /* "flops", "l2", "l3", "memory", "reads" or "": which that is. Bytes are held against the
-                               stream of the smallest memory that has room for all arrays of the kernel */
+  ern_bench_timing seconds; /* of one call */
+  double share;      /* of the peak that binds it: the largest of FLOP, bytes and reads over what as many threads,
+                        or the device, reach of each, over the least time. NaN where nothing can be counted
+                        before it ran */
+  const char *bound; /* "flops", "l2", "l3", "cache" (of a device), "memory", "reads" or "": which that is. Bytes
+                        are held against the stream of the smallest memory that has room for all arrays of the
+                        kernel */
 } ern_bench_kernel;
 
 /* Each kernel on each backend, with the sizes and the samples of the scene; calls `say` for each. A non-zero answer of
- * `say` stops with ERN_E_CANCELLED. `machine`: peaks of the same backends; NULL: every share is NaN. */
+ * `say` stops with ERN_E_CANCELLED. `machine`: peaks of the same backends; NULL: every share is NaN. Instruction sets
+ * alone run on one thread and on as much as its L2 holds; where one of the backends is a device, all run on all of
+ * their threads and on the samples of options.rays rays. */
 ERN_API ERN_NODISCARD ern_status ern_bench_kernels(ern_backend *const *backends, size_t count,
                                                    const ern_bench_scene *scene, const ern_bench_machine *machine,
                                                    const ern_bench_options *options,
@@ -139,15 +154,17 @@ typedef struct ern_bench_stage {
   double seconds;   /* of a call, in the mean; of all threads together, over their number */
 } ern_bench_stage;
 
+/* A device's stages are calls after those that are timed: each slot is waited for, so their sum may be more than the
+ * whole, which is not. */
 typedef struct ern_bench_pass {
-  const char *isa; /* of its backend */
-  int threads;
-  bool fused;               /* one pass of its own, not stage by stage */
-  ern_bench_timing seconds; /* of a call */
-  double rays;              /* of a call: pixels of a frame, rays of a step; so are the next ones, 0: not counted */
+  const char *backend, *isa; /* of its backend */
+  int threads;               /* of a device its compute units */
+  bool fused;                /* one pass of its own, not stage by stage */
+  ern_bench_timing seconds;  /* of a call */
+  double rays;               /* of a call: pixels of a frame, rays of a step; so are the next ones, 0: not counted */
   double marched, evaluated, colours; /* samples in occupied cells, whose density was computed, whose colour was */
   double flops_written, flops;
-  double share;                            /* of the peak of all threads; NaN without peaks */
+  double share;                            /* of the peak of all threads or of the device; NaN without peaks */
   ern_bench_stage stage[ERN_BENCH_STAGES]; /* of the whole; what is left over is in none of them */
   int stages;
 } ern_bench_pass;

@@ -30,7 +30,8 @@
   SOURCE(losses)               \
   SOURCE(optimizer)            \
   SOURCE(render)               \
-  SOURCE(render_torso)
+  SOURCE(render_torso)         \
+  SOURCE(peak)
 
 #define ERN_CL_SOURCE_NUMBER(name) ERN_CL_##name,
 typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;

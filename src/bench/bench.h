@@ -34,6 +34,10 @@ ERN_NODISCARD ern_status ern_bench_take_turns(const struct ern_bench_turns *turn
 /* The caller's or the defaults, checked, into *chosen; backends checked too. */
 ERN_NODISCARD ern_status ern_bench_choose(ern_backend *const *backends, size_t count, const ern_bench_options *options,
                                           ern_bench_options *chosen);
+/* Whether a backend is not the CPU; compute units of such a one; how many of them there are. */
+bool ern_bench_is_device(const ern_backend *backend);
+unsigned ern_bench_units(const ern_backend *device);
+size_t ern_bench_devices(ern_backend *const *backends, size_t count);
 /* Tells the caller's hook; its answer becomes ERN_E_CANCELLED. */
 ERN_NODISCARD ern_status ern_bench_tell(ern_context *context, const ern_bench_options *options, size_t done,
                                         size_t all);
@@ -90,12 +94,20 @@ struct ern_bench_call {
   union ern_bench_args args;
 };
 
-/* A CPU backend whose slots are another's, timed. Its streams are made on it and given to it; the first is the one that
- * is looked at, with its lanes. `staged`: fused slots go through the stages, so that their kernels are called. */
+/* A backend whose slots are another's, timed. Its streams are made on it and given to it; the first is the one that
+ * is looked at, with its lanes. `staged`: fused slots go through the stages, so that their kernels are called.
+ *
+ * A device's slots return before their kernels have run, and waiting for each makes all of them slower: so they are
+ * waited for, and their seconds are true, only while the shim holds them apart. */
 struct ern_bench_shim;
 ERN_NODISCARD ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct ern_bench_shim **shim);
 void ern_bench_shim_free(struct ern_bench_shim *shim);               /* accepts NULL */
 struct ern_backend *ern_bench_shim_backend(struct ern_bench_shim *); /* lives as long as the shim */
+
+/* Of a device: from now on each slot is waited for, or no longer is. Nothing to the CPU. */
+void ern_bench_shim_apart(struct ern_bench_shim *shim, bool apart);
+/* All that was called on the stream that is looked at is done, and its figures are there: the end of a timed call. */
+ERN_NODISCARD ern_status ern_bench_shim_finish(struct ern_bench_shim *shim);
 
 struct ern_profile;
 /* Sets all sums to 0. */
@@ -107,7 +119,7 @@ double ern_bench_shim_seconds(const struct ern_bench_shim *shim, enum ern_bench_
 const struct ern_profile *ern_bench_shim_profile(const struct ern_bench_shim *shim);
 /* Samples that stages marched since then, where no fused pass counted them. */
 double ern_bench_shim_marched(const struct ern_bench_shim *shim);
-int ern_bench_shim_threads(const struct ern_bench_shim *shim);
+int ern_bench_shim_threads(const struct ern_bench_shim *shim); /* of a device its compute units */
 
 /* Keeps the calls made from now on, inside the head's and the torso's sections or outside too; NULL: no more. The call
  * is told with its arguments as they were after it; their scratch stays theirs. */

@@ -13,6 +13,7 @@
 /* One backend's pass. */
 struct subject {
   struct ern_bench_shim *shim;
+  bool device;
   const struct ern_bench_scene *scene;
   ern_bench_pass *pass;
   /* of a frame */
@@ -35,8 +36,10 @@ struct passes {
 /* ---- stages ------------------------------------------------------------------------------------------------------ */
 
 /* Stages of a fused pass, and then of the step around it. */
-enum { STAGE_UPDATE = ERN_PROFILE_STAGES, STAGE_REFRESH, STAGE_NONE, STAGES };
-static const char *const stage_name[] = {"march", "encode", "forward", "composite", "backward", "tables", "update"};
+enum { STAGE_UPDATE = ERN_PROFILE_STAGES, STAGE_FUSED, STAGE_REFRESH, STAGE_NONE, STAGES };
+static const char *const stage_name[] = {"march",    "encode", "forward", "composite",
+                                         "backward", "tables", "update",  "fused"};
+enum { APART = 3 /* calls of a device whose slots are waited for, where they take less than a second */ };
 
 /* Where a slot that was called in the head's section belongs; outside of it all is refresh but the update. */
 static int stage_of(enum ern_bench_slot slot) {
@@ -80,6 +83,19 @@ static int stage_of(enum ern_bench_slot slot) {
   }
 }
 
+/* Of a device: a fused pass has no stages but the slots that it calls. What is left of it is a stage of its own, unless
+ * it is what going through the stages costs. */
+static void fused_seconds(const struct subject *s, double seconds[STAGES]) {
+  static const enum ern_bench_slot passes[] = {ERN_BENCH_SLOT_render_rays, ERN_BENCH_SLOT_head_step,
+                                               ERN_BENCH_SLOT_torso_step};
+  double whole = 0, parts = 0;
+  for (size_t i = 0; i < sizeof passes / sizeof *passes; i++)
+    whole += ern_bench_shim_seconds(s->shim, ERN_BENCH_HEAD, passes[i]);
+  for (int i = 0; i < ERN_PROFILE_STAGES; i++) parts += seconds[i];
+  s->pass->fused = whole - parts > parts;
+  if (s->pass->fused) seconds[STAGE_FUSED] = whole - parts;
+}
+
 /* Seconds of all calls since the shim was cleared. A fused pass that has filled its profile knows better. */
 static void stage_seconds(const struct subject *s, double seconds[STAGES]) {
   const struct ern_profile *profile = ern_bench_shim_profile(s->shim);
@@ -96,6 +112,7 @@ static void stage_seconds(const struct subject *s, double seconds[STAGES]) {
   seconds[STAGE_REFRESH] += ern_bench_shim_seconds(s->shim, ERN_BENCH_DENSITY, ERN_BENCH_SLOT_head_density);
   for (int i = 0; i < ERN_PROFILE_STAGES && s->pass->fused; i++)
     seconds[i] = profile->seconds[i] / ern_bench_shim_threads(s->shim);
+  if (s->device && filled <= 0) fused_seconds(s, seconds);
 }
 
 static void add_stage(ern_bench_pass *pass, const char *name, double seconds) {
@@ -149,6 +166,31 @@ static void forget(void *user, size_t which) {
   s->calls = 0;
 }
 
+/* A device builds its kernels when they are first called, which can take so long that it would count as a reading. */
+static ern_status build(struct passes *passes, ern_status (*work)(void *user, size_t which, size_t times)) {
+  ern_status status = ERN_OK;
+  for (size_t k = 0; k < passes->count && status == ERN_OK; k++)
+    if (passes->subject[k].device) status = work(passes, k, 1);
+  return status;
+}
+
+/* The stages of a device: calls after the timed ones, for waiting for each slot takes time of its own. */
+static ern_status call_apart(struct passes *passes, size_t which, const ern_bench_timing *timing,
+                             ern_status (*work)(void *user, size_t which, size_t times)) {
+  struct subject *s = &passes->subject[which];
+  if (!s->device) return ERN_OK;
+  forget(passes, which);
+  ern_bench_shim_apart(s->shim, true);
+  const ern_status status = work(passes, which, timing->least * APART < 1 ? APART : 1);
+  ern_bench_shim_apart(s->shim, false);
+  return status;
+}
+
+static struct subject begin_subject(ern_backend *backend, const struct ern_bench_scene *scene, ern_bench_pass *pass) {
+  *pass = (ern_bench_pass){.backend = backend->name, .isa = backend->isa};
+  return (struct subject){.device = ern_bench_is_device(backend), .scene = scene, .pass = pass};
+}
+
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
 static ern_status draw(void *user, size_t which, size_t times) {
@@ -166,7 +208,7 @@ static ern_status draw(void *user, size_t which, size_t times) {
     s->times.output += part.output;
     s->calls++;
   }
-  return status;
+  return status == ERN_OK ? ern_bench_shim_finish(s->shim) : status;
 }
 
 static void sum_frame(struct subject *s) {
@@ -180,15 +222,18 @@ static void sum_frame(struct subject *s) {
   add_stage(pass, "audio", s->times.audio * 1e-3 / n);
   add_stage(pass, "torso", s->times.torso * 1e-3 / n);
   for (int i = 0; i <= ERN_PROFILE_COMPOSITE; i++) add_stage(pass, stage_name[i], seconds[i] / n);
+  add_stage(pass, stage_name[STAGE_FUSED], seconds[STAGE_FUSED] / n);
   add_stage(pass, "output", s->times.output * 1e-3 / n);
   pass->rays = (double)s->scene->frame.camera.width * s->scene->frame.camera.height;
-  pass->marched = pass->fused ? (double)profile->count[ERN_PROFILE_MARCHED] / n : ern_bench_shim_marched(s->shim) / n;
-  pass->evaluated = pass->fused ? (double)profile->count[ERN_PROFILE_SAMPLES] / n : pass->marched;
-  pass->colours = pass->fused ? (double)profile->count[ERN_PROFILE_COLOURS] / n : pass->marched;
-  const double hits = pass->fused ? (double)profile->count[ERN_PROFILE_HITS] / n : pass->rays;
+  const bool counted = profile->count[ERN_PROFILE_SAMPLES] > 0; /* by a fused pass */
+  pass->marched = (counted ? (double)profile->count[ERN_PROFILE_MARCHED] : ern_bench_shim_marched(s->shim)) / n;
+  pass->evaluated = counted ? (double)profile->count[ERN_PROFILE_SAMPLES] / n : pass->marched;
+  pass->colours = counted ? (double)profile->count[ERN_PROFILE_COLOURS] / n : pass->marched;
   pass->flops_written = pass->evaluated * (written.density + written.colour) + pass->rays * written.ray;
-  pass->flops = pass->fused ? pass->evaluated * folded.density + pass->colours * folded.colour + hits * folded.ray
-                            : pass->flops_written;
+  pass->flops = pass->flops_written;
+  if (counted)
+    pass->flops = pass->evaluated * folded.density + pass->colours * folded.colour +
+                  (double)profile->count[ERN_PROFILE_HITS] / n * folded.ray;
 }
 
 ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
@@ -208,16 +253,17 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
                                         .most = chosen.frames < ERN_BENCH_REPEATS ? chosen.frames : ERN_BENCH_REPEATS};
   for (size_t k = 0; k < count; k++) {
     struct subject *s = &passes.subject[k];
-    results[k] = (ern_bench_pass){.isa = backends[k]->isa};
-    *s = (struct subject){.scene = scene, .pass = &results[k]};
+    *s = begin_subject(backends[k], scene, &results[k]);
     ERN_TRY(ern_bench_shim_make(backends[k], false, &s->shim));
     ERN_TRY(make_renderer(s, backends[k], &chosen));
     results[k].threads = ern_bench_shim_threads(s->shim);
   }
   ERN_TRY(ern_bench_tell(context, &chosen, 0, 1));
+  ERN_TRY(build(&passes, draw));
   ERN_TRY(ern_bench_take_turns(&turns, timing));
   for (size_t k = 0; k < count; k++) {
     results[k].seconds = timing[k];
+    ERN_TRY(call_apart(&passes, k, &timing[k], draw));
     sum_frame(&passes.subject[k]);
     judge(&results[k], machine, k);
   }
@@ -243,7 +289,7 @@ static ern_status step(void *user, size_t which, size_t times) {
     s->calls++;
     if (status == ERN_OK && passes->sixteenth) status = ern_bench_trainer_restore(t, s->scene);
   }
-  return status;
+  return status == ERN_OK ? ern_bench_shim_finish(s->shim) : status;
 }
 
 static void sum_plain_step(struct subject *s, bool torso) {
@@ -252,7 +298,7 @@ static void sum_plain_step(struct subject *s, bool torso) {
   ern_bench_pass *pass = s->pass;
   double seconds[STAGES];
   stage_seconds(s, seconds);
-  for (int i = 0; i <= STAGE_UPDATE; i++) add_stage(pass, stage_name[i], seconds[i] / n);
+  for (int i = 0; i <= STAGE_FUSED; i++) add_stage(pass, stage_name[i], seconds[i] / n);
   pass->rays = s->trainer->config.rays;
   pass->marched = pass->evaluated = pass->colours = s->samples / n;
   pass->flops_written =
@@ -287,6 +333,8 @@ static ern_status take_steps(struct passes *passes, bool sixteenth, double secon
                                         .seconds = seconds,
                                         .most = ERN_BENCH_REPEATS};
   passes->sixteenth = sixteenth;
+  const ern_status built = build(passes, step);
+  if (built != ERN_OK) return built;
   for (size_t k = 0; k < passes->count; k++) forget(passes, k);
   return ern_bench_take_turns(&turns, timing);
 }
@@ -304,8 +352,7 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
     return ern_fail(context, ERN_E_ARGUMENT, "bench: the model has no torso whose training could be measured");
   for (size_t k = 0; k < count; k++) {
     struct subject *s = &passes.subject[k];
-    results[k] = (ern_bench_pass){.isa = backends[k]->isa};
-    *s = (struct subject){.scene = scene, .pass = &results[k]};
+    *s = begin_subject(backends[k], scene, &results[k]);
     ERN_TRY(ern_bench_shim_make(backends[k], false, &s->shim));
     ERN_TRY(make_trainer(s, &chosen, torso));
     results[k].threads = ern_bench_shim_threads(s->shim);
@@ -314,11 +361,13 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
   ERN_TRY(take_steps(&passes, false, 0.7 * chosen.seconds, timing));
   for (size_t k = 0; k < count; k++) {
     results[k].seconds = timing[k];
+    ERN_TRY(call_apart(&passes, k, &timing[k], step));
     sum_plain_step(&passes.subject[k], torso);
   }
   ERN_TRY(ern_bench_tell(context, &chosen, 1, 2));
   ERN_TRY(take_steps(&passes, true, 0.3 * chosen.seconds, timing));
   for (size_t k = 0; k < count; k++) {
+    ERN_TRY(call_apart(&passes, k, &timing[k], step));
     add_sixteenth(&passes.subject[k], &timing[k], torso);
     judge(&results[k], machine, k);
   }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_opencl/peak.h"
 #include "core/memory.h"
 #include "core/profile.h"
 #include "core/status.h"
@@ -22,11 +23,13 @@ struct sums {
 };
 
 struct ern_bench_shim {
-  struct ern_cpu_backend cpu; /* first: the shim is a backend, with the real one's kernels */
+  struct ern_cpu_backend cpu; /* first: the shim is a backend, with the real one's kernels; of a device a table alone */
   struct ern_backend *real;
-  struct ern_cpu_stream *main;
+  struct ern_stream *main;
   enum ern_bench_section section;
-  bool staged;
+  bool staged, device;
+  bool apart;  /* each slot of a device is waited for */
+  bool within; /* a slot of a device that may call others: they are part of it */
   struct ern_profile profile;
   ern_status (*hear)(void *user, const struct ern_bench_call *call);
   void *user;
@@ -34,12 +37,16 @@ struct ern_bench_shim {
   struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its lanes */
 };
 
+static const struct ern_cpu_stream *cpu_stream(const struct ern_bench_shim *shim) {
+  return (const struct ern_cpu_stream *)shim->main;
+}
+
 /* Where a call on `stream` is summed; NULL: a stream that is not looked at. */
 static struct sums *sums_of(struct ern_bench_shim *shim, const struct ern_stream *stream) {
   if (shim->main == NULL) return NULL;
-  if (stream == &shim->main->base) return &shim->sums[0];
-  for (int l = 0; l < shim->main->lanes && l < MOST_LANES; l++)
-    if (stream == &shim->main->lane[l]->base) return &shim->sums[1 + l];
+  if (stream == shim->main) return &shim->sums[0];
+  for (int l = 0; !shim->device && l < cpu_stream(shim)->lanes && l < MOST_LANES; l++)
+    if (stream == &cpu_stream(shim)->lane[l]->base) return &shim->sums[1 + l];
   return NULL;
 }
 
@@ -47,7 +54,7 @@ static struct ern_bench_shim *shim_of(struct ern_stream *stream) { return (struc
 
 static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *stream, enum ern_bench_slot slot,
                        const void *args, size_t bytes) {
-  if (shim->hear == NULL || shim->main == NULL || stream != &shim->main->base) return ERN_OK;
+  if (shim->hear == NULL || stream != shim->main) return ERN_OK;
   const struct ern_arena_mark now = ern_arena_mark(stream);
   for (int e = 0; e < 3; e++) {
     const bool same = now.block[e] == shim->furthest.block[e];
@@ -63,13 +70,23 @@ static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *str
 
 /* ---- slots ------------------------------------------------------------------------------------------------------- */
 
+static bool is_fused(enum ern_bench_slot slot) {
+  return slot == ERN_BENCH_SLOT_render_rays || slot == ERN_BENCH_SLOT_render_torso ||
+         slot == ERN_BENCH_SLOT_head_density || slot == ERN_BENCH_SLOT_head_step || slot == ERN_BENCH_SLOT_torso_step;
+}
+
 #define SHIM_SLOT(slot, args_type)                                                                      \
   static ern_status timed_##slot(struct ern_stream *stream, struct args_type *args) {                   \
     struct ern_bench_shim *shim = shim_of(stream);                                                      \
+    if (shim->within) return shim->real->slot(stream, args);                                            \
     struct sums *sums = sums_of(shim, stream);                                                          \
+    const bool whole = shim->device && !is_fused(ERN_BENCH_SLOT_##slot);                                \
+    if (whole) shim->within = true;                                                                     \
     const double began = ern_profile_now();                                                             \
     ern_status status = shim->real->slot(stream, args);                                                 \
+    if (status == ERN_OK && shim->apart) status = ern_opencl_finish(stream);                            \
     if (sums != NULL) sums->seconds[shim->section][ERN_BENCH_SLOT_##slot] += ern_profile_now() - began; \
+    if (whole) shim->within = false;                                                                    \
     if (status == ERN_OK) status = tell(shim, stream, ERN_BENCH_SLOT_##slot, args, sizeof *args);       \
     return status;                                                                                      \
   }
@@ -77,8 +94,10 @@ ERN_SLOTS(SHIM_SLOT)
 #undef SHIM_SLOT
 
 static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *args) {
+  struct ern_bench_shim *shim = shim_of(stream);
+  if (shim->within) return shim->real->scan(stream, args); /* of something else than samples */
   const ern_status status = timed_scan(stream, args);
-  struct sums *sums = sums_of(shim_of(stream), stream);
+  struct sums *sums = sums_of(shim, stream);
   if (sums != NULL && status == ERN_OK) sums->marched += (double)args->total;
   return status;
 }
@@ -87,7 +106,7 @@ static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *
 #define SHIM_SECTION(slot, args_type, opened, prepare)                                                       \
   static ern_status section_##slot(struct ern_stream *stream, struct args_type *args) {                      \
     struct ern_bench_shim *shim = shim_of(stream);                                                           \
-    if (shim->main == NULL || stream != &shim->main->base) return shim->real->slot(stream, args);            \
+    if (stream != shim->main) return shim->real->slot(stream, args);                                         \
     const enum ern_bench_section before = shim->section;                                                     \
     prepare;                                                                                                 \
     shim->section = opened;                                                                                  \
@@ -102,17 +121,31 @@ SHIM_SECTION(render_torso, ern_render_torso_args, ERN_BENCH_TORSO, (void)0)
 SHIM_SECTION(head_density, ern_head_density_args, ERN_BENCH_DENSITY, (void)0)
 #undef SHIM_SECTION
 
+/* The CPU's slots look for their kernels behind the stream's table, so the stream is made on the shim. A device's
+ * stream knows its own backend: it is made there, and given the shim's table. */
 static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
   struct ern_bench_shim *shim = (struct ern_bench_shim *)backend;
-  const ern_status status = shim->real->stream_make(backend, threads, stream);
-  if (status == ERN_OK && shim->main == NULL) shim->main = (struct ern_cpu_stream *)*stream;
-  return status;
+  const ern_status status = shim->real->stream_make(shim->device ? shim->real : backend, threads, stream);
+  if (status != ERN_OK) return status;
+  (*stream)->backend = backend;
+  if (shim->main == NULL) shim->main = *stream;
+  return ERN_OK;
 }
 static void stream_free(struct ern_stream *stream) {
   if (stream == NULL) return;
   struct ern_bench_shim *shim = shim_of(stream);
-  if (shim->main != NULL && stream == &shim->main->base) shim->main = NULL;
+  if (stream == shim->main) shim->main = NULL;
   shim->real->stream_free(stream);
+}
+
+static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count,
+                              struct ern_buffer **buffer) {
+  struct ern_backend *real = ((struct ern_bench_shim *)backend)->real;
+  return real->buffer_make(real, element, count, buffer);
+}
+static void buffer_free(struct ern_backend *backend, struct ern_buffer *buffer) {
+  struct ern_backend *real = ((struct ern_bench_shim *)backend)->real;
+  real->buffer_free(real, buffer);
 }
 
 /* ---- the shim ---------------------------------------------------------------------------------------------------- */
@@ -121,14 +154,16 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct 
   void *room = NULL;
   ern_status status = ERN_OK;
   *shim = NULL;
-  if (strcmp(backend->name, "cpu") != 0)
-    return ern_fail(backend->context, ERN_E_UNSUPPORTED, "bench: found the backend %s, expected cpu", backend->name);
   ERN_TRY(ern_allocate(backend->context, 1, sizeof **shim, &room));
   struct ern_bench_shim *made = room;
-  made->cpu = *(struct ern_cpu_backend *)backend;
   made->real = backend;
   made->staged = staged;
+  made->device = ern_bench_is_device(backend);
   struct ern_backend *table = &made->cpu.table;
+  if (made->device)
+    *table = *backend;
+  else
+    made->cpu = *(struct ern_cpu_backend *)backend;
 #define SHIM_FILL(slot, args) table->slot = timed_##slot;
   ERN_SLOTS(SHIM_FILL)
 #undef SHIM_FILL
@@ -140,6 +175,8 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct 
   table->head_density = section_head_density;
   table->stream_make = stream_make;
   table->stream_free = stream_free;
+  table->buffer_make = buffer_make;
+  table->buffer_free = buffer_free;
   status = ern_allocate(backend->context, 1 + MOST_LANES, sizeof(struct sums), &room);
   if (status != ERN_OK) {
     ern_release(backend->context, made);
@@ -162,7 +199,19 @@ struct ern_backend *ern_bench_shim_backend(struct ern_bench_shim *shim) {
   return &shim->cpu.table;
 }
 const struct ern_profile *ern_bench_shim_profile(const struct ern_bench_shim *shim) { return &shim->profile; }
-int ern_bench_shim_threads(const struct ern_bench_shim *shim) { return shim->main != NULL ? shim->main->lanes : 1; }
+
+int ern_bench_shim_threads(const struct ern_bench_shim *shim) {
+  if (shim->device) return (int)ern_bench_units(shim->real);
+  return shim->main != NULL ? cpu_stream(shim)->lanes : 1;
+}
+
+void ern_bench_shim_apart(struct ern_bench_shim *shim, bool apart) { shim->apart = apart && shim->device; }
+
+ern_status ern_bench_shim_finish(struct ern_bench_shim *shim) {
+  if (shim->main == NULL) return ERN_OK;
+  const ern_status status = shim->real->settle(shim->main);
+  return status == ERN_OK && shim->device ? ern_opencl_finish(shim->main) : status;
+}
 
 void ern_bench_shim_clear(struct ern_bench_shim *shim) {
   memset(shim->sums, 0, (1 + MOST_LANES) * sizeof *shim->sums);
@@ -184,15 +233,15 @@ double ern_bench_shim_marched(const struct ern_bench_shim *shim) {
 
 void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
                            void *user) {
-  if (hear != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(&shim->main->base);
+  if (hear != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(shim->main);
   shim->hear = hear;
   shim->user = user;
   /* arguments that were heard lie in scratch that has been given back since: it is not to be given out again */
-  if (hear == NULL && shim->main != NULL) ern_arena_release(&shim->main->base, shim->furthest);
+  if (hear == NULL && shim->main != NULL) ern_arena_release(shim->main, shim->furthest);
 }
 
 ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call) {
-  struct ern_stream *stream = &shim->main->base;
+  struct ern_stream *stream = shim->main;
   switch (call->slot) {
 #define SHIM_REPEAT(slot, args_type) \
   case ERN_BENCH_SLOT_##slot: return shim->real->slot(stream, &call->args.slot);

@@ -2,7 +2,9 @@
  * A clock, and things that take turns under it. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "backend_opencl/peak.h"
 #include "bench/bench.h"
 #include "core/profile.h"
 #include "core/status.h"
@@ -31,6 +33,20 @@ ern_status ern_bench_choose(ern_backend *const *backends, size_t count, const er
   if (chosen->rays < 1 || chosen->rays > 1 << 20)
     return ern_fail(context, ERN_E_ARGUMENT, "bench: rays is %d, expected 1 to %d", chosen->rays, 1 << 20);
   return ERN_OK;
+}
+
+bool ern_bench_is_device(const ern_backend *backend) { return strcmp(backend->name, "cpu") != 0; }
+
+unsigned ern_bench_units(const ern_backend *device) {
+  struct ern_opencl_about about;
+  ern_opencl_describe(device, &about);
+  return about.units;
+}
+
+size_t ern_bench_devices(ern_backend *const *backends, size_t count) {
+  size_t devices = 0;
+  for (size_t k = 0; k < count; k++) devices += ern_bench_is_device(backends[k]);
+  return devices;
 }
 
 ern_status ern_bench_tell(ern_context *context, const ern_bench_options *options, size_t done, size_t all) {

@@ -35,7 +35,7 @@ static const struct rule rules[] = {
     {"backend_cpu", {FILLS}},
     {"backend_opencl", {FILLS, "io/file.h"}},
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
-    {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*"}},
+    {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},
     {"tools", {"ernerf/*"}},
     {"examples", {"ernerf/*"}},
