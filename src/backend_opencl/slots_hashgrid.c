@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the grids. */
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "backend_opencl/opencl.h"
 
-enum { GROUP = 64 /* as in kernels/hashgrid.cl */, OWNERS = 512, OPTION_BYTES = 96 };
+enum { GROUP = 64, VECTORS = 64 /* as in kernels/hashgrid.cl */, OWNERS = 512, OPTION_BYTES = 128 };
 
 /* As kernels/hashgrid.cl has them. */
 struct level {
@@ -14,10 +16,10 @@ struct level {
 };
 struct grid {
   struct level level[ERN_GRID_MAX_LEVELS];
-  cl_float bound;
-  cl_uint levels;
+  cl_float bound, inverse;
+  cl_uint levels, blocks;
 };
-_Static_assert(sizeof(struct level) == 32 && sizeof(struct grid) == 32 * 24 + 8 && ERN_GRID_MAX_LEVELS == 24,
+_Static_assert(sizeof(struct level) == 32 && sizeof(struct grid) == 32 * 24 + 16 && ERN_GRID_MAX_LEVELS == 24,
                "layout of kernels/hashgrid.cl");
 
 /* The dense index needs no modulo: u <= 1 makes cell + 1 <= resolution, so it is below (resolution + 1)^dims <= size.
@@ -41,14 +43,31 @@ static struct level plan_level(const struct ern_grid *grid, int l, bool *divide)
   return level;
 }
 
-/* The grid as its kernels take it, and what they are built with. */
-static struct grid plan(struct ern_stream *stream, const struct ern_grid *grid, char options[OPTION_BYTES]) {
-  struct grid made = {.bound = grid->bound, .levels = (cl_uint)grid->levels};
+/* A grid as its kernels take it, what they are built with, and their groups. */
+struct plan {
+  struct grid grid;
+  char options[OPTION_BYTES];
+  size_t group, groups, table_groups;
+};
+
+static struct plan plan_grid(struct ern_stream *stream, const struct ern_grid *grid, size_t n) {
+  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  struct plan plan = {.group = device->cpu ? 1 : GROUP};
+  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP, blocks = n / block + (n % block != 0);
   bool divide = false;
-  for (int l = 0; l < grid->levels; l++) made.level[l] = plan_level(grid, l, &divide);
-  snprintf(options, OPTION_BYTES, "-D DIMS=%d -D FEATURES=%d -D DIVIDE=%d -D OWNERS=%d", grid->dims, grid->features,
-           divide, ern_cl_backend_of(stream)->device.cpu ? 1 : OWNERS);
-  return made;
+  int exponent = 0;
+  plan.grid = (struct grid){.bound = grid->bound,
+                            .inverse = 1 / (2 * grid->bound),
+                            .levels = (cl_uint)grid->levels,
+                            .blocks = (cl_uint)blocks};
+  for (int l = 0; l < grid->levels; l++) plan.grid.level[l] = plan_level(grid, l, &divide);
+  /* The inverse of a power of two is exact, and so the product is the quotient. */
+  const bool inverse = frexpf(grid->bound, &exponent) == 0.5f && abs(exponent) < 100;
+  snprintf(plan.options, OPTION_BYTES, "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d", grid->dims,
+           grid->features, inverse, divide, OWNERS);
+  plan.groups = blocks * (size_t)grid->levels;
+  plan.table_groups = (size_t)grid->levels * (size_t)(device->cpu ? 1 : OWNERS / GROUP);
+  return plan;
 }
 
 static void positions(struct ern_cl_call *call, const struct ern_grid_args *a) {
@@ -56,54 +75,46 @@ static void positions(struct ern_cl_call *call, const struct ern_grid_args *a) {
 }
 
 static ern_status grid_fwd(struct ern_stream *stream, struct ern_grid_args *a) {
-  char options[OPTION_BYTES];
-  const struct grid grid = plan(stream, a->grid, options);
-  const size_t blocks = a->n / GROUP + (a->n % GROUP != 0);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_fwd", options);
+  if (a->n == 0) return ERN_OK;
+  const struct plan plan = plan_grid(stream, a->grid, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_fwd", plan.options);
   ern_cl_rows(&call, a->f);
   positions(&call, a);
   ern_cl_span(&call, a->table);
-  ern_cl_value(&call, &grid, sizeof grid);
-  ern_cl_int(&call, (int)blocks);
+  ern_cl_value(&call, &plan.grid, sizeof plan.grid);
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, blocks * grid.levels, GROUP);
+  return ern_cl_run(&call, plan.groups, plan.group);
 }
 
-static ern_status bwd_table(struct ern_stream *stream, const struct ern_grid_bwd_args *a, const struct grid *grid,
-                            const char *options) {
-  const bool atomics = !stream->backend->deterministic;
-  const size_t blocks = a->forward.n / GROUP + (a->forward.n % GROUP != 0);
+static ern_status bwd_table(struct ern_stream *stream, const struct ern_grid_bwd_args *a, const struct plan *plan) {
+  const bool atomics = !ern_cl_backend_of(stream)->table.deterministic;
   struct ern_cl_call call =
-      ern_cl_begin(stream, ERN_CL_hashgrid, atomics ? "grid_bwd_table_atomic" : "grid_bwd_table", options);
+      ern_cl_begin(stream, ERN_CL_hashgrid, atomics ? "grid_bwd_table_atomic" : "grid_bwd_table", plan->options);
   ern_cl_span(&call, a->dtable);
   ern_cl_rows(&call, a->df);
   positions(&call, &a->forward);
-  ern_cl_value(&call, grid, sizeof *grid);
-  if (atomics) ern_cl_int(&call, (int)blocks);
+  ern_cl_value(&call, &plan->grid, sizeof plan->grid);
   ern_cl_size(&call, a->forward.n);
-  if (atomics) return ern_cl_run(&call, blocks * grid->levels, GROUP);
-  return ern_cl_run(&call, grid->levels * (size_t)(ern_cl_backend_of(stream)->device.cpu ? 1 : OWNERS / GROUP), GROUP);
+  return ern_cl_run(&call, atomics ? plan->groups : plan->table_groups, plan->group);
 }
 
-static ern_status bwd_x(struct ern_stream *stream, const struct ern_grid_bwd_args *a, const struct grid *grid,
-                        const char *options) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_bwd_x", options);
+static ern_status bwd_x(struct ern_stream *stream, const struct ern_grid_bwd_args *a, const struct plan *plan) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_bwd_x", plan->options);
   for (int d = 0; d < ERN_GRID_MAX_DIMS; d++) ern_cl_span(&call, d < a->forward.grid->dims ? a->dx[d] : (ern_span){0});
   ern_cl_rows(&call, a->df);
   positions(&call, &a->forward);
   ern_cl_span(&call, a->forward.table);
-  ern_cl_value(&call, grid, sizeof *grid);
+  ern_cl_value(&call, &plan->grid, sizeof plan->grid);
   ern_cl_size(&call, a->forward.n);
-  return ern_cl_run(&call, a->forward.n / GROUP + (a->forward.n % GROUP != 0), GROUP);
+  return ern_cl_run(&call, plan->grid.blocks, plan->group);
 }
 
 static ern_status grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *a) {
   ern_status status = ERN_OK;
-  char options[OPTION_BYTES];
-  const struct grid grid = plan(stream, a->forward.grid, options);
   if (a->forward.n == 0) return ERN_OK;
-  if (a->dtable.buffer != NULL) ERN_TRY(bwd_table(stream, a, &grid, options));
-  if (a->dx[0].buffer != NULL) ERN_TRY(bwd_x(stream, a, &grid, options));
+  const struct plan plan = plan_grid(stream, a->forward.grid, a->forward.n);
+  if (a->dtable.buffer != NULL) ERN_TRY(bwd_table(stream, a, &plan));
+  if (a->dx[0].buffer != NULL) ERN_TRY(bwd_x(stream, a, &plan));
 fail:
   return status;
 }

@@ -7,7 +7,6 @@
 #if defined(ERN_OPENCL)
 #include <time.h>
 
-#include "backend_opencl/opencl.h"
 #include "hashgrid/hashgrid.h"
 
 static ern_context *context;
@@ -195,18 +194,6 @@ static void test_odd_modulo(void **state) {
   }
 }
 
-/* As another device than a CPU has it: many owners of a table's entries. */
-static void test_as_gpu(void **state) {
-  (void)state;
-  struct ern_cl_device *device = &((struct ern_cl_backend *)twin.backend[1])->device;
-  const struct ern_cl_device before = *device;
-  device->cpu = false;
-  device->width = 1;
-  check_shape(&triplane);
-  check_shape(&tiled_space);
-  *device = before;
-}
-
 static void test_nothing(void **state) {
   (void)state;
   struct ern_grid grid;
@@ -293,11 +280,11 @@ int main(int argc, char **argv) {
     measure(&portrait, 65536, true);
     return tear_down(NULL);
   }
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_triplane), cmocka_unit_test(test_space),  cmocka_unit_test(test_torso),
-      cmocka_unit_test(test_line),     cmocka_unit_test(test_wide),   cmocka_unit_test(test_tiled_space),
-      cmocka_unit_test(test_plane),    cmocka_unit_test(test_most),   cmocka_unit_test(test_odd_modulo),
-      cmocka_unit_test(test_as_gpu),   cmocka_unit_test(test_nothing)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_triplane),   cmocka_unit_test(test_space),
+                                     cmocka_unit_test(test_torso),      cmocka_unit_test(test_line),
+                                     cmocka_unit_test(test_wide),       cmocka_unit_test(test_tiled_space),
+                                     cmocka_unit_test(test_plane),      cmocka_unit_test(test_most),
+                                     cmocka_unit_test(test_odd_modulo), cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests_name("opencl grids", tests, set_up, tear_down);
 }
 #else

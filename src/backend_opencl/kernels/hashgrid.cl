@@ -4,14 +4,80 @@
  *   u = (x + bound) / (2 bound)      p = u*scale_l + 0.5      cell = floor(p)      t = p - cell
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)]
  *
- * Built with DIMS, FEATURES, DIVIDE (1 where the modulo of some level is no power of two) and OWNERS (see
- * grid_bwd_table). A group of 64 items works on one level: neighbouring items take neighbouring samples, and a level's
- * table stays in the cache. Every product is rounded by itself and every sum is taken in the order of the reference, so
- * the results are the reference's to the last bit. */
+ * Built with DIMS, FEATURES, INVERSE (1 where the quotient is that exact product), DIVIDE (1 where the modulo of some
+ * level is no power of two) and OWNERS (see grid_bwd_table). A group works on one level, whose table stays in the
+ * cache: on a CPU an item takes a block of samples, WIDTH at a time, elsewhere neighbouring items neighbouring samples.
+ * Every product is rounded by itself and every sum is taken in the order of the reference, so the results are the
+ * reference's to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
+#if CPU
+#define GROUP 1
+#define VECTORS 64
+#else
 #define GROUP 64
+#define VECTORS 1
+#endif
+#define ITEM (VECTORS * WIDTH) /* samples an item */
 #define CORNERS (1 << DIMS)
+#define UNROLL _Pragma("unroll")
+#define EACH_DIM(d) UNROLL for (int d = 0; d < DIMS; d++)
+#define EACH_CORNER(b) UNROLL for (int b = 0; b < CORNERS; b++)
+#define EACH_FEATURE(c) for (int c = 0; c < FEATURES; c++)
+#define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
+
+/* WIDTH samples. A comparison gives a mask, 1 of a scalar and -1 of a vector. */
+#if WIDTH == 1
+typedef float real;
+typedef int mask;
+typedef uint whole;
+#define LOAD(p) (*(p))
+#define STORE(x, p) (*(p) = (x))
+#define CELL(x) convert_int(x)
+#define REAL(x) convert_float(x)
+#define WHOLE(x) as_uint(x)
+#define GATHER(p, i) ((p)[i])
+#else
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+typedef JOIN(float, WIDTH) real;
+typedef JOIN(int, WIDTH) mask;
+typedef JOIN(uint, WIDTH) whole;
+#define LOAD(p) JOIN(vload, WIDTH)(0, p)
+#define STORE(x, p) JOIN(vstore, WIDTH)(x, 0, p)
+#define CELL(x) JOIN(convert_int, WIDTH)(x)
+#define REAL(x) JOIN(convert_float, WIDTH)(x)
+#define WHOLE(x) JOIN(as_uint, WIDTH)(x)
+#if WIDTH == 4
+#define GATHER(p, i) (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3])
+#elif WIDTH == 8
+#define GATHER(p, i) \
+  (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7])
+#else
+#define GATHER(p, i)                                                                                       \
+  (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7], (p)[i.s8], \
+         (p)[i.s9], (p)[i.sa], (p)[i.sb], (p)[i.sc], (p)[i.sd], (p)[i.se], (p)[i.sf])
+#endif
+#endif
+
+/* The first `count` of WIDTH samples; 0 for the others. */
+static inline real load_some(global const float *p, ulong count) {
+  if (count >= WIDTH) return LOAD(p);
+  float lane[WIDTH];
+  for (uint k = 0; k < WIDTH; k++) lane[k] = k < count ? p[k] : 0;
+  return LOAD(lane);
+}
+
+/* A vector as its argument lets LLVM use registers of 512 bits, which it otherwise splits. */
+static inline void store_some(global float *p, real x, ulong count) {
+  if (count >= WIDTH) {
+    STORE(x, p);
+    return;
+  }
+  float lane[WIDTH];
+  STORE(x, lane);
+  for (uint k = 0; k < count; k++) p[k] = lane[k];
+}
 
 /* How a level is read: index = (sum or XOR over d of cell_d*multiplier_d) modulo size, multiplier_0 = 1. */
 struct level {
@@ -25,40 +91,45 @@ struct level {
 
 struct grid {
   struct level level[24];
-  float bound;
-  uint levels;
+  float bound, inverse; /* 1/(2 bound) */
+  uint levels, blocks;  /* blocks of GROUP*ITEM samples, a group each */
 };
 
-/* The corners of a sample in a level. */
+/* The corners of WIDTH samples in a level. */
 struct corners {
-  uint entry[CORNERS];
-  float side[DIMS][2]; /* 1 - t, t */
+  whole entry[CORNERS];
+  real side[DIMS][2]; /* 1 - t, t */
 };
 
-/* x: coordinates of a sample. False where one is outside [-bound, bound] or NaN; the corners are then those of u = 0,
- * so that what is read for them is there. */
-bool find_corners(struct corners *at, const float x[DIMS], const struct level *level, float bound) {
-  bool inside = true;
-  uint term[DIMS][2];
-  for (int d = 0; d < DIMS; d++) inside = inside & (x[d] >= -bound) & (x[d] <= bound);
-  for (int d = 0; d < DIMS; d++) {
-    const float u = inside ? (x[d] + bound) / (2 * bound) : 0;
-    const float p = u * level->scale + 0.5f;
-    const int cell = (int)p; /* p > 0: floor */
-    const float t = p - (float)cell;
-    const uint multiplier = d > 0 ? level->multiplier[d - 1] : 1;
+/* x: coordinates of the samples. Gives the lanes that are inside [-bound, bound]; the corners of the others, and of
+ * NaN, are those of u = 0, so that what is read for them is there. */
+static inline mask find_corners(struct corners *at, const real x[DIMS], const struct level *level,
+                                const struct grid *grid) {
+  mask inside = (mask)(0) == 0;
+  whole term[DIMS][2];
+  EACH_DIM(d) inside &= (x[d] >= -grid->bound) & (x[d] <= grid->bound);
+  EACH_DIM(d) {
+#if INVERSE
+    const real u = select((real)(0), (x[d] + grid->bound) * grid->inverse, inside);
+#else
+    const real u = select((real)(0), (x[d] + grid->bound) / (2 * grid->bound), inside);
+#endif
+    const real p = u * level->scale + 0.5f;
+    const mask cell = CELL(p); /* p > 0: floor */
+    const real t = p - REAL(cell);
+    const uint multiplier = d > 0 ? level->multiplier[d > 0 ? d - 1 : 0] : 1;
     at->side[d][0] = 1 - t;
     at->side[d][1] = t;
-    term[d][0] = (uint)cell * multiplier;
+    term[d][0] = WHOLE(cell) * multiplier;
     term[d][1] = term[d][0] + multiplier;
   }
-  for (int b = 0; b < CORNERS; b++) {
-    uint sum = term[0][b & 1], hash = sum;
-    for (int d = 1; d < DIMS; d++) {
+  EACH_CORNER(b) {
+    whole sum = term[0][b & 1], hash = sum;
+    UNROLL for (int d = 1; d < DIMS; d++) {
       sum += term[d][b >> d & 1];
       hash ^= term[d][b >> d & 1];
     }
-    const uint index = level->hashed ? hash : sum;
+    const whole index = level->hashed ? hash : sum;
 #if DIVIDE
     at->entry[b] = level->offset + index % level->size;
 #else
@@ -69,116 +140,149 @@ bool find_corners(struct corners *at, const float x[DIMS], const struct level *l
 }
 
 /* prod_d side_d, without dimension `skip` */
-float corner_weight(const struct corners *at, int b, int skip) {
-  float weight = 1;
-  for (int d = 0; d < DIMS; d++) weight = d == skip ? weight : weight * at->side[d][b >> d & 1];
+static inline real corner_weight(const struct corners *at, int b, int skip) {
+  real weight = 1;
+  EACH_DIM(d) weight = d == skip ? weight : weight * at->side[d][b >> d & 1];
   return weight;
 }
 
 #define POSITIONS SPAN(const float, x0), SPAN(const float, x1), SPAN(const float, x2)
-#define OPEN_POSITIONS     \
-  OPEN(const float, x0);   \
-  OPEN(const float, x1);   \
-  OPEN(const float, x2);   \
+#define OPEN_POSITIONS   \
+  OPEN(const float, x0); \
+  OPEN(const float, x1); \
+  OPEN(const float, x2); \
   global const float *const x_of[3] = {x0, x1, x2}
 
-/* f: [levels*FEATURES] rows. `blocks` groups a level. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void grid_fwd(ROWS(float, f), POSITIONS, SPAN(const float, table), struct grid grid, uint blocks, ulong n) {
+/* f: [levels*FEATURES] rows. */
+KERNEL grid_fwd(ROWS(float, f), POSITIONS, SPAN(const float, table), struct grid grid, ulong n) {
   OPEN(float, f);
   OPEN(const float, table);
   OPEN_POSITIONS;
-  const uint l = (uint)get_group_id(0) / blocks;
-  const ulong i = (ulong)((uint)get_group_id(0) % blocks) * GROUP + get_local_id(0);
-  if (i >= n) return;
+  const uint l = (uint)get_group_id(0) / grid.blocks, block = (uint)get_group_id(0) % grid.blocks;
+  const ulong first = ((ulong)block * GROUP + get_local_id(0)) * ITEM, end = min(first + ITEM, n);
   const struct level level = grid.level[l];
-  struct corners at;
-  float x[DIMS];
-  for (int d = 0; d < DIMS; d++) x[d] = x_of[d][i];
-  const bool inside = find_corners(&at, x, &level, grid.bound);
-  for (int c = 0; c < FEATURES; c++) {
-    float sum = 0;
-    for (int b = 0; b < CORNERS; b++) sum += corner_weight(&at, b, -1) * table[at.entry[b] * FEATURES + c];
-    f[(l * FEATURES + c) * f_stride + i] = inside ? sum : 0;
+  for (ulong i = first; i < end; i += WIDTH) {
+    struct corners at;
+    real x[DIMS];
+    EACH_DIM(d) x[d] = load_some(x_of[d] + i, n - i);
+    const mask inside = find_corners(&at, x, &level, &grid);
+    EACH_FEATURE(c) {
+      real sum = 0;
+      EACH_CORNER(b) {
+        const whole place = at.entry[b] * FEATURES + (uint)c;
+        sum += corner_weight(&at, b, -1) * GATHER(table, place);
+      }
+      store_some(f + (l * FEATURES + c) * f_stride + i, select((real)(0), sum, inside), n - i);
+    }
   }
 }
 
-/* dtable[entry][c] += weight * df_c, where each entry has one owner, which walks all samples in their order: no atomics,
- * and the sums are the same on every device. A group stages the corners of GROUP samples in local memory; then each
- * item adds those that it owns. On a CPU a level has one group, whose first item owns all (OWNERS = 1); elsewhere entry
- * e belongs to item e mod OWNERS of the OWNERS/GROUP groups of its level. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
+/* dtable[entry][c] += weight * df_c, where each entry has one owner, which walks all samples in their order: no
+ * atomics, and the sums are the same on every device. */
+#if CPU
+/* A group a level, whose only item owns all. */
+KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
   OPEN(float, dtable);
   OPEN(const float, df);
   OPEN_POSITIONS;
-  local uint entries[CORNERS][GROUP];
-  local float weights[CORNERS][GROUP], slopes[FEATURES][GROUP];
-  const uint item = get_local_id(0), slices = (OWNERS + GROUP - 1) / GROUP;
-  const uint l = (uint)get_group_id(0) / slices, owner = (uint)get_group_id(0) % slices * GROUP + item;
-  for (ulong first = 0; first < n; first += GROUP) {
-    const struct level level = grid.level[l];
-    const bool real = first + item < n; /* behind the last sample: that one, with no gradient */
-    const ulong i = real ? first + item : n - 1;
+  const uint l = get_group_id(0);
+  const struct level level = grid.level[l];
+  for (ulong i = 0; i < n; i += WIDTH) {
+    const uint count = min((ulong)WIDTH, n - i);
     struct corners at;
-    float x[DIMS];
-    for (int d = 0; d < DIMS; d++) x[d] = x_of[d][i];
-    const bool inside = find_corners(&at, x, &level, grid.bound) & real;
-    for (int b = 0; b < CORNERS; b++) {
-      entries[b][item] = at.entry[b];
-      weights[b][item] = corner_weight(&at, b, -1);
+    real x[DIMS];
+    EACH_DIM(d) x[d] = load_some(x_of[d] + i, count);
+    const mask inside = find_corners(&at, x, &level, &grid);
+    EACH_FEATURE(c) {
+      const real slope = select((real)(0), load_some(df + (l * FEATURES + c) * df_stride + i, count), inside);
+      uint place[CORNERS][WIDTH];
+      float part[CORNERS][WIDTH];
+      EACH_CORNER(b) {
+        STORE(at.entry[b] * FEATURES + (uint)c, place[b]);
+        STORE(corner_weight(&at, b, -1) * slope, part[b]);
+      }
+      for (uint s = 0; s < count; s++)
+        EACH_CORNER(b) dtable[place[b][s]] += part[b][s];
     }
-    for (int c = 0; c < FEATURES; c++) slopes[c][item] = inside ? df[(l * FEATURES + c) * df_stride + i] : 0;
+  }
+}
+#else
+/* A group stages the corners of GROUP samples in local memory; then each item adds those that it owns: entry e belongs
+ * to item e mod OWNERS of the OWNERS/GROUP groups of its level. */
+KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
+  OPEN(float, dtable);
+  OPEN(const float, df);
+  OPEN_POSITIONS;
+  local uint entries[GROUP][CORNERS];
+  local float weights[GROUP][CORNERS], slopes[FEATURES][GROUP];
+  const uint item = get_local_id(0), slices = OWNERS / GROUP;
+  const uint l = (uint)get_group_id(0) / slices, owner = (uint)get_group_id(0) % slices * GROUP + item;
+  const struct level level = grid.level[l];
+  for (ulong first = 0; first < n; first += GROUP) {
+    const uint count = min((ulong)GROUP, n - first);
+    const ulong i = first + min(item, count - 1);
+    struct corners at;
+    real x[DIMS];
+    EACH_DIM(d) x[d] = x_of[d][i];
+    const mask inside = find_corners(&at, x, &level, &grid);
+    EACH_CORNER(b) {
+      entries[item][b] = at.entry[b];
+      weights[item][b] = corner_weight(&at, b, -1);
+    }
+    EACH_FEATURE(c) slopes[c][item] = inside ? df[(l * FEATURES + c) * df_stride + i] : 0;
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (owner < OWNERS) {
-      for (uint s = 0; s < GROUP; s++) {
-        for (int b = 0; b < CORNERS; b++) {
-          if (entries[b][s] % OWNERS != owner) continue;
-          for (int c = 0; c < FEATURES; c++)
-            dtable[entries[b][s] * FEATURES + c] += weights[b][s] * slopes[c][s];
-        }
+    for (uint s = 0; s < count; s++) {
+      EACH_CORNER(b) {
+        if (entries[s][b] % OWNERS != owner) continue;
+        EACH_FEATURE(c) dtable[entries[s][b] * FEATURES + (uint)c] += weights[s][b] * slopes[c][s];
       }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
+#endif
 
 /* *at += value, whatever others add to it meanwhile */
-void add_atomically(volatile global float *at, float value) {
+static inline void add_atomically(volatile global float *at, float value) {
   volatile global uint *bits = (volatile global uint *)at;
   uint before = *bits, found;
   while ((found = atomic_cmpxchg(bits, before, as_uint(as_float(before) + value))) != before) before = found;
 }
 
-/* The same by atomics, in any order: fast on a GPU, and a little different on every run. The items of a group take
+/* The same by atomics, in any order: fast on a GPU, and a little different on every run. Neighbouring items take
  * samples far from each other, for neighbours on a ray share their entries and would wait for each other. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, uint blocks,
-                           ulong n) {
+KERNEL grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
   OPEN(float, dtable);
   OPEN(const float, df);
   OPEN_POSITIONS;
-  const uint l = (uint)get_group_id(0) / blocks;
-  const ulong i = get_local_id(0) * blocks + (uint)get_group_id(0) % blocks;
-  if (i >= n) return;
+  const uint l = (uint)get_group_id(0) / grid.blocks, block = (uint)get_group_id(0) % grid.blocks;
   const struct level level = grid.level[l];
-  struct corners at;
-  float x[DIMS];
-  for (int d = 0; d < DIMS; d++) x[d] = x_of[d][i];
-  if (!find_corners(&at, x, &level, grid.bound)) return;
-  for (int c = 0; c < FEATURES; c++) {
-    const float slope = df[(l * FEATURES + c) * df_stride + i];
-    if (slope == 0) continue;
-    for (int b = 0; b < CORNERS; b++)
-      add_atomically(dtable + at.entry[b] * FEATURES + c, corner_weight(&at, b, -1) * slope);
+  for (ulong k = 0; k < VECTORS; k++) {
+    const ulong i = ((k * GROUP + get_local_id(0)) * grid.blocks + block) * WIDTH;
+    if (i >= n) continue;
+    const uint count = min((ulong)WIDTH, n - i);
+    struct corners at;
+    real x[DIMS];
+    EACH_DIM(d) x[d] = load_some(x_of[d] + i, count);
+    const mask inside = find_corners(&at, x, &level, &grid);
+    EACH_FEATURE(c) {
+      const real slope = select((real)(0), load_some(df + (l * FEATURES + c) * df_stride + i, count), inside);
+      EACH_CORNER(b) {
+        uint place[WIDTH];
+        float part[WIDTH];
+        STORE(at.entry[b] * FEATURES + (uint)c, place);
+        STORE(corner_weight(&at, b, -1) * slope, part);
+        for (uint s = 0; s < count; s++)
+          if (part[s] != 0) add_atomically(dtable + place[s], part[s]);
+      }
+    }
   }
 }
 
 /* dx_d += sum over levels of slope_l * sum over corners b of (b_d ? 1 : -1) * weight without d * sum_c df_c
- * table[entry][c]; an item a sample. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(const float, df), POSITIONS,
-                SPAN(const float, table), struct grid grid, ulong n) {
+ * table[entry][c] */
+KERNEL grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(const float, df), POSITIONS,
+                  SPAN(const float, table), struct grid grid, ulong n) {
   OPEN(float, dx0);
   OPEN(float, dx1);
   OPEN(float, dx2);
@@ -186,26 +290,32 @@ void grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(const
   OPEN(const float, table);
   OPEN_POSITIONS;
   global float *const dx_of[3] = {dx0, dx1, dx2};
-  const ulong i = get_global_id(0);
-  if (i >= n) return;
-  float x[DIMS], dx[DIMS];
-  for (int d = 0; d < DIMS; d++) x[d] = x_of[d][i];
-  for (int d = 0; d < DIMS; d++) dx[d] = dx_of[d][i];
+  const ulong first = get_global_id(0) * ITEM, end = min(first + ITEM, n);
+  real dx[VECTORS][DIMS];
+  for (ulong i = first, v = 0; i < end; i += WIDTH, v++)
+    EACH_DIM(d) dx[v][d] = load_some(dx_of[d] + i, n - i);
   for (uint l = 0; l < grid.levels; l++) {
     const struct level level = grid.level[l];
-    struct corners at;
-    if (!find_corners(&at, x, &level, grid.bound)) continue;
-    float sum[DIMS] = {0};
-    for (int b = 0; b < CORNERS; b++) {
-      float value = 0;
-      for (int c = 0; c < FEATURES; c++)
-        value += df[(l * FEATURES + c) * df_stride + i] * table[at.entry[b] * FEATURES + c];
-      for (int d = 0; d < DIMS; d++) {
-        const float part = corner_weight(&at, b, d) * value;
-        sum[d] = (b >> d & 1) != 0 ? sum[d] + part : sum[d] - part;
+    for (ulong i = first, v = 0; i < end; i += WIDTH, v++) {
+      struct corners at;
+      real x[DIMS], sum[DIMS];
+      EACH_DIM(d) x[d] = load_some(x_of[d] + i, n - i);
+      EACH_DIM(d) sum[d] = 0;
+      const mask inside = find_corners(&at, x, &level, &grid);
+      EACH_CORNER(b) {
+        real value = 0;
+        EACH_FEATURE(c) {
+          const whole place = at.entry[b] * FEATURES + (uint)c;
+          value += load_some(df + (l * FEATURES + c) * df_stride + i, n - i) * GATHER(table, place);
+        }
+        EACH_DIM(d) {
+          const real part = corner_weight(&at, b, d) * value;
+          sum[d] = (b >> d & 1) != 0 ? sum[d] + part : sum[d] - part;
+        }
       }
+      EACH_DIM(d) dx[v][d] = select(dx[v][d], dx[v][d] + sum[d] * level.slope, inside);
     }
-    for (int d = 0; d < DIMS; d++) dx[d] += sum[d] * level.slope;
   }
-  for (int d = 0; d < DIMS; d++) dx_of[d][i] = dx[d];
+  for (ulong i = first, v = 0; i < end; i += WIDTH, v++)
+    EACH_DIM(d) store_some(dx_of[d] + i, dx[v][d], n - i);
 }
