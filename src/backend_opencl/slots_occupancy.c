@@ -1,4 +1,149 @@
-/* SPDX-License-Identifier: MIT */
-#include "backend_opencl/opencl.h"
+/* SPDX-License-Identifier: MIT
+ * The head's occupancy grid: occupancy.cl. */
+#include <math.h>
 
-void ern_cl_fill_occupancy(struct ern_backend *table) { (void)table; }
+#include "backend_opencl/opencl.h"
+#include "core/memory.h"
+#include "core/rng.h"
+
+enum { CUBES = ERN_OCCUPANCY_CELLS / 8, BLOCKS = ERN_OCCUPANCY_CELLS / 64 };
+
+/* ---- cells that a camera sees ------------------------------------------------------------------------------------ */
+
+enum { SIGHT = 14 }; /* floats of a camera, see occupancy.cl */
+
+static void sight_of(float sight[SIGHT], const struct ern_view *view) {
+  for (int k = 0; k < 3; k++) {
+    for (int axis = 0; axis < 3; axis++) sight[3 * axis + k] = view->pose[4 * k + axis];
+    sight[9 + k] = view->pose[4 * k + 3];
+  }
+  sight[12] = view->cx / view->focal;
+  sight[13] = view->cy / view->focal;
+}
+
+static ern_status occupancy_mark(struct ern_stream *stream, struct ern_occupancy_mark_args *a) {
+  ern_context *context = stream->backend->context;
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  const bool cpu = ern_cl_backend_of(stream)->device.cpu;
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  size_t floats = 0;
+  ern_span sights = {0};
+  if (!ern_size_multiply(a->view_count, SIGHT, &floats))
+    ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "occupancy: %zu views are too many", a->view_count));
+  if (floats > 0) {
+    ERN_TRY(ern_allocate(context, floats, sizeof(float), &room));
+    for (size_t k = 0; k < a->view_count; k++) sight_of((float *)room + k * SIGHT, &a->views[k]);
+    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, floats, &sights));
+    ERN_TRY(stream->backend->upload_reals(stream, sights, room, floats));
+  }
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_mark", "");
+  ern_cl_span(&call, a->grid);
+  ern_cl_span(&call, sights);
+  ern_cl_float(&call, a->bound * (127.0f / 128.0f));
+  ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * a->bound);
+  ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * 4 * a->bound);
+  ern_cl_size(&call, a->view_count);
+  ERN_TRY(ern_cl_each(&call, cpu ? BLOCKS : ERN_OCCUPANCY_CELLS));
+fail:
+  ern_release(context, room);
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+/* ---- cells to look at -------------------------------------------------------------------------------------------- */
+
+static ern_status occupancy_list(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  ern_span open, count, first;
+  struct ern_cl_call call;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, CUBES, &open));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS, &count));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &first));
+  call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_open", "");
+  ern_cl_span(&call, open);
+  ern_cl_span(&call, a->grid);
+  ERN_TRY(ern_cl_each(&call, CUBES));
+  call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_count", "");
+  ern_cl_span(&call, count);
+  ern_cl_span(&call, open);
+  ERN_TRY(ern_cl_each(&call, BLOCKS));
+  ERN_TRY(ern_cl_scan(stream, first, count, BLOCKS, &a->count));
+  call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_list", "");
+  ern_cl_span(&call, a->cells);
+  ern_cl_span(&call, first);
+  ern_cl_span(&call, open);
+  ERN_TRY(ern_cl_each(&call, BLOCKS));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+static ern_status occupancy_points(struct ern_stream *stream, struct ern_occupancy_points_args *a) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_points", "");
+  ern_cl_rows(&call, a->x);
+  ern_cl_span(&call, a->cells);
+  ern_cl_float(&call, a->bound * (127.0f / 128.0f));
+  ern_cl_float(&call, a->bound / ERN_OCCUPANCY_SIDE);
+  ern_cl_size(&call, a->seed);
+  ern_cl_size(&call, a->step);
+  ern_cl_int(&call, ERN_RNG_REFRESH_CELL);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status occupancy_scatter(struct ern_stream *stream, struct ern_occupancy_scatter_args *a) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_scatter", "");
+  ern_cl_span(&call, a->fresh);
+  ern_cl_span(&call, a->cells);
+  ern_cl_span(&call, a->sigma);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+/* ---- refresh ----------------------------------------------------------------------------------------------------- */
+
+/* The groups' sums and what they lack, which is no number where a sum is not finite. */
+static double sum_of(const float part[2 * ERN_CL_SUMS]) {
+  double sum = 0;
+  for (int g = 0; g < ERN_CL_SUMS; g++) {
+    sum += (double)part[2 * g];
+    if (isfinite(part[2 * g])) sum += (double)part[2 * g + 1];
+  }
+  return sum;
+}
+
+static ern_status occupancy_update(struct ern_stream *stream, struct ern_occupancy_update_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  float part[2 * ERN_CL_SUMS];
+  ern_span parts;
+  struct ern_cl_call call;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, 2 * ERN_CL_SUMS, &parts));
+  call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_update", "");
+  ern_cl_span(&call, parts);
+  ern_cl_span(&call, a->grid);
+  ern_cl_span(&call, a->fresh);
+  ern_cl_float(&call, a->decay);
+  ern_cl_int(&call, CUBES / (ERN_CL_SUMS * ERN_CL_SUM_GROUP));
+  ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
+  ERN_TRY(ern_cl_read(stream, part, parts, 2 * ERN_CL_SUMS));
+  a->mean = sum_of(part) / ERN_OCCUPANCY_CELLS;
+  call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_bits", "");
+  ern_cl_span(&call, a->bits);
+  ern_cl_span(&call, a->grid);
+  ern_cl_float(&call, a->mean < (double)a->limit ? (float)a->mean : a->limit);
+  ERN_TRY(ern_cl_each(&call, CUBES));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+void ern_cl_fill_occupancy(struct ern_backend *table) {
+  table->occupancy_mark = occupancy_mark;
+  table->occupancy_list = occupancy_list;
+  table->occupancy_points = occupancy_points;
+  table->occupancy_scatter = occupancy_scatter;
+  table->occupancy_update = occupancy_update;
+}
