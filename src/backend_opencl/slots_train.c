@@ -1,10 +1,23 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the training: losses, optimizer, average, and whole steps, which go through the stages. */
+ * Slots of the training: losses, optimizer, average. */
 #include <math.h>
 
 #include "backend_opencl/opencl.h"
 #include "core/rng.h"
-#include "train/step.h"
+
+/* A group of a reduction: GROUP sums side by side, as many of them an item as the device's vectors have lanes. */
+static ern_status run_sums(struct ern_cl_call *call) {
+  const struct ern_cl_backend *backend = call->stream->owner;
+  return ern_cl_run(call, ERN_CL_SUMS, ERN_CL_SUM_GROUP / (size_t)backend->device.width);
+}
+
+/* Of the launch that was to fill the `count` figures asked for last: if it failed they must not settle. */
+static ern_status filled(struct ern_cl_call *call, size_t count, ern_status status) {
+  if (status == ERN_OK) return ERN_OK;
+  call->stream->pending_count--;
+  call->stream->figures_used -= count;
+  return status;
+}
 
 /* ---- losses: each part's share of a figure is added up in double when the stream settles ---- */
 
@@ -59,7 +72,7 @@ static ern_status head_softmax(struct ern_stream *stream, ern_span most, ern_spa
   ern_cl_span(&call, sum);
   ern_cl_span(&call, uncertainty);
   ern_cl_size(&call, n);
-  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+  return run_sums(&call);
 }
 
 static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args *a) {
@@ -93,7 +106,7 @@ static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args
   ern_cl_span(&call, sum);
   ern_cl_value(&call, &factors, sizeof factors);
   ern_cl_size(&call, a->n);
-  ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
+  ERN_TRY(filled(&call, ERN_CL_SUMS * HEAD_TERMS, run_sums(&call)));
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -126,7 +139,7 @@ static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_
   ern_cl_span(&call, a->moved);
   ern_cl_float(&call, (float)(2 * ((double)a->weight / (double)a->batch)));
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+  return filled(&call, ERN_CL_SUMS * SQUARES, run_sums(&call));
 }
 
 static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
@@ -140,7 +153,8 @@ static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_poi
   ern_cl_size(&call, a->first);
   ern_cl_int(&call, ERN_RNG_SMOOTH);
   ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
+  const size_t width = (size_t)ern_cl_stream_of(stream)->owner->device.width;
+  return ern_cl_each(&call, (a->n + width - 1) / width);
 }
 
 static void mse_settle(void *args, const float *values, size_t count) {
@@ -161,7 +175,7 @@ static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
   ern_cl_rows(&call, a->truth);
   ern_cl_float(&call, (float)(2 * (1 / (3 * (double)a->n))));
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP);
+  return filled(&call, ERN_CL_SUMS * SQUARES, run_sums(&call));
 }
 
 static void key_points_loss_settle(void *args, const float *values, size_t count) {
@@ -180,7 +194,7 @@ static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_poin
   ern_cl_span(&call, short_of);
   ern_cl_span(&call, a->danchors);
   ern_cl_span(&call, a->anchors);
-  return ern_cl_each(&call, POINTS);
+  return filled(&call, POINTS, ern_cl_each(&call, POINTS));
 }
 
 /* ---- optimizer ---- */
@@ -225,29 +239,12 @@ static ern_status finite(struct ern_stream *stream, struct ern_finite_args *a) {
   ern_cl_span(&call, found);
   ern_cl_span(&call, a->values);
   ern_cl_size(&call, a->n);
-  ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
+  ERN_TRY(run_sums(&call));
   ERN_TRY(ern_cl_read(stream, host, found, ERN_CL_SUMS));
   for (size_t i = 0; i < ERN_CL_SUMS; i++) a->finite = a->finite && host[i] == 0;
 fail:
   ern_arena_release(stream, mark);
   return status;
-}
-
-/* ---- whole steps ---- */
-
-/* What a failed step left for `settle` would be written to arguments that are gone. */
-static ern_status drop_figures(struct ern_stream *stream, ern_status status) {
-  struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  if (status != ERN_OK) own->pending_count = own->figures_used = 0;
-  return status;
-}
-
-static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
-  return drop_figures(stream, ern_head_step_stages(stream, a));
-}
-
-static ern_status torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
-  return drop_figures(stream, ern_torso_step_stages(stream, a));
 }
 
 void ern_cl_fill_train(struct ern_backend *table) {
@@ -259,7 +256,4 @@ void ern_cl_fill_train(struct ern_backend *table) {
   table->adamw = adamw;
   table->ema = ema;
   table->finite = finite;
-  table->head_density = ern_head_density_stages;
-  table->head_step = head_step;
-  table->torso_step = torso_step;
 }

@@ -106,6 +106,7 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   char name[40];
   *psnr = 0;
   ERN_TRY(ern_trainer_download(t, t->parameters));
+  ern_arena_trim(t->stream); /* a renderer needs memory too; the download has waited for all that ran */
   ERN_TRY(look_make(t, &look));
   for (size_t k = 0; k < count; k++) {
     const uint8_t *truth = NULL;
