@@ -12,3 +12,48 @@
 #define SPAN(type, name) global type *name##_base, ulong name##_at
 #define ROWS(type, name) global type *name##_base, ulong name##_at, ulong name##_stride
 #define OPEN(type, name) global type *const name = name##_base ? name##_base + name##_at : 0
+
+/* WIDTH values at a time, floatw of floats: a vector, or a scalar where WIDTH is 1. A comparison gives an intw, truth
+ * being -1 in a vector and 1 in a scalar: for WHERE, & and |. */
+#if WIDTH == 1
+#define JOINW(name) name
+#define LOADW(from) (*(from))
+#define STOREW(value, to) (*(to) = (value))
+#else
+#define JOINW_(name, width) name##width
+#define JOINW__(name, width) JOINW_(name, width)
+#define JOINW(name) JOINW__(name, WIDTH)
+#define LOADW(from) JOINW(vload)(0, from)
+#define STOREW(value, to) JOINW(vstore)(value, 0, to)
+#endif
+typedef JOINW(float) floatw;
+typedef JOINW(int) intw;
+typedef JOINW(uint) uintw;
+typedef JOINW(ulong) ulongw;
+#define WHERE(truth, yes, no) select((floatw)(no), (floatw)(yes), truth)
+
+/* The first `count` of WIDTH values; 0 in the other lanes. */
+static inline floatw loadw_first(global const float *from, ulong count) {
+  float values[WIDTH];
+  if (count >= WIDTH) return LOADW(from);
+  for (uint l = 0; l < WIDTH; l++) values[l] = l < count ? from[l] : 0;
+  return LOADW(values);
+}
+
+/* (For an x86 CPU, LLVM uses registers of 512 bits where a function has a vector for an argument, and halves else.) */
+static inline void storew_first(global float *to, floatw value, ulong count) {
+  float values[WIDTH];
+  if (count >= WIDTH) {
+    STOREW(value, to);
+    return;
+  }
+  STOREW(value, values);
+  for (uint l = 0; l < count; l++) to[l] = values[l];
+}
+
+/* 0, 1, ... WIDTH - 1 */
+static inline uintw lane_numbers(void) {
+  uint values[WIDTH];
+  for (uint l = 0; l < WIDTH; l++) values[l] = l;
+  return LOADW(values);
+}

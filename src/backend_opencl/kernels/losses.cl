@@ -1,26 +1,30 @@
 /* SPDX-License-Identifier: MIT
  * The losses of model.md section 6, value and gradient together, and the points that the smoothness looks at.
  *
- * Sums are cut into as many parts as there are groups, each of consecutive elements, whatever the device: item k of a
- * group takes elements k, k + GROUP, ... of its part, and halves of the items are added. A part's sums go to the host,
- * which adds them up in double. */
+ * Sums are cut into as many parts as there are groups, each of consecutive elements, whatever the device: GROUP sums
+ * side by side, sum k of elements k, k + GROUP, ... of the part, of which then halves are added. A part's sum goes to
+ * the host, which adds them up in double. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
-#define GROUP 64 /* items; ERN_CL_SUM_GROUP */
-#define PARTS 64 /* groups; ERN_CL_SUMS */
-#define SUMMING kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+#define GROUP 64              /* sums of a part, side by side; ERN_CL_SUM_GROUP */
+#define ITEMS (GROUP / WIDTH) /* that add them up */
+#define PARTS 64              /* ERN_CL_SUMS */
+#define SUMMING kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1)))
 
 /* Elements of a part of n. */
-ulong part_of(ulong n) { return (n + PARTS - 1) / PARTS; }
+ulong part_of(ulong n) { return (n + PARTS * GROUP - 1) / (PARTS * GROUP) * GROUP; }
 
-/* The sum of the items' values. room: [GROUP] */
-float group_sum(local float *room, float value) {
+/* Elements that a lane has from r on. */
+ulong count_of(ulong r, ulong end) { return r < end ? min(end - r, (ulong)WIDTH) : 0; }
+
+/* The sum of a group's values. room: [GROUP] */
+float group_sum(local float *room, floatw value) {
   const uint item = get_local_id(0);
-  room[item] = value;
+  STOREW(value, room + item * WIDTH);
   for (uint apart = GROUP / 2; apart > 0; apart /= 2) {
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (item < apart) room[item] += room[item + apart];
+    for (uint k = item; k < apart; k += ITEMS) room[k] += room[k + apart];
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   const float sum = room[0];
@@ -29,17 +33,22 @@ float group_sum(local float *room, float value) {
 }
 
 /* The largest of them; those that are no number do not count. */
-float group_most(local float *room, float value) {
+float group_most(local float *room, floatw value) {
   const uint item = get_local_id(0);
-  room[item] = value;
+  STOREW(value, room + item * WIDTH);
   for (uint apart = GROUP / 2; apart > 0; apart /= 2) {
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (item < apart) room[item] = fmax(room[item], room[item + apart]);
+    for (uint k = item; k < apart; k += ITEMS) room[k] = fmax(room[k], room[k + apart]);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   const float most = room[0];
   barrier(CLK_LOCAL_MEM_FENCE);
   return most;
+}
+
+/* The value in the first `count` lanes, `other` in the rest. */
+floatw first_of(ulong count, floatw value, float other) {
+  return count >= WIDTH ? value : WHERE(lane_numbers() < (uint)count, value, other);
 }
 
 /* ---- terms of the head ---- */
@@ -52,21 +61,18 @@ SUMMING void head_softmax(SPAN(float, most), SPAN(float, sum), SPAN(const float,
   OPEN(const float, uncertainty);
   local float room[GROUP];
   const ulong part = get_group_id(0), begin = min(part * part_of(n), n), end = min(begin + part_of(n), n);
-  float own = -INFINITY, share = 0;
-  for (ulong base = begin; base < end; base += GROUP) {
-    const ulong r = base + get_local_id(0);
-    if (r < end) own = fmax(own, uncertainty[r]);
-  }
-  own = group_most(room, own);
-  const float from = own == -INFINITY ? 0 : own; /* exp(-infinity - 0) is 0 */
-  for (ulong base = begin; base < end; base += GROUP) {
-    const ulong r = base + get_local_id(0);
-    if (r < end) share += exp(uncertainty[r] - from);
-  }
-  share = group_sum(room, share);
-  if (get_local_id(0) != 0) return;
-  most[part] = own;
-  sum[part] = share;
+  const uint item = get_local_id(0);
+  floatw own = -INFINITY, share = 0;
+  for (ulong r = begin + item * WIDTH; r < end; r += GROUP)
+    own = fmax(own, first_of(count_of(r, end), loadw_first(uncertainty + r, count_of(r, end)), -INFINITY));
+  const float of_part = group_most(room, own);
+  const float from = of_part == -INFINITY ? 0 : of_part; /* exp(-infinity - 0) is 0 */
+  for (ulong r = begin + item * WIDTH; r < end; r += GROUP)
+    share += first_of(count_of(r, end), exp(loadw_first(uncertainty + r, count_of(r, end)) - from), 0);
+  const float sum_of_part = group_sum(room, share);
+  if (item != 0) return;
+  most[part] = of_part;
+  sum[part] = sum_of_part;
 }
 
 /* struct head_factors of slots_train.c: of each term's gradient weight, schedule and 1/R; s in [0, 1]; 1/R; R. */
@@ -79,26 +85,26 @@ struct head_factors {
 enum { PHOTOMETRIC, UNCERTAINTY, OUTSIDE, ENTROPY, AUDIO, EYE, TERMS };
 
 /* 0.2 + 0.8 clamp((1 - s) + s R softmax(u), 0, 10); no gradient goes through it. */
-float photometric_weight(float u, float most, float sum, struct head_factors by) {
-  const float blend = (1 - by.s) + by.s * (exp(u - most) / sum * by.rays);
-  return 0.2f + 0.8f * (blend < 0 ? 0 : blend > 10 ? 10 : blend);
+floatw photometric_weight(floatw u, float most, float sum, struct head_factors by) {
+  const floatw blend = (1 - by.s) + by.s * (exp(u - most) / sum * by.rays);
+  return 0.2f + 0.8f * WHERE(blend < 0, 0, WHERE(blend > 10, 10, blend));
 }
 
 /* face (e/(2 beta^2) + log(beta)^2/2) with beta = u + 1 and e = |pixel - truth|_2 without gradient;
  * *du = face (log(beta)/beta - e/beta^3). */
-float uncertainty_term(float *du, float u, float error, float face) {
-  const float beta = u + 1, log_beta = log1p(u);
-  *du = face * ((log_beta - error / beta / beta) / beta);
-  return face * (error / beta / beta / 2 + log_beta * log_beta / 2);
+floatw uncertainty_term(floatw *du, floatw u, floatw error, floatw face) {
+  const floatw beta = u + 1, log_beta = log1p(u), once = error / beta / beta;
+  *du = face * ((log_beta - once) / beta);
+  return face * (once / 2 + log_beta * log_beta / 2);
 }
 
 /* H(w) = -w log2 w - (1-w) log2(1-w), w = clamp(opacity, 1e-5, 1 - 1e-5); dH/dw = log2((1-w)/w), 0 outside the clamp.
  */
-float entropy_term(float *dopacity, float opacity) {
+floatw entropy_term(floatw *dopacity, floatw opacity) {
   const float low = 1e-5f, high = 1 - low;
-  const float w = opacity < low ? low : opacity > high ? high : opacity;
-  const float own = log2(w), other = log2(1 - w);
-  *dopacity = opacity >= low && opacity <= high ? other - own : 0;
+  const floatw w = WHERE(opacity < low, low, WHERE(opacity > high, high, opacity));
+  const floatw own = log2(w), other = log2(1 - w);
+  *dopacity = WHERE((opacity >= low) & (opacity <= high), other - own, 0);
   return -w * own - (1 - w) * other;
 }
 
@@ -128,53 +134,63 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
   const uint item = get_local_id(0);
   float all_most = 0, all_sum = 1;
   if (by.adaptive) { /* each part's sum was of exp(u - its own most) */
-    all_most = group_most(room, most[item]);
-    all_sum = group_sum(room, sum[item] != 0 ? sum[item] * exp(most[item] - all_most) : 0);
+    const floatw its_most = LOADW(most + item * WIDTH), its_sum = LOADW(sum + item * WIDTH);
+    all_most = group_most(room, its_most);
+    all_sum = group_sum(room, WHERE(its_sum != 0, its_sum * exp(its_most - all_most), 0));
   }
   const ulong part = get_group_id(0), begin = min(part * part_of(n), n), end = min(begin + part_of(n), n);
-  float share[TERMS] = {0, 0, 0, 0, 0, 0};
-  for (ulong base = begin; base < end; base += GROUP) {
-    const ulong r = base + item;
-    if (r >= end) continue;
-    const float u = uncertainty[r], inside = face[r], attended = attention ? attention[r] : 0;
-    const float weight = by.adaptive ? photometric_weight(u, all_most, all_sum, by) : 1;
-    float squares = 0, du, dsum;
+  floatw share[TERMS] = {0, 0, 0, 0, 0, 0};
+  for (ulong r = begin + item * WIDTH; r < end; r += GROUP) {
+    const ulong count = count_of(r, end);
+    const floatw u = loadw_first(uncertainty + r, count), inside = loadw_first(face + r, count);
+    const floatw attended = attention ? loadw_first(attention + r, count) : 0;
+    const floatw weight = by.adaptive ? photometric_weight(u, all_most, all_sum, by) : 1;
+    floatw term[TERMS] = {0, 0, 0, 0, 0, 0}, squares = 0, du, dsum;
     for (uint c = 0; c < 3; c++) {
-      const float difference = pixel[c * pixel_stride + r] - truth[c * truth_stride + r];
+      const floatw difference =
+          loadw_first(pixel + c * pixel_stride + r, count) - loadw_first(truth + c * truth_stride + r, count);
       squares += difference * difference;
-      dpixel[c * dpixel_stride + r] = by.by_pixel * weight * difference;
+      storew_first(dpixel + c * dpixel_stride + r, by.by_pixel * weight * difference, count);
     }
+    term[PHOTOMETRIC] = weight * (squares / 3);
+    term[UNCERTAINTY] = uncertainty_term(&du, u, sqrt(squares), inside);
+    term[OUTSIDE] = u * (1 - inside);
+    term[ENTROPY] = entropy_term(&dsum, loadw_first(opacity + r, count));
+    term[AUDIO] = attended * (1 - inside);
+    if (eye) term[EYE] = loadw_first(eye + r, count) * attended * inside;
+    storew_first(duncertainty + r, by.by_uncertainty * du + by.by_outside * (1 - inside), count);
+    storew_first(dopacity + r, by.by_entropy * dsum, count);
+    if (dattention) storew_first(dattention + r, by.by_audio * (1 - inside), count);
+    if (deye) storew_first(deye + r, by.by_eye * attended * inside, count); /* no gradient to the attention */
     /* 1/R first: sums of large values stay finite where the reference's, in double, do */
-    share[PHOTOMETRIC] += weight * (squares / 3) * by.mean;
-    share[UNCERTAINTY] += uncertainty_term(&du, u, sqrt(squares), inside) * by.mean;
-    share[OUTSIDE] += u * (1 - inside) * by.mean;
-    duncertainty[r] = by.by_uncertainty * du + by.by_outside * (1 - inside);
-    share[ENTROPY] += entropy_term(&dsum, opacity[r]) * by.mean;
-    dopacity[r] = by.by_entropy * dsum;
-    share[AUDIO] += attended * (1 - inside) * by.mean;
-    if (dattention) dattention[r] = by.by_audio * (1 - inside);
-    if (eye) share[EYE] += eye[r] * attended * inside * by.mean;
-    if (deye) deye[r] = by.by_eye * attended * inside; /* no gradient to the attention */
+    for (uint t = 0; t < TERMS; t++) share[t] += first_of(count, term[t] * by.mean, 0);
   }
-  for (uint term = 0; term < TERMS; term++) {
-    const float of_group = group_sum(room, share[term]);
-    if (item == 0) terms[part * TERMS + term] = of_group;
+  for (uint t = 0; t < TERMS; t++) {
+    const float of_part = group_sum(room, share[t]);
+    if (item == 0) terms[part * TERMS + t] = of_part;
   }
 }
 
 /* ---- squared differences ---- */
 
 /* Squares of huge and of tiny values are summed by themselves, scaled, for the reference's sums are in double: of
- * values beyond 2^40, of those within 2^-40, and of the rest (struct squares of slots_train.c). */
-float4 scaled_square(float x) {
-  const float size = fabs(x), huge = x * 0x1p-80f, tiny = x * 0x1p80f;
-  if (size > 0x1p40f) return (float4)(0, huge * huge, 0, 0);
-  if (size < 0x1p-40f) return (float4)(0, 0, tiny * tiny, 0);
-  return (float4)(x * x, 0, 0, 0);
+ * values beyond 2^40 times 2^-80, of those within 2^-40 times 2^80, and of the rest. */
+struct squares {
+  floatw usual, huge, tiny;
+};
+
+void add_square(struct squares *sum, floatw x) {
+  const floatw size = fabs(x), huge = WHERE(size > 0x1p40f, x * 0x1p-80f, 0);
+  const floatw tiny = WHERE(size < 0x1p-40f, x * 0x1p80f, 0);
+  const floatw usual = WHERE((size > 0x1p40f) | (size < 0x1p-40f), 0, x);
+  sum->usual += usual * usual;
+  sum->huge += huge * huge;
+  sum->tiny += tiny * tiny;
 }
 
-void write_squares(global float *squares, local float *room, float4 own) {
-  const float usual = group_sum(room, own.x), huge = group_sum(room, own.y), tiny = group_sum(room, own.z);
+/* squares: [PARTS][3] */
+void write_squares(global float *squares, local float *room, struct squares *own) {
+  const float usual = group_sum(room, own->usual), huge = group_sum(room, own->huge), tiny = group_sum(room, own->tiny);
   if (get_local_id(0) == 0) vstore3((float3)(usual, huge, tiny), get_group_id(0), squares);
 }
 
@@ -187,15 +203,14 @@ SUMMING void smooth_loss(SPAN(float, squares), SPAN(float, dmoved), SPAN(const f
   OPEN(const float, moved);
   local float room[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
-  float4 own = 0;
-  for (ulong base = begin; base < end; base += GROUP) {
-    const ulong i = base + get_local_id(0);
-    if (i >= end) continue;
-    const float difference = moved[i] - still[i];
-    own += scaled_square(difference);
-    dmoved[i] = factor * difference;
+  struct squares own = {0, 0, 0};
+  for (ulong i = begin + get_local_id(0) * WIDTH; i < end; i += GROUP) {
+    const ulong count = count_of(i, end);
+    const floatw difference = loadw_first(moved + i, count) - loadw_first(still + i, count);
+    add_square(&own, difference);
+    storew_first(dmoved + i, factor * difference, count);
   }
-  write_squares(squares, room, own);
+  write_squares(squares, room, &own);
 }
 
 /* squares: [PARTS][3], of pixel - truth; dpixel = factor (pixel - truth); [3] per ray */
@@ -207,17 +222,17 @@ SUMMING void mse(SPAN(float, squares), ROWS(float, dpixel), ROWS(const float, pi
   OPEN(const float, truth);
   local float room[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
-  float4 own = 0;
-  for (ulong base = begin; base < end; base += GROUP) {
-    const ulong r = base + get_local_id(0);
-    if (r >= end) continue;
+  struct squares own = {0, 0, 0};
+  for (ulong r = begin + get_local_id(0) * WIDTH; r < end; r += GROUP) {
+    const ulong count = count_of(r, end);
     for (uint c = 0; c < 3; c++) {
-      const float difference = pixel[c * pixel_stride + r] - truth[c * truth_stride + r];
-      own += scaled_square(difference);
-      dpixel[c * dpixel_stride + r] = factor * difference;
+      const floatw difference =
+          loadw_first(pixel + c * pixel_stride + r, count) - loadw_first(truth + c * truth_stride + r, count);
+      add_square(&own, difference);
+      storew_first(dpixel + c * dpixel_stride + r, factor * difference, count);
     }
   }
-  write_squares(squares, room, own);
+  write_squares(squares, room, &own);
 }
 
 /* short_of: [3], 1 - w of each key point, whose squares are the host's; anchors, danchors: [3][4], danchors accumulates
@@ -235,32 +250,37 @@ kernel void key_points_loss(SPAN(float, short_of), SPAN(float, danchors), SPAN(c
 
 /* ---- points beside the samples ---- */
 
-/* Philox 4x32-10, as core/rng.h */
-uint4 random_at(ulong seed, ulong step, uint index, uint purpose) {
-  uint4 c = (uint4)((uint)step, (uint)(step >> 32), index, purpose);
+/* Philox 4x32-10, as core/rng.h: words 0, 1, 2 of WIDTH indices */
+void random_at(uintw word[3], ulong seed, ulong step, uintw index, uint purpose) {
+  uintw c0 = (uint)step, c1 = (uint)(step >> 32), c2 = index, c3 = purpose;
   uint k0 = (uint)seed, k1 = (uint)(seed >> 32);
   for (int round = 0; round < 10; round++) {
-    const uint low0 = 0xD2511F53u * c.x, high0 = mul_hi(0xD2511F53u, c.x);
-    const uint low1 = 0xCD9E8D57u * c.z, high1 = mul_hi(0xCD9E8D57u, c.z);
-    c = (uint4)(high1 ^ c.y ^ k0, low1, high0 ^ c.w ^ k1, low0);
+    const ulongw p0 = 0xD2511F53ul * JOINW(convert_ulong)(c0), p1 = 0xCD9E8D57ul * JOINW(convert_ulong)(c2);
+    c0 = JOINW(convert_uint)(p1 >> 32) ^ c1 ^ k0;
+    c2 = JOINW(convert_uint)(p0 >> 32) ^ c3 ^ k1;
+    c1 = JOINW(convert_uint)(p1);
+    c3 = JOINW(convert_uint)(p0);
     k0 += 0x9E3779B9u;
     k1 += 0xBB67AE85u;
   }
-  return c;
+  word[0] = c0;
+  word[1] = c1;
+  word[2] = c2;
 }
 
-/* uniform(-reach, reach), of 24 bits */
-float offset_of(uint word, float reach) { return (2 * ((float)(word >> 8) * 0x1p-24f) - 1) * reach; }
-
-/* moved, x: [3] per sample; `first` is the number of the first sample, `purpose` the fourth word of its counter */
+/* moved, x: [3] per sample, WIDTH of them an item; `first` is the number of the first sample, `purpose` the fourth word
+ * of its counter. Offsets are uniform(-reach, reach), of 24 bits. */
 kernel void smooth_points(ROWS(float, moved), ROWS(const float, x), float reach, ulong seed, ulong step, ulong first,
                           uint purpose, ulong n) {
   OPEN(float, moved);
   OPEN(const float, x);
-  const ulong i = get_global_id(0);
-  if (i >= n) return;
-  const uint4 random = random_at(seed, step, (uint)(first + i), purpose);
-  moved[i] = x[i] + offset_of(random.x, reach);
-  moved[moved_stride + i] = x[x_stride + i] + offset_of(random.y, reach);
-  moved[2 * moved_stride + i] = x[2 * x_stride + i] + offset_of(random.z, reach);
+  const ulong i = get_global_id(0) * WIDTH, count = count_of(i, n);
+  if (count == 0) return;
+  uintw word[3];
+  random_at(word, seed, step, (uint)(first + i) + lane_numbers(), purpose);
+  for (uint axis = 0; axis < 3; axis++) {
+    const floatw uniform = JOINW(convert_float)(word[axis] >> 8) * 0x1p-24f;
+    const floatw offset = (2 * uniform - 1) * reach;
+    storew_first(moved + axis * moved_stride + i, loadw_first(x + axis * x_stride + i, count) + offset, count);
+  }
 }

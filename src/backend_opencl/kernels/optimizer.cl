@@ -29,23 +29,25 @@ kernel void ema(SPAN(float, average), SPAN(const float, parameters), float fresh
   average[i] += fresh * (parameters[i] - average[i]);
 }
 
-#define GROUP 64 /* items; ERN_CL_SUM_GROUP */
+#define GROUP 64              /* values of a group at a time; ERN_CL_SUM_GROUP */
+#define ITEMS (GROUP / WIDTH) /* that look at them */
 
 /* found: [groups], whether one of a group's values, (n + groups - 1)/groups consecutive ones, is not finite */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),
+kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),
                                                                       ulong n) {
   OPEN(int, found);
   OPEN(const float, values);
-  local int any[GROUP];
+  local uint any[GROUP];
   const ulong part = (n + get_num_groups(0) - 1) / get_num_groups(0);
   const ulong begin = min(get_group_id(0) * part, n), end = min(begin + part, n);
   const uint item = get_local_id(0);
-  int own = 0;
-  for (ulong base = begin; base < end; base += GROUP)
-    if (base + item < end) own |= (as_uint(values[base + item]) & 0x7f800000u) == 0x7f800000u;
-  any[item] = own;
+  uintw own = 0; /* the largest exponent */
+  for (ulong i = begin + item * WIDTH; i < end; i += GROUP)
+    own = max(own, JOINW(as_uint)(loadw_first(values + i, end - i)) & 0x7f800000u);
+  STOREW(own, any + item * WIDTH);
   barrier(CLK_LOCAL_MEM_FENCE);
   if (item != 0) return;
-  for (uint k = 1; k < GROUP; k++) own |= any[k];
-  found[get_group_id(0)] = own;
+  uint most = 0;
+  for (uint k = 0; k < GROUP; k++) most = max(most, any[k]);
+  found[get_group_id(0)] = most == 0x7f800000u;
 }
