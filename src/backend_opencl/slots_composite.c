@@ -2,6 +2,19 @@
  * Slots from samples to pixels, and between pixels and the caller's pictures. */
 #include "backend_opencl/opencl.h"
 
+/* Items that carry n elements, a device's vector each. */
+static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
+  const size_t width = (size_t)call->stream->owner->device.width;
+  return ern_cl_each(call, n / width + (n % width != 0));
+}
+
+/* An item carries RAYS rays of kernels/composite.cl. */
+static ern_status run_rays(struct ern_cl_call *call, size_t n) {
+  enum { RAYS = 64, GROUP = 4 };
+  if (call->stream->owner->device.width == 1) return ern_cl_each(call, n);
+  return ern_cl_run(call, n / (RAYS * GROUP) + (n % (RAYS * GROUP) != 0), GROUP);
+}
+
 static ern_status composite_fwd(struct ern_stream *stream, struct ern_composite_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_composite, "composite_fwd", "");
@@ -23,7 +36,7 @@ static ern_status composite_fwd(struct ern_stream *stream, struct ern_composite_
   ern_cl_rows(&call, a->background);
   ern_cl_float(&call, a->transmittance_stop);
   ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
+  return run_rays(&call, a->n);
 }
 
 static ern_status composite_bwd(struct ern_stream *stream, struct ern_composite_bwd_args *a) {
@@ -50,7 +63,7 @@ static ern_status composite_bwd(struct ern_stream *stream, struct ern_composite_
   ern_cl_rows(&call, f->background);
   ern_cl_float(&call, f->transmittance_stop);
   ern_cl_size(&call, f->n);
-  return ern_cl_each(&call, f->n);
+  return run_rays(&call, f->n);
 }
 
 static ern_status backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
@@ -61,7 +74,7 @@ static ern_status backdrop(struct ern_stream *stream, struct ern_backdrop_args *
   ern_cl_span(&call, a->background);
   ern_cl_span(&call, a->torso);
   ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
+  return run_vectors(&call, a->n);
 }
 
 static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a) {
@@ -74,7 +87,7 @@ static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a)
   ern_cl_span(&call, a->head);
   ern_cl_span(&call, a->torso);
   ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
+  return run_vectors(&call, a->n);
 }
 
 void ern_cl_fill_composite(struct ern_backend *table) {

@@ -1,11 +1,50 @@
 /* SPDX-License-Identifier: MIT
- * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, model.md section 5): a work-item a ray.
+ * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, model.md section 5). A work-item takes RAYS
+ * rays one after the other.
  *
  * tau_i = sigma_i dt_i, alpha_i = 1 - exp(-tau_i), T_i = exp(-sum_{j<i} tau_j), w_i = alpha_i T_i. A sample counts
  * while the light before it is not spent, T_i >= stop; with stop < 1 the first one always does. */
 
 /* No product is fused with a sum, here as in the reference: a colour at the end of its range must be there for both. */
 #pragma OPENCL FP_CONTRACT OFF
+
+#if WIDTH == 1
+enum { RAYS = 1, ROOM = 1 };
+#else
+enum { RAYS = 64, ROOM = 512 };
+#endif
+
+/* alpha_i and 1 - alpha_i: by expm1, so that alpha keeps its digits for thin samples, and by exp, so that what is left
+ * keeps them for dense ones. Rays are short: on a CPU those of several are computed ahead, in vectors, of the samples
+ * [from, until). A longer ray than there is room for goes without. */
+struct light {
+  global const float *sigma, *dt;
+  float alpha[ROOM], rest[ROOM];
+  ulong from, until;
+  bool ahead;
+};
+
+/* Before the samples [begin, end) of a ray are looked at; `last` is the end of the item's samples. */
+void look_ahead(struct light *light, ulong begin, ulong end, ulong last) {
+  light->ahead = WIDTH > 1 && end - begin <= ROOM;
+  if (!light->ahead || end <= light->until) return;
+  light->from = begin;
+  light->until = min(begin + ROOM, last);
+  for (ulong i = begin; i < light->until; i += WIDTH) {
+    const ulong count = light->until - i;
+    const floatw tau = loadw_first(light->sigma + i, count) * loadw_first(light->dt + i, count);
+    const floatw alpha = -expm1(-tau), rest = exp(-tau);
+    STOREW(alpha, light->alpha + (i - begin));
+    STOREW(rest, light->rest + (i - begin));
+  }
+}
+
+float alpha_of(const struct light *light, ulong i) {
+  return light->ahead ? light->alpha[i - light->from] : -expm1(-light->sigma[i] * light->dt[i]);
+}
+float rest_of(const struct light *light, ulong i) {
+  return light->ahead ? light->rest[i - light->from] : exp(-light->sigma[i] * light->dt[i]);
+}
 
 /* colour + (1 - opacity) background, before the clamp */
 float blend(float colour, float opacity, float background) { return colour + (1 - opacity) * background; }
@@ -34,38 +73,32 @@ kernel void composite_fwd(ROWS(float, pixel), ROWS(float, colour), SPAN(float, o
   OPEN(const float, sample_uncertainty);
   OPEN(const float, rgb);
   OPEN(const float, background);
-  const ulong r = get_global_id(0);
-  if (r >= n) return;
-  const ulong end = first[r + 1];
-  float transmittance = 1, sum = 0, far = 0, attended = 0, eyed = 0, unsure = 0;
-  float red = 0, green = 0, blue = 0;
-  for (ulong i = first[r]; i < end; i++) {
-    if (transmittance < stop) break;
-    const float tau = sigma[i] * dt[i];
-    const float w = -expm1(-tau) * transmittance; /* expm1: alpha keeps its digits for thin samples */
-    red += w * rgb[i];
-    green += w * rgb[rgb_stride + i];
-    blue += w * rgb[2 * rgb_stride + i];
-    sum += w;
-    if (sample_depth) far += w * sample_depth[i];
-    if (sample_attention) attended += sample_attention[i];
-    if (sample_eye) eyed += sample_eye[i];
-    if (sample_uncertainty) unsure += w * sample_uncertainty[i];
-    transmittance *= exp(-tau); /* = 1 - alpha, and keeps its digits for dense ones */
-  }
-  if (opacity) opacity[r] = sum;
-  if (depth) depth[r] = far;
-  if (attention) attention[r] = attended;
-  if (eye) eye[r] = eyed;
-  if (uncertainty) uncertainty[r] = unsure;
-  if (colour) {
-    colour[r] = red;
-    colour[colour_stride + r] = green;
-    colour[2 * colour_stride + r] = blue;
-  }
-  if (pixel) {
-    const float sums[3] = {red, green, blue};
+  struct light light = {.sigma = sigma, .dt = dt, .until = 0};
+  const ulong ray = get_global_id(0) * RAYS, rays_end = min(ray + RAYS, n);
+  for (ulong r = ray; r < rays_end; r++) {
+    const ulong begin = first[r], end = first[r + 1];
+    float transmittance = 1, sum = 0, far = 0, attended = 0, eyed = 0, unsure = 0;
+    float sums[3] = {0, 0, 0};
+    look_ahead(&light, begin, end, first[rays_end]);
+    for (ulong i = begin; i < end; i++) {
+      if (transmittance < stop) break;
+      const float w = alpha_of(&light, i) * transmittance;
+      for (uint c = 0; c < 3; c++) sums[c] += w * rgb[c * rgb_stride + i];
+      sum += w;
+      if (sample_depth) far += w * sample_depth[i];
+      if (sample_attention) attended += sample_attention[i];
+      if (sample_eye) eyed += sample_eye[i];
+      if (sample_uncertainty) unsure += w * sample_uncertainty[i];
+      transmittance *= rest_of(&light, i);
+    }
+    if (opacity) opacity[r] = sum;
+    if (depth) depth[r] = far;
+    if (attention) attention[r] = attended;
+    if (eye) eye[r] = eyed;
+    if (uncertainty) uncertainty[r] = unsure;
     for (uint c = 0; c < 3; c++) {
+      if (colour) colour[c * colour_stride + r] = sums[c];
+      if (!pixel) continue;
       const float value = blend(sums[c], sum, background[c * background_stride + r]);
       pixel[c * pixel_stride + r] = value < 0 ? 0 : value > 1 ? 1 : value;
     }
@@ -100,49 +133,51 @@ kernel void composite_bwd(SPAN(float, dsigma), ROWS(float, drgb), SPAN(float, ds
   OPEN(const float, sample_uncertainty);
   OPEN(const float, rgb);
   OPEN(const float, background);
-  const ulong r = get_global_id(0);
-  if (r >= n) return;
-  const float attended = dattention ? dattention[r] : 0, eyed = deye ? deye[r] : 0;
-  const float unsure = duncertainty ? duncertainty[r] : 0;
-  float dcolour[3], dsum = dopacity ? dopacity[r] : 0;
-  for (uint c = 0; c < 3; c++) {
-    const float behind = background[c * background_stride + r];
-    const float value = blend(colour[c * colour_stride + r], opacity[r], behind);
-    dcolour[c] = value >= 0 && value <= 1 ? dpixel[c * dpixel_stride + r] : 0;
-    dsum -= dcolour[c] * behind;
-  }
-
-  /* dsigma[i] holds T_{i+1} until the way back */
-  const ulong begin = first[r], end = first[r + 1];
-  float transmittance = 1;
-  ulong counted = begin;
-  for (; counted < end; counted++) {
-    if (transmittance < stop) break;
-    transmittance *= exp(-sigma[counted] * dt[counted]);
-    dsigma[counted] = transmittance;
-  }
-  for (ulong i = counted; i < end; i++) {
-    dsigma[i] = 0;
-    for (uint c = 0; c < 3; c++) drgb[c * drgb_stride + i] = 0;
-    if (dsample_attention) dsample_attention[i] = 0;
-    if (dsample_eye) dsample_eye[i] = 0;
-    if (dsample_uncertainty) dsample_uncertainty[i] = 0;
-  }
-
-  float behind = 0, after = transmittance; /* sum_{j>i} dw_j w_j; T_{i+1} */
-  for (ulong i = counted; i-- > begin;) {
-    const float before = i > begin ? dsigma[i - 1] : 1, step = dt[i];
-    const float w = -expm1(-sigma[i] * step) * before;
-    float dw = dsum + unsure * (sample_uncertainty ? sample_uncertainty[i] : 0);
+  struct light light = {.sigma = sigma, .dt = dt, .until = 0};
+  const ulong ray = get_global_id(0) * RAYS, rays_end = min(ray + RAYS, n);
+  for (ulong r = ray; r < rays_end; r++) {
+    const float attended = dattention ? dattention[r] : 0, eyed = deye ? deye[r] : 0;
+    const float unsure = duncertainty ? duncertainty[r] : 0;
+    float dcolour[3], dsum = dopacity ? dopacity[r] : 0;
     for (uint c = 0; c < 3; c++) {
-      dw += dcolour[c] * rgb[c * rgb_stride + i];
-      drgb[c * drgb_stride + i] = dcolour[c] * w;
+      const float behind = background[c * background_stride + r];
+      const float value = blend(colour[c * colour_stride + r], opacity[r], behind);
+      dcolour[c] = value >= 0 && value <= 1 ? dpixel[c * dpixel_stride + r] : 0;
+      dsum -= dcolour[c] * behind;
     }
-    dsigma[i] = step * (dw * after - behind);
-    if (dsample_attention) dsample_attention[i] = attended;
-    if (dsample_eye) dsample_eye[i] = eyed;
-    if (dsample_uncertainty) dsample_uncertainty[i] = unsure * w;
-    behind += dw * w;
-    after = before;
+
+    /* dsigma[i] holds T_{i+1} until the way back */
+    const ulong begin = first[r], end = first[r + 1];
+    float transmittance = 1;
+    ulong counted = begin;
+    look_ahead(&light, begin, end, first[rays_end]);
+    for (; counted < end; counted++) {
+      if (transmittance < stop) break;
+      transmittance *= rest_of(&light, counted);
+      dsigma[counted] = transmittance;
+    }
+    for (ulong i = counted; i < end; i++) {
+      dsigma[i] = 0;
+      for (uint c = 0; c < 3; c++) drgb[c * drgb_stride + i] = 0;
+      if (dsample_attention) dsample_attention[i] = 0;
+      if (dsample_eye) dsample_eye[i] = 0;
+      if (dsample_uncertainty) dsample_uncertainty[i] = 0;
+    }
+
+    float behind = 0, after = transmittance; /* sum_{j>i} dw_j w_j; T_{i+1} */
+    for (ulong i = counted; i-- > begin;) {
+      const float before = i > begin ? dsigma[i - 1] : 1, w = alpha_of(&light, i) * before;
+      float dw = dsum + unsure * (sample_uncertainty ? sample_uncertainty[i] : 0);
+      for (uint c = 0; c < 3; c++) {
+        dw += dcolour[c] * rgb[c * rgb_stride + i];
+        drgb[c * drgb_stride + i] = dcolour[c] * w;
+      }
+      dsigma[i] = dt[i] * (dw * after - behind);
+      if (dsample_attention) dsample_attention[i] = attended;
+      if (dsample_eye) dsample_eye[i] = eyed;
+      if (dsample_uncertainty) dsample_uncertainty[i] = unsure * w;
+      behind += dw * w;
+      after = before;
+    }
   }
 }

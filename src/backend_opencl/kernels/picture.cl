@@ -1,12 +1,32 @@
 /* SPDX-License-Identifier: MIT
- * Between bytes and rows (picture_ops.h): a work-item a pixel, the same numbers as the reference's. */
+ * Between bytes and rows (picture_ops.h): a work-item takes WIDTH pixels. The same numbers as the reference's. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
+/* Pixels that an item has from i on. */
+ulong count_of(ulong i, ulong n) { return i < n ? min(n - i, (ulong)WIDTH) : 0; }
+
+/* ---- in ---- */
+
 /* byte/255, correctly rounded on devices too whose division is not: the quotient's remainder is exact, and small. */
-float share_of(uchar byte) {
-  const float quotient = byte * (1.0f / 255);
-  return fma(fma(-quotient, 255.0f, (float)byte), 1.0f / 255, quotient);
+floatw share_of(uintw byte) {
+  const floatw value = JOINW(convert_float)(byte), quotient = value * (1.0f / 255);
+  return fma(fma(-quotient, (floatw)255, value), (floatw)(1.0f / 255), quotient);
+}
+
+/* RGBA of the first `count` pixels, R in the low byte; 0 in the other lanes. from: byte [count][4] */
+uintw load_rgba(global const uchar *from, ulong count) {
+  uint word[WIDTH];
+  for (uint l = 0; l < WIDTH; l++) word[l] = count >= WIDTH || l < count ? as_uint(vload4(l, from)) : 0;
+  return LOADW(word);
+}
+
+/* Likewise of byte [count][3]. */
+uintw load_rgb(global const uchar *from, ulong count) {
+  uint word[WIDTH];
+  for (uint l = 0; l < WIDTH; l++)
+    word[l] = count >= WIDTH || l < count ? from[3 * l] | from[3 * l + 1] << 8 | from[3 * l + 2] << 16 : 0;
+  return LOADW(word);
 }
 
 /* pixel: [3] per pixel; opacity: [n]; background: byte [n][3], torso: byte [n][4]; null: none.
@@ -17,19 +37,40 @@ kernel void backdrop(ROWS(float, pixel), SPAN(float, opacity), SPAN(const uchar,
   OPEN(float, opacity);
   OPEN(const uchar, background);
   OPEN(const uchar, torso);
-  const ulong i = get_global_id(0);
-  if (i >= n) return;
-  const uchar4 layer = torso ? vload4(i, torso) : (uchar4)0;
-  const uchar3 behind = background ? vload3(i, background) : (uchar3)0;
-  const float a = share_of(layer.w);
-  pixel[i] = share_of(layer.x) * a + share_of(behind.x) * (1 - a);
-  pixel[pixel_stride + i] = share_of(layer.y) * a + share_of(behind.y) * (1 - a);
-  pixel[2 * pixel_stride + i] = share_of(layer.z) * a + share_of(behind.z) * (1 - a);
-  opacity[i] = a;
+  const ulong i = get_global_id(0) * WIDTH, count = count_of(i, n);
+  if (count == 0) return;
+  const uintw front = torso ? load_rgba(torso + 4 * i, count) : 0;
+  const uintw back = background ? load_rgb(background + 3 * i, count) : 0;
+  const floatw a = share_of(front >> 24);
+  for (uint c = 0; c < 3; c++) {
+    const floatw own = share_of(front >> 8 * c & 255), behind = share_of(back >> 8 * c & 255);
+    storew_first(pixel + c * pixel_stride + i, own * a + behind * (1 - a), count);
+  }
+  storew_first(opacity + i, a, count);
 }
 
+/* ---- out ---- */
+
 /* round(255 clamp(value, 0, 1)), ties to even, NaN as 0 */
-uchar to_byte(float value) { return (uchar)(int)rint(fmin(fmax(value, 0.0f), 1.0f) * 255); }
+uintw to_byte(floatw value) { return JOINW(convert_uint)(rint(fmin(fmax(value, (floatw)0), (floatw)1) * 255)); }
+
+void store_rgba(global uchar *to, uintw rgba, ulong count) {
+  uint word[WIDTH];
+  STOREW(rgba, word);
+  if (count >= WIDTH) {
+    for (uint l = 0; l < WIDTH; l++) vstore4(as_uchar4(word[l]), l, to);
+    return;
+  }
+  for (uint l = 0; l < count; l++) vstore4(as_uchar4(word[l]), l, to);
+}
+
+void store_rgb(global float *to, floatw x, floatw y, floatw z, ulong count) {
+  float word[3][WIDTH];
+  STOREW(x, word[0]);
+  STOREW(y, word[1]);
+  STOREW(z, word[2]);
+  for (uint l = 0; l < count; l++) vstore3((float3)(word[0][l], word[1][l], word[2][l]), l, to);
+}
 
 /* rgba: byte [n][4], rgb: [n][3], alpha: [n]; null: not wanted. pixel: [3] per pixel; head, torso: [n]; head null: over
  * a background, where alpha is 1. */
@@ -41,16 +82,18 @@ kernel void picture(SPAN(uchar, rgba), SPAN(float, rgb), SPAN(float, alpha), ROW
   OPEN(const float, pixel);
   OPEN(const float, head);
   OPEN(const float, torso);
-  const ulong i = get_global_id(0);
-  if (i >= n) return;
-  const float x = pixel[i], y = pixel[pixel_stride + i], z = pixel[2 * pixel_stride + i];
-  const float a = head ? head[i] + (1 - head[i]) * torso[i] : 1;
-  if (rgba) {
-    uchar4 bytes = (uchar4)(0, 0, 0, to_byte(a));
-    if (!head) bytes.xyz = (uchar3)(to_byte(x), to_byte(y), to_byte(z));
-    if (head && a > 0) bytes.xyz = (uchar3)(to_byte(x / a), to_byte(y / a), to_byte(z / a));
-    vstore4(bytes, i, rgba);
+  const ulong i = get_global_id(0) * WIDTH, count = count_of(i, n);
+  if (count == 0) return;
+  floatw x = loadw_first(pixel + i, count), y = loadw_first(pixel + pixel_stride + i, count);
+  floatw z = loadw_first(pixel + 2 * pixel_stride + i, count), a = 1;
+  if (rgb) store_rgb(rgb + 3 * i, x, y, z, count);
+  if (head) {
+    const floatw own = loadw_first(head + i, count);
+    a = own + (1 - own) * loadw_first(torso + i, count);
+    x = WHERE(a > 0, x / a, 0);
+    y = WHERE(a > 0, y / a, 0);
+    z = WHERE(a > 0, z / a, 0);
   }
-  if (rgb) vstore3((float3)(x, y, z), i, rgb);
-  if (alpha) alpha[i] = a;
+  if (rgba) store_rgba(rgba + 4 * i, to_byte(x) | to_byte(y) << 8 | to_byte(z) << 16 | to_byte(a) << 24, count);
+  if (alpha) storew_first(alpha + i, a, count);
 }
