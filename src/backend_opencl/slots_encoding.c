@@ -1,4 +1,148 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Slots of the activations, of the positional encodings and of the region attention. */
 #include "backend_opencl/opencl.h"
 
-void ern_cl_fill_encoding(struct ern_backend *table) { (void)table; }
+/* As in kernels/encoding.cl and kernels/attention.cl. */
+enum { GROUP = 64, VECTORS = 64, PARTS = 64 };
+
+/* Groups that take n samples of a row, and their items: one that carries vectors, or GROUP. */
+struct shape {
+  size_t blocks, group;
+};
+
+static struct shape shape_of(struct ern_stream *stream, size_t n) {
+  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP;
+  return (struct shape){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
+}
+
+static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "activate_fwd", "");
+  ern_cl_rows(&call, a->y);
+  ern_cl_rows(&call, a->x);
+  ern_cl_int(&call, (int)a->kind);
+  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks * (size_t)a->y.rows, shape.group);
+}
+
+static ern_status activate_bwd(struct ern_stream *stream, struct ern_activate_bwd_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "activate_bwd", "");
+  ern_cl_rows(&call, a->dx);
+  ern_cl_rows(&call, a->dy);
+  ern_cl_rows(&call, a->x);
+  ern_cl_int(&call, (int)a->kind);
+  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks * (size_t)a->dx.rows, shape.group);
+}
+
+static ern_status sh_fwd(struct ern_stream *stream, struct ern_sh_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "sh_fwd", "");
+  ern_cl_rows(&call, a->y);
+  ern_cl_rows(&call, a->d);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks, shape.group);
+}
+
+static ern_status freq_fwd(struct ern_stream *stream, struct ern_freq_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "freq_fwd", "");
+  ern_cl_rows(&call, a->y);
+  ern_cl_rows(&call, a->x);
+  ern_cl_int(&call, a->x.rows);
+  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks * (size_t)a->x.rows * (1 + (size_t)a->octaves), shape.group);
+}
+
+static ern_status freq_bwd(struct ern_stream *stream, struct ern_freq_bwd_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "freq_bwd", "");
+  ern_cl_rows(&call, a->dx);
+  ern_cl_rows(&call, a->dy);
+  ern_cl_rows(&call, a->x);
+  ern_cl_int(&call, a->x.rows);
+  ern_cl_int(&call, a->octaves);
+  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks * (size_t)a->x.rows, shape.group);
+}
+
+static ern_status attention_fwd(struct ern_stream *stream, struct ern_attention_args *a) {
+  const struct shape shape = shape_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_fwd", "");
+  ern_cl_rows(&call, a->region);
+  ern_cl_span(&call, a->norm);
+  ern_cl_span(&call, a->region_eye);
+  ern_cl_rows(&call, a->v);
+  ern_cl_span(&call, a->code);
+  ern_cl_span(&call, a->eye_attention);
+  ern_cl_float(&call, a->eye);
+  ern_cl_int(&call, a->v.rows);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.blocks, shape.group);
+}
+
+static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
+  const struct shape shape = shape_of(stream, a->forward.n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_eye_bwd", "");
+  ern_cl_span(&call, a->deye_attention);
+  ern_cl_span(&call, a->dregion_eye);
+  ern_cl_float(&call, a->forward.eye);
+  ern_cl_size(&call, a->forward.n);
+  return ern_cl_run(&call, shape.blocks, shape.group);
+}
+
+/* parts: [channels][PARTS], or zeroed */
+static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
+  const struct ern_attention_args *forward = &a->forward;
+  const size_t channels = (size_t)forward->v.rows;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_bwd", "");
+  ern_cl_rows(&call, a->dv);
+  ern_cl_span(&call, parts);
+  ern_cl_rows(&call, a->dregion);
+  ern_cl_span(&call, a->dnorm);
+  ern_cl_rows(&call, forward->v);
+  ern_cl_span(&call, forward->norm);
+  ern_cl_span(&call, forward->code);
+  ern_cl_int(&call, (int)channels);
+  ern_cl_size(&call, forward->n);
+  return ern_cl_run(&call, PARTS * channels, shape_of(stream, 1).group);
+}
+
+static ern_status bwd_code(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_code_bwd", "");
+  ern_cl_span(&call, a->dcode);
+  ern_cl_span(&call, parts);
+  ern_cl_int(&call, a->forward.v.rows);
+  return ern_cl_each(&call, (size_t)a->forward.v.rows);
+}
+
+static ern_status attention_bwd(struct ern_stream *stream, struct ern_attention_bwd_args *a) {
+  ern_status status = ERN_OK;
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  const bool by_code = a->dcode.buffer != NULL && a->dregion.span.buffer != NULL;
+  ern_span parts = {0};
+  if (a->forward.n == 0) return ERN_OK;
+  if (by_code) ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, PARTS * (size_t)a->forward.v.rows, &parts));
+  ERN_TRY(bwd_v(stream, a, parts));
+  if (by_code) ERN_TRY(bwd_code(stream, a, parts));
+  if (a->deye_attention.buffer != NULL && a->dregion_eye.buffer != NULL) ERN_TRY(bwd_eye(stream, a));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+void ern_cl_fill_encoding(struct ern_backend *table) {
+  table->activate_fwd = activate_fwd;
+  table->activate_bwd = activate_bwd;
+  table->sh_fwd = sh_fwd;
+  table->freq_fwd = freq_fwd;
+  table->freq_bwd = freq_bwd;
+  table->attention_fwd = attention_fwd;
+  table->attention_bwd = attention_bwd;
+}

@@ -1,1 +1,146 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Region attention (paper eq. 6-8): region_c = v_c code_c, norm = sqrt(sum_c v_c^2), region_eye = eye * eye_attention.
+ * On a CPU an item takes a block of samples, WIDTH at a time, elsewhere neighbouring items neighbouring samples.
+ * Products are rounded by themselves, as the reference has them. */
+#pragma OPENCL FP_CONTRACT OFF
+
+#if CPU
+#define GROUP 1
+#define VECTORS 64
+#else
+#define GROUP 64
+#define VECTORS 1
+#endif
+#define ITEM (VECTORS * WIDTH) /* samples an item */
+#define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
+
+/* The samples of an item: for each `i`, WIDTH of them from i on. */
+#define EACH_SAMPLE(i)                                     \
+  const ulong first_ = get_global_id(0) * ITEM;            \
+  for (ulong i = first_; i < min(first_ + ITEM, n); i += WIDTH)
+
+/* The reference adds the squares in double. Here the largest |v_c| decides on one of three scales, with which no square
+ * overflows and none that counts underflows, and the sum carries what its additions and products round off: it is
+ * good to 2^-40, and the norm to one unit. */
+static inline floatw norm_of(global const float *v, ulong stride, uint channels, ulong count) {
+  floatw most = 0, sum = 0, lost = 0;
+  for (uint c = 0; c < channels; c++) most = fmax(most, fabs(loadw_first(v + c * stride, count)));
+  const floatw scale = WHERE(most > 0x1p50f, 0x1p-70f, WHERE(most < 0x1p-40f, 0x1p90f, 1));
+  const floatw inverse = WHERE(most > 0x1p50f, 0x1p70f, WHERE(most < 0x1p-40f, 0x1p-90f, 1));
+  for (uint c = 0; c < channels; c++) {
+    const floatw value = loadw_first(v + c * stride, count) * scale, square = value * value;
+    const floatw next = sum + square, taken = next - sum;
+    lost += (sum - (next - taken)) + (square - taken) + fma(value, value, -square);
+    sum = next;
+  }
+  return sqrt(WHERE(isfinite(sum), sum + lost, sum)) * inverse; /* of infinite values `lost` is no number */
+}
+
+/* region, v: [channels] rows; norm, region_eye, eye_attention: [n]; code: [channels] */
+KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_eye), ROWS(const float, v),
+                     SPAN(const float, code), SPAN(const float, eye_attention), float eye, uint channels, ulong n) {
+  OPEN(float, region);
+  OPEN(float, norm);
+  OPEN(float, region_eye);
+  OPEN(const float, v);
+  OPEN(const float, code);
+  OPEN(const float, eye_attention);
+  EACH_SAMPLE(i) {
+    for (uint c = 0; c < channels; c++)
+      storew_first(region + c * region_stride + i, loadw_first(v + c * v_stride + i, n - i) * code[c], n - i);
+    storew_first(norm + i, norm_of(v + i, v_stride, channels, n - i), n - i);
+    if (region_eye && eye_attention) storew_first(region_eye + i, eye * loadw_first(eye_attention + i, n - i), n - i);
+  }
+}
+
+#define LANES 64 /* sums of a part */
+#define PARTS 64 /* of the samples, as in slots_encoding.c */
+
+/* sum[0] += all others, in halves; the order is the same however many items there are. */
+static inline void fold(float *sum) {
+  for (uint half_of = LANES / 2; half_of > 0; half_of /= 2)
+    for (uint k = 0; k < half_of; k++) sum[k] += sum[k + half_of];
+}
+
+/* dv_c = code_c dregion_c + dnorm v_c/norm, where v/norm is taken as 0 at v = 0; parts[c][p] = sum over the samples of
+ * part p of dregion_c v_c. group = p*channels + c. Lane k of a part sums its samples k, k + LANES, .. */
+KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dregion), SPAN(const float, dnorm),
+                     ROWS(const float, v), SPAN(const float, norm), SPAN(const float, code), uint channels, ulong n) {
+  OPEN(float, dv);
+  OPEN(float, parts);
+  OPEN(const float, dregion);
+  OPEN(const float, dnorm);
+  OPEN(const float, v);
+  OPEN(const float, norm);
+  OPEN(const float, code);
+  const uint c = (uint)get_group_id(0) % channels, part = (uint)get_group_id(0) / channels;
+  const ulong units = (n + LANES - 1) / LANES;
+  const ulong begin = units * part / PARTS * LANES, end = min(units * (part + 1) / PARTS * LANES, n);
+  const float weight = code[c];
+#if CPU
+  floatw sum[LANES / WIDTH];
+  for (uint k = 0; k < LANES / WIDTH; k++) sum[k] = 0;
+#else
+  local float sum[LANES];
+  float own = 0;
+#endif
+  for (ulong first = begin; first < end; first += LANES) {
+    for (ulong k = get_local_id(0); k < LANES / WIDTH; k += GROUP) {
+      const ulong i = first + k * WIDTH;
+      if (i >= end) break;
+      const floatw value = loadw_first(v + c * v_stride + i, n - i);
+      floatw gradient = 0;
+      if (dregion) {
+        const floatw slope = loadw_first(dregion + c * dregion_stride + i, n - i);
+        gradient += weight * slope;
+#if CPU
+        sum[k] += slope * value;
+#else
+        own += slope * value;
+#endif
+      }
+      if (dnorm) {
+        const floatw length = loadw_first(norm + i, n - i), slope = loadw_first(dnorm + i, n - i);
+        gradient = WHERE(length > 0, gradient + slope * (value / length), gradient);
+      }
+      storew_first(dv + c * dv_stride + i, gradient, n - i);
+    }
+  }
+  if (!parts) return;
+#if CPU
+  float lane[LANES];
+  for (uint k = 0; k < LANES / WIDTH; k++) STOREW(sum[k], lane + k * WIDTH);
+  fold(lane);
+  parts[c * PARTS + part] = lane[0];
+#else
+  const uint item = get_local_id(0);
+  sum[item] = own;
+  for (uint half_of = LANES / 2; half_of > 0; half_of /= 2) {
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (item < half_of) sum[item] += sum[item + half_of];
+  }
+  if (item == 0) parts[c * PARTS + part] = sum[0];
+#endif
+}
+
+/* dcode_c += sum of its parts; an item a channel */
+kernel void attention_code_bwd(SPAN(float, dcode), SPAN(const float, parts), uint channels) {
+  OPEN(float, dcode);
+  OPEN(const float, parts);
+  const uint c = get_global_id(0);
+  if (c >= channels) return;
+  float sum[PARTS];
+  for (uint p = 0; p < PARTS; p++) sum[p] = parts[c * PARTS + p];
+  fold(sum);
+  dcode[c] += sum[0];
+}
+
+/* deye_attention += eye dregion_eye */
+KERNEL attention_eye_bwd(SPAN(float, deye_attention), SPAN(const float, dregion_eye), float eye, ulong n) {
+  OPEN(float, deye_attention);
+  OPEN(const float, dregion_eye);
+  EACH_SAMPLE(i) {
+    const floatw before = loadw_first(deye_attention + i, n - i);
+    storew_first(deye_attention + i, before + eye * loadw_first(dregion_eye + i, n - i), n - i);
+  }
+}

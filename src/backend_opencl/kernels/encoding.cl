@@ -1,1 +1,168 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * Output activations and positional encodings. A group works on one row: on a CPU an item takes a block of samples,
+ * WIDTH at a time, elsewhere neighbouring items neighbouring samples. Products are rounded by themselves, as the
+ * reference has them. */
+#pragma OPENCL FP_CONTRACT OFF
+
+#if CPU
+#define GROUP 1
+#define VECTORS 64
+#else
+#define GROUP 64
+#define VECTORS 1
+#endif
+#define ITEM (VECTORS * WIDTH) /* samples an item */
+#define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
+
+/* The samples of an item: for each `i`, WIDTH of them from i on. `block` counts blocks of GROUP*ITEM samples. */
+#define EACH_SAMPLE(i, block)                                                                 \
+  const ulong first_ = ((ulong)(block) * GROUP + get_local_id(0)) * ITEM;                     \
+  for (ulong i = first_; i < min(first_ + ITEM, n); i += WIDTH)
+
+/* ---- activations ---- */
+
+enum { DENSITY, COLOUR, SIGMOID, SOFTPLUS }; /* ern_activation */
+
+/* exp may become infinite, the quotient is then 0 */
+static inline floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
+
+/* s(x) (1 - s(x)) = e/(1 + e)^2 with e = exp(-|x|): without cancellation where s is near 1 */
+static inline floatw sigmoid_slope(floatw x) {
+  const floatw e = exp(-fabs(x));
+  return e / ((1 + e) * (1 + e));
+}
+
+/* NaN stays one. */
+static inline floatw clamp_above(floatw x, float high) { return WHERE(x > high, high, x); }
+static inline floatw clamp_below(floatw x, float low) { return WHERE(x < low, low, x); }
+
+/* y, x: rows; group = row*blocks + block */
+KERNEL activate_fwd(ROWS(float, y), ROWS(const float, x), int kind, uint blocks, ulong n) {
+  OPEN(float, y);
+  OPEN(const float, x);
+  const ulong row = (uint)get_group_id(0) / blocks;
+  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
+    const floatw from = loadw_first(x + row * x_stride + i, n - i);
+    floatw to;
+    if (kind == DENSITY) {
+      to = exp(clamp_above(from, 80));
+    } else if (kind == COLOUR) {
+      to = 1.002f * sigmoid(from) - 0.001f;
+    } else if (kind == SIGMOID) {
+      to = sigmoid(from);
+    } else { /* log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|)) */
+      to = clamp_below(from, 0) + log1p(exp(-fabs(from)));
+    }
+    storew_first(y + row * y_stride + i, to, n - i);
+  }
+}
+
+/* dx may be the same rows as dy. */
+KERNEL activate_bwd(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), int kind, uint blocks, ulong n) {
+  OPEN(float, dx);
+  OPEN(const float, dy);
+  OPEN(const float, x);
+  const ulong row = (uint)get_group_id(0) / blocks;
+  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
+    const floatw from = loadw_first(x + row * x_stride + i, n - i);
+    floatw slope;
+    if (kind == DENSITY) {
+      slope = exp(clamp_below(clamp_above(from, 15), -15));
+    } else if (kind == COLOUR) {
+      slope = 1.002f * sigmoid_slope(from);
+    } else if (kind == SIGMOID) {
+      slope = sigmoid_slope(from);
+    } else {
+      slope = sigmoid(from);
+    }
+    storew_first(dx + row * dx_stride + i, loadw_first(dy + row * dy_stride + i, n - i) * slope, n - i);
+  }
+}
+
+/* ---- directions ---- */
+
+/* Real spherical harmonics Y_l^m, degrees 0..3, of the unit vector d = (x, v, z), in the order (0,0), (1,-1), (1,0),
+ * (1,1), (2,-2) ..; sign (-1)^m, as NeRF codes have it. */
+KERNEL sh_fwd(ROWS(float, y), ROWS(const float, d), ulong n) {
+  const float c00 = 0.28209479177387814f; /* 1/2 sqrt(1/pi) */
+  const float c1 = 0.48860251190291992f;  /* 1/2 sqrt(3/pi) */
+  const float c2 = 1.0925484305920792f;   /* 1/2 sqrt(15/pi) */
+  const float c20 = 0.31539156525252005f; /* 1/4 sqrt(5/pi) */
+  const float c33 = 0.59004358992664352f; /* 1/4 sqrt(35/(2 pi)) */
+  const float c32 = 2.8906114426405538f;  /* 1/2 sqrt(105/pi) */
+  const float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
+  const float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
+  OPEN(float, y);
+  OPEN(const float, d);
+  EACH_SAMPLE(i, get_group_id(0)) {
+    const floatw x = loadw_first(d + i, n - i), v = loadw_first(d + d_stride + i, n - i),
+               z = loadw_first(d + 2 * d_stride + i, n - i);
+    const floatw value[16] = {
+        c00,
+        -c1 * v,
+        c1 * z,
+        -c1 * x,
+        c2 * x * v,
+        -c2 * v * z,
+        c20 * (3 * z * z - 1),
+        -c2 * x * z,
+        c2 / 2 * (x * x - v * v),
+        c33 * v * (v * v - 3 * x * x),
+        c32 * x * v * z,
+        c31 * v * (1 - 5 * z * z),
+        c30 * z * (5 * z * z - 3),
+        c31 * x * (1 - 5 * z * z),
+        c32 / 2 * z * (x * x - v * v),
+        c33 * x * (3 * v * v - x * x),
+    };
+    for (uint c = 0; c < 16; c++) storew_first(y + c * y_stride + i, value[c], n - i);
+  }
+}
+
+/* ---- sines of positions ---- */
+
+#define HALF_PI 1.57079632679489661923f
+
+/* Near 0 by the series, to 2^-28: where one lane of a vector is huge, SLEEF, whose sine and cosine PoCL has, reduces
+ * all lanes as such, and is wrong by up to 2^-6 for those below 2^-7. */
+static inline floatw sin_of(floatw x) { return WHERE(fabs(x) < 0x1p-6f, x - x * x * x / 6, sin(x)); }
+static inline floatw cos_of(floatw x) { return WHERE(fabs(x) < 0x1p-6f, 1 - x * x / 2, cos(x)); }
+
+/* Rows of y: x (dims), then for octave o: sin(2^o x) (dims), sin(2^o x + pi/2) (dims). group = (k*dims + row of x)*
+ * blocks + block, where k = 0 copies x and k > 0 is octave k - 1. */
+KERNEL freq_fwd(ROWS(float, y), ROWS(const float, x), uint dims, uint blocks, ulong n) {
+  OPEN(float, y);
+  OPEN(const float, x);
+  const uint row = (uint)get_group_id(0) / blocks, d = row % dims, octave = row / dims;
+  const float factor = ldexp(1.0f, (int)octave - 1);
+  const ulong sine = dims * (2 * (ulong)octave - 1) + d, cosine = sine + dims;
+  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
+    const floatw from = loadw_first(x + d * x_stride + i, n - i);
+    if (octave == 0) {
+      storew_first(y + d * y_stride + i, from, n - i);
+    } else {
+      storew_first(y + sine * y_stride + i, sin_of(factor * from), n - i);
+      storew_first(y + cosine * y_stride + i, sin_of(factor * from + HALF_PI), n - i);
+    }
+  }
+}
+
+/* dx += dy_0 + sum_o 2^o (cos(2^o x) dy_sin - sin(2^o x) dy_cos); group = row of x * blocks + block */
+KERNEL freq_bwd(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), uint dims, uint octaves, uint blocks,
+                ulong n) {
+  OPEN(float, dx);
+  OPEN(const float, dy);
+  OPEN(const float, x);
+  const ulong d = (uint)get_group_id(0) / blocks;
+  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
+    const floatw from = loadw_first(x + d * x_stride + i, n - i);
+    floatw sum = loadw_first(dx + d * dx_stride + i, n - i) + loadw_first(dy + d * dy_stride + i, n - i);
+    float factor = 1;
+    for (uint o = 0; o < octaves; o++, factor *= 2) {
+      global const float *dsine = dy + (dims * (1 + 2 * (ulong)o) + d) * dy_stride + i;
+      const floatw with = loadw_first(dsine, n - i), against = loadw_first(dsine + dims * dy_stride, n - i);
+      sum += factor * (cos_of(factor * from) * with - sin_of(factor * from) * against);
+    }
+    storew_first(dx + d * dx_stride + i, sum, n - i);
+  }
+}

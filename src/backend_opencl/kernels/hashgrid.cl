@@ -26,58 +26,19 @@
 #define EACH_FEATURE(c) for (int c = 0; c < FEATURES; c++)
 #define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 
-/* WIDTH samples. A comparison gives a mask, 1 of a scalar and -1 of a vector. */
+/* table[i] of WIDTH entries */
 #if WIDTH == 1
-typedef float real;
-typedef int mask;
-typedef uint whole;
-#define LOAD(p) (*(p))
-#define STORE(x, p) (*(p) = (x))
-#define CELL(x) convert_int(x)
-#define REAL(x) convert_float(x)
-#define WHOLE(x) as_uint(x)
 #define GATHER(p, i) ((p)[i])
-#else
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
-typedef JOIN(float, WIDTH) real;
-typedef JOIN(int, WIDTH) mask;
-typedef JOIN(uint, WIDTH) whole;
-#define LOAD(p) JOIN(vload, WIDTH)(0, p)
-#define STORE(x, p) JOIN(vstore, WIDTH)(x, 0, p)
-#define CELL(x) JOIN(convert_int, WIDTH)(x)
-#define REAL(x) JOIN(convert_float, WIDTH)(x)
-#define WHOLE(x) JOIN(as_uint, WIDTH)(x)
-#if WIDTH == 4
-#define GATHER(p, i) (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3])
+#elif WIDTH == 4
+#define GATHER(p, i) (floatw)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3])
 #elif WIDTH == 8
 #define GATHER(p, i) \
-  (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7])
+  (floatw)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7])
 #else
 #define GATHER(p, i)                                                                                       \
-  (real)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7], (p)[i.s8], \
+  (floatw)((p)[i.s0], (p)[i.s1], (p)[i.s2], (p)[i.s3], (p)[i.s4], (p)[i.s5], (p)[i.s6], (p)[i.s7], (p)[i.s8], \
          (p)[i.s9], (p)[i.sa], (p)[i.sb], (p)[i.sc], (p)[i.sd], (p)[i.se], (p)[i.sf])
 #endif
-#endif
-
-/* The first `count` of WIDTH samples; 0 for the others. */
-static inline real load_some(global const float *p, ulong count) {
-  if (count >= WIDTH) return LOAD(p);
-  float lane[WIDTH];
-  for (uint k = 0; k < WIDTH; k++) lane[k] = k < count ? p[k] : 0;
-  return LOAD(lane);
-}
-
-/* A vector as its argument lets LLVM use registers of 512 bits, which it otherwise splits. */
-static inline void store_some(global float *p, real x, ulong count) {
-  if (count >= WIDTH) {
-    STORE(x, p);
-    return;
-  }
-  float lane[WIDTH];
-  STORE(x, lane);
-  for (uint k = 0; k < count; k++) p[k] = lane[k];
-}
 
 /* How a level is read: index = (sum or XOR over d of cell_d*multiplier_d) modulo size, multiplier_0 = 1. */
 struct level {
@@ -97,39 +58,39 @@ struct grid {
 
 /* The corners of WIDTH samples in a level. */
 struct corners {
-  whole entry[CORNERS];
-  real side[DIMS][2]; /* 1 - t, t */
+  uintw entry[CORNERS];
+  floatw side[DIMS][2]; /* 1 - t, t */
 };
 
 /* x: coordinates of the samples. Gives the lanes that are inside [-bound, bound]; the corners of the others, and of
  * NaN, are those of u = 0, so that what is read for them is there. */
-static inline mask find_corners(struct corners *at, const real x[DIMS], const struct level *level,
+static inline intw find_corners(struct corners *at, const floatw x[DIMS], const struct level *level,
                                 const struct grid *grid) {
-  mask inside = (mask)(0) == 0;
-  whole term[DIMS][2];
+  intw inside = (intw)(0) == 0;
+  uintw term[DIMS][2];
   EACH_DIM(d) inside &= (x[d] >= -grid->bound) & (x[d] <= grid->bound);
   EACH_DIM(d) {
 #if INVERSE
-    const real u = select((real)(0), (x[d] + grid->bound) * grid->inverse, inside);
+    const floatw u = WHERE(inside, (x[d] + grid->bound) * grid->inverse, 0);
 #else
-    const real u = select((real)(0), (x[d] + grid->bound) / (2 * grid->bound), inside);
+    const floatw u = WHERE(inside, (x[d] + grid->bound) / (2 * grid->bound), 0);
 #endif
-    const real p = u * level->scale + 0.5f;
-    const mask cell = CELL(p); /* p > 0: floor */
-    const real t = p - REAL(cell);
+    const floatw p = u * level->scale + 0.5f;
+    const intw cell = JOINW(convert_int)(p); /* p > 0: floor */
+    const floatw t = p - JOINW(convert_float)(cell);
     const uint multiplier = d > 0 ? level->multiplier[d > 0 ? d - 1 : 0] : 1;
     at->side[d][0] = 1 - t;
     at->side[d][1] = t;
-    term[d][0] = WHOLE(cell) * multiplier;
+    term[d][0] = JOINW(as_uint)(cell) * multiplier;
     term[d][1] = term[d][0] + multiplier;
   }
   EACH_CORNER(b) {
-    whole sum = term[0][b & 1], hash = sum;
+    uintw sum = term[0][b & 1], hash = sum;
     UNROLL for (int d = 1; d < DIMS; d++) {
       sum += term[d][b >> d & 1];
       hash ^= term[d][b >> d & 1];
     }
-    const whole index = level->hashed ? hash : sum;
+    const uintw index = level->hashed ? hash : sum;
 #if DIVIDE
     at->entry[b] = level->offset + index % level->size;
 #else
@@ -140,8 +101,8 @@ static inline mask find_corners(struct corners *at, const real x[DIMS], const st
 }
 
 /* prod_d side_d, without dimension `skip` */
-static inline real corner_weight(const struct corners *at, int b, int skip) {
-  real weight = 1;
+static inline floatw corner_weight(const struct corners *at, int b, int skip) {
+  floatw weight = 1;
   EACH_DIM(d) weight = d == skip ? weight : weight * at->side[d][b >> d & 1];
   return weight;
 }
@@ -163,16 +124,16 @@ KERNEL grid_fwd(ROWS(float, f), POSITIONS, SPAN(const float, table), struct grid
   const struct level level = grid.level[l];
   for (ulong i = first; i < end; i += WIDTH) {
     struct corners at;
-    real x[DIMS];
-    EACH_DIM(d) x[d] = load_some(x_of[d] + i, n - i);
-    const mask inside = find_corners(&at, x, &level, &grid);
+    floatw x[DIMS];
+    EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, n - i);
+    const intw inside = find_corners(&at, x, &level, &grid);
     EACH_FEATURE(c) {
-      real sum = 0;
+      floatw sum = 0;
       EACH_CORNER(b) {
-        const whole place = at.entry[b] * FEATURES + (uint)c;
+        const uintw place = at.entry[b] * FEATURES + (uint)c;
         sum += corner_weight(&at, b, -1) * GATHER(table, place);
       }
-      store_some(f + (l * FEATURES + c) * f_stride + i, select((real)(0), sum, inside), n - i);
+      storew_first(f + (l * FEATURES + c) * f_stride + i, WHERE(inside, sum, 0), n - i);
     }
   }
 }
@@ -190,16 +151,16 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
   for (ulong i = 0; i < n; i += WIDTH) {
     const uint count = min((ulong)WIDTH, n - i);
     struct corners at;
-    real x[DIMS];
-    EACH_DIM(d) x[d] = load_some(x_of[d] + i, count);
-    const mask inside = find_corners(&at, x, &level, &grid);
+    floatw x[DIMS];
+    EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, count);
+    const intw inside = find_corners(&at, x, &level, &grid);
     EACH_FEATURE(c) {
-      const real slope = select((real)(0), load_some(df + (l * FEATURES + c) * df_stride + i, count), inside);
+      const floatw slope = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
       uint place[CORNERS][WIDTH];
       float part[CORNERS][WIDTH];
       EACH_CORNER(b) {
-        STORE(at.entry[b] * FEATURES + (uint)c, place[b]);
-        STORE(corner_weight(&at, b, -1) * slope, part[b]);
+        STOREW(at.entry[b] * FEATURES + (uint)c, place[b]);
+        STOREW(corner_weight(&at, b, -1) * slope, part[b]);
       }
       for (uint s = 0; s < count; s++)
         EACH_CORNER(b) dtable[place[b][s]] += part[b][s];
@@ -222,9 +183,9 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
     const uint count = min((ulong)GROUP, n - first);
     const ulong i = first + min(item, count - 1);
     struct corners at;
-    real x[DIMS];
+    floatw x[DIMS];
     EACH_DIM(d) x[d] = x_of[d][i];
-    const mask inside = find_corners(&at, x, &level, &grid);
+    const intw inside = find_corners(&at, x, &level, &grid);
     EACH_CORNER(b) {
       entries[item][b] = at.entry[b];
       weights[item][b] = corner_weight(&at, b, -1);
@@ -262,16 +223,16 @@ KERNEL grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIO
     if (i >= n) continue;
     const uint count = min((ulong)WIDTH, n - i);
     struct corners at;
-    real x[DIMS];
-    EACH_DIM(d) x[d] = load_some(x_of[d] + i, count);
-    const mask inside = find_corners(&at, x, &level, &grid);
+    floatw x[DIMS];
+    EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, count);
+    const intw inside = find_corners(&at, x, &level, &grid);
     EACH_FEATURE(c) {
-      const real slope = select((real)(0), load_some(df + (l * FEATURES + c) * df_stride + i, count), inside);
+      const floatw slope = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
       EACH_CORNER(b) {
         uint place[WIDTH];
         float part[WIDTH];
-        STORE(at.entry[b] * FEATURES + (uint)c, place);
-        STORE(corner_weight(&at, b, -1) * slope, part);
+        STOREW(at.entry[b] * FEATURES + (uint)c, place);
+        STOREW(corner_weight(&at, b, -1) * slope, part);
         for (uint s = 0; s < count; s++)
           if (part[s] != 0) add_atomically(dtable + place[s], part[s]);
       }
@@ -291,31 +252,31 @@ KERNEL grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(con
   OPEN_POSITIONS;
   global float *const dx_of[3] = {dx0, dx1, dx2};
   const ulong first = get_global_id(0) * ITEM, end = min(first + ITEM, n);
-  real dx[VECTORS][DIMS];
+  floatw dx[VECTORS][DIMS];
   for (ulong i = first, v = 0; i < end; i += WIDTH, v++)
-    EACH_DIM(d) dx[v][d] = load_some(dx_of[d] + i, n - i);
+    EACH_DIM(d) dx[v][d] = loadw_first(dx_of[d] + i, n - i);
   for (uint l = 0; l < grid.levels; l++) {
     const struct level level = grid.level[l];
     for (ulong i = first, v = 0; i < end; i += WIDTH, v++) {
       struct corners at;
-      real x[DIMS], sum[DIMS];
-      EACH_DIM(d) x[d] = load_some(x_of[d] + i, n - i);
+      floatw x[DIMS], sum[DIMS];
+      EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, n - i);
       EACH_DIM(d) sum[d] = 0;
-      const mask inside = find_corners(&at, x, &level, &grid);
+      const intw inside = find_corners(&at, x, &level, &grid);
       EACH_CORNER(b) {
-        real value = 0;
+        floatw value = 0;
         EACH_FEATURE(c) {
-          const whole place = at.entry[b] * FEATURES + (uint)c;
-          value += load_some(df + (l * FEATURES + c) * df_stride + i, n - i) * GATHER(table, place);
+          const uintw place = at.entry[b] * FEATURES + (uint)c;
+          value += loadw_first(df + (l * FEATURES + c) * df_stride + i, n - i) * GATHER(table, place);
         }
         EACH_DIM(d) {
-          const real part = corner_weight(&at, b, d) * value;
+          const floatw part = corner_weight(&at, b, d) * value;
           sum[d] = (b >> d & 1) != 0 ? sum[d] + part : sum[d] - part;
         }
       }
-      EACH_DIM(d) dx[v][d] = select(dx[v][d], dx[v][d] + sum[d] * level.slope, inside);
+      EACH_DIM(d) dx[v][d] = WHERE(inside, dx[v][d] + sum[d] * level.slope, dx[v][d]);
     }
   }
   for (ulong i = first, v = 0; i < end; i += WIDTH, v++)
-    EACH_DIM(d) store_some(dx_of[d] + i, dx[v][d], n - i);
+    EACH_DIM(d) storew_first(dx_of[d] + i, dx[v][d], n - i);
 }
