@@ -3,7 +3,7 @@
 #include "backend_opencl/opencl.h"
 
 /* As in kernels/encoding.cl and kernels/attention.cl. */
-enum { GROUP = 64, VECTORS = 64, PARTS = 64 };
+enum { GROUP = 64, VECTORS = 32, PARTS = 64 };
 
 /* Groups that take n samples of a row, and their items: one that carries vectors, or GROUP. */
 struct shape {
@@ -16,12 +16,17 @@ static struct shape shape_of(struct ern_stream *stream, size_t n) {
   return (struct shape){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
 }
 
+/* In the order of ern_activation. */
+static const char *const activate_fwd_kernel[] = {"activate_fwd_density", "activate_fwd_colour", "activate_fwd_sigmoid",
+                                                  "activate_fwd_softplus"};
+static const char *const activate_bwd_kernel[] = {"activate_bwd_density", "activate_bwd_colour", "activate_bwd_sigmoid",
+                                                  "activate_bwd_softplus"};
+
 static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_args *a) {
   const struct shape shape = shape_of(stream, a->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "activate_fwd", "");
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, activate_fwd_kernel[a->kind], "");
   ern_cl_rows(&call, a->y);
   ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)a->kind);
   ern_cl_int(&call, (int)shape.blocks);
   ern_cl_size(&call, a->n);
   return ern_cl_run(&call, shape.blocks * (size_t)a->y.rows, shape.group);
@@ -29,11 +34,10 @@ static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_ar
 
 static ern_status activate_bwd(struct ern_stream *stream, struct ern_activate_bwd_args *a) {
   const struct shape shape = shape_of(stream, a->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "activate_bwd", "");
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, activate_bwd_kernel[a->kind], "");
   ern_cl_rows(&call, a->dx);
   ern_cl_rows(&call, a->dy);
   ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)a->kind);
   ern_cl_int(&call, (int)shape.blocks);
   ern_cl_size(&call, a->n);
   return ern_cl_run(&call, shape.blocks * (size_t)a->dx.rows, shape.group);

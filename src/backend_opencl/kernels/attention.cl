@@ -6,7 +6,7 @@
 
 #if CPU
 #define GROUP 1
-#define VECTORS 64
+#define VECTORS 32
 #else
 #define GROUP 64
 #define VECTORS 1
@@ -14,29 +14,15 @@
 #define ITEM (VECTORS * WIDTH) /* samples an item */
 #define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 
-/* The samples of an item: for each `i`, WIDTH of them from i on. */
-#define EACH_SAMPLE(i)                                     \
-  const ulong first_ = get_global_id(0) * ITEM;            \
-  for (ulong i = first_; i < min(first_ + ITEM, n); i += WIDTH)
+/* The samples of an item: vector k is WIDTH of them from i on. */
+#define EACH_SAMPLE(i, k)                                                                        \
+  for (ulong k = 0, i = get_global_id(0) * ITEM; k < VECTORS && i < n; k++, i += WIDTH)
 
-/* The reference adds the squares in double. Here the largest |v_c| decides on one of three scales, with which no square
+/* region, v: [channels] rows; norm, region_eye, eye_attention: [n]; code: [channels]
+ *
+ * The reference adds the squares in double. Here the largest |v_c| decides on one of three scales, with which no square
  * overflows and none that counts underflows, and the sum carries what its additions and products round off: it is
  * good to 2^-40, and the norm to one unit. */
-static inline floatw norm_of(global const float *v, ulong stride, uint channels, ulong count) {
-  floatw most = 0, sum = 0, lost = 0;
-  for (uint c = 0; c < channels; c++) most = fmax(most, fabs(loadw_first(v + c * stride, count)));
-  const floatw scale = WHERE(most > 0x1p50f, 0x1p-70f, WHERE(most < 0x1p-40f, 0x1p90f, 1));
-  const floatw inverse = WHERE(most > 0x1p50f, 0x1p70f, WHERE(most < 0x1p-40f, 0x1p-90f, 1));
-  for (uint c = 0; c < channels; c++) {
-    const floatw value = loadw_first(v + c * stride, count) * scale, square = value * value;
-    const floatw next = sum + square, taken = next - sum;
-    lost += (sum - (next - taken)) + (square - taken) + fma(value, value, -square);
-    sum = next;
-  }
-  return sqrt(WHERE(isfinite(sum), sum + lost, sum)) * inverse; /* of infinite values `lost` is no number */
-}
-
-/* region, v: [channels] rows; norm, region_eye, eye_attention: [n]; code: [channels] */
 KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_eye), ROWS(const float, v),
                      SPAN(const float, code), SPAN(const float, eye_attention), float eye, uint channels, ulong n) {
   OPEN(float, region);
@@ -45,10 +31,29 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   OPEN(const float, v);
   OPEN(const float, code);
   OPEN(const float, eye_attention);
-  EACH_SAMPLE(i) {
-    for (uint c = 0; c < channels; c++)
-      storew_first(region + c * region_stride + i, loadw_first(v + c * v_stride + i, n - i) * code[c], n - i);
-    storew_first(norm + i, norm_of(v + i, v_stride, channels, n - i), n - i);
+  floatw most[VECTORS], sum[VECTORS], lost[VECTORS];
+  for (uint k = 0; k < VECTORS; k++) most[k] = sum[k] = lost[k] = 0;
+  for (uint c = 0; c < channels; c++) {
+    const float weight = code[c];
+    EACH_SAMPLE(i, k) {
+      const floatw value = loadw_first(v + c * v_stride + i, n - i);
+      storew_first(region + c * region_stride + i, value * weight, n - i);
+      most[k] = fmax(most[k], fabs(value));
+    }
+  }
+  for (uint c = 0; c < channels; c++) {
+    EACH_SAMPLE(i, k) {
+      const floatw scale = WHERE(most[k] > 0x1p50f, 0x1p-70f, WHERE(most[k] < 0x1p-40f, 0x1p90f, 1));
+      const floatw value = loadw_first(v + c * v_stride + i, n - i) * scale, square = value * value;
+      const floatw next = sum[k] + square, taken = next - sum[k];
+      lost[k] += (sum[k] - (next - taken)) + (square - taken) + fma(value, value, -square);
+      sum[k] = next;
+    }
+  }
+  EACH_SAMPLE(i, k) {
+    const floatw inverse = WHERE(most[k] > 0x1p50f, 0x1p70f, WHERE(most[k] < 0x1p-40f, 0x1p-90f, 1));
+    /* of infinite values, what was lost is no number */
+    storew_first(norm + i, sqrt(WHERE(isfinite(sum[k]), sum[k] + lost[k], sum[k])) * inverse, n - i);
     if (region_eye && eye_attention) storew_first(region_eye + i, eye * loadw_first(eye_attention + i, n - i), n - i);
   }
 }
@@ -139,7 +144,7 @@ kernel void attention_code_bwd(SPAN(float, dcode), SPAN(const float, parts), uin
 KERNEL attention_eye_bwd(SPAN(float, deye_attention), SPAN(const float, dregion_eye), float eye, ulong n) {
   OPEN(float, deye_attention);
   OPEN(const float, dregion_eye);
-  EACH_SAMPLE(i) {
+  EACH_SAMPLE(i, k) {
     const floatw before = loadw_first(deye_attention + i, n - i);
     storew_first(deye_attention + i, before + eye * loadw_first(dregion_eye + i, n - i), n - i);
   }

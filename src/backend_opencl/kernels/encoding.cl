@@ -6,7 +6,7 @@
 
 #if CPU
 #define GROUP 1
-#define VECTORS 64
+#define VECTORS 32
 #else
 #define GROUP 64
 #define VECTORS 1
@@ -21,8 +21,6 @@
 
 /* ---- activations ---- */
 
-enum { DENSITY, COLOUR, SIGMOID, SOFTPLUS }; /* ern_activation */
-
 /* exp may become infinite, the quotient is then 0 */
 static inline floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
 
@@ -36,48 +34,43 @@ static inline floatw sigmoid_slope(floatw x) {
 static inline floatw clamp_above(floatw x, float high) { return WHERE(x > high, high, x); }
 static inline floatw clamp_below(floatw x, float low) { return WHERE(x < low, low, x); }
 
-/* y, x: rows; group = row*blocks + block */
-KERNEL activate_fwd(ROWS(float, y), ROWS(const float, x), int kind, uint blocks, ulong n) {
-  OPEN(float, y);
-  OPEN(const float, x);
-  const ulong row = (uint)get_group_id(0) / blocks;
-  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
-    const floatw from = loadw_first(x + row * x_stride + i, n - i);
-    floatw to;
-    if (kind == DENSITY) {
-      to = exp(clamp_above(from, 80));
-    } else if (kind == COLOUR) {
-      to = 1.002f * sigmoid(from) - 0.001f;
-    } else if (kind == SIGMOID) {
-      to = sigmoid(from);
-    } else { /* log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|)) */
-      to = clamp_below(from, 0) + log1p(exp(-fabs(from)));
-    }
-    storew_first(y + row * y_stride + i, to, n - i);
-  }
-}
+/* log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|)) */
+static inline floatw softplus(floatw x) { return clamp_below(x, 0) + log1p(exp(-fabs(x))); }
 
-/* dx may be the same rows as dy. */
-KERNEL activate_bwd(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), int kind, uint blocks, ulong n) {
-  OPEN(float, dx);
-  OPEN(const float, dy);
-  OPEN(const float, x);
-  const ulong row = (uint)get_group_id(0) / blocks;
-  EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {
-    const floatw from = loadw_first(x + row * x_stride + i, n - i);
-    floatw slope;
-    if (kind == DENSITY) {
-      slope = exp(clamp_below(clamp_above(from, 15), -15));
-    } else if (kind == COLOUR) {
-      slope = 1.002f * sigmoid_slope(from);
-    } else if (kind == SIGMOID) {
-      slope = sigmoid_slope(from);
-    } else {
-      slope = sigmoid(from);
-    }
-    storew_first(dx + row * dx_stride + i, loadw_first(dy + row * dy_stride + i, n - i) * slope, n - i);
+/* y, x: rows; group = row*blocks + block. One kernel a kind, as ern_activation has them: y as a function of x. */
+#define ACTIVATE_FWD(kind, value)                                                                \
+  KERNEL activate_fwd_##kind(ROWS(float, y), ROWS(const float, x), uint blocks, ulong n) {       \
+    OPEN(float, y);                                                                              \
+    OPEN(const float, x);                                                                        \
+    const ulong row = (uint)get_group_id(0) / blocks;                                            \
+    EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {                                             \
+      const floatw from = loadw_first(x + row * x_stride + i, n - i);                            \
+      storew_first(y + row * y_stride + i, value, n - i);                                        \
+    }                                                                                            \
   }
-}
+ACTIVATE_FWD(density, exp(clamp_above(from, 80)))
+ACTIVATE_FWD(colour, 1.002f * sigmoid(from) - 0.001f)
+ACTIVATE_FWD(sigmoid, sigmoid(from))
+ACTIVATE_FWD(softplus, softplus(from))
+
+/* dx = dy * slope(x); dx may be the same rows as dy. */
+#define ACTIVATE_BWD(kind, slope)                                                                        \
+  KERNEL activate_bwd_##kind(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), uint blocks,  \
+                             ulong n) {                                                                  \
+    OPEN(float, dx);                                                                                     \
+    OPEN(const float, dy);                                                                               \
+    OPEN(const float, x);                                                                                \
+    const ulong row = (uint)get_group_id(0) / blocks;                                                    \
+    EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {                                                     \
+      const floatw from = loadw_first(x + row * x_stride + i, n - i);                                    \
+      const floatw by = loadw_first(dy + row * dy_stride + i, n - i);                                    \
+      storew_first(dx + row * dx_stride + i, by * (slope), n - i);                                       \
+    }                                                                                                    \
+  }
+ACTIVATE_BWD(density, exp(clamp_below(clamp_above(from, 15), -15)))
+ACTIVATE_BWD(colour, 1.002f * sigmoid_slope(from))
+ACTIVATE_BWD(sigmoid, sigmoid_slope(from))
+ACTIVATE_BWD(softplus, sigmoid(from))
 
 /* ---- directions ---- */
 
