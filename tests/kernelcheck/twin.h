@@ -33,11 +33,13 @@ struct twin {
 static const size_t twin_sizes[] = {1, 2, 3, 7, 8, 15, 16, 17, 31, 33, 63, 64, 65, 127, 129, 255, 257, 1000};
 enum { TWIN_MOST = 1000 };
 
-/* All of them; with ERNERF_TEST_SMALL set, for simulators, those up to 65. */
-static inline size_t twin_size_count(void) {
+/* ERNERF_TEST_SMALL is set, for simulators. */
+static inline bool twin_is_small(void) {
   const char *small = getenv("ERNERF_TEST_SMALL");
-  return small != NULL && small[0] != 0 ? 13 : sizeof twin_sizes / sizeof *twin_sizes;
+  return small != NULL && small[0] != 0;
 }
+/* All of them; if small, those up to 65. */
+static inline size_t twin_size_count(void) { return twin_is_small() ? 13 : sizeof twin_sizes / sizeof *twin_sizes; }
 #define TWIN_SIZES twin_size_count()
 
 /* The device is ERNERF_TEST_DEVICE, else 0; a build with OpenCL and no device fails. */
