@@ -16,6 +16,9 @@ enum { WINDOWS = ERN_AUDIO_WINDOWS, MARGIN = 5 };
  * to it), and here both sides are off. */
 static const double audio_tolerance = 8e-5;
 
+/* For simulators: fewer shapes. */
+static bool is_small(void) { return TWIN_SIZES < sizeof twin_sizes / sizeof *twin_sizes; }
+
 static size_t advance(size_t *end, size_t count) {
   const size_t at = *end;
   *end += count;
@@ -153,10 +156,11 @@ static void check_shape(int width, int length, int code) {
 
 static void test_lengths(void **state) {
   (void)state;
-  for (int length = 1; length <= 16; length++) {
+  for (int length = 1; length <= 16; length += is_small() ? 15 : 1) {
     check_shape(29, length, 32);
-    check_shape(44, length, 32);
+    if (!is_small()) check_shape(44, length, 32);
   }
+  if (is_small()) return;
   check_shape(1024, 2, 32);
   check_shape(1024, 16, 32);
 }
@@ -165,8 +169,9 @@ static void test_lengths(void **state) {
 static void test_widths(void **state) {
   (void)state;
   static const int widths[] = {1, 2, 7, 8, 9, 15, 16, 17, 64, 129}, codes[] = {1, 3, 8, 9, 31, 64, 65, 256};
-  for (size_t k = 0; k < sizeof widths / sizeof *widths; k++) check_shape(widths[k], 16 - (int)k, 32);
-  for (size_t k = 0; k < sizeof codes / sizeof *codes; k++) check_shape(5, 9, codes[k]);
+  const size_t step = is_small() ? 5 : 1;
+  for (size_t k = 0; k < sizeof widths / sizeof *widths; k += step) check_shape(widths[k], 16 - (int)k, 32);
+  for (size_t k = 0; k < sizeof codes / sizeof *codes; k += step) check_shape(5, 9, codes[k]);
   check_shape(1, 1, 1);
   check_shape(7, 9, ERN_AUDIO_MAX_CODE);
 }
@@ -200,9 +205,9 @@ static void check_frame(int width, int length, unsigned known, int nan_at) {
 static void test_frame(void **state) {
   (void)state;
   static const unsigned known[] = {0, 0xFF, 0x7F, 0x01, 0xFE, 0xA5, 0x5A, 0x10};
-  for (size_t k = 0; k < sizeof known / sizeof *known; k++) {
+  for (size_t k = 0; k < sizeof known / sizeof *known; k += is_small() ? 5 : 1) {
     check_frame(29, 16, known[k], -1);
-    check_frame(1024, 2, known[k], -1);
+    if (!is_small()) check_frame(1024, 2, known[k], -1);
   }
   check_frame(44, 16, 0x08, 3); /* a NaN in a window that nobody looks at, and in one that is looked at */
   check_frame(44, 16, 0x00, 3);
@@ -224,7 +229,7 @@ static void test_zeros(void **state) {
 static void test_loud(void **state) {
   (void)state;
   const float loud[] = {1e4f, 1e30f, 1e-30f, 0x1p-140f};
-  for (size_t k = 0; k < sizeof loud / sizeof *loud; k++) {
+  for (size_t k = 0; k < sizeof loud / sizeof *loud; k += is_small() ? 2 : 1) {
     struct values v = values_make(29, 16, 32, loud[k]);
     check(&v);
     values_free(&v);

@@ -164,7 +164,7 @@ static void conv_dw(global float *dw, global float *db, global const float *dy, 
   const int left = conv.in - c, positions = positions_of(conv);
   global float *row = dw + ((ulong)o * conv.in + c) * 3;
   struct taps sum = taps_load(row, left);
-  float bias = db[o];
+  float bias = c == 0 ? db[o] : 0;
   for (int copy = 0; copy < copies; copy++) {
     for (int t = 0; t < positions; t++) {
       const int at = t * conv.stride;
@@ -194,7 +194,7 @@ static float8 fc_dx(global const float *dy, global const float *w, int outs, int
 static void fc_dw(global float *dw, global float *db, global const float *dy, ulong dy_copy, global const float *x,
                   ulong x_copy, int copies, int ins, int o, int c) {
   float8 sum = vload8(0, dw + o * ins + c);
-  float bias = db[o];
+  float bias = c == 0 ? db[o] : 0;
   for (int copy = 0; copy < copies; copy++) {
     const float slope = dy[copy * dy_copy + o];
     sum += slope * vload8(0, x + copy * x_copy + c);

@@ -80,8 +80,9 @@ kernel void torso_coords(ROWS(float, q), SPAN(const int, pixel), int width, int 
   OPEN(const int, pixel);
   const ulong i = get_global_id(0);
   if (i >= n) return;
-  q[i] = shrink * coordinate(pixel[i] / width, height);
-  q[q_stride + i] = shrink * coordinate(pixel[i] % width, width);
+  const int row = pixel[i] / width, column = pixel[i] - row * width;
+  q[i] = shrink * coordinate(row, height);
+  q[q_stride + i] = shrink * coordinate(column, width);
 }
 
 /* Bilinear, corners aligned: coordinate -1 is cell 0, 1 is cell 127. grid: cell (r, c) at c*128 + r */
@@ -103,8 +104,8 @@ kernel void torso_reached(SPAN(int, reached), SPAN(const int, pixel), SPAN(const
   OPEN(const float, grid);
   const ulong i = get_global_id(0);
   if (i >= n) return;
-  const float row = coordinate(pixel[i] / width, height), column = coordinate(pixel[i] % width, width);
-  reached[i] = interpolate(grid, row, column) > threshold ? 1 : 0;
+  const int row = pixel[i] / width, column = pixel[i] - row * width;
+  reached[i] = interpolate(grid, coordinate(row, height), coordinate(column, width)) > threshold ? 1 : 0;
 }
 
 /* first[i]: how many were reached before i. index, selected: those reached, ascending */
