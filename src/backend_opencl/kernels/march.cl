@@ -31,7 +31,7 @@ kernel void rays(ROWS(float, dir), SPAN(const int, pixel), struct view view, ulo
 
 /* ---- a vector of rays: WIDTH of them -------------------------------------------------------------------------------
  *
- * Truth is -1 in an int, for one ray as for a vector, so that select, any and & mean the same. */
+ * Truth is -1 in an int, for one ray as for a vector, so that select and & mean the same. */
 
 #if WIDTH == 1
 typedef float reals;
@@ -61,6 +61,25 @@ typedef JOIN(int, WIDTH) ints;
 #endif
 #endif
 
+#define INLINE __attribute__((always_inline))
+
+/* Whether one is true: by halves, which takes fewer steps than what compilers make of any(). */
+INLINE bool one_of(ints truth) {
+#if WIDTH == 1
+  return truth != 0;
+#else
+#if WIDTH == 16
+  const int8 eight = truth.lo | truth.hi;
+  const int4 four = eight.lo | eight.hi;
+#elif WIDTH == 8
+  const int4 four = truth.lo | truth.hi;
+#else
+  const int4 four = truth;
+#endif
+  return as_long(four.lo | four.hi) != 0;
+#endif
+}
+
 /* The first `count` of WIDTH values, 0 in the other lanes. */
 reals load_first(global const float *from, ulong count) {
   float values[WIDTH];
@@ -76,7 +95,7 @@ ints lanes_below(ulong count) {
 }
 
 /* value > low ? (value < high ? value : high) : low, so that NaN becomes `low` */
-reals limit(reals value, float low, float high) {
+INLINE reals limit(reals value, float low, float high) {
   return select((reals)low, select((reals)high, value, TRUTH(value < high)), TRUTH(value > low));
 }
 
@@ -91,11 +110,11 @@ struct walk { /* struct walk in slots_march.c */
   int max_steps;
 };
 
-reals step_at(const struct walk *walk, reals t) { return limit(t * walk->gamma, walk->shortest, walk->longest); }
+INLINE reals step_at(const struct walk *walk, reals t) { return limit(t * walk->gamma, walk->shortest, walk->longest); }
 
 /* Where the rays are inside the box: near <= t <= far. False where they miss it, and where they run within the plane of
  * a face (0 * infinity). */
-ints box_enter(reals *near, reals *far, const struct walk *walk, const reals inverse[3]) {
+INLINE ints box_enter(reals *near, reals *far, const struct walk *walk, const reals inverse[3]) {
   ints met = (ints)(-1);
   *near = (reals)(-INFINITY);
   *far = (reals)INFINITY;
@@ -111,14 +130,16 @@ ints box_enter(reals *near, reals *far, const struct walk *walk, const reals inv
   return met & TRUTH(*near <= *far);
 }
 
-/* Numbers of cells, 0 to 127 as floats: clamp(int(64 (p/bound + 1)), 0, 127). */
-reals cell_of(reals p, float inverse_bound) {
-  return floor(limit(0.5f * (p * inverse_bound + 1.0f) * SIDE, 0.0f, SIDE - 1));
+/* Numbers of cells, 0 to 127 as floats: clamp(int(64 (p/bound + 1)), 0, 127). Adding 2^23 rounds to a whole number. */
+INLINE reals cell_of(reals p, float inverse_bound) {
+  const reals place = limit(0.5f * (p * inverse_bound + 1.0f) * SIDE, 0.0f, SIDE - 1);
+  const reals whole = (place + 0x1p23f) - 0x1p23f;
+  return select(whole, whole - 1.0f, TRUTH(whole > place));
 }
 
 /* The 7 bits of such a number, moved apart so that two zeros lie between neighbours (morton.h). In 2^23 + cell they are
  * the last of the mantissa. */
-ints spread(reals cell) {
+INLINE ints spread(reals cell) {
 #if WIDTH == 1
   ints v = as_int(cell + 0x1p23f) & (SIDE - 1);
 #else
@@ -130,8 +151,10 @@ ints spread(reals cell) {
 }
 
 /* -1 where the cell at t is occupied. p and cell are for the way to the cell's border. */
-ints look(reals p[3], reals cell[3], const struct walk *walk, const reals d[3], reals t, global const uchar *bits) {
+INLINE ints look(reals p[3], reals cell[3], const struct walk *walk, const reals d[3], reals t,
+                 global const uchar *bits) {
   ints number = (ints)0;
+#pragma unroll
   for (int axis = 0; axis < 3; axis++) {
     p[axis] = limit(walk->origin[axis] + t * d[axis], -walk->bound, walk->bound);
     cell[axis] = cell_of(p[axis], walk->inverse_bound);
@@ -146,9 +169,10 @@ ints look(reals p[3], reals cell[3], const struct walk *walk, const reals d[3], 
 
 /* Distance from p to where the ray leaves the cell. An axis along which it does not move says infinity or, right on a
  * border, NaN, and neither is the smallest. */
-reals cell_leave(const struct walk *walk, const reals d[3], const reals inverse[3], const reals p[3],
-                 const reals cell[3]) {
+INLINE reals cell_leave(const struct walk *walk, const reals d[3], const reals inverse[3], const reals p[3],
+                        const reals cell[3]) {
   reals least = (reals)INFINITY;
+#pragma unroll
   for (int axis = 0; axis < 3; axis++) {
     const reals ahead = select((reals)1.0f, (reals)0.0f, TRUTH(signbit(d[axis])));
     const reals side = (cell[axis] + ahead) / SIDE * 2.0f - 1.0f;
@@ -160,13 +184,13 @@ reals cell_leave(const struct walk *walk, const reals d[3], const reals inverse[
 
 /* -1 where steps may be shorter than the way through a cell. The reference's |side - p| is below the cell's width but
  * for roundings, which `cell` leaves room for; elsewhere the next rung is past the border anyhow. */
-ints are_short(const struct walk *walk, const reals inverse[3]) {
+INLINE ints are_short(const struct walk *walk, const reals inverse[3]) {
   const reals least = fmin(fmin(fabs(inverse[0]), fabs(inverse[1])), fabs(inverse[2]));
   return ~TRUTH(least * walk->cell < walk->shortest);
 }
 
 /* t[row + l*max_steps + count] = now in the lanes that hit */
-void keep(global float *t, const struct walk *walk, reals now, ints count, ints hit) {
+INLINE void keep(global float *t, const struct walk *walk, reals now, ints count, ints hit) {
   float distance[WIDTH];
   int number[WIDTH], yes[WIDTH];
   STORE(now, distance);
@@ -180,8 +204,8 @@ void keep(global float *t, const struct walk *walk, reals now, ints count, ints 
 
 /* Samples of WIDTH rays, those in `live`. t: their rows. Steps through an empty cell go on until past its border, so
  * that a ray's samples stay on its own ladder t_{k+1} = t_k + dt(t_k). */
-ints march_rays(global float *t, const struct walk *walk, const reals d[3], reals jitter, ints live,
-                global const uchar *bits) {
+INLINE ints march_rays(global float *t, const struct walk *walk, const reals d[3], reals jitter, ints live,
+                       global const uchar *bits) {
   const reals inverse[3] = {1.0f / d[0], 1.0f / d[1], 1.0f / d[2]};
   const float longest_way = 4 * walk->bound; /* through the box; it binds only where d is not a unit vector */
   reals near, far, p[3], cell[3];
@@ -189,13 +213,13 @@ ints march_rays(global float *t, const struct walk *walk, const reals d[3], real
   live &= box_enter(&near, &far, walk, inverse);
   near = select(near, (reals)walk->near, TRUTH(near < walk->near));
   far = select(far, near + longest_way, TRUTH(far > near + longest_way));
-  const bool short_steps = any(are_short(walk, inverse) & live);
+  const bool short_steps = one_of(are_short(walk, inverse) & live);
   reals now = near + step_at(walk, near) * jitter;
   live &= TRUTH(now < far);
-  while (any(live)) {
+  while (one_of(live)) {
     const ints hit = look(p, cell, walk, d, now, bits) & live;
     reals next = now + step_at(walk, now);
-    if (any(hit)) {
+    if (one_of(hit)) {
       keep(t, walk, now, count, hit);
       count -= hit;
       live &= TRUTH(count < walk->max_steps);
@@ -205,7 +229,7 @@ ints march_rays(global float *t, const struct walk *walk, const reals d[3], real
       reals last = now;
       for (ints inside = live & ~hit;;) {
         inside &= TRUTH(last < next) & TRUTH(next < border) & TRUTH(next < far);
-        if (!any(inside)) break;
+        if (!one_of(inside)) break;
         last = select(last, next, inside);
         next = select(next, next + step_at(walk, last), inside);
       }
