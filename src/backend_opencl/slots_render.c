@@ -173,13 +173,13 @@ static ern_status write_options(ern_context *context, struct ern_cl_portrait *p,
       "-D GROUP=%d -D VECTORS=%d -D OUTPUTS=%d -D LEVELS=%d -D FEATURES=%zu -D ATTENTION=%zu -D VALUES=%zu -D EYE=%d "
       "-D EYE_HIDDEN=%zu -D DENSITY=%zu -D COLOUR=%zu -D AT_ATTENTION1=%zu -D AT_EYE1=%zu -D AT_EYE2=%zu "
       "-D AT_VALUE=%zu -D AT_DENSITY1=%zu -D AT_DENSITY2=%zu -D AT_SIGMA=%zu -D AT_COLOUR1=%zu -D AT_COLOUR2=%zu "
-      "-D AT_START=%zu -D ROW_HIDDEN=%zu -D ROW_FIRST=%zu -D ROW_SECOND=%zu -D TILE_ROWS=%zu -D A0=%d -D B0=%d "
+      "-D AT_START=%zu -D ROW_FIRST=%zu -D ROW_SECOND=%zu -D TILE_ROWS=%zu -D A0=%d -D B0=%d "
       "-D A1=%d -D B1=%d -D A2=%d -D B2=%d",
       p->form.group, p->form.vectors, p->form.outputs, field->config.levels, p->features, p->attention, p->values,
       p->eye, p->eye_hidden, p->density, p->colour, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2], p->at[VALUE],
-      p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START], p->features,
-      column.first, column.second, column.rows, field->plane_axis[0][0], field->plane_axis[0][1],
-      field->plane_axis[1][0], field->plane_axis[1][1], field->plane_axis[2][0], field->plane_axis[2][1]);
+      p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START], column.first,
+      column.second, column.rows, field->plane_axis[0][0], field->plane_axis[0][1], field->plane_axis[1][0],
+      field->plane_axis[1][1], field->plane_axis[2][0], field->plane_axis[2][1]);
   if (length < 0 || (size_t)length >= sizeof p->options)
     return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: the options of render are too long");
   return ERN_OK;

@@ -13,6 +13,8 @@
  * A matrix is packed in blocks of BLOCK(outputs) rows, in a block column by column: [outputs/BLOCK][inputs][BLOCK]. A
  * lane's activations are a column of `tile`, [rows][GROUP*LANES] in local memory, which no other item looks at: nothing
  * waits for anything. */
+/* Inlined before loops are unrolled, so that their bounds are constants. */
+#define INLINE static inline __attribute__((always_inline))
 #define LANES (WIDTH * VECTORS)
 #define TILE (GROUP * LANES)
 #define BLOCK(n) ((n) < OUTPUTS ? (n) : OUTPUTS)
@@ -64,7 +66,7 @@ typedef JOIN(uint, WIDTH) whole;
 #define EACH_AXIS _Pragma("unroll") for (int axis = 0; axis < 3; axis++)
 
 /* A call with a vector as its argument lets LLVM use registers of 512 bits, which it otherwise splits. */
-static inline real full(real x) { return x; }
+INLINE real full(real x) { return x; }
 
 /* What a frame decides; as in slots_render.c. */
 struct frame {
@@ -83,18 +85,18 @@ struct output {
 /* ---- marching: the reference's points bit for bit (march_ref.c, rays_ref.c) ---- */
 
 /* NaN becomes `low`. */
-static inline real clamped(real x, float low, float high) {
+INLINE real clamped(real x, float low, float high) {
   return select((real)(low), select((real)(high), x, x < high), x > low);
 }
 
 /* dt(t) = clamp(gamma t, shortest, longest) */
-static inline real step_at(const struct frame *f, real t) {
+INLINE real step_at(const struct frame *f, real t) {
 #pragma OPENCL FP_CONTRACT OFF
   return clamped(t * f->dt_gamma, f->shortest, f->longest);
 }
 
 /* d = R c/|c|, c = ((i + 1/2 - cx)/f, (j + 1/2 - cy)/f, 1) */
-static inline void look(real d[3], const struct frame *f, whole column, whole row) {
+INLINE void look(real d[3], const struct frame *f, whole column, whole row) {
 #pragma OPENCL FP_CONTRACT OFF
   const real x = (REAL(column) + 0.5f - f->cx) / f->focal, y = (REAL(row) + 0.5f - f->cy) / f->focal;
   const real length = sqrt(x * x + y * y + 1.0f);
@@ -103,7 +105,7 @@ static inline void look(real d[3], const struct frame *f, whole column, whole ro
 }
 
 /* Where a ray is inside the box, near <= t <= far; lanes where it is. */
-static inline mask enter(real *near, real *far, const struct frame *f, const real inverse[3]) {
+INLINE mask enter(real *near, real *far, const struct frame *f, const real inverse[3]) {
 #pragma OPENCL FP_CONTRACT OFF
   mask valid = NOT((mask)(0));
   real first = -INFINITY, last = INFINITY;
@@ -124,7 +126,7 @@ static inline mask enter(real *near, real *far, const struct frame *f, const rea
 }
 
 /* Bits 0 to 6 of x, to every third place. */
-static inline whole spread(whole x) {
+INLINE whole spread(whole x) {
   x = (x | x << 8) & 0x0F00F00Fu;
   x = (x | x << 4) & 0xC30C30C3u;
   return (x | x << 2) & 0x49249249u;
@@ -132,7 +134,7 @@ static inline whole spread(whole x) {
 
 /* Up the ladder t_{k+1} = t_k + dt(t_k), from t on, to the first rung in an occupied cell; lanes of `going` that have
  * one before `far`. */
-static inline mask find(real *t_of, mask going, real far, const real d[3], const real inverse[3], const struct frame *f,
+INLINE mask find(real *t_of, mask going, real far, const real d[3], const real inverse[3], const struct frame *f,
                         global const uchar *bits) {
 #pragma OPENCL FP_CONTRACT OFF
   real t = *t_of;
@@ -189,7 +191,7 @@ struct flight { /* ray < 0: the lane is empty */
   int ray[LANES], count[LANES], found[LANES];
 };
 
-static inline void put(const struct output *to, uint ray, const float colour[3], float opacity, float depth,
+INLINE void put(const struct output *to, uint ray, const float colour[3], float opacity, float depth,
                        float attention, float eye) {
   for (int c = 0; c < 3; c++) {
     const float value = colour[c] + (1 - opacity) * to->background[c * to->background_stride + ray];
@@ -203,7 +205,7 @@ static inline void put(const struct output *to, uint ray, const float colour[3],
 }
 
 /* Marches WIDTH rays, from number k on, to their first samples; those without one are written out. */
-static inline void meet(struct queue *q, uint k, const struct frame *f, const struct output *to,
+INLINE void meet(struct queue *q, uint k, const struct frame *f, const struct output *to,
                         global const int *pixel_number, global const float *nearest, global const uchar *bits) {
   whole ray = k + NUMBERS;
   mask wanted = ray < f->rays;
@@ -252,7 +254,7 @@ static inline void meet(struct queue *q, uint k, const struct frame *f, const st
 }
 
 /* Gives a lane the next ray that has a sample. False where there is none. */
-static inline bool take(struct flight *flight, int lane, struct queue *q, const struct frame *f, const struct output *to,
+INLINE bool take(struct flight *flight, int lane, struct queue *q, const struct frame *f, const struct output *to,
                         global const int *pixel_number, global const float *nearest, global const uchar *bits,
                         global int *counter) {
   while (q->taken == q->hits) {
@@ -275,7 +277,7 @@ static inline bool take(struct flight *flight, int lane, struct queue *q, const 
 }
 
 /* An empty lane goes on with zeros, and nobody reads what becomes of it. */
-static inline void leave_empty(struct flight *flight, int lane) {
+INLINE void leave_empty(struct flight *flight, int lane) {
   flight->ray[lane] = -1;
   flight->t[lane] = flight->transmittance[lane] = 0;
   EACH_AXIS flight->d[axis][lane] = flight->inverse[axis][lane] = 0;
@@ -313,7 +315,7 @@ struct level { /* [resolution + 1][row] values from `at` on: (c0, c1) at c0 + c1
 
 /* Features of one plane, bilinear in its levels. a, b: the plane's coordinates on [0, 1]. All cells of a level first;
  * they go through memory, from where scalar loads take them: out of registers they would hold up the shuffles. */
-static inline void encode_plane(local float *tile, const real a[VECTORS], const real b[VECTORS],
+INLINE void encode_plane(local float *tile, const real a[VECTORS], const real b[VECTORS],
                                 global const struct level *level, global const float *dense) {
 #pragma OPENCL FP_CONTRACT OFF
   for (int l = 0; l < LEVELS; l++) {
@@ -339,67 +341,83 @@ static inline void encode_plane(local float *tile, const real a[VECTORS], const 
   }
 }
 
-/* sum = A x: a block of `rows` outputs. */
-static inline void product(real (*sum)[VECTORS], global const float *a, local const float *x, const int count,
-                           const int rows) {
-  for (int k = 0; k < count; k++) {
-    real value[VECTORS];
-    EACH_VECTOR value[v] = LOAD(x + AT(k, v));
-#if WIDTH == 1
-    if (rows % 4 == 0) {
-      global const float4 *weights = (global const float4 *)(a + k * rows);
-      _Pragma("unroll") for (int r = 0; r < rows; r += 4) {
-        const float4 weight = weights[r / 4];
-        EACH_VECTOR {
-          sum[r][v] += weight.s0 * value[v], sum[r + 1][v] += weight.s1 * value[v];
-          sum[r + 2][v] += weight.s2 * value[v], sum[r + 3][v] += weight.s3 * value[v];
-        }
-      }
-      continue;
-    }
-#endif
-    _Pragma("unroll") for (int r = 0; r < rows; r++) {
-      const real weight = (real)(a[k * rows + r]);
-      EACH_VECTOR sum[r][v] += weight * value[v];
-    }
-  }
-}
+#define EACH_ROW(rows) _Pragma("unroll") for (int r = 0; r < (rows); r++)
 
-/* y = relu(start + A x); start [outputs]: of the frame, 0: none. y may be x where all outputs are one block. */
-static inline void layer(local float *y, global const float *start, global const float *a, local const float *x,
-                         const int outputs, const int count) {
-  const int rows = BLOCK(outputs);
-  for (int row = 0; row < outputs; row += rows, a += rows * count) {
-    real sum[OUTPUTS][VECTORS];
-    _Pragma("unroll") for (int r = 0; r < rows; r++) EACH_VECTOR sum[r][v] = start ? (real)(start[row + r]) : (real)(0);
-    product(sum, a, x, count, rows);
-    /* a NaN stays one */
-    _Pragma("unroll") for (int r = 0; r < rows; r++)
-      EACH_VECTOR STORE(full(select(sum[r][v], (real)(0), sum[r][v] < 0)), y + AT(row + r, v));
+/* sum += A x over `count` inputs: a block of `rows`, known before functions are inlined, so that loops over it are
+ * unrolled and the sums are registers. GPUs read weights by fours. */
+#if WIDTH == 1
+#define WEIGH(r, weight) EACH_VECTOR sum[r][v] += (weight) * value[v];
+#define FOUR(rows)                                                                                                    \
+  if ((rows) % 4 == 0) {                                                                                              \
+    global const float4 *weights = (global const float4 *)(a + k * (rows));                                           \
+    _Pragma("unroll") for (int r = 0; r < (rows) / 4 * 4; r += 4) {                                                   \
+      const float4 weight = weights[r / 4];                                                                           \
+      WEIGH(r, weight.s0) WEIGH(r + 1, weight.s1) WEIGH(r + 2, weight.s2) WEIGH(r + 3, weight.s3)                     \
+    }                                                                                                                 \
+    continue;                                                                                                         \
   }
-}
+#else
+#define FOUR(rows)
+#endif
+#define PRODUCT(name, rows)                                                                                           \
+  INLINE void name(real (*sum)[VECTORS], global const float *a, local const float *x, const int count) {              \
+    for (int k = 0; k < count; k++) {                                                                                 \
+      real value[VECTORS];                                                                                            \
+      EACH_VECTOR value[v] = LOAD(x + AT(k, v));                                                                      \
+      FOUR(rows)                                                                                                      \
+      EACH_ROW(rows) {                                                                                                \
+        const real weight = (real)(a[k * (rows) + r]);                                                                \
+        EACH_VECTOR sum[r][v] += weight * value[v];                                                                   \
+      }                                                                                                               \
+    }                                                                                                                 \
+  }
+
+/* y = relu(start + A x); start [outputs]: of the frame, 0: none. y may be x where all outputs are one block. A NaN
+ * stays one. */
+#define LAYER(name, outputs, count)                                                                                   \
+  PRODUCT(product_##name, BLOCK(outputs))                                                                             \
+  INLINE void name(local float *y, global const float *start, global const float *a, local const float *x) {          \
+    for (int row = 0; row < (outputs); row += BLOCK(outputs), a += BLOCK(outputs) * (count)) {                        \
+      real sum[BLOCK(outputs)][VECTORS];                                                                              \
+      EACH_ROW(BLOCK(outputs)) EACH_VECTOR sum[r][v] = start ? (real)(start[row + r]) : (real)(0);                    \
+      product_##name(sum, a, x, count);                                                                               \
+      EACH_ROW(BLOCK(outputs))                                                                                        \
+        EACH_VECTOR STORE(full(select(sum[r][v], (real)(0), sum[r][v] < 0)), y + AT(row + r, v));                     \
+    }                                                                                                                 \
+  }
+
+LAYER(attention_layer, ATTENTION, FEATURES)
+LAYER(density_layer, DENSITY, FEATURES + ATTENTION + EYE)
+LAYER(second_density_layer, DENSITY, DENSITY)
+LAYER(colour_layer, COLOUR, DENSITY + SH)
+PRODUCT(product_value, BLOCK(VALUES))
+PRODUCT(product_one, 1)
+PRODUCT(product_three, 3)
+#if EYE
+LAYER(eye_layer, EYE_HIDDEN, FEATURES)
+#endif
 
 /* |W_v h| */
-static inline void attention_norm(real norm[VECTORS], global const float *a, local const float *hidden) {
+INLINE void attention_norm(real norm[VECTORS], global const float *a, local const float *hidden) {
   real total[VECTORS];
   EACH_VECTOR total[v] = 0;
   for (int row = 0; row < VALUES; row += BLOCK(VALUES), a += BLOCK(VALUES) * ATTENTION) {
-    real sum[OUTPUTS][VECTORS];
-    _Pragma("unroll") for (int r = 0; r < BLOCK(VALUES); r++) EACH_VECTOR sum[r][v] = 0;
-    product(sum, a, hidden, ATTENTION, BLOCK(VALUES));
-    _Pragma("unroll") for (int r = 0; r < BLOCK(VALUES); r++) EACH_VECTOR total[v] += sum[r][v] * sum[r][v];
+    real sum[BLOCK(VALUES)][VECTORS];
+    EACH_ROW(BLOCK(VALUES)) EACH_VECTOR sum[r][v] = 0;
+    product_value(sum, a, hidden, ATTENTION);
+    EACH_ROW(BLOCK(VALUES)) EACH_VECTOR total[v] += sum[r][v] * sum[r][v];
   }
   EACH_VECTOR norm[v] = sqrt(total[v]);
 }
 
-static inline real sigmoid(real x) { return 1 / (1 + exp(-x)); }
+INLINE real sigmoid(real x) { return 1 / (1 + exp(-x)); }
 
 struct values { /* of a tile's samples */
   real sigma[VECTORS], rgb[3][VECTORS], norm[VECTORS], eye[VECTORS];
 };
 
 /* Spherical harmonics of degrees 0 to 3 of the unit vector (x, v, z) (posenc_ref.c). */
-static inline void harmonics(local float *y, real x, real v, real z) {
+INLINE void harmonics(local float *y, real x, real v, real z) {
   const float c00 = 0.28209479177387814f, c1 = 0.48860251190291992f, c2 = 1.0925484305920792f,
               c20 = 0.31539156525252005f, c33 = 0.59004358992664352f, c32 = 2.8906114426405538f,
               c31 = 0.45704579946446572f, c30 = 0.37317633259011546f;
@@ -422,36 +440,36 @@ static inline void harmonics(local float *y, real x, real v, real z) {
 }
 
 /* From features to sigma and rgb; d: directions of the rays. */
-static inline void field(struct values *out, local float *tile, const struct flight *flight, global const float *net,
-                         float eye_value, bool norm_wanted) {
-  real sum[OUTPUTS][VECTORS];
+INLINE void field(struct values *out, local float *tile, const struct flight *flight, global const float *net,
+                  float eye_value, bool norm_wanted) {
+  local float *attention = tile + AT(FEATURES, 0), *first = tile + AT(ROW_FIRST, 0), *second = tile + AT(ROW_SECOND, 0);
+  real one[1][VECTORS], three[3][VECTORS];
 #if EYE
-  layer(tile + AT(ROW_HIDDEN, 0), 0, net + AT_EYE1, tile, EYE_HIDDEN, FEATURES);
-  EACH_VECTOR sum[0][v] = 0;
-  product(sum, net + AT_EYE2, tile + AT(ROW_HIDDEN, 0), EYE_HIDDEN, 1);
+  eye_layer(attention, 0, net + AT_EYE1, tile);
+  EACH_VECTOR one[0][v] = 0;
+  product_one(one, net + AT_EYE2, attention, EYE_HIDDEN);
   EACH_VECTOR {
-    out->eye[v] = sigmoid(full(sum[0][v]));
+    out->eye[v] = sigmoid(full(one[0][v]));
     STORE(out->eye[v] * eye_value, tile + AT(FEATURES + ATTENTION, v));
   }
 #endif
-  layer(tile + AT(FEATURES, 0), 0, net + AT_ATTENTION1, tile, ATTENTION, FEATURES);
-  if (norm_wanted) attention_norm(out->norm, net + AT_VALUE, tile + AT(FEATURES, 0));
-  layer(tile + AT(ROW_FIRST, 0), 0, net + AT_DENSITY1, tile, DENSITY, FEATURES + ATTENTION + EYE);
-  layer(tile + AT(ROW_SECOND, 0), 0, net + AT_DENSITY2, tile + AT(ROW_FIRST, 0), DENSITY, DENSITY);
-  EACH_VECTOR sum[0][v] = 0;
-  product(sum, net + AT_SIGMA, tile + AT(ROW_SECOND, 0), DENSITY, 1);
-  EACH_VECTOR out->sigma[v] = exp(full(select(sum[0][v], (real)(80), sum[0][v] > 80)));
-  EACH_VECTOR harmonics(tile + AT(ROW_SECOND + DENSITY, v), LOAD(flight->d[0] + v * WIDTH),
-                        LOAD(flight->d[1] + v * WIDTH), LOAD(flight->d[2] + v * WIDTH));
-  layer(tile + AT(ROW_FIRST, 0), net + AT_START, net + AT_COLOUR1, tile + AT(ROW_SECOND, 0), COLOUR, DENSITY + SH);
-  _Pragma("unroll") for (int c = 0; c < 3; c++) EACH_VECTOR sum[c][v] = 0;
-  product(sum, net + AT_COLOUR2, tile + AT(ROW_FIRST, 0), COLOUR, 3);
-  _Pragma("unroll") for (int c = 0; c < 3; c++)
-    EACH_VECTOR out->rgb[c][v] = 1.002f * sigmoid(full(sum[c][v])) - 0.001f;
+  attention_layer(attention, 0, net + AT_ATTENTION1, tile);
+  if (norm_wanted) attention_norm(out->norm, net + AT_VALUE, attention);
+  density_layer(first, 0, net + AT_DENSITY1, tile);
+  second_density_layer(second, 0, net + AT_DENSITY2, first);
+  EACH_VECTOR one[0][v] = 0;
+  product_one(one, net + AT_SIGMA, second, DENSITY);
+  EACH_VECTOR out->sigma[v] = exp(full(select(one[0][v], (real)(80), one[0][v] > 80)));
+  EACH_VECTOR harmonics(second + AT(DENSITY, v), LOAD(flight->d[0] + v * WIDTH), LOAD(flight->d[1] + v * WIDTH),
+                        LOAD(flight->d[2] + v * WIDTH));
+  colour_layer(first, net + AT_START, net + AT_COLOUR1, second);
+  EACH_ROW(3) EACH_VECTOR three[r][v] = 0;
+  product_three(three, net + AT_COLOUR2, first, COLOUR);
+  EACH_ROW(3) EACH_VECTOR out->rgb[r][v] = 1.002f * sigmoid(full(three[r][v])) - 0.001f;
 }
 
 /* Encoder and field of the samples that the lanes are at. */
-static inline void evaluate(struct values *out, local float *tile, const struct flight *flight, const struct frame *f,
+INLINE void evaluate(struct values *out, local float *tile, const struct flight *flight, const struct frame *f,
                             global const struct level *level, global const float *dense, global const float *net,
                             bool norm_wanted) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -467,7 +485,7 @@ static inline void evaluate(struct values *out, local float *tile, const struct 
 }
 
 /* w = alpha T, T *= 1 - alpha (paper eq. 1-2), then on to the next sample of each ray; found[]: there is one. */
-static inline void advance(struct flight *flight, const struct values *values, const struct frame *f, bool norm_wanted,
+INLINE void advance(struct flight *flight, const struct values *values, const struct frame *f, bool norm_wanted,
                            global const uchar *bits) {
 #pragma OPENCL FP_CONTRACT OFF
   EACH_VECTOR {
