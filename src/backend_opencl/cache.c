@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Built kernels in the user's cache folder. An entry is 64 hex digits, the SHA-256 of what follows, then the binary:
- * one that was cut, changed or written by half is built again, not trusted. Nothing here can make a run fail. */
+ * Built kernels in the user's cache folder. An entry is 64 hex digits, the SHA-256 of what follows; its key, 64 more;
+ * then the binary. One that was cut, changed, written by half or is another's is built again, not trusted. Nothing
+ * here can make a run fail. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +10,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 
-enum { PATH_BYTES = 4096, SUM_BYTES = 64, MOST_BYTES = 1 << 28 };
+enum { PATH_BYTES = 4096, SUM_BYTES = 64, HEAD_BYTES = 2 * SUM_BYTES /* sum and key */, MOST_BYTES = 1 << 28 };
 
 /* False where the user has no such folder. */
 static bool cache_folder(char folder[PATH_BYTES]) {
@@ -38,28 +39,28 @@ ern_status ern_cl_cache_read(ern_context *context, const char *key, uint8_t **by
   if (!entry_path(key, path)) return ERN_OK;
   if (ern_file_read(context, path, MOST_BYTES, &all, &length) != ERN_OK) return ERN_OK;
   if (length > SUM_BYTES) ern_sha256_hex(all + SUM_BYTES, length - SUM_BYTES, sum);
-  if (length <= SUM_BYTES || memcmp(all, sum, SUM_BYTES) != 0) {
+  if (length <= HEAD_BYTES || memcmp(all, sum, SUM_BYTES) != 0 || memcmp(all + SUM_BYTES, key, SUM_BYTES) != 0) {
     ern_log(context, ERN_LOG_DEBUG, "%s: damaged, the kernels are built again", path);
     ern_release(context, all);
     return ERN_OK;
   }
-  memmove(all, all + SUM_BYTES, length - SUM_BYTES);
+  memmove(all, all + HEAD_BYTES, length - HEAD_BYTES);
   *bytes = all;
-  *count = length - SUM_BYTES;
+  *count = length - HEAD_BYTES;
   return ERN_OK;
 }
 
 void ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count) {
   char folder[PATH_BYTES], path[PATH_BYTES], sum[SUM_BYTES + 1];
-  struct ern_file_writer writer = {0};
+  void *room = NULL;
   if (!cache_folder(folder) || !entry_path(key, path) || ern_folder_make(context, folder) != ERN_OK) return;
-  ern_sha256_hex(bytes, count, sum);
-  ern_status status = ern_file_writer_open(context, path, &writer);
-  if (status == ERN_OK) status = ern_file_writer_write(&writer, sum, SUM_BYTES);
-  if (status == ERN_OK) status = ern_file_writer_write(&writer, bytes, count);
-  if (status == ERN_OK) status = ern_file_writer_commit(&writer);
-  if (status != ERN_OK) {
-    ern_file_writer_abandon(&writer);
+  if (count > MOST_BYTES || ern_allocate(context, HEAD_BYTES + count, 1, &room) != ERN_OK) return;
+  uint8_t *all = room;
+  memcpy(all + SUM_BYTES, key, SUM_BYTES);
+  memcpy(all + HEAD_BYTES, bytes, count);
+  ern_sha256_hex(all + SUM_BYTES, SUM_BYTES + count, sum);
+  memcpy(all, sum, SUM_BYTES);
+  if (ern_file_write(context, path, all, HEAD_BYTES + count) != ERN_OK)
     ern_log(context, ERN_LOG_DEBUG, "%s: built kernels are not kept: %s", path, ern_last_error(context));
-  }
+  ern_release(context, room);
 }

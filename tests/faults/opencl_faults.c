@@ -5,7 +5,7 @@
  *   ERNERF_FAULT_HIDE=platforms|devices  none of them is there
  *   ERNERF_FAULT_BUILD=N                 no program builds from source; the log has N lines
  *   ERNERF_FAULT_MEMORY=BYTES            all the memory of the device; a buffer may have half of it
- *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1) fails, and then
+ *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1, and since N changed) fails, and then
  *   ERNERF_FAULT_COUNT=C                 so do launches up to C in all; without it the device is lost: nothing works
  *   ERNERF_FAULT_FILE=PATH               lost as soon as this file is there
  *   ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE */
@@ -25,6 +25,7 @@ static const cl_icd_dispatch *driver; /* the next layer, or the loader's way to 
 static cl_icd_dispatch layer;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* of what follows */
 static unsigned long long launches, bytes_taken;
+static long long launch_fails; /* ERNERF_FAULT_LAUNCH when last looked at */
 static bool lost;
 
 static long long number_of(const char *name, long long otherwise) {
@@ -43,6 +44,11 @@ static cl_int look(bool launched) {
   const long long first = number_of("ERNERF_FAULT_LAUNCH", 0), count = number_of("ERNERF_FAULT_COUNT", 0);
   bool fails = false;
   pthread_mutex_lock(&lock);
+  if (first != launch_fails) {
+    launch_fails = first;
+    launches = 0;
+    lost = false;
+  }
   if (launched) launches++;
   if (file != NULL && access(file, F_OK) == 0) lost = true;
   if (first > 0 && launches >= (unsigned long long)first) {
@@ -85,6 +91,12 @@ static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info wh
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
+static void give_back(size_t bytes) {
+  pthread_mutex_lock(&lock);
+  bytes_taken -= bytes;
+  pthread_mutex_unlock(&lock);
+}
+
 static cl_mem CL_API_CALL create_buffer(cl_context context, cl_mem_flags flags, size_t bytes, void *host,
                                         cl_int *code) {
   const unsigned long long limit = (unsigned long long)number_of("ERNERF_FAULT_MEMORY", 0);
@@ -97,31 +109,25 @@ static cl_mem CL_API_CALL create_buffer(cl_context context, cl_mem_flags flags, 
   *code = found;
   if (found != CL_SUCCESS) return NULL;
   const cl_mem memory = driver->clCreateBuffer(context, flags, bytes, host, code);
-  if (*code == CL_SUCCESS) return memory;
-  pthread_mutex_lock(&lock);
-  bytes_taken -= bytes;
-  pthread_mutex_unlock(&lock);
+  if (*code != CL_SUCCESS) give_back(bytes);
   return memory;
 }
 
+/* What the program lets go is free at once, though drivers may hold it for a moment longer; it retains nothing twice.
+ */
 static cl_int CL_API_CALL release_memory(cl_mem memory) {
-  cl_uint references = 0;
   size_t bytes = 0;
-  const bool known =
-      driver->clGetMemObjectInfo(memory, CL_MEM_REFERENCE_COUNT, sizeof references, &references, NULL) == CL_SUCCESS &&
-      driver->clGetMemObjectInfo(memory, CL_MEM_SIZE, sizeof bytes, &bytes, NULL) == CL_SUCCESS;
-  const cl_int code = driver->clReleaseMemObject(memory);
-  pthread_mutex_lock(&lock);
-  if (known && references == 1 && code == CL_SUCCESS) bytes_taken -= bytes;
-  pthread_mutex_unlock(&lock);
-  return code;
+  if (driver->clGetMemObjectInfo(memory, CL_MEM_SIZE, sizeof bytes, &bytes, NULL) == CL_SUCCESS) give_back(bytes);
+  return driver->clReleaseMemObject(memory);
 }
 
 /* ---- programs ---------------------------------------------------------------------------------------------------- */
 
 static cl_int CL_API_CALL build(cl_program program, cl_uint count, const cl_device_id *devices, const char *options,
                                 void(CL_CALLBACK *done)(cl_program, void *), void *user) {
-  if (number_of("ERNERF_FAULT_BUILD", 0) > 0) return CL_BUILD_PROGRAM_FAILURE;
+  size_t source = 0; /* bytes; one made from a binary has none */
+  const bool known = driver->clGetProgramInfo(program, CL_PROGRAM_SOURCE, 0, NULL, &source) == CL_SUCCESS;
+  if (number_of("ERNERF_FAULT_BUILD", 0) > 0 && known && source > 1) return CL_BUILD_PROGRAM_FAILURE;
   return driver->clBuildProgram(program, count, devices, options, done, user);
 }
 
