@@ -279,6 +279,15 @@ static void fill_table(struct ern_cl_backend *backend, bool deterministic) {
   ern_cl_fill_render(table);
 }
 
+static ern_status check_table(const struct ern_backend *table) {
+#define CHECK(slot, args)  \
+  if (table->slot == NULL) \
+    return ern_fail(table->context, ERN_E_UNSUPPORTED, "OpenCL: the operation %s is missing in this build", #slot);
+  ERN_SLOTS(CHECK)
+#undef CHECK
+  return ERN_OK;
+}
+
 ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, struct ern_backend **backend) {
   struct ern_cl_backend *made = NULL;
   ern_status status = ERN_OK;
@@ -301,6 +310,7 @@ ern_status ern_opencl_backend_make(ern_context *context, int number, bool determ
   made->probe = clCreateBuffer(made->context, CL_MEM_READ_WRITE, sizeof(cl_uint), NULL, &code);
   ERN_TRY(ern_cl_check(made, code, "make a buffer"));
   fill_table(made, deterministic);
+  ERN_TRY(check_table(&made->table));
   *backend = &made->table;
   return ERN_OK;
 fail:
