@@ -171,6 +171,9 @@ static long long taken(const struct bench *b) {
 }
 static size_t rays_at_once(const struct bench *b) { return ern_cl_stream_of(b->stream)->rays_at_once; }
 
+/* Of the gradient, which a step keeps, and a little more. */
+static long long copy_bytes(const struct bench *b) { return (long long)(b->field.parameters * sizeof(float)) + 4096; }
+
 /* A step onto the gradient `before`, with the faults during it alone. */
 static ern_status step(struct bench *b, struct faults faults) {
   const size_t count = b->field.parameters;
@@ -178,6 +181,7 @@ static ern_status step(struct bench *b, struct faults faults) {
   set_faults(faults);
   const ern_status status = b->backend->head_step(b->stream, &b->args);
   set_faults((struct faults){0});
+  assert_int_equal(ern_cl_stream_of(b->stream)->pending_count, 0); /* whose arguments are gone */
   if (status == ERN_OK)
     support_ok(b->context, b->backend->download_reals(b->stream, b->gradient, b->args.dparameters, count));
   return status;
@@ -269,8 +273,7 @@ static void test_far_too_little(void **state) {
   support_expect(b.context, step(&b, (struct faults){.memory = e.before + 1000}), ERN_E_NO_MEMORY, "OpenCL", "bytes",
                  "is needed", "all memory is", NULL);
   /* room for the copy of the gradient, and for little else */
-  const long long copy = (long long)(b.field.parameters * sizeof(float)) + 4096;
-  support_expect(b.context, step(&b, (struct faults){.memory = e.before + copy}), ERN_E_NO_MEMORY,
+  support_expect(b.context, step(&b, (struct faults){.memory = e.before + copy_bytes(&b)}), ERN_E_NO_MEMORY,
                  "even with one ray at a time", "is needed", NULL);
   assert_int_equal(b.lines, 0);
   support_ok(b.context, step(&b, (struct faults){0}));
@@ -310,10 +313,13 @@ static void test_lost(void **state) {
   (void)state;
   bench_open(&b);
   expect_open(&b, &e);
+  forget(&b);
   for (;; launch++) {
     const ern_status status = step(&b, (struct faults){.launch = launch, .code = codes[launch % 2]});
     if (status == ERN_OK) break;
     support_expect(b.context, status, ERN_E_DEVICE, "OpenCL", "the device is lost", NULL);
+    /* scratch of the failed step is given back, but for the block of the copy, which doubles the one before */
+    assert_true(taken(&b) <= e.before + 4 * copy_bytes(&b));
   }
   assert_true(launch > 20 && rays_at_once(&b) == 0);
   expect_same(&b, &e, "after the device was lost");
