@@ -7,8 +7,11 @@
 
 enum {
   OPTION_BYTES = 2048,
-  MOST_VECTORS = 3,         /* of a work-item on a CPU: with 8 rows of sums they fill its registers */
-  MOST_GROUP = 64,          /* work-items on a GPU */
+  MOST_VECTORS = 3, /* of a work-item on a CPU: with 8 rows of sums they fill its registers */
+  MOST_GROUP = 64,  /* work-items on a GPU */
+  PARTS_CPU = 64,   /* of the samples at most, each with sums of its own; a part has LEAST_TILES or more */
+  PARTS_GPU = 512,
+  LEAST_TILES = 8,
   STAGE_BYTES = 32 * 36 * 4 /* weights that a group of a GPU shares: CHUNK x STAGE_ROW of mlp.cl */
 };
 
@@ -88,7 +91,7 @@ static void give_inputs(struct ern_cl_call *call, const struct ern_mlp_args *a) 
 static ern_status mlp_fwd(struct ern_stream *stream, struct ern_mlp_args *a) {
   if (a->n == 0) return ERN_OK;
   int widest[2] = {0, 0}; /* of the even layers' values, of the odd ones' */
-  for (int l = 0; l < a->mlp.layers; l++)
+  for (int l = 0; l <= a->mlp.layers; l++)
     if (a->mlp.width[l] > widest[l % 2]) widest[l % 2] = a->mlp.width[l];
   struct plan plan;
   plan_tile(&plan, &ern_cl_backend_of(stream)->device, (size_t)(widest[0] + widest[1]), 0);
@@ -101,4 +104,90 @@ static ern_status mlp_fwd(struct ern_stream *stream, struct ern_mlp_args *a) {
   return ern_cl_run(&call, a->n / plan.tile + (a->n % plan.tile != 0), (size_t)plan.group);
 }
 
-void ern_cl_fill_mlp(struct ern_backend *table) { table->mlp_fwd = mlp_fwd; }
+/* Where the sums of a part lie, and of what gradients there are. Returns their number. */
+static size_t say_sums(struct plan *plan, const struct ern_mlp_bwd_args *a, bool cpu) {
+  const struct ern_mlp *mlp = &a->forward.mlp;
+  const size_t lanes = (size_t)plan->lanes;
+  size_t at = 0, turned = 0;
+  int values = 0, from = mlp->width[0], end = 0, row = 0;
+  for (int l = 0; l <= mlp->layers; values += mlp->width[l++]) say(plan, " -D V%d=%d", l, values);
+  for (int l = 0; l < mlp->layers; l++) {
+    const size_t vectors = ((size_t)mlp->width[l] + lanes - 1) / lanes;
+    say(plan, " -D G%d=%zu -D E%d=%zu", l, at, l, vectors * lanes);
+    at += (size_t)mlp->width[l + 1] * vectors * lanes;
+    if (vectors > turned) turned = vectors;
+  }
+  for (int p = 0; p < ERN_MAX_PIECES; p++) {
+    const int rows = p < a->forward.pieces ? a->forward.x[p].rows : 0;
+    const bool wanted = rows > 0 && a->dx[p].span.buffer != NULL && a->forward.x[p].per != ERN_PER_RAY;
+    say(plan, " -D D%d=%d -D B%d=%zu", p, wanted, p, at);
+    if (wanted && a->forward.x[p].per == ERN_PER_BATCH) at += (size_t)rows * lanes;
+    if (wanted && row < from) from = row;
+    row += rows;
+    if (wanted) end = row;
+  }
+  at = (at + 63) / 64 * 64;
+  say(plan, " -D VALUES=%d -D TURNED=%zu -D DX_FROM=%d -D DX_ROWS=%d -D PART=%zu", values, cpu ? turned : 0,
+      end > 0 ? from : 0, end > 0 ? end - from : 0, at);
+  return at;
+}
+
+/* Numbers that the parts' sums make: see mlp_sum. */
+static size_t sums_wanted(const struct ern_mlp_bwd_args *a) {
+  const struct ern_mlp *mlp = &a->forward.mlp;
+  size_t count = 0;
+  for (int l = 0; l < mlp->layers; l++) count += (size_t)mlp->width[l] * (size_t)mlp->width[l + 1];
+  for (int p = 0; p < a->forward.pieces; p++)
+    if (a->forward.x[p].per == ERN_PER_BATCH && a->dx[p].span.buffer != NULL) count += (size_t)a->forward.x[p].rows;
+  return count;
+}
+
+static void give_gradients(struct ern_cl_call *call, const struct ern_mlp_bwd_args *a) {
+  for (int p = 0; p < ERN_MAX_PIECES; p++)
+    ern_cl_rows(call, p < a->forward.pieces ? a->dx[p] : (ern_rows){.stride = 0});
+}
+
+static ern_status mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a) {
+  const struct ern_mlp *mlp = &a->forward.mlp;
+  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const size_t n = a->forward.n, first = mlp->weight[0];
+  if (n == 0) return ERN_OK;
+  int values = 0, widest = 0;
+  for (int l = 0; l <= mlp->layers; values += mlp->width[l++])
+    if (l < mlp->layers && mlp->width[l] > widest) widest = mlp->width[l];
+  struct plan plan;
+  plan_tile(&plan, device, (size_t)(values + (device->cpu ? device->width - 1 : 0)), (size_t)widest);
+  say_shape(&plan, &a->forward);
+  const size_t part = say_sums(&plan, a, device->cpu);
+  const size_t tiles = n / plan.tile + (n % plan.tile != 0), most = device->cpu ? PARTS_CPU : PARTS_GPU;
+  size_t each = (tiles + most - 1) / most;
+  if (each < LEAST_TILES) each = LEAST_TILES;
+  const size_t parts = (tiles + each - 1) / each;
+
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  ern_span sums;
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, parts * part, &sums));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_bwd", plan.options);
+  give_gradients(&call, a);
+  ern_cl_span(&call, sums);
+  ern_cl_rows(&call, a->dy);
+  give_inputs(&call, &a->forward);
+  ern_cl_size(&call, each);
+  ern_cl_size(&call, n);
+  ERN_TRY(ern_cl_run(&call, parts, (size_t)plan.group));
+  struct ern_cl_call sum = ern_cl_begin(stream, ERN_CL_mlp, "mlp_sum", plan.options);
+  give_gradients(&sum, a);
+  ern_cl_span(&sum, ern_span_part(a->dparameters, first, a->dparameters.count - first));
+  ern_cl_span(&sum, sums);
+  ern_cl_int(&sum, (int)parts);
+  ERN_TRY(ern_cl_each(&sum, sums_wanted(a)));
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}
+
+void ern_cl_fill_mlp(struct ern_backend *table) {
+  table->mlp_fwd = mlp_fwd;
+  table->mlp_bwd = mlp_bwd;
+}

@@ -10,9 +10,11 @@
  *   R0 .. R3 rows of the input's pieces (0: there is none), P0 .. P3 their kinds: 0 per sample, 1 per ray, 2 per batch
  *   GROUP work-items, each with VECTORS vectors of LANES samples
  *   forward: EVEN, ODD the most channels of the tiles that the layers take turns in
- *   backward: V0 .. first channel of each layer's values, V<LAYERS> of the output's gradient, VALUES of all;
- *     D0 .. D3 whether a piece's gradient is wanted, DX whether any is; the sums of a part of the samples: PART floats,
- *     of them W_l at G<l>, rows of E<l> floats, and a piece's rows at B0 .. B3, LANES floats each */
+ *   backward: V0 .. first channel of each layer's values, V<LAYERS> of the output's gradient, VALUES channels in all
+ *     TURNED vectors of the longest row of weights
+ *     D0 .. D3 whether a piece's gradient is wanted; all that are lie in the DX_ROWS input channels from DX_FROM
+ *     PART floats are the sums of one part of the samples: W_l at G<l>, rows of E<l> floats, and the rows of a piece of
+ *     the batch at B0 .. B3, LANES floats each */
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 #define INLINE static inline __attribute__((always_inline))
@@ -72,8 +74,17 @@ typedef JOIN(float, LANES) vf;
 #define DOWN_9(DO) DO(8, 9) DOWN_8(DO)
 #define EACH_PIECE(DO) DO(0) DO(1) DO(2) DO(3)
 
-/* Its vectors are parameters: LLVM keeps 512 bits whole only in functions that have such. */
-INLINE vf multiply_add(const vf a, const vf b, const vf c) { return a * b + c; }
+/* DO(r) for the rows of sums, DO(r, v) for each sum, unrolled here: in loops some compilers leave sums in memory. */
+#define EIGHT(DO, a, b, c, d, e, f, g, h) DO(a) DO(b) DO(c) DO(d) DO(e) DO(f) DO(g) DO(h)
+#if CPU
+#define EACH_ROW(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7) DO(8)
+#else
+#define EACH_ROW(DO)                                                                    \
+  EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7) EIGHT(DO, 8, 9, 10, 11, 12, 13, 14, 15)             \
+      EIGHT(DO, 16, 17, 18, 19, 20, 21, 22, 23) EIGHT(DO, 24, 25, 26, 27, 28, 29, 30, 31) DO(32)
+#endif
+#define EACH_VECTOR(DO, r) \
+  if (vectors > 0) DO(r, 0) if (vectors > 1) DO(r, 1) if (vectors > 2) DO(r, 2)
 
 /* ---- samples into a tile and out of it --------------------------------------------------------------------------- */
 
@@ -100,7 +111,8 @@ INLINE void gather(local vf *tile, global const float *x, const ulong stride, co
   }
 }
 
-/* y[at ..] = value, or += it, up to sample n */
+/* y[at ..] = value, or += it, up to sample n. (A vector as a parameter: LLVM keeps 512 bits whole only in functions
+ * that have such, and those that they become part of.) */
 INLINE void put(global float *y, const ulong at, const ulong n, const vf value, const bool add) {
   if (at + LANES <= n) {
     STORE(add ? LOAD(y + at) + value : value, y + at);
@@ -113,24 +125,49 @@ INLINE void put(global float *y, const ulong at, const ulong n, const vf value, 
   }
 }
 
-/* ---- products ---------------------------------------------------------------------------------------------------- */
-
-/* sum[r][v] += sum_k A[r][k] in[k][column v], k < count; A (r, k) at r*a_row + k*a_step, one of which is 1. */
-INLINE void add_products(vf sum[BLOCK + 1][VECTORS], local const vf *in, global const float *a, const int a_row,
-                         const int a_step, const int rows, const int count, const int item STAGE) {
-#if CPU
-  for (int k = 0; k < count; k++) {
-    vf value[VECTORS];
-#pragma unroll
-    for (int v = 0; v < VECTORS; v++) value[v] = in[k * LINE + v];
-#pragma unroll
-    for (int r = 0; r < rows; r++) {
-      const vf weight = (vf)(a[r * a_row + k * a_step]);
-#pragma unroll
-      for (int v = 0; v < VECTORS; v++) sum[r][v] = multiply_add(weight, value[v], sum[r][v]);
+/* y [rows][n] = the item's columns of a tile, or += them */
+INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, const int rows, const bool add,
+                     const ulong first, const ulong n, const int item) {
+  for (int c = 0; c < rows; c++) {
+    for (int v = 0; v < VECTORS; v++) {
+      const int column = v * GROUP + item;
+      put(y + (ulong)c * stride, first + (ulong)(column * LANES), n, tile[c * LINE + column], add);
     }
   }
+}
+
+/* ---- products ---------------------------------------------------------------------------------------------------- */
+
+/* Sums of ROWS x `vectors` of a block. */
+#define SUMS vf sum[9 > BLOCK ? 9 : BLOCK + 1][3]
+#define CLEAR_SUM(r, v) sum[r][v] = 0;
+#define CLEAR_ROW(r) \
+  if (r < rows) { EACH_VECTOR(CLEAR_SUM, r) }
+/* A term of each sum: weight(r) * value[v]. */
+#define ADD_TERM(r, v) sum[r][v] += weight * value[v];
+#define ADD_ROW(r)               \
+  if (r < rows) {                \
+    const vf weight = WEIGHT(r); \
+    EACH_VECTOR(ADD_TERM, r)     \
+  }
+
+/* sum[r][v] = sum_k A[r][k] in[k][column v], k < count; A (r, k) at r*a_row + k*a_step, one of which is 1. */
+INLINE void products(SUMS, local const vf *in, global const float *a, const int a_row, const int a_step,
+                     const int rows, const int count, const int item STAGE) {
+  const int vectors = VECTORS;
+  EACH_ROW(CLEAR_ROW)
+#if CPU
+#define WEIGHT(r) (vf)(a[r * a_row + k * a_step])
+  for (int k = 0; k < count; k++) {
+    vf value[3];
+    value[0] = in[k * LINE];
+    if (VECTORS > 1) value[1] = in[k * LINE + 1];
+    if (VECTORS > 2) value[2] = in[k * LINE + 2];
+    EACH_ROW(ADD_ROW)
+  }
+#undef WEIGHT
 #else
+#define WEIGHT(r) stage[k * STAGE_ROW + r]
   for (int begin = 0; begin < count; begin += CHUNK) {
     const int terms = min(CHUNK, count - begin);
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -140,56 +177,42 @@ INLINE void add_products(vf sum[BLOCK + 1][VECTORS], local const vf *in, global 
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = 0; k < terms; k++) {
-      const float value = in[(begin + k) * LINE + item];
-#pragma unroll
-      for (int r = 0; r < rows; r++) sum[r][0] = fma(stage[k * STAGE_ROW + r], value, sum[r][0]);
+      const float value[1] = {in[(begin + k) * LINE + item]};
+      EACH_ROW(ADD_ROW)
     }
   }
+#undef WEIGHT
 #endif
 }
 
 typedef enum finish {
-  TO_HIDDEN, /* out = relu(sum); a NaN stays one, so that it is noticed */
-  TO_OUTPUT, /* y = sum */
-  TO_SLOPE,  /* out = sum where the unit was on, that is where the value that lies there is above 0 (or NaN); else 0 */
-  TO_INPUT   /* out = sum */
+  AS_IT_IS,
+  RELU, /* max(sum, 0); a NaN stays one, so that it is noticed */
+  SLOPE /* sum where the unit was on, that is where the value that lies there is above 0 (or NaN); else 0 */
 } finish;
 
-/* Rows row .. row+rows-1 of one product. */
-INLINE void block(const finish how, local vf *out, global float *y, const ulong y_stride, const ulong first,
-                  const ulong n, local const vf *in, global const float *a, const int a_row, const int a_step,
-                  const int row, const int rows, const int count, const int item STAGE) {
-  vf sum[BLOCK + 1][VECTORS];
-#pragma unroll
-  for (int r = 0; r < rows; r++) {
-#pragma unroll
-    for (int v = 0; v < VECTORS; v++) sum[r][v] = 0;
-  }
-  add_products(sum, in, a + row * a_row, a_row, a_step, rows, count, item STAGED);
-#pragma unroll
-  for (int r = 0; r < rows; r++) {
-#pragma unroll
-    for (int v = 0; v < VECTORS; v++) {
-      const int column = v * GROUP + item;
-      local vf *to = out + (row + r) * LINE + column;
-      const vf value = sum[r][v];
-      if (how == TO_HIDDEN) *to = value < 0 ? (vf)0 : value;
-      if (how == TO_OUTPUT)
-        put(y + (ulong)(row + r) * y_stride, first + (ulong)(column * LANES), n, value, false);
-      if (how == TO_SLOPE) *to = *to <= 0 ? (vf)0 : value;
-      if (how == TO_INPUT) *to = value;
-    }
-  }
+/* Rows row .. row+rows-1 of out = A in. */
+INLINE void block(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
+                  const int a_step, const int row, const int rows, const int count, const int item STAGE) {
+  const int vectors = VECTORS;
+  SUMS;
+  products(sum, in, a + row * a_row, a_row, a_step, rows, count, item STAGED);
+  out += row * LINE + item;
+#define FINISH(r, v)                                                                                     \
+  out[r * LINE + v * GROUP] = how == RELU    ? sum[r][v] < 0 ? (vf)0 : sum[r][v]                         \
+                              : how == SLOPE ? out[r * LINE + v * GROUP] <= 0 ? (vf)0 : sum[r][v] \
+                                             : sum[r][v];
+#define FINISH_ROW(r) \
+  if (r < rows) { EACH_VECTOR(FINISH, r) }
+  EACH_ROW(FINISH_ROW)
 }
 
 /* All rows. */
-INLINE void product(const finish how, local vf *out, global float *y, const ulong y_stride, const ulong first,
-                    const ulong n, local const vf *in, global const float *a, const int a_row, const int a_step,
-                    const int rows, const int count, const int item STAGE) {
+INLINE void product(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
+                    const int a_step, const int rows, const int count, const int item STAGE) {
   for (int row = 0; row + BLOCK <= rows - (REST(rows) > BLOCK ? BLOCK + 1 : 0); row += BLOCK)
-    block(how, out, y, y_stride, first, n, in, a, a_row, a_step, row, BLOCK, count, item STAGED);
-  if (REST(rows) > 0)
-    block(how, out, y, y_stride, first, n, in, a, a_row, a_step, rows - REST(rows), REST(rows), count, item STAGED);
+    block(how, out, in, a, a_row, a_step, row, BLOCK, count, item STAGED);
+  if (REST(rows) > 0) block(how, out, in, a, a_row, a_step, rows - REST(rows), REST(rows), count, item STAGED);
 }
 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
@@ -220,9 +243,245 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(floa
   local vf *to = tiles;
   EACH_PIECE(GATHER)
 #define LAYER(l, next) \
-  product(TO_HIDDEN, turns[next % 2], 0, 0, 0, 0, turns[l % 2], w + A##l, C##l, 1, C##next, C##l, item STAGED);
-  JOIN(UP_, HIDDEN)(LAYER)
-  product(TO_OUTPUT, 0, y, y_stride, first, n, turns[HIDDEN % 2], w + JOIN(A, HIDDEN), JOIN(C, HIDDEN), 1,
-          JOIN(C, LAYERS), JOIN(C, HIDDEN), item STAGED);
+  product(next < LAYERS ? RELU : AS_IT_IS, turns[next % 2], turns[l % 2], w + A##l, C##l, 1, C##next, C##l, \
+          item STAGED);
+  JOIN(UP_, LAYERS)(LAYER)
+  put_rows(y, y_stride, turns[LAYERS % 2], JOIN(C, LAYERS), false, first, n, item);
+}
+#endif
+
+/* ---- backward ---------------------------------------------------------------------------------------------------- */
+
+#if defined(PART)
+#if CPU
+/* The lower and the upper halves of two vectors, lane by lane in turns. Clang rebuilds what is written with .s0, .s1 into
+ * something slower. */
+#if !defined(__clang__)
+#define MIX4(a, b, i, j) a.s##i, b.s##i, a.s##j, b.s##j
+#define MIX8(a, b, i, j, k, l) MIX4(a, b, i, j), MIX4(a, b, k, l)
+#endif
+#if LANES == 4 && defined(__clang__)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 4, 1, 5)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 6, 3, 7)
+#elif LANES == 8 && defined(__clang__)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
+#elif LANES == 16 && defined(__clang__)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
+#elif LANES == 4
+#define LOW(a, b) (vf)(MIX4(a, b, 0, 1))
+#define HIGH(a, b) (vf)(MIX4(a, b, 2, 3))
+#elif LANES == 8
+#define LOW(a, b) (vf)(MIX8(a, b, 0, 1, 2, 3))
+#define HIGH(a, b) (vf)(MIX8(a, b, 4, 5, 6, 7))
+#elif LANES == 16
+#define LOW(a, b) (vf)(MIX8(a, b, 0, 1, 2, 3), MIX8(a, b, 4, 5, 6, 7))
+#define HIGH(a, b) (vf)(MIX8(a, b, 8, 9, A, B), MIX8(a, b, C, D, E, F))
+#endif
+
+/* With (row, lane) written in bits, a round turns them by one place; after log2 LANES rounds rows are lanes. */
+#define PAIR(to, from, r)                            \
+  to[2 * (r)] = LOW(from[r], from[(r) + LANES / 2]); \
+  to[2 * (r) + 1] = HIGH(from[r], from[(r) + LANES / 2]);
+#if LANES == 1
+#define EACH_LANE(DO) DO(0)
+#define ROUNDS
+#elif LANES == 4
+#define EACH_LANE(DO) DO(0) DO(1) DO(2) DO(3)
+#define ROUND(to, from) PAIR(to, from, 0) PAIR(to, from, 1)
+#define ROUNDS ROUND(b, a) ROUND(a, b)
+#elif LANES == 8
+#define EACH_LANE(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7)
+#define ROUND(to, from) PAIR(to, from, 0) PAIR(to, from, 1) PAIR(to, from, 2) PAIR(to, from, 3)
+#define ROUNDS ROUND(b, a) ROUND(a, b) ROUND(b, a) EACH_LANE(BACK)
+#else
+#define EACH_LANE(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7) EIGHT(DO, 8, 9, 10, 11, 12, 13, 14, 15)
+#define ROUND(to, from)                                                                                  \
+  PAIR(to, from, 0) PAIR(to, from, 1) PAIR(to, from, 2) PAIR(to, from, 3) PAIR(to, from, 4) PAIR(to, from, 5) \
+      PAIR(to, from, 6) PAIR(to, from, 7)
+#define ROUNDS ROUND(b, a) ROUND(a, b) ROUND(b, a) ROUND(a, b)
+#endif
+#define BACK(r) a[r] = b[r];
+
+/* to [TILE][channels] = tile [channels][TILE] turned; channels: `padded` vectors, past the layer's own is what lies there,
+ * and ends in columns of sums that nobody reads. */
+INLINE void turn(local vf *to, local const vf *tile, const int padded) {
+#pragma unroll 1
+  for (int c = 0; c < padded; c++) {
+#pragma unroll 1
+    for (int v = 0; v < VECTORS; v++) {
+      vf a[LANES], b[LANES];
+#define TAKE(r) a[r] = tile[(c * LANES + r) * LINE + v];
+#define GIVE(r) to[(v * LANES + r) * padded + c] = a[r];
+      EACH_LANE(TAKE)
+      ROUNDS
+      EACH_LANE(GIVE)
+    }
+  }
+}
+
+/* dW [rows][vectors] += slope [rows][TILE] turned [TILE][vectors]; rows of dW `padded` vectors long */
+INLINE void add_block(global float *dw, local const float *slope, local const vf *turned, const int padded,
+                      const int rows, const int vectors) {
+  SUMS;
+  EACH_ROW(CLEAR_ROW)
+#define WEIGHT(r) (vf)(slope[r * TILE + i])
+  for (int i = 0; i < TILE; i++) {
+    vf value[3];
+    value[0] = turned[i * padded];
+    if (vectors > 1) value[1] = turned[i * padded + 1];
+    if (vectors > 2) value[2] = turned[i * padded + 2];
+    EACH_ROW(ADD_ROW)
+  }
+#undef WEIGHT
+#define ADD_SUM(r, v) STORE(LOAD(dw + (r * padded + v) * LANES) + sum[r][v], dw + (r * padded + v) * LANES);
+#define ADD_SUMS(r) \
+  if (r < rows) { EACH_VECTOR(ADD_SUM, r) }
+  EACH_ROW(ADD_SUMS)
+}
+
+INLINE void add_rows(global float *dw, local const float *slope, local const vf *turned, const int padded,
+                     const int rows, const int column, const int vectors) {
+  dw += column * LANES;
+  turned += column;
+  for (int row = 0; row + BLOCK <= rows - (REST(rows) > BLOCK ? BLOCK + 1 : 0); row += BLOCK)
+    add_block(dw + row * padded * LANES, slope + row * TILE, turned, padded, BLOCK, vectors);
+  const int rest = rows - REST(rows);
+  if (REST(rows) > 0) add_block(dw + rest * padded * LANES, slope + rest * TILE, turned, padded, REST(rows), vectors);
+}
+
+/* dW [outs][ins] += slope [outs][TILE] value^T [TILE][ins]: columns in threes of vectors, four in two twos. */
+INLINE void add_weights(global float *dw, local const vf *slope, local const vf *value, local vf *turned,
+                        const int outs, const int ins, const int row, const int item) {
+  const int padded = row / LANES, last = padded % 3 == 1 && padded > 1 ? 4 : padded % 3;
+  local const float *from = (local const float *)slope;
+  turn(turned, value, padded);
+  for (int column = 0; column < padded - last; column += 3) add_rows(dw, from, turned, padded, outs, column, 3);
+  for (int column = padded - last; column + 2 <= padded; column += 2)
+    add_rows(dw, from, turned, padded, outs, column, 2);
+  if (last == 1) add_rows(dw, from, turned, padded, outs, padded - 1, 1);
+}
+
+#else
+/* The same: an item sums 4 x 4 products, whose rows and columns lie apart so that neighbours read neighbours. */
+INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *turned,
+                        const int outs, const int ins, const int row, const int item) {
+  const int down = (outs + 3) / 4, across = (ins + 3) / 4;
+  for (int block = item; block < down * across; block += GROUP) {
+    const int j = block / across, k = block % across;
+    float sum[4][4] = {{0}};
+    for (int i = 0; i < TILE; i++) {
+      float s[4], x[4];
+#pragma unroll
+      for (int q = 0; q < 4; q++) s[q] = slope[min(j + q * down, outs - 1) * LINE + i];
+#pragma unroll
+      for (int q = 0; q < 4; q++) x[q] = value[min(k + q * across, ins - 1) * LINE + i];
+#pragma unroll
+      for (int q = 0; q < 16; q++) sum[q / 4][q % 4] = fma(s[q / 4], x[q % 4], sum[q / 4][q % 4]);
+    }
+#pragma unroll
+    for (int q = 0; q < 16; q++) {
+      const int out = j + q / 4 * down, in = k + q % 4 * across;
+      if (out < outs && in < ins) dw[out * row + in] += sum[q / 4][q % 4];
+    }
+  }
+}
+#endif
+
+/* A piece's gradient, from the tile of the input's: of samples added where they belong, of the batch to the sums. */
+INLINE void scatter(global float *dx, const ulong stride, global float *sums, local const vf *tile, const int rows,
+                    const int per, const ulong first, const ulong n, const int item) {
+  if (per == PER_SAMPLE) {
+    put_rows(dx, stride, tile, rows, true, first, n, item);
+    return;
+  }
+  for (int c = item; c < rows; c += GROUP) {
+    vf sum = 0;
+    for (int i = 0; i < GROUP * VECTORS; i++) sum += tile[c * LINE + i];
+    STORE(LOAD(sums + c * LANES) + sum, sums + c * LANES);
+  }
+}
+
+#define GRADIENTS ROWS(float, dx0), ROWS(float, dx1), ROWS(float, dx2), ROWS(float, dx3)
+#define OPEN_GRADIENTS \
+  OPEN(float, dx0);    \
+  OPEN(float, dx1);    \
+  OPEN(float, dx2);    \
+  OPEN(float, dx3);
+
+/* Gradients of the samples of a group's tiles: `each` of them, the last group less. Values are computed again; the
+ * gradient of a layer's values takes their place as soon as they are used. sums [group][PART] is overwritten. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS, SPAN(float, sums),
+                                                                       ROWS(const float, dy), INPUTS, ulong each,
+                                                                       ulong n) {
+#if CPU
+  local vf values[(VALUES + LANES - 1) * LINE]; /* what `turn` may look at */
+  local vf turned[TILE * TURNED];
+#else
+  local vf values[VALUES * LINE];
+  local float *const turned = 0;
+#endif
+  STAGED_ROOM
+  OPEN_GRADIENTS
+  OPEN(float, sums);
+  OPEN(const float, dy);
+  OPEN_INPUTS
+  const int item = (int)get_local_id(0);
+  global float *const own = sums + get_group_id(0) * PART;
+  const ulong begin = get_group_id(0) * each * TILE, end = min(begin + each * TILE, n);
+  for (int i = item; i < PART; i += GROUP) own[i] = 0;
+#if !CPU
+  barrier(CLK_GLOBAL_MEM_FENCE);
+#endif
+  for (ulong first = begin; first < end; first += TILE) {
+    local vf *to = values;
+    EACH_PIECE(GATHER)
+#define LAYER(l, next)                                                                                               \
+  product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, item STAGED);
+    JOIN(UP_, HIDDEN)(LAYER)
+    gather(values + JOIN(V, LAYERS) * LINE, dy, dy_stride, JOIN(C, LAYERS), PER_SAMPLE, 0, first, n, item);
+#define LAYER_BWD(l, next)                                                                                        \
+  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, turned, C##next, C##l, E##l, item); \
+  WAIT if (l > 0)                                                                                                 \
+      product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next, item STAGED);
+    JOIN(DOWN_, LAYERS)(LAYER_BWD)
+#if DX_ROWS > 0
+    product(AS_IT_IS, values + DX_FROM * LINE, values + V1 * LINE, w + DX_FROM, 1, C0, DX_ROWS, C1, item STAGED);
+    WAIT
+    to = values;
+#define SCATTER(p) \
+  if (D##p) scatter(dx##p, dx##p##_stride, own + B##p, to, R##p, P##p, first, n, item); \
+  to += R##p * LINE;
+    EACH_PIECE(SCATTER)
+    WAIT
+#endif
+  }
+}
+
+/* dW and the gradients of the batch's rows += the sums of all parts, in their order; an item a number. */
+kernel void mlp_sum(GRADIENTS, SPAN(float, dw), SPAN(const float, sums), int parts) {
+  OPEN_GRADIENTS
+  OPEN(float, dw);
+  OPEN(const float, sums);
+  int at = (int)get_global_id(0);
+  float sum = 0;
+#define LAYER_SUM(l, next)                                                                             \
+  if (at >= 0 && at < C##next * C##l) {                                                                \
+    for (int k = 0; k < parts; k++) sum += sums[(ulong)k * PART + G##l + at / C##l * E##l + at % C##l]; \
+    dw[A##l + at] += sum;                                                                              \
+  }                                                                                                    \
+  at -= C##next * C##l;
+  JOIN(UP_, LAYERS)(LAYER_SUM)
+#define PIECE_SUM(p)                                                              \
+  if (D##p && P##p == PER_BATCH) {                                                \
+    if (at >= 0 && at < R##p) {                                                   \
+      for (int k = 0; k < parts * LANES; k++)                                     \
+        sum += sums[(ulong)(k / LANES) * PART + B##p + at * LANES + k % LANES];   \
+      dx##p[(ulong)at * dx##p##_stride] += sum;                                   \
+    }                                                                             \
+    at -= R##p;                                                                   \
+  }
+  EACH_PIECE(PIECE_SUM)
 }
 #endif
