@@ -296,20 +296,20 @@ struct level { /* [resolution + 1][row] values from `at` on: (c0, c1) at c0 + c1
 #define PAIRS(first, second, p, i) first = (p)[(i)[0]], second = (p)[(i)[0] + 1]
 #else
 #define KEPT volatile uint
-#define PAIR(p, i) as_ulong(vload2(0, (p) + (i)))
-#define PAIRS(first, second, p, i)                                                                                \
-  do {                                                                                                            \
-    const real low_ = JOIN(as_float, WIDTH)(HALF(p, i, 0)), high_ = JOIN(as_float, WIDTH)(HALF(p, i, WIDTH / 2)); \
-    first = (real)(low_.even, high_.even), second = (real)(low_.odd, high_.odd);                                  \
+#define PAIR(p, i) vload2(0, (p) + (i))
+#define PAIRS(first, second, p, i)                                        \
+  do {                                                                    \
+    const real low_ = HALF(p, i, 0), high_ = HALF(p, i, WIDTH / 2);       \
+    first = (real)(low_.even, high_.even), second = (real)(low_.odd, high_.odd); \
   } while (0)
 #if WIDTH == 4
-#define HALF(p, i, l) (ulong2)(PAIR(p, i[l]), PAIR(p, i[l + 1]))
+#define HALF(p, i, l) (real)(PAIR(p, i[l]), PAIR(p, i[l + 1]))
 #elif WIDTH == 8
-#define HALF(p, i, l) (ulong4)(PAIR(p, i[l]), PAIR(p, i[l + 1]), PAIR(p, i[l + 2]), PAIR(p, i[l + 3]))
+#define HALF(p, i, l) (real)(PAIR(p, i[l]), PAIR(p, i[l + 1]), PAIR(p, i[l + 2]), PAIR(p, i[l + 3]))
 #else
-#define HALF(p, i, l)                                                                                \
-  (ulong8)(PAIR(p, i[l]), PAIR(p, i[l + 1]), PAIR(p, i[l + 2]), PAIR(p, i[l + 3]), PAIR(p, i[l + 4]), \
-           PAIR(p, i[l + 5]), PAIR(p, i[l + 6]), PAIR(p, i[l + 7]))
+#define HALF(p, i, l)                                                                               \
+  (real)(PAIR(p, i[l]), PAIR(p, i[l + 1]), PAIR(p, i[l + 2]), PAIR(p, i[l + 3]), PAIR(p, i[l + 4]), \
+         PAIR(p, i[l + 5]), PAIR(p, i[l + 6]), PAIR(p, i[l + 7]))
 #endif
 #endif
 
