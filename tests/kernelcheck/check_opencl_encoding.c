@@ -79,7 +79,7 @@ static void check_activations(size_t n) {
 static void test_activations(void **state) {
   (void)state;
   for (size_t s = 0; s < TWIN_SIZES; s++) check_activations(twin_sizes[s]);
-  check_activations(20000);
+  if (!twin_is_small()) check_activations(20000);
 }
 
 /* ---- directions ---- */
@@ -286,8 +286,9 @@ static void check_attention(int channels, size_t n, int kind) {
 }
 
 static void check_kind(int kind) {
-  for (size_t n = 0; n < TWIN_SIZES; n++) check_attention(32, twin_sizes[n], kind);
+  for (size_t n = 0; n < TWIN_SIZES; n++) check_attention(twin_is_small() ? 3 : 32, twin_sizes[n], kind);
   check_attention(1, 100, kind);
+  if (twin_is_small()) return;
   check_attention(130, 257, kind);
   check_attention(3, 20000, kind);
 }

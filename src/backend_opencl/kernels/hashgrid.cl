@@ -206,7 +206,7 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
 /* *at += value, whatever others add to it meanwhile */
 static inline void add_atomically(volatile global float *at, float value) {
   volatile global uint *bits = (volatile global uint *)at;
-  uint before = *bits, found;
+  uint before = atomic_or(bits, 0), found; /* reads it */
   while ((found = atomic_cmpxchg(bits, before, as_uint(as_float(before) + value))) != before) before = found;
 }
 
