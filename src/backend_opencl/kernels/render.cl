@@ -11,14 +11,14 @@
  * planes. And for one device: GROUP items a group, VECTORS, OUTPUTS (of a layer that are summed at once).
  *
  * A matrix is packed in blocks of BLOCK(outputs) rows, in a block column by column: [outputs/BLOCK][inputs][BLOCK]. A
- * lane's activations are a column of `tile`, [rows][GROUP*LANES] in local memory, which no other item looks at: nothing
+ * lane's activations are a column of `tile`, [rows][VECTORS][GROUP] vectors in local memory, which no other item looks at: nothing
  * waits for anything. */
 /* Inlined before loops are unrolled, so that their bounds are constants. */
 #define INLINE static inline __attribute__((always_inline))
 #define LANES (WIDTH * VECTORS)
-#define TILE (GROUP * LANES)
+#define TILE (GROUP * VECTORS) /* vectors of a group */
 #define BLOCK(n) ((n) < OUTPUTS ? (n) : OUTPUTS)
-#define AT(row, v) ((row) * TILE + (v) * (GROUP * WIDTH))
+#define AT(row, v) ((row) * TILE + (v) * GROUP)
 #define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken at once */
 #define SH 16
 #define SIDE 8    /* pixels an edge of a block that nearest[] has a value for */
@@ -29,8 +29,6 @@
 typedef float real;
 typedef int mask;
 typedef uint whole;
-#define LOAD(p) (*(p))
-#define STORE(x, p) (*(p) = (x))
 #define ANY(m) ((m) != 0)
 #define WHOLE(x) convert_uint_rtz(x)
 #define REAL(x) convert_float(x)
@@ -42,8 +40,6 @@ typedef uint whole;
 typedef JOIN(float, WIDTH) real;
 typedef JOIN(int, WIDTH) mask;
 typedef JOIN(uint, WIDTH) whole;
-#define LOAD(p) JOIN(vload, WIDTH)(0, p)
-#define STORE(x, p) JOIN(vstore, WIDTH)(x, 0, p)
 #define ANY(m) any(m)
 #define WHOLE(x) JOIN(JOIN(convert_uint, WIDTH), _rtz)(x)
 #define REAL(x) JOIN(convert_float, WIDTH)(x)
@@ -62,6 +58,8 @@ typedef JOIN(uint, WIDTH) whole;
 #endif
 #endif
 #define NOT(m) ((m) == 0)
+#define LANE(x, lane) (((float *)(x))[lane]) /* of private vectors */
+#define LANE_INT(x, lane) (((int *)(x))[lane])
 #define EACH_VECTOR _Pragma("unroll") for (int v = 0; v < VECTORS; v++)
 #define EACH_AXIS _Pragma("unroll") for (int axis = 0; axis < 3; axis++)
 
@@ -186,9 +184,9 @@ struct queue { /* rays that have a sample, at distance t, and wait for a lane */
 };
 
 struct flight { /* ray < 0: the lane is empty */
-  float t[LANES], far[LANES], d[3][LANES], inverse[3][LANES];
-  float transmittance[LANES], colour[3][LANES], opacity[LANES], depth[LANES], attention[LANES], eye[LANES];
-  int ray[LANES], count[LANES], found[LANES];
+  real t[VECTORS], far[VECTORS], d[3][VECTORS], inverse[3][VECTORS];
+  real transmittance[VECTORS], colour[3][VECTORS], opacity[VECTORS], depth[VECTORS], attention[VECTORS], eye[VECTORS];
+  mask ray[VECTORS], count[VECTORS], found[VECTORS];
 };
 
 INLINE void put(const struct output *to, uint ray, const float colour[3], float opacity, float depth,
@@ -236,19 +234,14 @@ INLINE void meet(struct queue *q, uint k, const struct frame *f, const struct ou
     }
     found = find(&t, going & (t < far), far, d, inverse, f, bits);
   }
-  int at[WIDTH], is_wanted[WIDTH], is_found[WIDTH];
-  float at_t[WIDTH], at_far[WIDTH], at_d[3][WIDTH];
-  STORE(ray, (uint *)at), STORE(wanted, is_wanted), STORE(found, is_found);
-  STORE(t, at_t), STORE(far, at_far);
-  EACH_AXIS STORE(d[axis], at_d[axis]);
   for (int l = 0; l < WIDTH; l++) {
-    if (is_found[l]) {
+    if (LANE_INT(&found, l)) {
       const int h = q->hits++;
-      q->ray[h] = at[l], q->t[h] = at_t[l], q->far[h] = at_far[l];
-      EACH_AXIS q->d[axis][h] = at_d[axis][l];
-    } else if (is_wanted[l]) {
+      q->ray[h] = LANE_INT(&ray, l), q->t[h] = LANE(&t, l), q->far[h] = LANE(&far, l);
+      EACH_AXIS q->d[axis][h] = LANE(&d[axis], l);
+    } else if (LANE_INT(&wanted, l)) {
       const float black[3] = {0, 0, 0};
-      put(to, (uint)at[l], black, 0, 0, 0, 0);
+      put(to, (uint)LANE_INT(&ray, l), black, 0, 0, 0, 0);
     }
   }
 }
@@ -264,23 +257,24 @@ INLINE bool take(struct flight *flight, int lane, struct queue *q, const struct 
     for (int i = 0; i < CHUNK; i += WIDTH) meet(q, k + i, f, to, pixel_number, nearest, bits);
   }
   const int h = q->taken++;
-  flight->t[lane] = q->t[h], flight->far[lane] = q->far[h];
+  LANE(flight->t, lane) = q->t[h], LANE(flight->far, lane) = q->far[h];
   EACH_AXIS {
-    flight->d[axis][lane] = q->d[axis][h];
-    flight->inverse[axis][lane] = 1 / q->d[axis][h];
-    flight->colour[axis][lane] = 0;
+    LANE(flight->d[axis], lane) = q->d[axis][h];
+    LANE(flight->inverse[axis], lane) = 1 / q->d[axis][h];
+    LANE(flight->colour[axis], lane) = 0;
   }
-  flight->ray[lane] = q->ray[h], flight->count[lane] = 0;
-  flight->transmittance[lane] = 1;
-  flight->opacity[lane] = flight->depth[lane] = flight->attention[lane] = flight->eye[lane] = 0;
+  LANE_INT(flight->ray, lane) = q->ray[h], LANE_INT(flight->count, lane) = 0;
+  LANE(flight->transmittance, lane) = 1;
+  LANE(flight->opacity, lane) = LANE(flight->depth, lane) = 0;
+  LANE(flight->attention, lane) = LANE(flight->eye, lane) = 0;
   return true;
 }
 
 /* An empty lane goes on with zeros, and nobody reads what becomes of it. */
 INLINE void leave_empty(struct flight *flight, int lane) {
-  flight->ray[lane] = -1;
-  flight->t[lane] = flight->transmittance[lane] = 0;
-  EACH_AXIS flight->d[axis][lane] = flight->inverse[axis][lane] = 0;
+  LANE_INT(flight->ray, lane) = -1;
+  LANE(flight->t, lane) = LANE(flight->transmittance, lane) = 0;
+  EACH_AXIS LANE(flight->d[axis], lane) = LANE(flight->inverse[axis], lane) = 0;
 }
 
 /* ---- the field of a tile ---- */
@@ -315,28 +309,28 @@ struct level { /* [resolution + 1][row] values from `at` on: (c0, c1) at c0 + c1
 
 /* Features of one plane, bilinear in its levels. a, b: the plane's coordinates on [0, 1]. All cells of a level first;
  * they go through memory, from where scalar loads take them: out of registers they would hold up the shuffles. */
-INLINE void encode_plane(local float *tile, const real a[VECTORS], const real b[VECTORS],
+INLINE void encode_plane(local real *tile, const real a[VECTORS], const real b[VECTORS],
                                 global const struct level *level, global const float *dense) {
 #pragma OPENCL FP_CONTRACT OFF
   for (int l = 0; l < LEVELS; l++) {
     const float scale = level[l].scale;
     const uint row = level[l].row;
     global const float *value = dense + level[l].at;
-    KEPT cell[LANES];
+    whole cell[VECTORS];
     real s[VECTORS], t[VECTORS];
     EACH_VECTOR {
       const real p = full(a[v]) * scale + 0.5f, q = full(b[v]) * scale + 0.5f;
       const whole c0 = WHOLE(p), c1 = WHOLE(q);
       s[v] = p - REAL(c0), t[v] = q - REAL(c1);
-      STORE(c0 + c1 * row, (uint *)cell + v * WIDTH);
+      cell[v] = c0 + c1 * row;
     }
     EACH_VECTOR {
       real near[2], far[2];
-      KEPT *i = cell + v * WIDTH;
+      KEPT *i = (KEPT *)(cell + v);
       PAIRS(near[0], near[1], value, i);
       PAIRS(far[0], far[1], value + row, i);
       const real nearer = near[0] + s[v] * (near[1] - near[0]), farther = far[0] + s[v] * (far[1] - far[0]);
-      STORE(nearer + t[v] * (farther - nearer), tile + AT(l, v));
+      tile[AT(l, v)] = nearer + t[v] * (farther - nearer);
     }
   }
 }
@@ -360,10 +354,10 @@ INLINE void encode_plane(local float *tile, const real a[VECTORS], const real b[
 #define FOUR(rows)
 #endif
 #define PRODUCT(name, rows)                                                                                           \
-  INLINE void name(real (*sum)[VECTORS], global const float *a, local const float *x, const int count) {              \
+  INLINE void name(real (*sum)[VECTORS], global const float *a, local const real *x, const int count) {              \
     for (int k = 0; k < count; k++) {                                                                                 \
       real value[VECTORS];                                                                                            \
-      EACH_VECTOR value[v] = LOAD(x + AT(k, v));                                                                      \
+      EACH_VECTOR value[v] = x[AT(k, v)];                                                                             \
       FOUR(rows)                                                                                                      \
       EACH_ROW(rows) {                                                                                                \
         const real weight = (real)(a[k * (rows) + r]);                                                                \
@@ -376,13 +370,13 @@ INLINE void encode_plane(local float *tile, const real a[VECTORS], const real b[
  * stays one. */
 #define LAYER(name, outputs, count)                                                                                   \
   PRODUCT(product_##name, BLOCK(outputs))                                                                             \
-  INLINE void name(local float *y, global const float *start, global const float *a, local const float *x) {          \
+  INLINE void name(local real *y, global const float *start, global const float *a, local const real *x) {          \
     for (int row = 0; row < (outputs); row += BLOCK(outputs), a += BLOCK(outputs) * (count)) {                        \
       real sum[BLOCK(outputs)][VECTORS];                                                                              \
       EACH_ROW(BLOCK(outputs)) EACH_VECTOR sum[r][v] = start ? (real)(start[row + r]) : (real)(0);                    \
       product_##name(sum, a, x, count);                                                                               \
       EACH_ROW(BLOCK(outputs))                                                                                        \
-        EACH_VECTOR STORE(full(select(sum[r][v], (real)(0), sum[r][v] < 0)), y + AT(row + r, v));                     \
+        EACH_VECTOR y[AT(row + r, v)] = full(select(sum[r][v], (real)(0), sum[r][v] < 0));                            \
     }                                                                                                                 \
   }
 
@@ -398,7 +392,7 @@ LAYER(eye_layer, EYE_HIDDEN, FEATURES)
 #endif
 
 /* |W_v h| */
-INLINE void attention_norm(real norm[VECTORS], global const float *a, local const float *hidden) {
+INLINE void attention_norm(real norm[VECTORS], global const float *a, local const real *hidden) {
   real total[VECTORS];
   EACH_VECTOR total[v] = 0;
   for (int row = 0; row < VALUES; row += BLOCK(VALUES), a += BLOCK(VALUES) * ATTENTION) {
@@ -417,32 +411,32 @@ struct values { /* of a tile's samples */
 };
 
 /* Spherical harmonics of degrees 0 to 3 of the unit vector (x, v, z) (posenc_ref.c). */
-INLINE void harmonics(local float *y, real x, real v, real z) {
+INLINE void harmonics(local real *y, real x, real v, real z) {
   const float c00 = 0.28209479177387814f, c1 = 0.48860251190291992f, c2 = 1.0925484305920792f,
               c20 = 0.31539156525252005f, c33 = 0.59004358992664352f, c32 = 2.8906114426405538f,
               c31 = 0.45704579946446572f, c30 = 0.37317633259011546f;
-  STORE((real)(c00), y);
-  STORE(-c1 * v, y + TILE);
-  STORE(c1 * z, y + 2 * TILE);
-  STORE(-c1 * x, y + 3 * TILE);
-  STORE(c2 * x * v, y + 4 * TILE);
-  STORE(-c2 * v * z, y + 5 * TILE);
-  STORE(c20 * (3 * z * z - 1), y + 6 * TILE);
-  STORE(-c2 * x * z, y + 7 * TILE);
-  STORE(c2 / 2 * (x * x - v * v), y + 8 * TILE);
-  STORE(c33 * v * (v * v - 3 * x * x), y + 9 * TILE);
-  STORE(c32 * x * v * z, y + 10 * TILE);
-  STORE(c31 * v * (1 - 5 * z * z), y + 11 * TILE);
-  STORE(c30 * z * (5 * z * z - 3), y + 12 * TILE);
-  STORE(c31 * x * (1 - 5 * z * z), y + 13 * TILE);
-  STORE(c32 / 2 * z * (x * x - v * v), y + 14 * TILE);
-  STORE(c33 * x * (3 * v * v - x * x), y + 15 * TILE);
+  y[0] = c00;
+  y[TILE] = -c1 * v;
+  y[2 * TILE] = c1 * z;
+  y[3 * TILE] = -c1 * x;
+  y[4 * TILE] = c2 * x * v;
+  y[5 * TILE] = -c2 * v * z;
+  y[6 * TILE] = c20 * (3 * z * z - 1);
+  y[7 * TILE] = -c2 * x * z;
+  y[8 * TILE] = c2 / 2 * (x * x - v * v);
+  y[9 * TILE] = c33 * v * (v * v - 3 * x * x);
+  y[10 * TILE] = c32 * x * v * z;
+  y[11 * TILE] = c31 * v * (1 - 5 * z * z);
+  y[12 * TILE] = c30 * z * (5 * z * z - 3);
+  y[13 * TILE] = c31 * x * (1 - 5 * z * z);
+  y[14 * TILE] = c32 / 2 * z * (x * x - v * v);
+  y[15 * TILE] = c33 * x * (3 * v * v - x * x);
 }
 
 /* From features to sigma and rgb; d: directions of the rays. */
-INLINE void field(struct values *out, local float *tile, const struct flight *flight, global const float *net,
+INLINE void field(struct values *out, local real *tile, const struct flight *flight, global const float *net,
                   float eye_value, bool norm_wanted) {
-  local float *attention = tile + AT(FEATURES, 0), *first = tile + AT(ROW_FIRST, 0), *second = tile + AT(ROW_SECOND, 0);
+  local real *attention = tile + AT(FEATURES, 0), *first = tile + AT(ROW_FIRST, 0), *second = tile + AT(ROW_SECOND, 0);
   real one[1][VECTORS], three[3][VECTORS];
 #if EYE
   eye_layer(attention, 0, net + AT_EYE1, tile);
@@ -450,7 +444,7 @@ INLINE void field(struct values *out, local float *tile, const struct flight *fl
   product_one(one, net + AT_EYE2, attention, EYE_HIDDEN);
   EACH_VECTOR {
     out->eye[v] = sigmoid(full(one[0][v]));
-    STORE(out->eye[v] * eye_value, tile + AT(FEATURES + ATTENTION, v));
+    tile[AT(FEATURES + ATTENTION, v)] = out->eye[v] * eye_value;
   }
 #endif
   attention_layer(attention, 0, net + AT_ATTENTION1, tile);
@@ -460,8 +454,7 @@ INLINE void field(struct values *out, local float *tile, const struct flight *fl
   EACH_VECTOR one[0][v] = 0;
   product_one(one, net + AT_SIGMA, second, DENSITY);
   EACH_VECTOR out->sigma[v] = exp(full(select(one[0][v], (real)(80), one[0][v] > 80)));
-  EACH_VECTOR harmonics(second + AT(DENSITY, v), LOAD(flight->d[0] + v * WIDTH), LOAD(flight->d[1] + v * WIDTH),
-                        LOAD(flight->d[2] + v * WIDTH));
+  EACH_VECTOR harmonics(second + AT(DENSITY, v), flight->d[0][v], flight->d[1][v], flight->d[2][v]);
   colour_layer(first, net + AT_START, net + AT_COLOUR1, second);
   EACH_ROW(3) EACH_VECTOR three[r][v] = 0;
   product_three(three, net + AT_COLOUR2, first, COLOUR);
@@ -469,13 +462,13 @@ INLINE void field(struct values *out, local float *tile, const struct flight *fl
 }
 
 /* Encoder and field of the samples that the lanes are at. */
-INLINE void evaluate(struct values *out, local float *tile, const struct flight *flight, const struct frame *f,
+INLINE void evaluate(struct values *out, local real *tile, const struct flight *flight, const struct frame *f,
                             global const struct level *level, global const float *dense, global const float *net,
                             bool norm_wanted) {
 #pragma OPENCL FP_CONTRACT OFF
   real u[3][VECTORS];
   EACH_AXIS EACH_VECTOR {
-    const real x = f->pose[4 * axis + 3] + LOAD(flight->t + v * WIDTH) * LOAD(flight->d[axis] + v * WIDTH);
+    const real x = f->pose[4 * axis + 3] + flight->t[v] * flight->d[axis][v];
     u[axis][v] = (clamped(x, -f->bound, f->bound) + f->bound) / (2 * f->bound);
   }
   encode_plane(tile, u[A0], u[B0], level, dense);
@@ -489,25 +482,22 @@ INLINE void advance(struct flight *flight, const struct values *values, const st
                            global const uchar *bits) {
 #pragma OPENCL FP_CONTRACT OFF
   EACH_VECTOR {
-    const int at = v * WIDTH;
-    real t = LOAD(flight->t + at), far = LOAD(flight->far + at), d[3], inverse[3];
+    const real t = flight->t[v], far = flight->far[v], before = flight->transmittance[v];
     const real step = step_at(f, t), tau = values->sigma[v] * step, next = t + step;
-    const real before = LOAD(flight->transmittance + at), w = -expm1(full(-tau)) * before, after = before * exp(-tau);
-    EACH_AXIS {
-      STORE(LOAD(flight->colour[axis] + at) + w * values->rgb[axis][v], flight->colour[axis] + at);
-      d[axis] = LOAD(flight->d[axis] + at), inverse[axis] = LOAD(flight->inverse[axis] + at);
-    }
-    STORE(LOAD(flight->opacity + at) + w, flight->opacity + at);
-    STORE(LOAD(flight->depth + at) + w * next, flight->depth + at);
-    if (norm_wanted) STORE(LOAD(flight->attention + at) + values->norm[v], flight->attention + at);
-    if (EYE) STORE(LOAD(flight->eye + at) + values->eye[v], flight->eye + at);
-    STORE(after, flight->transmittance + at);
-    const mask count = LOAD(flight->count + at) + 1;
-    STORE(count, flight->count + at);
-    const mask going = (LOAD(flight->ray + at) >= 0) & NOT(after < f->stop) & (count < f->max_steps) & (next > t) & (next < far);
-    t = next;
-    STORE(find(&t, going, far, d, inverse, f, bits), flight->found + at);
-    STORE(t, flight->t + at);
+    const real w = -expm1(full(-tau)) * before, after = before * exp(-tau);
+    const real d[3] = {flight->d[0][v], flight->d[1][v], flight->d[2][v]};
+    const real inverse[3] = {flight->inverse[0][v], flight->inverse[1][v], flight->inverse[2][v]};
+    EACH_AXIS flight->colour[axis][v] += w * values->rgb[axis][v];
+    flight->opacity[v] += w;
+    flight->depth[v] += w * next;
+    if (norm_wanted) flight->attention[v] += values->norm[v];
+    if (EYE) flight->eye[v] += values->eye[v];
+    flight->transmittance[v] = after;
+    flight->count[v] += 1;
+    const mask going =
+        (flight->ray[v] >= 0) & NOT(after < f->stop) & (flight->count[v] < f->max_steps) & (next > t) & (next < far);
+    flight->t[v] = next;
+    flight->found[v] = find(&flight->t[v], going, far, d, inverse, f, bits);
   }
 }
 
@@ -518,8 +508,8 @@ render_rays(ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(
             SPAN(float, eye), ROWS(const float, background), SPAN(const int, pixel_number), SPAN(const uchar, bits),
             SPAN(const float, nearest), SPAN(const float, net), SPAN(const float, dense), SPAN(const uchar, levels),
             SPAN(int, counter), const struct frame frame) {
-  local float tiles[TILE_ROWS * TILE];
-  local float *tile = tiles + get_local_id(0) * WIDTH;
+  local real tiles[TILE_ROWS * TILE];
+  local real *tile = tiles + get_local_id(0);
   OPEN(float, pixel);
   OPEN(float, colour);
   OPEN(float, opacity);
@@ -542,14 +532,14 @@ render_rays(ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(
   int flying = 0;
   bool more = true;
   queue.taken = queue.hits = 0;
-  for (int lane = 0; lane < LANES; lane++) flight.ray[lane] = -1, flight.found[lane] = 0;
+  EACH_VECTOR flight.ray[v] = -1, flight.found[v] = 0;
   for (;;) {
     for (int lane = 0; lane < LANES; lane++) {
-      if (flight.found[lane]) continue;
-      if (flight.ray[lane] >= 0) {
-        const float sum[3] = {flight.colour[0][lane], flight.colour[1][lane], flight.colour[2][lane]};
-        put(&output, (uint)flight.ray[lane], sum, flight.opacity[lane], flight.depth[lane], flight.attention[lane],
-            flight.eye[lane]);
+      if (LANE_INT(flight.found, lane)) continue;
+      if (LANE_INT(flight.ray, lane) >= 0) {
+        const float sum[3] = {LANE(flight.colour[0], lane), LANE(flight.colour[1], lane), LANE(flight.colour[2], lane)};
+        put(&output, (uint)LANE_INT(flight.ray, lane), sum, LANE(flight.opacity, lane), LANE(flight.depth, lane),
+            LANE(flight.attention, lane), LANE(flight.eye, lane));
         flying--;
       }
       more = more && take(&flight, lane, &queue, &frame, &output, pixel_number, nearest, bits, counter);
