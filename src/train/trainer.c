@@ -216,7 +216,7 @@ fail:
 
 /* A device that is lost takes with it what was learnt since the last save, and nothing else. */
 static ern_status stopped(const ern_trainer *t, ern_status status) {
-  char cause[1500];
+  char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (status != ERN_E_DEVICE || t->output == NULL) return status;
   snprintf(cause, sizeof cause, "%s", ern_last_error(t->context));
   if (t->saved == 0)
