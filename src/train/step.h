@@ -7,8 +7,8 @@
 #include "core/backend.h"
 
 ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args);
-/* The same, up to the rounding of sums, with the samples of `at_once` rays in memory at a time; all of them are computed
- * twice if that is not all rays. On failure dparameters holds part of the gradient. */
+/* The same, up to the rounding of sums, with the samples of `at_once` rays in memory at a time; all of them are
+ * computed twice if that is not all rays. On failure dparameters holds part of the gradient. */
 ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once);
 ern_status ern_head_density_stages(struct ern_stream *stream, struct ern_head_density_args *args);
 ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args);
