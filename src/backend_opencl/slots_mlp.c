@@ -12,6 +12,7 @@ enum {
   PARTS_CPU = 64,   /* of the samples at most, each with sums of its own; a part has LEAST_TILES or more */
   PARTS_GPU = 512,
   LEAST_TILES = 8,
+  SUMS_MOST = 1 << 24,      /* floats of all parts' sums: 64 MiB */
   STAGE_BYTES = 32 * 36 * 4 /* weights that a group of a GPU shares: CHUNK x STAGE_ROW of mlp.cl */
 };
 
@@ -159,7 +160,9 @@ static ern_status mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   plan_tile(&plan, device, (size_t)(values + (device->cpu ? device->width - 1 : 0)), (size_t)widest);
   say_shape(&plan, &a->forward);
   const size_t part = say_sums(&plan, a, device->cpu);
-  const size_t tiles = n / plan.tile + (n % plan.tile != 0), most = device->cpu ? PARTS_CPU : PARTS_GPU;
+  const size_t tiles = n / plan.tile + (n % plan.tile != 0), room = SUMS_MOST / part;
+  size_t most = device->cpu ? PARTS_CPU : PARTS_GPU;
+  if (most > room) most = room > 0 ? room : 1;
   size_t each = (tiles + most - 1) / most;
   if (each < LEAST_TILES) each = LEAST_TILES;
   const size_t parts = (tiles + each - 1) / each;

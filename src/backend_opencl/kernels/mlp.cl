@@ -102,6 +102,7 @@ INLINE void gather(local vf *tile, global const float *x, const ulong stride, co
         continue;
       }
       local float *to = (local float *)(tile + column);
+#pragma unroll 1
       for (int i = 0; i < LANES; i++) {
         const bool there = sample + (ulong)i < n;
         to[i] = there ? x[per == PER_SAMPLE ? sample + (ulong)i : per == PER_RAY ? (ulong)ray[sample + (ulong)i] : 0]
@@ -120,6 +121,7 @@ INLINE void put(global float *y, const ulong at, const ulong n, const vf value, 
   }
   const vf kept = value;
   private const float *lane = (private const float *)&kept;
+#pragma unroll 1
   for (int i = 0; i < LANES; i++) {
     if (at + (ulong)i < n) y[at + (ulong)i] = add ? y[at + (ulong)i] + lane[i] : lane[i];
   }
@@ -254,71 +256,35 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(floa
 
 #if defined(PART)
 #if CPU
-/* The lower and the upper halves of two vectors, lane by lane in turns. Clang rebuilds what is written with .s0, .s1 into
- * something slower. */
-#if !defined(__clang__)
-#define MIX4(a, b, i, j) a.s##i, b.s##i, a.s##j, b.s##j
-#define MIX8(a, b, i, j, k, l) MIX4(a, b, i, j), MIX4(a, b, k, l)
-#endif
-#if LANES == 4 && defined(__clang__)
-#define LOW(a, b) __builtin_shufflevector(a, b, 0, 4, 1, 5)
-#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 6, 3, 7)
-#elif LANES == 8 && defined(__clang__)
-#define LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
-#define HIGH(a, b) __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
-#elif LANES == 16 && defined(__clang__)
-#define LOW(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23)
-#define HIGH(a, b) __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
-#elif LANES == 4
-#define LOW(a, b) (vf)(MIX4(a, b, 0, 1))
-#define HIGH(a, b) (vf)(MIX4(a, b, 2, 3))
-#elif LANES == 8
-#define LOW(a, b) (vf)(MIX8(a, b, 0, 1, 2, 3))
-#define HIGH(a, b) (vf)(MIX8(a, b, 4, 5, 6, 7))
-#elif LANES == 16
-#define LOW(a, b) (vf)(MIX8(a, b, 0, 1, 2, 3), MIX8(a, b, 4, 5, 6, 7))
-#define HIGH(a, b) (vf)(MIX8(a, b, 8, 9, A, B), MIX8(a, b, C, D, E, F))
-#endif
-
-/* With (row, lane) written in bits, a round turns them by one place; after log2 LANES rounds rows are lanes. */
-#define PAIR(to, from, r)                            \
-  to[2 * (r)] = LOW(from[r], from[(r) + LANES / 2]); \
-  to[2 * (r) + 1] = HIGH(from[r], from[(r) + LANES / 2]);
+/* to [TILE][padded channels] = tile [channels][TILE] turned, four by four. Past the layer's own channels is what lies
+ * there, and it ends in columns of sums that nobody reads. */
+INLINE void turn(local float *to, local const float *tile, const int padded) {
 #if LANES == 1
-#define EACH_LANE(DO) DO(0)
-#define ROUNDS
-#elif LANES == 4
-#define EACH_LANE(DO) DO(0) DO(1) DO(2) DO(3)
-#define ROUND(to, from) PAIR(to, from, 0) PAIR(to, from, 1)
-#define ROUNDS ROUND(b, a) ROUND(a, b)
-#elif LANES == 8
-#define EACH_LANE(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7)
-#define ROUND(to, from) PAIR(to, from, 0) PAIR(to, from, 1) PAIR(to, from, 2) PAIR(to, from, 3)
-#define ROUNDS ROUND(b, a) ROUND(a, b) ROUND(b, a) EACH_LANE(BACK)
+  for (int c = 0; c < padded; c++)
+    for (int i = 0; i < TILE; i++) to[i * padded + c] = tile[c * TILE + i];
 #else
-#define EACH_LANE(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7) EIGHT(DO, 8, 9, 10, 11, 12, 13, 14, 15)
-#define ROUND(to, from)                                                                                  \
-  PAIR(to, from, 0) PAIR(to, from, 1) PAIR(to, from, 2) PAIR(to, from, 3) PAIR(to, from, 4) PAIR(to, from, 5) \
-      PAIR(to, from, 6) PAIR(to, from, 7)
-#define ROUNDS ROUND(b, a) ROUND(a, b) ROUND(b, a) ROUND(a, b)
+  for (int c = 0; c < padded; c += 4) {
+    for (int i = 0; i < TILE; i += 4) {
+      local const float *from = tile + c * TILE + i;
+      const float4 a = vload4(0, from), b = vload4(0, from + TILE), p = vload4(0, from + 2 * TILE),
+                   q = vload4(0, from + 3 * TILE);
+      local float *row = to + i * padded + c;
+#if defined(__clang__) /* it makes more of the plain form */
+      const float4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), ab2 = __builtin_shufflevector(a, b, 2, 6, 3, 7),
+                   pq = __builtin_shufflevector(p, q, 0, 4, 1, 5), pq2 = __builtin_shufflevector(p, q, 2, 6, 3, 7);
+      vstore4(__builtin_shufflevector(ab, pq, 0, 1, 4, 5), 0, row);
+      vstore4(__builtin_shufflevector(ab, pq, 2, 3, 6, 7), 0, row + padded);
+      vstore4(__builtin_shufflevector(ab2, pq2, 0, 1, 4, 5), 0, row + 2 * padded);
+      vstore4(__builtin_shufflevector(ab2, pq2, 2, 3, 6, 7), 0, row + 3 * padded);
+#else
+      vstore4((float4)(a.s0, b.s0, p.s0, q.s0), 0, row);
+      vstore4((float4)(a.s1, b.s1, p.s1, q.s1), 0, row + padded);
+      vstore4((float4)(a.s2, b.s2, p.s2, q.s2), 0, row + 2 * padded);
+      vstore4((float4)(a.s3, b.s3, p.s3, q.s3), 0, row + 3 * padded);
 #endif
-#define BACK(r) a[r] = b[r];
-
-/* to [TILE][channels] = tile [channels][TILE] turned; channels: `padded` vectors, past the layer's own is what lies there,
- * and ends in columns of sums that nobody reads. */
-INLINE void turn(local vf *to, local const vf *tile, const int padded) {
-#pragma unroll 1
-  for (int c = 0; c < padded; c++) {
-#pragma unroll 1
-    for (int v = 0; v < VECTORS; v++) {
-      vf a[LANES], b[LANES];
-#define TAKE(r) a[r] = tile[(c * LANES + r) * LINE + v];
-#define GIVE(r) to[(v * LANES + r) * padded + c] = a[r];
-      EACH_LANE(TAKE)
-      ROUNDS
-      EACH_LANE(GIVE)
     }
   }
+#endif
 }
 
 /* dW [rows][vectors] += slope [rows][TILE] turned [TILE][vectors]; rows of dW `padded` vectors long */
@@ -356,7 +322,7 @@ INLINE void add_weights(global float *dw, local const vf *slope, local const vf 
                         const int outs, const int ins, const int row, const int item) {
   const int padded = row / LANES, last = padded % 3 == 1 && padded > 1 ? 4 : padded % 3;
   local const float *from = (local const float *)slope;
-  turn(turned, value, padded);
+  turn((local float *)turned, (local const float *)value, row);
   for (int column = 0; column < padded - last; column += 3) add_rows(dw, from, turned, padded, outs, column, 3);
   for (int column = padded - last; column + 2 <= padded; column += 2)
     add_rows(dw, from, turned, padded, outs, column, 2);
