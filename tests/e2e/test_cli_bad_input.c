@@ -252,8 +252,9 @@ static void test_mismatch(void **state) {
   cli_expect(&cli, 1, "m.safetensors", "another clip", "expected", "--force", NULL);
   cli_run(&cli, "eval m.safetensors other --force --split val");
   cli_expect(&cli, 0, "warning", "another clip", NULL);
-  cli_run(&cli, "render m.safetensors --clip base --fix_eye 0.5 --backend opencl -o x.mp4");
-  cli_expect(&cli, 1, "opencl", NULL);
+  cli_run(&cli, "render m.safetensors --clip base --fix_eye 0.5 --backend opencl --device 255 -o x.mp4");
+  cli_expect(&cli, 1, "OpenCL", NULL);
+  assert_false(cli_there("x.mp4"));
 }
 
 /* ---- places that take nothing ------------------------------------------------------------------------------------ */

@@ -371,12 +371,36 @@ static void test_scratch(void **state) {
   bench_close(&b);
 }
 
+/* Sums in any order are only for the form of kernels that suits GPUs, and only unless asked. */
+static void test_deterministic(void **state) {
+  static const char *const forms[] = {"cpu", "gpu"};
+  ern_context *context = support_context();
+  (void)state;
+  for (int asked = 0; asked < 2; asked++) {
+    for (int form = 0; form < 2; form++) {
+      ern_backend_config config = ern_backend_config_default();
+      ern_backend *backend = NULL;
+      ern_backend_info info;
+      config.name = "opencl";
+      config.deterministic = asked == 1;
+      assert_int_equal(setenv("ERNERF_OPENCL_FORM", forms[form], 1), 0);
+      support_ok(context, ern_backend_create(&backend, context, &config));
+      ern_backend_describe(backend, &info);
+      assert_true(info.deterministic == (asked == 1 || form == 0));
+      ern_backend_free(&backend);
+    }
+  }
+  assert_int_equal(unsetenv("ERNERF_OPENCL_FORM"), 0);
+  ern_context_free(&context);
+}
+
 int main(void) {
   const char *layer = getenv("ERNERF_FAULTS");
   if (layer == NULL || setenv("OPENCL_LAYERS", layer, 1) != 0) return 1;
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_too_little),  cmocka_unit_test(test_far_too_little),
-                                     cmocka_unit_test(test_each_launch), cmocka_unit_test(test_lost),
-                                     cmocka_unit_test(test_density),     cmocka_unit_test(test_scratch)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_too_little),   cmocka_unit_test(test_far_too_little),
+                                     cmocka_unit_test(test_each_launch),  cmocka_unit_test(test_lost),
+                                     cmocka_unit_test(test_density),      cmocka_unit_test(test_scratch),
+                                     cmocka_unit_test(test_deterministic)};
   return cmocka_run_group_tests_name("opencl step", tests, NULL, NULL);
 }
 #else
