@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The loops of kernels/peak.cl, sized so that a call lasts about a millisecond and every unit has work. */
-#include "backend_opencl/peak.h"
+#include "backend_opencl/device_peak.h"
 
 #include "backend_opencl/opencl.h"
 
