@@ -29,6 +29,7 @@
   SOURCE(torso)                \
   SOURCE(losses)               \
   SOURCE(optimizer)            \
+  SOURCE(portrait)             \
   SOURCE(render)               \
   SOURCE(render_torso)         \
   SOURCE(peak)

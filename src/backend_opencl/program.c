@@ -21,6 +21,15 @@ static const struct {
 #undef ENTRY
 };
 
+/* What is compiled: common.cl, for the fused passes tile.cl, and the source. */
+enum { TEXTS = 3 };
+static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
+  const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso;
+  text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
+  text[1] = (const char *)ern_cl_text_tile, bytes[1] = fused ? ern_cl_bytes_tile : 0;
+  text[2] = (const char *)sources[source].text, bytes[2] = *sources[source].bytes;
+}
+
 void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
   snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d",
            device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu);
@@ -36,14 +45,15 @@ static ern_status cache_key(const struct ern_cl_backend *backend, ern_cl_source 
                               device->version, device->driver, device->platform_version, options);
   if (length < 0 || (size_t)length >= sizeof head)
     return ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
-  const size_t parts[] = {(size_t)length, ern_cl_bytes_common, *sources[source].bytes};
-  const ern_status status = ern_allocate(backend->table.context, parts[0] + parts[1] + parts[2], 1, &room);
+  const char *text[TEXTS];
+  size_t bytes[TEXTS], at = (size_t)length;
+  texts_of(source, text, bytes);
+  const ern_status status = ern_allocate(backend->table.context, at + bytes[0] + bytes[1] + bytes[2], 1, &room);
   if (status != ERN_OK) return status;
   char *all = room;
-  memcpy(all, head, parts[0]);
-  memcpy(all + parts[0], ern_cl_text_common, parts[1]);
-  memcpy(all + parts[0] + parts[1], sources[source].text, parts[2]);
-  ern_sha256_hex(all, parts[0] + parts[1] + parts[2], key);
+  memcpy(all, head, at);
+  for (size_t i = 0; i < TEXTS; at += bytes[i++]) memcpy(all + at, text[i], bytes[i]);
+  ern_sha256_hex(all, at, key);
   ern_release(backend->table.context, room);
   return ERN_OK;
 }
@@ -103,10 +113,14 @@ static void to_cache(struct ern_cl_backend *backend, const char *key, cl_program
 
 static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
                               cl_program *program) {
-  const char *text[] = {(const char *)ern_cl_text_common, (const char *)sources[source].text};
-  const size_t bytes[] = {ern_cl_bytes_common, *sources[source].bytes};
+  const char *all[TEXTS], *text[TEXTS];
+  size_t sizes[TEXTS], bytes[TEXTS];
+  cl_uint count = 0; /* of those that are not empty: a length of 0 would mean a string that ends with a 0 */
   cl_int code = CL_SUCCESS;
-  *program = clCreateProgramWithSource(backend->context, 2, text, bytes, &code);
+  texts_of(source, all, sizes);
+  for (size_t i = 0; i < TEXTS; i++)
+    if (sizes[i] > 0) text[count] = all[i], bytes[count++] = sizes[i];
+  *program = clCreateProgramWithSource(backend->context, count, text, bytes, &code);
   if (code != CL_SUCCESS) return ern_cl_check(backend, code, sources[source].name);
   code = clBuildProgram(*program, 1, &backend->device.id, options, NULL, NULL);
   if (code == CL_SUCCESS) return ERN_OK;

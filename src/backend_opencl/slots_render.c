@@ -1,483 +1,131 @@
 /* SPDX-License-Identifier: MIT
- * The fused passes of rendering: what is laid out once for a model and once for a frame, and the launches. The form of
- * the network is that of the CPU's (frame_net.h): the audio code scales a matrix over the hidden attention, the last
- * density layer and the first colour layer are one matrix, grids are unhashed. */
-#include <assert.h>
-#include <math.h>
-#include <stdio.h>
-#include <string.h>
-
-#include "backend_opencl/opencl.h"
+ * The slots of the fused passes: what goes through one kernel, what through the stages. */
+#include "backend_opencl/device_portrait.h"
 #include "core/memory.h"
-#include "model/field.h"
 #include "render/stages.h"
-#include "render/visible_ops.h"
-
-enum {
-  WIDEST = 64, /* outputs of a layer at most */
-  UNIT = 8,    /* which they are multiples of */
-  ALIGN = 16,  /* reals that a matrix begins at a multiple of */
-  OPTIONS_BYTES = 1024
-};
-
-typedef enum matrix_name {
-  ATTENTION1,
-  EYE1,
-  EYE2,
-  VALUE,
-  DENSITY1,
-  DENSITY2,
-  LOG_SIGMA,
-  COLOUR1,
-  COLOUR2,
-  START,
-  PARTS
-} matrix_name;
-
-/* How the kernel is cut for a device. */
-struct form {
-  int vectors, outputs, group; /* vectors an item, outputs of a layer that are summed at once, items a group */
-};
-
-struct level { /* as in render.cl */
-  float scale;
-  uint32_t row, at, unused;
-};
-static_assert(sizeof(struct level) == 16, "as in render.cl");
-
-struct frame { /* as in render.cl */
-  float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value;
-  int32_t width, height, max_steps, picture;
-  uint32_t across, rays, tickets;
-};
-static_assert(sizeof(struct frame) == 120, "as in render.cl");
-
-struct ern_cl_portrait {
-  ern_span of; /* the parameters it was made from */
-  struct form form;
-  size_t features, attention, eye_hidden, density, colour, values; /* widths */
-  bool eye;
-  size_t at[PARTS]; /* in net */
-  size_t net_count;
-  struct ern_buffer *net, *dense, *levels, *counter; /* reals, reals, bytes, one int32 */
-  uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES] */
-  float *nearest;                                    /* host: a distance a block of pixels */
-  size_t nearest_room;
-  char options[OPTIONS_BYTES];
-};
-
-static ern_span whole(struct ern_buffer *buffer) {
-  return buffer != NULL ? (ern_span){buffer, 0, buffer->count} : (ern_span){0};
-}
-
-static ern_span from(ern_span parameters, size_t at) { return ern_span_part(parameters, at, parameters.count - at); }
-
-void ern_cl_portrait_free(struct ern_cl_stream *stream) {
-  struct ern_cl_portrait *p = stream->portrait;
-  if (p == NULL) return;
-  struct ern_backend *table = &stream->owner->table;
-  table->buffer_free(table, p->net);
-  table->buffer_free(table, p->dense);
-  table->buffer_free(table, p->levels);
-  table->buffer_free(table, p->counter);
-  ern_release(table->context, p->bits);
-  ern_release(table->context, p->nearest);
-  ern_release(table->context, p);
-  stream->portrait = NULL;
-}
-
-/* ---- the shape of a model ---------------------------------------------------------------------------------------- */
-
-static bool has_layers(const struct ern_mlp *mlp, int layers) {
-  if (mlp->layers != layers) return false;
-  for (int l = 1; l < layers; l++)
-    if (mlp->width[l] > WIDEST || mlp->width[l] % UNIT != 0) return false;
-  return true;
-}
-
-/* Whether the kernel can be built for a model of this shape. */
-static bool fits(const struct ern_field *field) {
-  const struct ern_model_config *config = &field->config;
-  if (!config->head || !has_layers(&field->attention, 2) || !has_layers(&field->density, 3) ||
-      !has_layers(&field->colour, 2) || field->attention.width[2] % UNIT != 0 || field->attention.width[2] > WIDEST)
-    return false;
-  for (int plane = 0; plane < ERN_PLANES; plane++)
-    if (field->plane[plane].dims != 2 || field->plane[plane].features != 1 ||
-        field->plane[plane].levels != config->levels)
-      return false;
-  return !config->eye || has_layers(&field->eye, 2);
-}
-
-static int block_of(const struct form *form, size_t outputs) {
-  return (int)outputs < form->outputs ? (int)outputs : form->outputs;
-}
-
-struct matrix {
-  size_t outputs, inputs;
-};
-
-static void shapes_of(const struct ern_cl_portrait *p, struct matrix shape[PARTS]) {
-  const size_t eye = p->eye;
-  const struct matrix all[PARTS] = {
-      [ATTENTION1] = {p->attention, p->features},
-      [EYE1] = {p->eye_hidden, p->features},
-      [EYE2] = {eye, p->eye_hidden},
-      [VALUE] = {p->values, p->attention},
-      [DENSITY1] = {p->density, p->features + p->attention + eye},
-      [DENSITY2] = {p->density, p->density},
-      [LOG_SIGMA] = {1, p->density},
-      [COLOUR1] = {p->colour, p->density + ERN_SH_ROWS},
-      [COLOUR2] = {3, p->colour},
-      [START] = {p->colour, 1},
-  };
-  memcpy(shape, all, sizeof all);
-}
-
-static void measure(struct ern_cl_portrait *p, const struct ern_field *field) {
-  struct matrix shape[PARTS];
-  p->eye = field->config.eye;
-  p->features = (size_t)field->feature_rows;
-  p->attention = (size_t)field->attention.width[1];
-  p->values = (size_t)field->attention.width[2];
-  p->eye_hidden = p->eye ? (size_t)field->eye.width[1] : 0;
-  p->density = (size_t)field->density.width[1];
-  p->colour = (size_t)field->colour.width[1];
-  shapes_of(p, shape);
-  for (int i = 0; i < PARTS; i++) {
-    p->at[i] = p->net_count;
-    p->net_count += (shape[i].outputs * shape[i].inputs + ALIGN - 1) / ALIGN * ALIGN;
-  }
-}
-
-/* Rows of a lane's column. Where all outputs of a layer are one block it may write over its inputs; else two areas
- * behind them take turns. */
-struct column {
-  size_t first, second, rows;
-};
-
-static struct column column_of(const struct ern_cl_portrait *p) {
-  const size_t inputs = p->features + p->attention + p->eye, wide = p->density > p->colour ? p->density : p->colour;
-  const size_t second = p->density + ERN_SH_ROWS;
-  struct column column = {0, 0, inputs};
-  if (p->form.outputs < WIDEST) column = (struct column){inputs, inputs + wide, inputs + wide};
-  const size_t end = column.second + (second > wide ? second : wide), eye = p->features + p->eye_hidden;
-  if (column.rows < end) column.rows = end;
-  if (column.rows < eye) column.rows = eye;
-  return column;
-}
-
-static ern_status write_options(ern_context *context, struct ern_cl_portrait *p, const struct ern_field *field) {
-  const struct column column = column_of(p);
-  const int length = snprintf(
-      p->options, sizeof p->options,
-      "-D GROUP=%d -D VECTORS=%d -D OUTPUTS=%d -D LEVELS=%d -D FEATURES=%zu -D ATTENTION=%zu -D VALUES=%zu -D EYE=%d "
-      "-D EYE_HIDDEN=%zu -D DENSITY=%zu -D COLOUR=%zu -D AT_ATTENTION1=%zu -D AT_EYE1=%zu -D AT_EYE2=%zu "
-      "-D AT_VALUE=%zu -D AT_DENSITY1=%zu -D AT_DENSITY2=%zu -D AT_SIGMA=%zu -D AT_COLOUR1=%zu -D AT_COLOUR2=%zu "
-      "-D AT_START=%zu -D ROW_FIRST=%zu -D ROW_SECOND=%zu -D TILE_ROWS=%zu -D A0=%d -D B0=%d "
-      "-D A1=%d -D B1=%d -D A2=%d -D B2=%d",
-      p->form.group, p->form.vectors, p->form.outputs, field->config.levels, p->features, p->attention, p->values,
-      p->eye, p->eye_hidden, p->density, p->colour, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2], p->at[VALUE],
-      p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START], column.first,
-      column.second, column.rows, field->plane_axis[0][0], field->plane_axis[0][1], field->plane_axis[1][0],
-      field->plane_axis[1][1], field->plane_axis[2][0], field->plane_axis[2][1]);
-  if (length < 0 || (size_t)length >= sizeof p->options)
-    return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: the options of render are too long");
-  return ERN_OK;
-}
 
 /* ---- laying out -------------------------------------------------------------------------------------------------- */
 
-static ern_status make_dense(struct ern_stream *stream, struct ern_cl_portrait *p, const struct ern_field *field,
-                             ern_span parameters) {
-  struct ern_backend *table = &ern_cl_backend_of(stream)->table;
-  struct level level[ERN_PLANES * ERN_GRID_MAX_LEVELS];
-  size_t count = 0, levels = 0;
-  ern_status status = ERN_OK;
-  for (int plane = 0; plane < ERN_PLANES; plane++) {
-    for (int l = 0; l < field->config.levels; l++) {
-      const struct ern_grid_level *of = &field->plane[plane].level[l];
-      const size_t side = (size_t)of->resolution + 1;
-      level[levels++] = (struct level){of->scale, (uint32_t)side, (uint32_t)count, 0};
-      count += side * side;
-    }
-  }
-  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, count, &p->dense));
-  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_BYTE, levels * sizeof *level, &p->levels));
-  ERN_TRY(table->upload_bytes(stream, whole(p->levels), (const uint8_t *)level, levels * sizeof *level));
-  for (size_t i = 0; i < levels; i++) {
-    const size_t plane = i / (size_t)field->config.levels;
-    const struct ern_grid *grid = &field->plane[plane];
-    const struct ern_grid_level *of = &grid->level[i % (size_t)field->config.levels];
-    const size_t n = (size_t)level[i].row * level[i].row;
-    struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_unhash", p->options);
-    ern_cl_span(&call, ern_span_part(whole(p->dense), level[i].at, n));
-    ern_cl_span(&call, from(parameters, field->plane_table[plane] + of->offset));
-    ern_cl_int(&call, (int)level[i].row);
-    ern_cl_int(&call, (int)of->size);
-    ern_cl_int(&call, grid->hashed && n > of->size);
-    ern_cl_size(&call, n);
-    ERN_TRY(ern_cl_each(&call, n));
-  }
-fail:
-  return status;
-}
-
-/* Columns of a part from `at` on. */
-struct place {
-  const struct ern_cl_portrait *portrait;
-  matrix_name name;
-  size_t at;
-};
-
-static void say_place(struct ern_cl_call *call, const struct place *place, size_t rows, size_t columns) {
-  struct matrix shape[PARTS];
-  shapes_of(place->portrait, shape);
+static void say_place(struct ern_cl_call *call, const struct ern_cl_place *place, size_t rows, size_t columns) {
   ern_cl_int(call, (int)rows);
   ern_cl_int(call, (int)columns);
-  ern_cl_int(call, block_of(&place->portrait->form, rows));
-  ern_cl_int(call, (int)shape[place->name].inputs);
-  ern_cl_int(call, (int)place->at);
+  ern_cl_int(call, (int)rows < place->outputs ? (int)rows : place->outputs);
+  ern_cl_int(call, (int)place->width);
+  ern_cl_int(call, (int)place->column);
 }
 
-static ern_span span_of(const struct place *place) {
-  return from(whole(place->portrait->net), place->portrait->at[place->name]);
-}
-
-/* The place gets A [rows][columns], its rows row_step apart. */
-static ern_status pack(struct ern_stream *stream, struct place place, ern_span a, size_t row_step, size_t rows,
-                       size_t columns) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_pack", place.portrait->options);
-  ern_cl_span(&call, span_of(&place));
+ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
+                       size_t rows, size_t columns) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "pack", "");
+  ern_cl_span(&call, place->matrix);
   ern_cl_span(&call, a);
   ern_cl_size(&call, row_step);
-  say_place(&call, &place, rows, columns);
+  say_place(&call, place, rows, columns);
   return ern_cl_each(&call, rows * columns);
 }
 
-/* The place gets A [rows][count] diag(scale) B [count][columns]; scale zeroed: ones. */
-static ern_status multiply(struct ern_stream *stream, struct place place, ern_span a, size_t row_step, ern_span scale,
-                           ern_span b, size_t rows, size_t count, size_t columns) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_multiply", place.portrait->options);
-  ern_cl_span(&call, span_of(&place));
+ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
+                           ern_span scale, ern_span b, size_t rows, size_t count, size_t columns) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "multiply", "");
+  ern_cl_span(&call, place->matrix);
   ern_cl_span(&call, a);
   ern_cl_span(&call, scale);
   ern_cl_span(&call, b);
   ern_cl_size(&call, row_step);
   ern_cl_int(&call, (int)count);
-  say_place(&call, &place, rows, columns);
+  say_place(&call, place, rows, columns);
   return ern_cl_each(&call, rows * columns);
 }
 
-static ern_span weights(const struct ern_mlp *mlp, int l, ern_span parameters) {
-  return from(parameters, mlp->weight[l]);
-}
+/* A CPU's threads take a share of the groups each, a GPU's units several groups at a time. */
+size_t ern_cl_groups(const struct ern_cl_device *device) { return device->units * (device->width > 1 ? 2 : 16); }
 
-/* The colour's first layer reads [SH, geometry, code]; the density's last one gives [log sigma, geometry]. In the net
- * the colour's first layer takes [hidden density, SH]. */
-static ern_status pack_model(struct ern_stream *stream, struct ern_cl_portrait *p, const struct ern_field *field,
-                             ern_span parameters) {
-  const size_t wide = (size_t)field->density.width[0], inputs = (size_t)field->colour.width[0];
-  const ern_span density = weights(&field->density, 0, parameters), last = weights(&field->density, 2, parameters);
-  const ern_span colour = weights(&field->colour, 0, parameters), none = {0};
-  ern_status status = ERN_OK;
-#define PACK(name, at, a, step, rows, columns) \
-  ERN_TRY(pack(stream, (struct place){p, name, at}, a, step, rows, columns))
-  PACK(ATTENTION1, 0, weights(&field->attention, 0, parameters), p->features, p->attention, p->features);
-  PACK(VALUE, 0, weights(&field->attention, 1, parameters), p->attention, p->values, p->attention);
-  if (p->eye) {
-    PACK(EYE1, 0, weights(&field->eye, 0, parameters), p->features, p->eye_hidden, p->features);
-    PACK(EYE2, 0, weights(&field->eye, 1, parameters), p->eye_hidden, 1, p->eye_hidden);
-    PACK(DENSITY1, p->features + p->attention, from(density, p->features + p->values), wide, p->density, 1);
-  }
-  PACK(DENSITY1, 0, density, wide, p->density, p->features);
-  PACK(DENSITY2, 0, weights(&field->density, 1, parameters), p->density, p->density, p->density);
-  PACK(LOG_SIGMA, 0, last, p->density, 1, p->density);
-  PACK(COLOUR1, p->density, colour, inputs, p->colour, ERN_SH_ROWS);
-  PACK(COLOUR2, 0, weights(&field->colour, 1, parameters), p->colour, 3, p->colour);
-#undef PACK
-  status = multiply(stream, (struct place){p, COLOUR1, 0}, from(colour, ERN_SH_ROWS), inputs, none,
-                    from(last, p->density), p->colour, ERN_GEOMETRY, p->density);
-fail:
-  return status;
-}
+/* ---- a model ----------------------------------------------------------------------------------------------------- */
 
-/* What the frame's audio and individual code decide. */
-static ern_status fold(struct ern_stream *stream, const struct ern_cl_portrait *p,
-                       const struct ern_render_rays_args *a) {
-  const struct ern_field *field = a->field;
-  const size_t wide = (size_t)field->density.width[0], inputs = (size_t)field->colour.width[0];
-  ern_status status = multiply(stream, (struct place){p, DENSITY1, p->features},
-                               from(weights(&field->density, 0, a->parameters), p->features), wide, a->code,
-                               weights(&field->attention, 1, a->parameters), p->density, p->values, p->attention);
-  if (status != ERN_OK || field->config.codes == 0) return status; /* without codes the start stays zero */
-  return multiply(stream, (struct place){p, START, 0},
-                  from(weights(&field->colour, 0, a->parameters), ERN_SH_ROWS + ERN_GEOMETRY), inputs, (ern_span){0},
-                  from(a->parameters, field->codes + a->individual * ERN_CODE_WIDTH), p->colour, ERN_CODE_WIDTH, 1);
-}
-
-static struct form form_of(const struct ern_cl_device *device) {
-  if (device->width > 1) return (struct form){3, device->width == 8 ? 4 : 8, 1};
-  return (struct form){1, WIDEST, 64};
+void ern_cl_portrait_free(struct ern_cl_stream *stream) {
+  struct ern_cl_portrait *portrait = stream->portrait;
+  if (portrait == NULL) return;
+  ern_cl_head_free(stream, portrait->head);
+  ern_cl_torso_free(stream, portrait->torso);
+  ern_release(stream->owner->table.context, portrait);
+  stream->portrait = NULL;
 }
 
 static ern_status render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  struct ern_backend *table = &own->owner->table;
   void *room = NULL;
   ern_status status = ERN_OK;
   ern_cl_portrait_free(own);
-  if (!fits(a->field)) return ERN_OK;
-  ERN_TRY(ern_allocate(table->context, 1, sizeof *own->portrait, &room));
-  struct ern_cl_portrait *p = own->portrait = room;
-  ERN_TRY(ern_allocate(table->context, ERN_OCCUPANCY_BYTES, 1, &room));
-  p->bits = room;
-  p->form = form_of(&own->owner->device);
-  measure(p, a->field);
-  ERN_TRY(write_options(table->context, p, a->field));
-  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, p->net_count, &p->net));
-  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 1, &p->counter));
-  ERN_TRY(make_dense(stream, p, a->field, a->parameters));
-  ERN_TRY(pack_model(stream, p, a->field, a->parameters));
-  p->of = a->parameters;
+  ERN_TRY(ern_allocate(own->owner->table.context, 1, sizeof *own->portrait, &room));
+  own->portrait = room;
+  ERN_TRY(ern_cl_head_make(stream, a, &own->portrait->head));
+  ERN_TRY(ern_cl_torso_make(stream, a, &own->portrait->torso));
+  own->portrait->of = a->parameters;
   return ERN_OK;
 fail:
   ern_cl_portrait_free(own);
   return status;
 }
 
+/* NULL: nothing was prepared for these. */
+static struct ern_cl_portrait *prepared_for(struct ern_stream *stream, ern_span parameters) {
+  struct ern_cl_portrait *portrait = ern_cl_stream_of(stream)->portrait;
+  const bool same = portrait != NULL && portrait->of.buffer == parameters.buffer && portrait->of.at == parameters.at;
+  return same ? portrait : NULL;
+}
+
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
-static ern_rows rows_part(ern_rows rows, size_t first, size_t count) {
-  if (rows.span.buffer == NULL) return rows;
-  rows.span = ern_span_part(rows.span, first, rows.span.count - first);
-  (void)count;
+static ern_rows rows_from(ern_rows rows, size_t first) {
+  if (rows.span.buffer != NULL) rows.span = ern_cl_from(rows.span, first);
   return rows;
 }
 static ern_span span_part(ern_span span, size_t first, size_t count) {
   return span.buffer != NULL ? ern_span_part(span, first, count) : span;
 }
 
-/* Ray by ray the same whoever shares the pass: where memory is too little for all, parts of them. */
+/* Rays do not know of each other: where memory is too little for all of them at once, it goes by parts. */
 static ern_status by_stages(struct ern_stream *stream, const struct ern_render_rays_args *all) {
   size_t most = all->n;
-  ern_status status = ERN_OK;
   for (size_t first = 0; first < all->n;) {
     const size_t n = all->n - first < most ? all->n - first : most;
     struct ern_render_rays_args part = *all;
     part.n = n;
-    part.pixel = rows_part(all->pixel, first, n);
-    part.colour = rows_part(all->colour, first, n);
-    part.background = rows_part(all->background, first, n);
+    part.pixel = rows_from(all->pixel, first);
+    part.colour = rows_from(all->colour, first);
+    part.background = rows_from(all->background, first);
     part.opacity = span_part(all->opacity, first, n);
     part.depth = span_part(all->depth, first, n);
     part.attention = span_part(all->attention, first, n);
     part.eye = span_part(all->eye, first, n);
     part.pixel_number = span_part(all->pixel_number, first, n);
-    status = ern_render_rays_stages(stream, &part);
-    if (status == ERN_E_NO_MEMORY && n > 1) {
+    const ern_status status = ern_render_rays_stages(stream, &part);
+    if (status == ERN_OK) {
+      first += n;
+    } else if (status == ERN_E_NO_MEMORY && n > 1) {
       most = (n + 1) / 2;
-      continue;
+    } else {
+      return status;
     }
-    if (status != ERN_OK) return status;
-    first += n;
   }
-  return status;
-}
-
-static const double two_root_three = 3.46410161513775459; /* the diagonal of [-1, 1]^3 */
-
-/* Steps as the march has them (march_ref.c). */
-static struct frame frame_of(const struct ern_render_rays_args *a) {
-  const struct ern_march_settings *s = &a->settings;
-  struct frame f = {.focal = a->view.focal,
-                    .cx = a->view.cx,
-                    .cy = a->view.cy,
-                    .bound = s->bound,
-                    .inverse_bound = 1 / s->bound,
-                    .dt_gamma = s->dt_gamma,
-                    .near = s->near,
-                    .shortest = (float)(two_root_three / s->max_steps),
-                    .longest = (float)(two_root_three / ERN_OCCUPANCY_SIDE),
-                    .stop = a->transmittance_stop,
-                    .eye_value = a->eye_value,
-                    .width = a->view.width,
-                    .height = a->view.height,
-                    .max_steps = s->max_steps,
-                    .across = (uint32_t)ern_visible_count(a->view.width),
-                    .rays = (uint32_t)a->n,
-                    .tickets = (uint32_t)a->n};
-  if (f.shortest > f.longest) f.shortest = f.longest;
-  memcpy(f.pose, a->view.pose, sizeof f.pose);
-  f.picture = a->n == (size_t)f.width * (size_t)f.height;
-  if (f.picture)
-    f.tickets = f.across * (uint32_t)ern_visible_count(a->view.height) * ERN_VISIBLE_SIDE * ERN_VISIBLE_SIDE;
-  return f;
-}
-
-/* Where the blocks of the picture can first see something. */
-static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_portrait *p,
-                               const struct ern_render_rays_args *a, ern_span *nearest) {
-  struct ern_backend *table = &ern_cl_backend_of(stream)->table;
-  const size_t blocks = ern_visible_count(a->view.width) * ern_visible_count(a->view.height);
-  ern_status status = ERN_OK;
-  void *room = NULL;
-  if (p->nearest_room < blocks) {
-    ern_release(table->context, p->nearest);
-    p->nearest = NULL, p->nearest_room = 0;
-    ERN_TRY(ern_allocate(table->context, blocks, sizeof *p->nearest, &room));
-    p->nearest = room, p->nearest_room = blocks;
-  }
-  ERN_TRY(table->download_bytes(stream, p->bits, a->bits, ERN_OCCUPANCY_BYTES));
-  ern_visible_blocks(p->nearest, p->bits, &a->view, a->settings.bound);
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, nearest));
-  ERN_TRY(table->upload_reals(stream, *nearest, p->nearest, blocks));
-fail:
-  return status;
-}
-
-static ern_status launch(struct ern_stream *stream, struct ern_cl_portrait *p, const struct ern_render_rays_args *a,
-                         ern_span nearest) {
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
-  const struct frame frame = frame_of(a);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_rays", p->options);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_rows(&call, a->colour);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_span(&call, a->depth);
-  ern_cl_span(&call, a->attention);
-  ern_cl_span(&call, p->eye ? a->eye : (ern_span){0});
-  ern_cl_rows(&call, a->background);
-  ern_cl_span(&call, a->pixel_number);
-  ern_cl_span(&call, a->bits);
-  ern_cl_span(&call, nearest);
-  ern_cl_span(&call, whole(p->net));
-  ern_cl_span(&call, whole(p->dense));
-  ern_cl_span(&call, whole(p->levels));
-  ern_cl_span(&call, whole(p->counter));
-  ern_cl_value(&call, &frame, sizeof frame);
-  return ern_cl_run(&call, device->units * (device->width > 1 ? 2 : 16), (size_t)p->form.group);
+  return ERN_OK;
 }
 
 static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
-  struct ern_cl_portrait *p = ern_cl_stream_of(stream)->portrait;
-  struct ern_backend *table = &ern_cl_backend_of(stream)->table;
-  const struct ern_arena_mark mark = ern_arena_mark(stream);
-  const bool prepared = p != NULL && p->of.buffer == a->parameters.buffer && p->of.at == a->parameters.at;
-  ern_span nearest;
-  ern_status status = ERN_OK;
-  if (a->n == 0) return ERN_OK;
-  if (!prepared || a->settings.bound != a->field->config.bound || a->n > INT32_MAX / 2) return by_stages(stream, a);
-  ERN_TRY(find_nearest(stream, p, a, &nearest));
-  ERN_TRY(fold(stream, p, a));
-  ERN_TRY(table->zero(stream, whole(p->counter)));
-  ERN_TRY(launch(stream, p, a, nearest));
-fail:
-  ern_arena_release(stream, mark);
-  return status;
+  const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
+  const bool fused = portrait != NULL && portrait->head != NULL && a->settings.bound == a->field->config.bound &&
+                     a->n <= INT32_MAX / 2;
+  return fused && a->n > 0 ? ern_cl_head_render(stream, portrait->head, a) : by_stages(stream, a);
+}
+
+static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
+  const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
+  const bool fused = portrait != NULL && portrait->torso != NULL;
+  return fused ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
 }
 
 void ern_cl_fill_render(struct ern_backend *table) {
   table->render_prepare = render_prepare;
   table->render_rays = render_rays;
-  table->render_torso = ern_render_torso_stages;
+  table->render_torso = render_torso;
 }

@@ -184,6 +184,133 @@ static void test_models(void **state) {
   }
 }
 
+/* ---- rays: occupancies, lists, settings -------------------------------------------------------------------------- */
+
+static void test_occupancies(void **state) {
+  (void)state;
+  for (int variant = 0; variant < 3; variant++) {
+    struct scene scene = scene_make(12, true, 2, 33, 26, variant == 2 ? 40 : 4);
+    if (variant == 0) memset(scene.bits, 0, ERN_OCCUPANCY_BYTES);
+    if (variant == 1) memset(scene.bits, 0xff, ERN_OCCUPANCY_BYTES);
+    static const char *const what[] = {"nothing occupied", "all occupied", "dense"};
+    check_scene(&scene, what[variant]);
+    scene.stop = 0.3f;
+    check_scene(&scene, what[variant]);
+    scene_free(&scene);
+  }
+}
+
+static void test_settings(void **state) {
+  (void)state;
+  static const int steps[] = {1, 2, 300, ERN_MAX_STEPS};
+  for (size_t k = 0; k < sizeof steps / sizeof *steps; k++) {
+    struct scene scene = scene_make(12, true, 2, 17, 17, 4);
+    char what[64];
+    scene.settings.max_steps = steps[k];
+    snprintf(what, sizeof what, "%d steps", steps[k]);
+    check_scene(&scene, what);
+    scene_free(&scene);
+  }
+}
+
+/* Rays that are no whole picture, and one that is, but in another order. */
+static void test_lists_of_pixels(void **state) {
+  (void)state;
+  static const size_t counts[] = {1, 2, 15, 16, 17, 47, 48, 49, 65, 500, 900};
+  struct scene scene = scene_make(12, true, 2, 30, 30, 8);
+  for (size_t k = 0; k < sizeof counts / sizeof *counts; k++) {
+    char what[64];
+    scene.rays = counts[k];
+    for (size_t i = 0; i < scene.rays; i++)
+      scene.pixel[i] = (int32_t)ern_below(ern_random_at(9, 0, (uint32_t)i, ERN_RNG_INIT).word[0], 900);
+    snprintf(what, sizeof what, "%zu of 900 pixels", scene.rays);
+    check_scene(&scene, what);
+  }
+  scene_free(&scene);
+}
+
+/* No ray; a stream that nothing was prepared on, or for other parameters, goes through the stages. */
+static void test_unprepared(void **state) {
+  (void)state;
+  struct scene scene = scene_make(2, false, 0, 9, 8, 8);
+  struct stage stage = stage_make(&scene, true), other = stage_make(&scene, true);
+  TWIN_RUN(&twin, render_rays, stage.args);
+  check_rows(&scene, "other parameters", &stage, 0, 8);
+  for (int k = 0; k < 2; k++) other.args[k].n = 0;
+  TWIN_RUN(&twin, render_rays, other.args);
+  float *values = twin_down(&twin, 1, other.out.on[1].span);
+  for (size_t i = 0; i < other.out.on[1].span.count + 2 * TWIN_GUARD; i++) assert_true(values[i] == TWIN_POISON);
+  free(values);
+  twin_clear(&twin);
+  scene_free(&scene);
+}
+
+/* ---- torso ------------------------------------------------------------------------------------------------------- */
+
+/* How far sums in another order, and a table that is looked up between other neighbours first, may take a colour: a
+ * hundred roundings of values of size 1, times the slopes that the encoding's last octave and the table give to the
+ * deformation's error. The goal of a rendered pixel is 1e-3. */
+static const double torso_tolerance = 2e-5;
+
+static void check_torso(int width, int height, float threshold, bool extras, const char *what) {
+  struct ern_parameter_table rows;
+  struct ern_field field;
+  struct ern_model_config config = {.levels = 2,
+                                    .feature_width = 29,
+                                    .window_length = 16,
+                                    .torso = true,
+                                    .torso_gamma = extras,
+                                    .codes = extras ? 5 : 0,
+                                    .bound = 1};
+  static const float pose[16] = {0.1f, -0.99f, -0.03f, 0.19f, 0.06f,  0.04f, -1.02f, 3.04f,
+                                 1.0f, 0.09f,  0.07f,  -0.2f, 0.003f, 0.01f, -0.02f, 1.0f};
+  support_ok(context, ern_parameters_build(context, &config, &field, &rows));
+  float *block = room(field.parameters, sizeof(float)), *cells = room(ERN_TORSO_CELLS, sizeof(float));
+  const size_t pixels = (size_t)width * (size_t)height;
+  float *planes = room(3 * pixels, sizeof(float));
+  ern_parameters_init(block, &rows, true, 7);
+  twin_fill(block + field.torso_table, 2 * (size_t)field.torso_grid.entries, 8, 0.1f);
+  twin_fill(cells, ERN_TORSO_CELLS, 10, 1);
+  twin_fill(planes, 3 * pixels, 9, 1);
+  if (extras) block[field.gamma] = 1.25f;
+  const struct twin_span parameters = twin_reals(&twin, block, field.parameters);
+  const struct twin_span grid = twin_reals(&twin, cells, ERN_TORSO_CELLS);
+  const struct twin_span opacity = twin_take(&twin, ERN_ELEMENT_REAL, pixels);
+  const struct twin_rows pixel = twin_rows_of(&twin, planes, 3, pixels, ERN_PER_SAMPLE);
+  struct ern_render_torso_args args[2];
+  for (int k = 0; k < 2; k++) {
+    args[k] = (struct ern_render_torso_args){.pixel = pixel.on[k],
+                                             .opacity = opacity.on[k],
+                                             .grid = grid.on[k],
+                                             .threshold = threshold,
+                                             .width = width,
+                                             .height = height,
+                                             .shrink = 0.8f,
+                                             .individual = extras ? 3 : 0,
+                                             .parameters = parameters.on[k],
+                                             .field = &field};
+    memcpy(args[k].pose, pose, sizeof pose);
+    struct ern_render_prepare_args prepare = {parameters.on[k], &field};
+    support_ok(context, twin.backend[k]->render_prepare(twin.stream[k], &prepare));
+  }
+  TWIN_RUN(&twin, render_torso, args);
+  print_message("%s, %d x %d\n", what, width, height);
+  twin_same_rows(&twin, "torso", pixel, torso_tolerance, torso_tolerance);
+  twin_same(&twin, "torso's opacity", opacity, torso_tolerance, torso_tolerance);
+  twin_clear(&twin);
+  free(block), free(cells), free(planes);
+}
+
+static void test_torso(void **state) {
+  (void)state;
+  static const int sizes[][2] = {{1, 1}, {3, 7}, {1, 40}, {40, 1}, {16, 32}, {17, 33}, {61, 70}};
+  for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+    check_torso(sizes[s][0], sizes[s][1], 0.01f, s % 2 == 0, "some pixels");
+    check_torso(sizes[s][0], sizes[s][1], -2, s % 2 == 1, "all pixels");
+    check_torso(sizes[s][0], sizes[s][1], 2, s % 2 == 1, "no pixel");
+  }
+}
+
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
 /* Seconds that passed, and of the processor, which tell where others run too. */
@@ -241,7 +368,9 @@ static int tear_down(void **state) {
 
 int main(int argc, char **argv) {
   if (argc == 2 && strcmp(argv[1], "--bench") == 0) return measure();
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_models)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_models),     cmocka_unit_test(test_occupancies),
+                                     cmocka_unit_test(test_settings),   cmocka_unit_test(test_lists_of_pixels),
+                                     cmocka_unit_test(test_unprepared), cmocka_unit_test(test_torso)};
   return cmocka_run_group_tests_name("opencl render", tests, set_up, tear_down);
 }
 #else

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: MIT
+ * What a stream keeps of a model for its fused passes, and how weights are laid out for them (kernels/tile.cl). */
+#ifndef ERN_OPENCL_PORTRAIT_H
+#define ERN_OPENCL_PORTRAIT_H
+
+#include "backend_opencl/opencl.h"
+#include "model/field.h"
+
+struct ern_cl_head;  /* of render_rays: render_head.c */
+struct ern_cl_torso; /* of render_torso: render_torso.c */
+
+struct ern_cl_portrait {
+  ern_span of;                /* the parameters it was made from */
+  struct ern_cl_head *head;   /* NULL: a shape that goes through the stages */
+  struct ern_cl_torso *torso; /* likewise, or a model without one */
+};
+
+/* How tiles are cut for a device: vectors an item, outputs of a layer that are summed at once, items a group. */
+struct ern_cl_form {
+  int vectors, outputs, group;
+};
+
+enum { ERN_CL_ALIGN = 16 /* reals that a packed matrix begins at a multiple of */ };
+
+/* Columns from `column` on of a packed matrix that has `width` of them. */
+struct ern_cl_place {
+  ern_span matrix;
+  size_t width, column;
+  int outputs; /* of the form */
+};
+/* The place gets A [rows][columns], its rows row_step apart. */
+ERN_NODISCARD ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a,
+                                     size_t row_step, size_t rows, size_t columns);
+/* The place gets A [rows][count] diag(scale) B [count][columns]; scale zeroed: ones. */
+ERN_NODISCARD ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a,
+                                         size_t row_step, ern_span scale, ern_span b, size_t rows, size_t count,
+                                         size_t columns);
+
+static inline ern_span ern_cl_whole(struct ern_buffer *buffer) {
+  return buffer != NULL ? (ern_span){buffer, 0, buffer->count} : (ern_span){0};
+}
+static inline ern_span ern_cl_from(ern_span span, size_t at) { return ern_span_part(span, at, span.count - at); }
+
+/* Work-groups that keep a device busy whose items take work off a counter until there is none. */
+size_t ern_cl_groups(const struct ern_cl_device *device);
+
+/* *head: NULL for a shape that the kernels cannot be built for. */
+ERN_NODISCARD ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_prepare_args *args,
+                                          struct ern_cl_head **head);
+void ern_cl_head_free(struct ern_cl_stream *stream, struct ern_cl_head *head); /* accepts NULL */
+ERN_NODISCARD ern_status ern_cl_head_render(struct ern_stream *stream, struct ern_cl_head *head,
+                                            const struct ern_render_rays_args *args);
+
+ERN_NODISCARD ern_status ern_cl_torso_make(struct ern_stream *stream, const struct ern_render_prepare_args *args,
+                                           struct ern_cl_torso **torso);
+void ern_cl_torso_free(struct ern_cl_stream *stream, struct ern_cl_torso *torso); /* accepts NULL */
+ERN_NODISCARD ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *torso,
+                                             const struct ern_render_torso_args *args);
+
+#endif
