@@ -181,6 +181,27 @@ ERN_API ERN_NODISCARD ern_status ern_bench_step(ern_backend *const *backends, si
                                                 const ern_bench_scene *scene, const ern_bench_machine *machine,
                                                 const ern_bench_options *options, bool torso, ern_bench_pass *passes);
 
+/* ---- hash collisions --------------------------------------------------------------------------------------------- */
+
+typedef struct ern_bench_collision_count {
+  size_t cells;      /* distinct cells that the points lie in */
+  double collisions; /* look-ups of their corners whose entry another vertex took before, times 1/8 or 1/4 */
+} ern_bench_collision_count;
+
+typedef struct ern_bench_collision_table {
+  size_t points; /* samples of the frame in occupied cells, 16 a ray at most */
+  double scale;  /* by which their coordinates are scaled up, about their middle, so that the longest side of their box
+                    is that of the scene: the supplement scales too and does not say by how much */
+  ern_bench_collision_count volume;   /* one 3D grid of 2^14 entries */
+  ern_bench_collision_count plane[3]; /* of 2^14/3 entries each: frontal (xz), and the sides xy and yz */
+} ern_bench_collision_table;
+
+/* Hash collisions of one look-up step of the scene's frame at resolution 512, everything hashed: the table of the
+ * paper's supplement ("The Number of Hash Collisions"; there 835186 against 138345 + 31041 + 26048). Points in one cell
+ * look up the same and count once. */
+ERN_API ERN_NODISCARD ern_status ern_bench_collisions(ern_backend *backend, const ern_bench_scene *scene,
+                                                      ern_bench_collision_table *table);
+
 #ifdef __cplusplus
 }
 #endif
