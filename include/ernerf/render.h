@@ -119,6 +119,32 @@ typedef struct ern_frame_times {
 ERN_API ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input,
                                                     const ern_frame_output *output, ern_frame_times *times);
 
+/* ---- holding a rate ---------------------------------------------------------------------------------------------- */
+
+/* Chooses, frame by frame, among settings whose cost is known, such as renderers of different options: the most
+ * accurate one that holds a budget at the pace that the machine has now. Where frames come late it falls back at once,
+ * as far as it takes, and makes up for what was late; it returns a setting at a time, after 20 frames in a row that
+ * had the room. Plain data: copy it, drop it. */
+typedef struct ern_pace {
+  const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
+                         than the one before; the caller's */
+  size_t count;       /* >= 1 */
+  double budget;      /* ms a frame, > 0 */
+  size_t at;          /* the setting to use now */
+  double slowness;    /* how many times its cost a frame takes now, in the mean of the last few */
+  double late;        /* ms behind the budget in all; negative: ahead */
+  int calm;           /* frames in a row in which a better setting would have fitted */
+} ern_pace;
+
+ERN_API void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget);
+
+/* A frame with setting pace->at took so many ms, from the end of the frame before it to its own; the setting for the
+ * next frame. What is not a positive number is passed over. */
+ERN_API size_t ern_pace_next(ern_pace *pace, double milliseconds);
+
+/* Whether the cheapest setting at least holds the budget at the pace of now. */
+ERN_API bool ern_pace_holds(const ern_pace *pace);
+
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 
 typedef struct ern_box {
