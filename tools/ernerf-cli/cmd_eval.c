@@ -9,9 +9,10 @@
 #include "backdrop.h"
 #include "portrait.h"
 #include "progress.h"
+#include "regions.h"
 #include "verbs.h"
 
-enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 1, LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS = 68 };
+enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 1 };
 
 /* Figures of one frame, or sums over many. */
 struct figures {
@@ -31,47 +32,6 @@ struct eval_job {
   size_t heads, mouths; /* frames that have the region */
   json_t *frames;
 };
-
-/* ---- regions ----------------------------------------------------------------------------------------------------- */
-
-static int clip_to(int value, int most) { return value < 0 ? 0 : value > most ? most : value; }
-
-/* Cut to what fits any picture, so that a wild value is no overflow; toward zero. */
-static int whole(float value) { return value < -1e6f ? -1000000 : value > 1e6f ? 1000000 : (int)value; }
-
-/* Box of some landmarks: integer-truncated minima and maxima, half-open, not yet cut at the picture. */
-static ern_box box_of(const float landmarks[][2], int begin, int end) {
-  const int first_x = whole(landmarks[begin][0]), first_y = whole(landmarks[begin][1]);
-  ern_box box = {.top = first_y, .bottom = first_y, .left = first_x, .right = first_x};
-  for (int i = begin + 1; i < end; i++) {
-    const int x = whole(landmarks[i][0]), y = whole(landmarks[i][1]);
-    if (x < box.left) box.left = x;
-    if (x > box.right) box.right = x;
-    if (y < box.top) box.top = y;
-    if (y > box.bottom) box.bottom = y;
-  }
-  return box;
-}
-
-/* The square around the lips: the longer side, about the middle. */
-static ern_box mouth_of(const float landmarks[][2]) {
-  const ern_box lips = box_of(landmarks, LIPS_BEGIN, LIPS_END);
-  const int height = lips.bottom - lips.top, width = lips.right - lips.left,
-            half = (height > width ? height : width) / 2;
-  const int row = (lips.top + lips.bottom) / 2, column = (lips.left + lips.right) / 2;
-  return (ern_box){.top = row - half, .bottom = row + half, .left = column - half, .right = column + half};
-}
-
-/* PSNR inside the box, cut at the picture; false where nothing of it is left. */
-static bool psnr_inside(const struct eval_job *job, const ern_image *truth, ern_box box, double *psnr) {
-  box.top = clip_to(box.top, truth->height);
-  box.bottom = clip_to(box.bottom, truth->height);
-  box.left = clip_to(box.left, truth->width);
-  box.right = clip_to(box.right, truth->width);
-  if (box.top >= box.bottom || box.left >= box.right) return false;
-  *psnr = ern_psnr(job->rgb, truth->data, truth->width, truth->height, &box);
-  return true;
-}
 
 /* ---- frames ------------------------------------------------------------------------------------------------------ */
 
@@ -133,9 +93,11 @@ static int judge(struct eval_job *job, size_t k) {
   if (ern_ssim(session->context, job->rgb, truth.data, truth.width, truth.height, &figures.ssim) != ERN_OK)
     return session_fail(session);
   const ern_clip_frame *frame = ern_clip_frame_at(job->portrait.clip, shot->split, shot->index);
-  const bool seen = frame->has_landmarks;
-  const bool head = seen && psnr_inside(job, &truth, box_of(frame->landmarks, 0, LANDMARKS), &figures.head);
-  const bool mouth = seen && psnr_inside(job, &truth, mouth_of(frame->landmarks), &figures.mouth);
+  ern_box box;
+  const bool head = region_head(frame, truth.width, truth.height, &box);
+  if (head) figures.head = ern_psnr(job->rgb, truth.data, truth.width, truth.height, &box);
+  const bool mouth = region_mouth(frame, truth.width, truth.height, &box);
+  if (mouth) figures.mouth = ern_psnr(job->rgb, truth.data, truth.width, truth.height, &box);
   take_figures(job, shot, &figures, head, mouth);
   return 0;
 }
