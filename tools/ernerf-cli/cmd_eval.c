@@ -6,100 +6,44 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "backdrop.h"
+#include "judge.h"
 #include "portrait.h"
 #include "progress.h"
-#include "regions.h"
 #include "verbs.h"
 
-enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 1 };
-
-/* Figures of one frame, or sums over many. */
-struct figures {
-  double psnr, ssim, head, mouth, ms; /* head, mouth: PSNR in dB of the regions */
-  ern_frame_times times;
-};
+enum { OWN_OPTIONS = 1 };
 
 struct eval_job {
   struct session session;
   struct portrait portrait;
-  struct shots shots;
-  struct backdrop backdrop;
-  const ern_features *features;
-  float *windows, *rgb;
-  uint8_t *rgba;
-  struct figures sum;
+  struct judge judge;
+  struct judged sum;    /* over all frames */
   size_t heads, mouths; /* frames that have the region */
   json_t *frames;
 };
 
 /* ---- frames ------------------------------------------------------------------------------------------------------ */
 
-static int draw(struct eval_job *job, size_t k, const uint8_t *torso, struct figures *figures) {
-  const struct portrait *portrait = &job->portrait;
-  shots_windows(&job->shots, k, job->features, (ern_audio_pad)portrait->audio_pad, job->windows);
-  const ern_camera camera =
-      shots_camera(&job->shots, k, portrait->scale, portrait->clip_info.width, portrait->clip_info.height);
-  float refined[16];
-  const ern_frame_input input = {.camera = camera,
-                                 .head_pose = portrait_refined(portrait, &job->shots.shot[k], &camera, refined),
-                                 .windows = job->windows,
-                                 .window_length = job->features->window_length,
-                                 .eye = job->shots.shot[k].eye,
-                                 .background = job->backdrop.background.data,
-                                 .torso = torso};
-  const ern_frame_output output = {.rgba = job->rgba, .rgb = job->rgb};
-  const double began = session_seconds();
-  const ern_status status = ern_renderer_frame(portrait->renderer, &input, &output, &figures->times);
-  figures->ms = 1000 * (session_seconds() - began);
-  return status == ERN_OK ? 0 : session_fail(&job->session);
-}
-
-static void take_figures(struct eval_job *job, const struct shot *shot, const struct figures *figures, bool head,
-                         bool mouth) {
-  struct figures *sum = &job->sum;
-  sum->psnr += figures->psnr;
-  sum->ssim += figures->ssim;
-  sum->ms += figures->ms;
-  sum->times.audio += figures->times.audio;
-  sum->times.torso += figures->times.torso;
-  sum->times.head += figures->times.head;
-  sum->times.output += figures->times.output;
-  if (head) sum->head += figures->head;
-  if (mouth) sum->mouth += figures->mouth;
-  job->heads += head;
-  job->mouths += mouth;
+static void take_figures(struct eval_job *job, const struct shot *shot, const struct judged *judged) {
+  struct judged *sum = &job->sum;
+  sum->psnr += judged->psnr;
+  sum->ssim += judged->ssim;
+  sum->ms += judged->ms;
+  sum->times.audio += judged->times.audio;
+  sum->times.torso += judged->times.torso;
+  sum->times.head += judged->times.head;
+  sum->times.output += judged->times.output;
+  sum->head += judged->head;
+  sum->mouth += judged->mouth;
+  job->heads += judged->has_head;
+  job->mouths += judged->has_mouth;
   json_array_append_new(
       job->frames,
       json_pack("{s:I, s:s, s:o, s:o, s:o, s:o, s:o}", "id", (json_int_t)shot->pose.img_id, "split",
-                shot->split == ERN_SPLIT_VAL ? "val" : "train", "psnr", session_number(figures->psnr), "ssim",
-                session_number(figures->ssim), "psnr_head", head ? session_number(figures->head) : json_null(),
-                "psnr_mouth", mouth ? session_number(figures->mouth) : json_null(), "ms", session_number(figures->ms)));
-}
-
-static int judge(struct eval_job *job, size_t k) {
-  const struct shot *shot = &job->shots.shot[k];
-  struct session *session = &job->session;
-  struct figures figures = {0};
-  ern_image truth = {0};
-  const uint8_t *torso = NULL;
-  if (!job->portrait.info.has_torso &&
-      backdrop_torso(&job->backdrop, session, job->portrait.clip, shot->split, shot->index, &torso) != 0)
-    return EXIT_FAILURE;
-  if (draw(job, k, torso, &figures) != 0) return EXIT_FAILURE;
-  if (ern_clip_pixels(job->portrait.clip, shot->split, shot->index, &truth, NULL) != ERN_OK)
-    return session_fail(session);
-  figures.psnr = ern_psnr(job->rgb, truth.data, truth.width, truth.height, NULL);
-  if (ern_ssim(session->context, job->rgb, truth.data, truth.width, truth.height, &figures.ssim) != ERN_OK)
-    return session_fail(session);
-  const ern_clip_frame *frame = ern_clip_frame_at(job->portrait.clip, shot->split, shot->index);
-  ern_box box;
-  const bool head = region_head(frame, truth.width, truth.height, &box);
-  if (head) figures.head = ern_psnr(job->rgb, truth.data, truth.width, truth.height, &box);
-  const bool mouth = region_mouth(frame, truth.width, truth.height, &box);
-  if (mouth) figures.mouth = ern_psnr(job->rgb, truth.data, truth.width, truth.height, &box);
-  take_figures(job, shot, &figures, head, mouth);
-  return 0;
+                shot->split == ERN_SPLIT_VAL ? "val" : "train", "psnr", session_number(judged->psnr), "ssim",
+                session_number(judged->ssim), "psnr_head",
+                judged->has_head ? session_number(judged->head) : json_null(), "psnr_mouth",
+                judged->has_mouth ? session_number(judged->mouth) : json_null(), "ms", session_number(judged->ms)));
 }
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
@@ -114,8 +58,8 @@ static void print_decibels(double sum, size_t count) {
 }
 
 static void print_table(const struct eval_job *job, uint64_t model_bytes) {
-  const size_t n = job->shots.count;
-  const struct figures *sum = &job->sum;
+  const size_t n = job->judge.shots.count;
+  const struct judged *sum = &job->sum;
   size_t index;
   json_t *frame;
   printf("%8s  %10s  %10s  %10s  %10s  %10s\n", "frame", "PSNR", "SSIM", "PSNR head", "PSNR mouth", "ms");
@@ -140,8 +84,8 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
 
 static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   static const char *const splits[] = {"train", "val", "all"};
-  const size_t n = job->shots.count;
-  const struct figures *sum = &job->sum;
+  const size_t n = job->judge.shots.count;
+  const struct judged *sum = &job->sum;
   const struct portrait *portrait = &job->portrait;
   json_t *by_stage =
       json_pack("{s:o, s:o, s:o, s:o}", "audio", session_number(mean(sum->times.audio, n)), "torso",
@@ -166,25 +110,18 @@ static int open_all(struct eval_job *job, const struct args *args) {
   struct session *session = &job->session;
   int status = portrait_open(portrait, session, args);
   if (status != 0) return status;
-  const ern_clip_info *info = &portrait->clip_info;
-  const size_t pixels = (size_t)info->width * (size_t)info->height;
-  job->features = ern_clip_features(portrait->clip);
-  if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
-    return session_fail(session);
-  job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
-                        sizeof(float));
-  job->rgb = malloc(pixels * 3 * sizeof(float));
-  job->rgba = malloc(pixels * 4);
   job->frames = json_array();
-  if (job->windows == NULL || job->rgb == NULL || job->rgba == NULL || job->frames == NULL)
-    return session_fail_with(session, "no memory for a picture of %d x %d", info->width, info->height);
-  if (!portrait->info.has_torso && !info->has_torso)
+  if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
+  status = judge_open(&job->judge, session, portrait->clip, (enum shot_split)portrait->split, portrait->scale,
+                      (ern_audio_pad)portrait->audio_pad);
+  if (status != 0) return status;
+  const ern_features *features = job->judge.features;
+  if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
+    return session_fail(session);
+  if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->clip_path);
-  status = shots_of_clip(&job->shots, session, portrait->clip, (enum shot_split)portrait->split);
-  if (status == 0) status = portrait_cut(portrait, args, &job->shots);
-  if (status == 0) status = portrait_thin(portrait, session, &job->shots, job->features);
-  if (status == 0) status = backdrop_open(&job->backdrop, session, NULL, portrait->clip, info->width, info->height);
-  return status;
+  status = portrait_cut(portrait, args, &job->judge.shots);
+  return status != 0 ? status : portrait_thin(portrait, session, &job->judge.shots, features);
 }
 
 static int judge_all(struct eval_job *job) {
@@ -192,10 +129,13 @@ static int judge_all(struct eval_job *job) {
   struct progress progress;
   struct stat about;
   progress_begin(&progress, session, "eval", "frames");
-  for (size_t k = 0; k < job->shots.count; k++) {
-    if (session_interrupted()) return session_fail_with(session, "stopped at frame %zu of %zu", k, job->shots.count);
-    if (judge(job, k) != 0) return EXIT_FAILURE;
-    progress_at(&progress, k + 1, job->shots.count, "");
+  const struct shots *shots = &job->judge.shots;
+  for (size_t k = 0; k < shots->count; k++) {
+    struct judged judged;
+    if (session_interrupted()) return session_fail_with(session, "stopped at frame %zu of %zu", k, shots->count);
+    if (judge_frame(&job->judge, job->portrait.renderer, job->portrait.model, k, &judged) != 0) return EXIT_FAILURE;
+    take_figures(job, &shots->shot[k], &judged);
+    progress_at(&progress, k + 1, shots->count, "");
   }
   progress_end(&progress);
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
@@ -205,11 +145,7 @@ static int judge_all(struct eval_job *job) {
 
 static void close_all(struct eval_job *job) {
   json_decref(job->frames);
-  free(job->windows);
-  free(job->rgb);
-  free(job->rgba);
-  backdrop_free(&job->backdrop, &job->session);
-  shots_free(&job->shots);
+  judge_close(&job->judge);
   portrait_close(&job->portrait);
   session_close(&job->session);
 }
