@@ -170,43 +170,53 @@ bool session_json_on_stdout(const struct session *session) {
 
 json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
 
-static bool put_text(FILE *file, const char *text) { return fputs(text, file) >= 0 && fputc('\n', file) != EOF; }
-
-/* Beside its place first, so that nobody ever sees half of it. */
-static int write_file(struct session *session, const char *text) {
+int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
   char beside[4096];
-  if (snprintf(beside, sizeof beside, "%s.%ld.part", session->json, (long)getpid()) >= (int)sizeof beside)
-    return session_fail_with(session, "%s: the name is too long", session->json);
-  FILE *file = fopen(beside, "w");
-  bool whole = file != NULL && put_text(file, text) && fflush(file) == 0 && fsync(fileno(file)) == 0;
+  if (snprintf(beside, sizeof beside, "%s.%ld.part", path, (long)getpid()) >= (int)sizeof beside)
+    return session_fail_with(session, "%s: the name is too long", path);
+  FILE *file = fopen(beside, "wb");
+  bool whole = file != NULL && fwrite(bytes, 1, count, file) == count && fflush(file) == 0 && fsync(fileno(file)) == 0;
   int reason = errno;
   if (file != NULL && fclose(file) != 0 && whole) {
     reason = errno;
     whole = false;
   }
-  if (whole && rename(beside, session->json) == 0) return 0;
+  if (whole && rename(beside, path) == 0) return 0;
   if (whole) reason = errno;
   if (file != NULL) remove(beside);
-  return session_fail_with(session, "%s: cannot be written: %s", session->json, strerror(reason));
+  return session_fail_with(session, "%s: cannot be written: %s", path, strerror(reason));
 }
 
-int session_report(struct session *session, json_t *object) {
-  if (session->json == NULL) {
-    json_decref(object);
-    return 0;
+/* The object's text, ended by a newline; NULL without memory, or where a name in it is not UTF-8. */
+static char *text_of(json_t *object) {
+  char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL, *line = NULL;
+  if (text != NULL && (line = malloc(strlen(text) + 2)) != NULL) {
+    strcpy(line, text);
+    strcat(line, "\n");
   }
-  char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL;
+  free(text);
+  return line;
+}
+
+int session_write_json(struct session *session, const char *path, json_t *object) {
+  char *text = text_of(object);
   json_decref(object);
   if (text == NULL)
     return session_fail_with(session,
                              "the JSON object could not be put together: no memory, or a name that is not UTF-8");
   int status = 0;
-  if (!session_json_on_stdout(session))
-    status = write_file(session, text);
-  else if (!put_text(stdout, text) || fflush(stdout) != 0)
+  if (strcmp(path, "-") != 0)
+    status = session_write(session, path, text, strlen(text));
+  else if (fputs(text, stdout) < 0 || fflush(stdout) != 0)
     status = session_fail_with(session, "standard output: cannot be written: %s", strerror(errno));
   free(text);
   return status;
+}
+
+int session_report(struct session *session, json_t *object) {
+  if (session->json != NULL) return session_write_json(session, session->json, object);
+  json_decref(object);
+  return 0;
 }
 
 /* ---- small things ------------------------------------------------------------------------------------------------ */

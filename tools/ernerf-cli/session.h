@@ -53,6 +53,10 @@ bool session_json_on_stdout(const struct session *session);
 /* Writes the object where --json says, whole or not at all; nothing without --json. Takes the reference. Returns 0 or
  * EXIT_FAILURE after a message; a NULL object (no memory) fails. */
 int session_report(struct session *session, json_t *object);
+/* Writes a file, whole or not at all: beside its place first. Returns 0 or EXIT_FAILURE after a message. */
+int session_write(struct session *session, const char *path, const void *bytes, size_t count);
+/* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
+int session_write_json(struct session *session, const char *path, json_t *object);
 /* A number, or null where it is not finite. */
 json_t *session_number(double value);
 
