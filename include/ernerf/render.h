@@ -64,6 +64,8 @@ typedef struct ern_render_options {
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
   float torso_shrink;       /* factor of the torso coordinates, > 0; 0.8 */
   bool smooth_lips;         /* audio code = 0.35 * the last frame's + 0.65 * this one's */
+  float image_scale;        /* the head is drawn at so many times the frame's width and height, and enlarged (bicubic)
+                               before it is laid over the background, which stays sharp; 0.25..1; 1 */
 } ern_render_options;
 ERN_API ern_render_options ern_render_options_default(void);
 

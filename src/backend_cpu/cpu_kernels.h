@@ -56,6 +56,7 @@
   KERNEL(adamw, ern_adamw_kernel)                             \
   KERNEL(backdrop, ern_backdrop_kernel)                       \
   KERNEL(picture, ern_picture_kernel)                         \
+  KERNEL(enlarge, ern_enlarge_kernel)                         \
   KERNEL(ema, ern_ema_kernel)                                 \
   KERNEL(finite, ern_finite_kernel)
 

@@ -21,6 +21,7 @@
   SOURCE(composite)            \
   SOURCE(occupancy)            \
   SOURCE(picture)              \
+  SOURCE(enlarge)              \
   SOURCE(hashgrid)             \
   SOURCE(mlp)                  \
   SOURCE(encoding)             \
@@ -181,7 +182,7 @@ enum { ERN_CL_SUMS = 64, ERN_CL_SUM_GROUP = 64 };
 
 /* Each file of slots fills its part of the table. */
 void ern_cl_fill_march(struct ern_backend *table);     /* rays, march, scan, samples */
-void ern_cl_fill_composite(struct ern_backend *table); /* composite, backdrop, picture */
+void ern_cl_fill_composite(struct ern_backend *table); /* composite, backdrop, picture, enlarge */
 void ern_cl_fill_occupancy(struct ern_backend *table);
 void ern_cl_fill_hashgrid(struct ern_backend *table);
 void ern_cl_fill_mlp(struct ern_backend *table);

@@ -90,9 +90,24 @@ static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a)
   return run_vectors(&call, a->n);
 }
 
+static ern_status enlarge(struct ern_stream *stream, struct ern_enlarge_args *a) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_enlarge, "enlarge", "");
+  ern_cl_rows(&call, a->large);
+  ern_cl_rows(&call, a->small);
+  ern_cl_rows(&call, a->background);
+  ern_cl_int(&call, a->large.rows);
+  ern_cl_int(&call, a->width);
+  ern_cl_int(&call, a->height);
+  ern_cl_int(&call, a->small_width);
+  ern_cl_int(&call, a->small_height);
+  ern_cl_float(&call, a->ratio);
+  return ern_cl_each(&call, (size_t)a->width * (size_t)a->height);
+}
+
 void ern_cl_fill_composite(struct ern_backend *table) {
   table->composite_fwd = composite_fwd;
   table->composite_bwd = composite_bwd;
   table->backdrop = backdrop;
   table->picture = picture;
+  table->enlarge = enlarge;
 }

@@ -226,6 +226,9 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
     case ERN_BENCH_SLOT_picture:
       return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
                        a->picture.head.buffer != NULL ? 5 : 3, 1, real);
+    case ERN_BENCH_SLOT_enlarge: /* 7 products and sums a channel and column that is made, 7 across */
+      return cost_each("enlarge", "pixel", (size_t)a->enlarge.width * (size_t)a->enlarge.height,
+                       14 * (double)a->enlarge.large.rows, 2 * (double)a->enlarge.large.rows, 0, real);
     case ERN_BENCH_SLOT_torso_points: return (cost){"torso_points", "cell", ERN_TORSO_CELLS, 0, 0, 0, 0};
     case ERN_BENCH_SLOT_torso_update: return cost_each("torso_update", "cell", ERN_TORSO_CELLS, 1, 3, 0, real);
     default: return (cost){0};

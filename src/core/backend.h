@@ -64,6 +64,7 @@
   SLOT(finite, ern_finite_args)                           \
   SLOT(backdrop, ern_backdrop_args)                       \
   SLOT(picture, ern_picture_args)                         \
+  SLOT(enlarge, ern_enlarge_args)                         \
   SLOT(render_prepare, ern_render_prepare_args)           \
   SLOT(render_rays, ern_render_rays_args)                 \
   SLOT(render_torso, ern_render_torso_args)               \

@@ -19,5 +19,6 @@ ern_occupancy_update_kernel ERN_REF(ern_occupancy_update);
 ern_occupancy_pack_kernel ERN_REF(ern_occupancy_pack);
 ern_backdrop_kernel ERN_REF(ern_backdrop);
 ern_picture_kernel ERN_REF(ern_picture);
+ern_enlarge_kernel ERN_REF(ern_enlarge);
 
 #endif

@@ -24,10 +24,11 @@ struct frame {
   ern_span number;                                        /* int32: all pixels in order */
   ern_rows background, pixel;                             /* [3] per pixel */
   ern_rows torso_opacity, opacity, depth, attention, eye; /* [1]; the last three zeroed: not wanted */
+  ern_rows layer;                                         /* [4]: pixel and opacity */
 };
 
 /* Rooms that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
-enum room { NUMBER, PLANES, DEPTH, ATTENTION, EYE, BACKGROUND_BYTES, TORSO_BYTES, RGBA, RGB, ALPHA, ROOMS };
+enum room { NUMBER, PLANES, SMALL, DEPTH, ATTENTION, EYE, BACKGROUND_BYTES, TORSO_BYTES, RGBA, RGB, ALPHA, ROOMS };
 
 /* Codes of the windows of the last frame: most of the next one's are among them. */
 struct heard {
@@ -59,7 +60,8 @@ ern_render_options ern_render_options_default(void) {
                               .dt_gamma = 1.0f / 256,
                               .transmittance_stop = 1e-4f,
                               .torso_shrink = 0.8f,
-                              .smooth_lips = false};
+                              .smooth_lips = false,
+                              .image_scale = 1};
 }
 
 static ern_status check_options(ern_context *context, const ern_render_options *o) {
@@ -75,6 +77,8 @@ static ern_status check_options(ern_context *context, const ern_render_options *
   if (!(o->torso_shrink > 0 && o->torso_shrink <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: torso_shrink is %g, expected above 0, at most 1",
                     (double)o->torso_shrink);
+  if (!(o->image_scale >= 0.25f && o->image_scale <= 1))
+    return ern_fail(context, ERN_E_ARGUMENT, "render: image_scale is %g, expected 0.25 to 1", (double)o->image_scale);
   return ERN_OK;
 }
 
@@ -266,9 +270,9 @@ fail:
 
 /* The rows that every frame of this size needs. */
 static ern_status size_frame(ern_renderer *r, size_t pixels) {
-  static const int widths[] = {3, 3, 1, 1};
+  static const int widths[] = {3, 1, 3, 1};
   struct frame *f = &r->frame;
-  ern_rows *const rows[] = {&f->background, &f->pixel, &f->torso_opacity, &f->opacity};
+  ern_rows *const rows[] = {&f->background, &f->torso_opacity, &f->pixel, &f->opacity};
   const size_t stride = (pixels + 63) / 64 * 64; /* at most 2^26 */
   ern_span planes;
   size_t at = 0;
@@ -283,6 +287,7 @@ static ern_status size_frame(ern_renderer *r, size_t pixels) {
     *rows[i] = (ern_rows){ern_span_part(planes, at, count), stride, widths[i], ERN_PER_SAMPLE};
     at += count;
   }
+  f->layer = (ern_rows){ern_span_part(planes, 4 * stride, 4 * stride), stride, 4, ERN_PER_SAMPLE};
   return ERN_OK;
 fail:
   free_rooms(r);
@@ -396,14 +401,6 @@ fail:
   return status;
 }
 
-static struct ern_view view_of(const ern_frame_input *input) {
-  const ern_camera *camera = &input->camera;
-  struct ern_view view = {
-      .focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
-  memcpy(view.pose, input->head_pose != NULL ? input->head_pose : camera->pose, sizeof view.pose);
-  return view;
-}
-
 /* The model's own torso over the background rows, in place. */
 static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
   struct ern_render_torso_args args = {.pixel = f->background,
@@ -420,16 +417,26 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
   return r->backend->render_torso(r->stream, &args);
 }
 
-static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
+static struct ern_view view_of(const ern_frame_input *input) {
+  const ern_camera *camera = &input->camera;
+  struct ern_view view = {
+      .focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
+  memcpy(view.pose, input->head_pose != NULL ? input->head_pose : camera->pose, sizeof view.pose);
+  return view;
+}
+
+/* The head over the background rows of `to`, as a picture of the view's size. */
+static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const struct ern_view *view,
+                            const struct frame *to) {
   struct ern_render_rays_args args = {
-      .pixel = f->pixel,
-      .opacity = f->opacity.span,
-      .depth = f->depth.span,
-      .attention = f->attention.span,
-      .eye = f->eye.span,
-      .pixel_number = f->number,
-      .view = view_of(input),
-      .background = f->background,
+      .pixel = to->pixel,
+      .opacity = to->opacity.span,
+      .depth = to->depth.span,
+      .attention = to->attention.span,
+      .eye = to->eye.span,
+      .pixel_number = to->number,
+      .view = *view,
+      .background = to->background,
       .bits = whole(r->bits, ERN_OCCUPANCY_BYTES),
       .parameters = whole(r->parameters, r->field.parameters),
       .field = &r->field,
@@ -438,8 +445,79 @@ static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, stru
       .individual = input->individual,
       .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, 0.05f},
       .transmittance_stop = r->options.transmittance_stop,
-      .n = f->pixels};
+      .n = to->pixels};
   return r->backend->render_rays(r->stream, &args);
+}
+
+/* The same view in fewer pixels: those that cover the picture, and part of the last ones may be beside it. */
+static struct ern_view small_view_of(const struct ern_view *view, float ratio) {
+  struct ern_view small = *view;
+  small.focal *= ratio;
+  small.cx *= ratio;
+  small.cy *= ratio;
+  small.width = (int)ceilf((float)view->width * ratio);
+  small.height = (int)ceilf((float)view->height * ratio);
+  return small;
+}
+
+/* Room for the layer that is drawn small, over nothing: its background stays zeros. */
+static ern_status small_frame(ern_renderer *r, const struct frame *f, size_t pixels, struct frame *small) {
+  enum { LAYER = 4, BACKGROUND = 3, EXTRAS = 3 };
+  const size_t stride = f->opacity.stride; /* the larger one's: the numbers of pixels too are shared */
+  const struct {
+    ern_rows *rows;
+    const ern_rows *wanted;
+  } extras[EXTRAS] = {{&small->depth, &f->depth}, {&small->attention, &f->attention}, {&small->eye, &f->eye}};
+  ern_span planes;
+  const ern_status status = enter(r, SMALL, ERN_ELEMENT_REAL, (LAYER + BACKGROUND + EXTRAS) * stride, &planes);
+  const ern_rows all = {planes, stride, LAYER + BACKGROUND + EXTRAS, ERN_PER_SAMPLE};
+  *small = (struct frame){.pixels = pixels,
+                          .number = ern_span_part(f->number, 0, pixels),
+                          .layer = ern_rows_part(all, 0, LAYER),
+                          .pixel = ern_rows_part(all, 0, 3),
+                          .opacity = ern_rows_part(all, 3, 1),
+                          .background = ern_rows_part(all, LAYER, BACKGROUND)};
+  for (int i = 0; i < EXTRAS; i++)
+    if (extras[i].wanted->span.buffer != NULL) *extras[i].rows = ern_rows_part(all, LAYER + BACKGROUND + i, 1);
+  return status;
+}
+
+static ern_status enlarge_head(ern_renderer *r, const struct ern_view *view, const struct ern_view *small_view,
+                               const struct frame *f, const struct frame *small) {
+  const struct {
+    ern_rows large, small, background;
+  } planes[] = {{f->layer, small->layer, f->background},
+                {f->depth, small->depth, {{0}, 0, 0, ERN_PER_SAMPLE}},
+                {f->attention, small->attention, {{0}, 0, 0, ERN_PER_SAMPLE}},
+                {f->eye, small->eye, {{0}, 0, 0, ERN_PER_SAMPLE}}};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) {
+    if (planes[i].large.span.buffer == NULL) continue;
+    struct ern_enlarge_args args = {.large = planes[i].large,
+                                    .small = planes[i].small,
+                                    .background = planes[i].background,
+                                    .width = view->width,
+                                    .height = view->height,
+                                    .small_width = small_view->width,
+                                    .small_height = small_view->height,
+                                    .ratio = r->options.image_scale};
+    ERN_TRY(r->backend->enlarge(r->stream, &args));
+  }
+fail:
+  return status;
+}
+
+static ern_status head_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
+  const struct ern_view view = view_of(input);
+  struct frame small;
+  ern_status status = ERN_OK;
+  if (r->options.image_scale >= 1) return draw_head(r, input, &view, f);
+  const struct ern_view small_view = small_view_of(&view, r->options.image_scale);
+  ERN_TRY(small_frame(r, f, (size_t)small_view.width * (size_t)small_view.height, &small));
+  ERN_TRY(draw_head(r, input, &small_view, &small));
+  ERN_TRY(enlarge_head(r, &view, &small_view, f, &small));
+fail:
+  return status;
 }
 
 /* ---- read-back --------------------------------------------------------------------------------------------------- */

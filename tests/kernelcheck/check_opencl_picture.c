@@ -118,6 +118,43 @@ static void test_picture(void **state) {
   check_picture(0);
 }
 
+/* The same sums in the same order, which a compiler may contract in spite of the pragma: roundings of 16 products. */
+static void check_enlarge(int width, int height, float ratio, bool over) {
+  enum { CHANNELS = 4 };
+  const int small_width = (int)ceilf((float)width * ratio), small_height = (int)ceilf((float)height * ratio);
+  const size_t pixels = (size_t)width * (size_t)height, few = (size_t)small_width * (size_t)small_height;
+  float *values = malloc((CHANNELS * few + 3 * pixels) * sizeof *values), *back = values + CHANNELS * few;
+  assert_non_null(values);
+  twin_fill(values, CHANNELS * few, 31, 1.5f);
+  for (size_t i = 0; i < 3 * pixels; i++) back[i] = fabsf(twin_random(32, i, 1));
+  const struct twin_rows large = twin_rows_of(&twin, NULL, CHANNELS, pixels, ERN_PER_SAMPLE);
+  const struct twin_rows small = twin_rows_of(&twin, values, CHANNELS, few, ERN_PER_SAMPLE);
+  const struct twin_rows background = twin_rows_of(&twin, back, 3, pixels, ERN_PER_SAMPLE);
+  struct ern_enlarge_args args[2];
+  for (int k = 0; k < 2; k++)
+    args[k] = (struct ern_enlarge_args){.large = large.on[k],
+                                        .small = small.on[k],
+                                        .background = over ? background.on[k] : (ern_rows){.rows = 0},
+                                        .width = width,
+                                        .height = height,
+                                        .small_width = small_width,
+                                        .small_height = small_height,
+                                        .ratio = ratio};
+  TWIN_RUN(&twin, enlarge, args)
+  twin_same_rows(&twin, "enlarged", large, 0, 1e-5);
+  twin_clear(&twin);
+  free(values);
+}
+
+static void test_enlarge(void **state) {
+  (void)state;
+  static const int sides[][2] = {{1, 1}, {3, 7}, {64, 5}, {129, 9}, {65, 40}};
+  static const float ratios[] = {0.25f, 0.5f, 0.6180340f, 1};
+  for (size_t i = 0; i < sizeof sides / sizeof *sides; i++)
+    for (size_t k = 0; k < sizeof ratios / sizeof *ratios; k++)
+      for (int over = 0; over < 2; over++) check_enlarge(sides[i][0], sides[i][1], ratios[k], over != 0);
+}
+
 static int set_up(void **state) {
   (void)state;
   context = support_context();
@@ -132,7 +169,8 @@ static int tear_down(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture),
+                                     cmocka_unit_test(test_enlarge)};
   return cmocka_run_group_tests_name("opencl picture", tests, set_up, tear_down);
 }
 #else

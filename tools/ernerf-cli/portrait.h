@@ -28,9 +28,9 @@ struct portrait {
   ern_renderer *renderer;
 };
 
-enum { PORTRAIT_OPTIONS = 13 };
+enum { PORTRAIT_OPTIONS = 14 };
 /* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --transmittance_stop --occupancy_threshold
- * --torso_shrink --scale --smooth_lips --asr_model --memory --force. */
+ * --torso_shrink --scale --image_scale --smooth_lips --asr_model --memory --force. */
 void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]);
 
 /* Opens model, clip (where there is one), backend and renderer. A model of another clip is refused, with --force only
