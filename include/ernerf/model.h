@@ -54,6 +54,9 @@ typedef struct ern_tensor_info {
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 
+/* SHA-256 of a file's bytes as 64 lower-case hex digits: tells one model from another. */
+ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
+
 /* The pose of training frame `index` as the model's camera refinement has it (where ern_model_info.cameras is not 0;
  * index past the last: the last): the rotation dR of its three angles (about x, then y, then z, in degrees) turns the
  * rays, d' = transpose(dR) d, and its move is added to the origin. Scene units, after ern_camera_pose. The torso of a

@@ -57,7 +57,7 @@ int judge_draw(struct judge *judge, ern_renderer *renderer, const ern_model *mod
     ern_model_refine(model, shot->index, refined);
     input.head_pose = refined;
   }
-  const ern_frame_output output = {.rgba = judge->rgba, .rgb = judge->rgb};
+  const ern_frame_output output = {.rgba = judge->rgba, .rgb = judge->bytes_alone ? NULL : judge->rgb};
   const double began = session_seconds();
   const ern_status status = ern_renderer_frame(renderer, &input, &output, &judged->times);
   judged->ms = 1000 * (session_seconds() - began);

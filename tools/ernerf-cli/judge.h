@@ -21,8 +21,9 @@ struct judge {
   struct shots shots;
   struct backdrop backdrop;
   float *windows;
-  float *rgb;    /* [height][width][3], as drawn last; so is the next one */
-  uint8_t *rgba; /* [height][width][4] */
+  float *rgb;       /* [height][width][3], as drawn last; so is the next one */
+  uint8_t *rgba;    /* [height][width][4] */
+  bool bytes_alone; /* judge_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
 };
 
 /* Of one frame. */

@@ -21,6 +21,7 @@ static const struct verb {
     {"convert", "a model between .safetensors and PyTorch's .pth, both ways", cmd_convert},
     {"synth", "make up a clip to try things on", cmd_synth},
     {"bench", "how fast the machine is, and how much of it kernels, a frame and a step use", cmd_bench},
+    {"tradeoff", "what accuracy costs in time: render settings, their front, a page", cmd_tradeoff},
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "regions.h"
 
-enum { LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS = 68 };
+enum { EYES_BEGIN = 36, EYES_END = 48, LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS = 68 };
 
 static int clip_to(int value, int most) { return value < 0 ? 0 : value > most ? most : value; }
 
@@ -42,4 +42,15 @@ bool region_mouth(const ern_clip_frame *frame, int width, int height, ern_box *b
   const int row = (lips.top + lips.bottom) / 2, column = (lips.left + lips.right) / 2;
   const ern_box square = {.top = row - half, .bottom = row + half, .left = column - half, .right = column + half};
   return cut(square, width, height, box);
+}
+
+bool region_eyes(const ern_clip_frame *frame, int width, int height, ern_box *box) {
+  if (!frame->has_landmarks) return false;
+  const ern_box eyes = box_of(frame->landmarks, EYES_BEGIN, EYES_END);
+  const int margin = (eyes.right - eyes.left) / 4;
+  const ern_box wide = {.top = eyes.top - margin,
+                        .bottom = eyes.bottom + margin,
+                        .left = eyes.left - margin,
+                        .right = eyes.right + margin};
+  return cut(wide, width, height, box);
 }

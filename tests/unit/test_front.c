@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: MIT
+ * Medians, spreads, and which points no other one betters. */
+#include "../support.h"
+
+#include <math.h>
+
+#include "../../tools/ernerf-cli/front.c"
+
+enum { FRAMES = 4 };
+
+static void near(double found, double expected) {
+  if (!(fabs(found - expected) <= 1e-9 * fmax(1, fabs(expected)))) fail_msg("%.12g, expected %.12g", found, expected);
+}
+
+static void test_spread(void **state) {
+  (void)state;
+  double one[] = {7}, two[] = {3, 1}, three[] = {5, 1, 3}, five[] = {5, 4, 1, 2, 3};
+  struct spread s = front_spread(one, 1);
+  near(s.low, 7), near(s.median, 7), near(s.high, 7);
+  s = front_spread(two, 2);
+  near(s.low, 1.5), near(s.median, 2), near(s.high, 2.5);
+  s = front_spread(three, 3);
+  near(s.low, 2), near(s.median, 3), near(s.high, 4);
+  s = front_spread(five, 5);
+  near(s.low, 2), near(s.median, 3), near(s.high, 4);
+  const double values[] = {1, 2, 3, 4};
+  struct moments m = front_moments(values, 4);
+  near(m.mean, 2.5), near(m.deviation, sqrt(5.0 / 3));
+  m = front_moments(values, 1);
+  near(m.mean, 1), near(m.deviation, 0);
+}
+
+static struct candidate point(double ms, double half, const double *db, size_t changes) {
+  return (struct candidate){{ms - half, ms, ms + half}, db, changes};
+}
+
+static void test_compare(void **state) {
+  (void)state;
+  static const double base[] = {30, 31, 32, 33}, up[] = {30.5, 31.4, 32.6, 33.5}, mixed[] = {32, 29, 34, 33};
+  static const double hair[] = {30.005, 31.005, 32.005, 33.005}, up_far[] = {30, 31, 32, 40};
+  const struct candidate a = point(10, 1, base, 0), b = point(11.9, 1, up, 0), c = point(12.1, 1, mixed, 0);
+  const struct candidate d = point(10, 1, hair, 0), e = point(10, 1, up_far, 0);
+  assert_int_equal(front_compare_ms(&a, &b), 0); /* 9..11 and 10.9..12.9 overlap */
+  assert_int_equal(front_compare_ms(&a, &c), 1);
+  assert_int_equal(front_compare_ms(&c, &a), -1);
+  assert_int_equal(front_compare_db(&b, &a, FRAMES), 1);
+  assert_int_equal(front_compare_db(&a, &b, FRAMES), -1);
+  assert_int_equal(front_compare_db(&c, &a, FRAMES), 0); /* now better, now worse */
+  assert_int_equal(front_compare_db(&d, &a, FRAMES), 0); /* always better, by what nobody sees */
+  assert_int_equal(front_compare_db(&e, &a, FRAMES), 0); /* in one frame alone */
+  assert_int_equal(front_compare_db(&b, &a, 1), 0);      /* one frame is never enough */
+  assert_int_equal(front_compare_db(&a, &a, FRAMES), 0);
+}
+
+/* Offsets of a quality that varies from frame to frame alike for all points. */
+static void qualities(double db[][FRAMES], const double *means, size_t count) {
+  for (size_t k = 0; k < count; k++)
+    for (size_t f = 0; f < FRAMES; f++) db[k][f] = means[k] + 3 * sin((double)f) + 0.001 * cos((double)(k * 5 + f));
+}
+
+static void test_front(void **state) {
+  (void)state;
+  enum { COUNT = 7 };
+  static const double ms[COUNT] = {50, 20, 30, 10, 49.9, 60, 20.1};
+  static const double means[COUNT] = {60, 40, 35, 20, 60, 60, 40};
+  static const size_t changes[COUNT] = {0, 1, 1, 2, 1, 0, 2};
+  double db[COUNT][FRAMES];
+  struct candidate c[COUNT];
+  struct place places[COUNT];
+  qualities(db, means, COUNT);
+  for (size_t k = 0; k < COUNT; k++) c[k] = point(ms[k], 1, db[k], changes[k]);
+  front_find(places, c, COUNT, FRAMES);
+  assert_int_equal(places[0].standing, STANDING_FRONT);
+  assert_int_equal(places[1].standing, STANDING_FRONT);
+  assert_int_equal(places[2].standing, STANDING_BEATEN); /* slower than 1 and worse */
+  assert_true(places[2].by == 1 || places[2].by == 6);
+  assert_int_equal(places[3].standing, STANDING_FRONT);
+  assert_int_equal(places[4].standing, STANDING_EQUAL); /* 0 is simpler, though 0.1 ms slower */
+  assert_int_equal(places[4].by, 0);
+  assert_int_equal(places[5].standing, STANDING_BEATEN); /* the same quality, measurably slower */
+  assert_int_equal(places[6].standing, STANDING_EQUAL);
+  assert_int_equal(places[6].by, 1);
+}
+
+/* Of points that differ by less than their spread, one is shown. */
+static void test_nothing_is_better_by_noise(void **state) {
+  (void)state;
+  enum { COUNT = 20 };
+  static const double means[COUNT] = {40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40};
+  double db[COUNT][FRAMES];
+  struct candidate c[COUNT];
+  struct place places[COUNT];
+  qualities(db, means, COUNT);
+  for (size_t k = 0; k < COUNT; k++) c[k] = point(10 + 0.05 * (double)((7 * k) % COUNT), 1, db[k], 1 + k % 3);
+  front_find(places, c, COUNT, FRAMES);
+  size_t shown = 0;
+  for (size_t k = 0; k < COUNT; k++) {
+    shown += places[k].standing == STANDING_FRONT;
+    assert_true(places[k].standing != STANDING_BEATEN);
+    assert_int_equal(places[places[k].by].standing, STANDING_FRONT);
+  }
+  assert_int_equal(shown, 1);
+}
+
+/* Chains in which neighbours overlap: whatever comes, some point stands, and every other one names a reason. */
+static void test_always_a_front(void **state) {
+  (void)state;
+  enum { COUNT = 30, TURNS = 200 };
+  double db[COUNT][FRAMES];
+  struct candidate c[COUNT];
+  struct place places[COUNT];
+  unsigned seed = 1;
+  for (int turn = 0; turn < TURNS; turn++) {
+    for (size_t k = 0; k < COUNT; k++) {
+      for (size_t f = 0; f < FRAMES; f++) {
+        seed = seed * 1664525u + 1013904223u;
+        db[k][f] = 30 + (double)(seed >> 16) / 65536 * (turn % 2 ? 1 : 20) + (double)k * (turn % 3);
+      }
+      seed = seed * 1664525u + 1013904223u;
+      c[k] = point(10 + (double)(seed >> 16) / 6553.6, 0.2 * (double)(turn % 5), db[k], seed >> 20 & 3);
+    }
+    front_find(places, c, COUNT, FRAMES);
+    size_t shown = 0;
+    for (size_t k = 0; k < COUNT; k++) {
+      shown += places[k].standing == STANDING_FRONT;
+      assert_true(places[k].by < COUNT && (places[k].by != k || places[k].standing == STANDING_FRONT));
+      if (places[k].standing == STANDING_EQUAL) {
+        assert_int_equal(front_compare_ms(&c[k], &c[places[k].by]), 0);
+        assert_int_equal(front_compare_db(&c[k], &c[places[k].by], FRAMES), 0);
+      }
+      for (size_t i = 0; i < COUNT && places[k].standing == STANDING_FRONT && shown > 1; i++)
+        assert_false(beats(&c[i], &c[k], FRAMES));
+    }
+    assert_true(shown > 0);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_spread),         cmocka_unit_test(test_compare),
+      cmocka_unit_test(test_front),          cmocka_unit_test(test_nothing_is_better_by_noise),
+      cmocka_unit_test(test_always_a_front),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

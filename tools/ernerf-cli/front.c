@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: MIT */
+#include "front.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* dB under which a difference is none. */
+static const double unseen = 0.01;
+
+static int by_value(const void *left, const void *right) {
+  const double a = *(const double *)left, b = *(const double *)right;
+  return (a > b) - (a < b);
+}
+
+static double quantile(const double *sorted, size_t count, double share) {
+  const double at = share * (double)(count - 1);
+  const size_t below = (size_t)at;
+  return below + 1 < count ? sorted[below] + (at - (double)below) * (sorted[below + 1] - sorted[below]) : sorted[below];
+}
+
+struct spread front_spread(double *readings, size_t count) {
+  qsort(readings, count, sizeof *readings, by_value);
+  return (struct spread){quantile(readings, count, 0.25), quantile(readings, count, 0.5),
+                         quantile(readings, count, 0.75)};
+}
+
+struct moments front_moments(const double *values, size_t count) {
+  struct moments moments = {0, 0};
+  for (size_t i = 0; i < count; i++) moments.mean += values[i] / (double)count;
+  for (size_t i = 0; i < count && count > 1; i++)
+    moments.deviation += pow(values[i] - moments.mean, 2) / (double)(count - 1);
+  moments.deviation = sqrt(moments.deviation);
+  return moments;
+}
+
+/* Two-sided 95 % point of Student's t by degrees of freedom, 1 to 30; a little more than the true one beyond. */
+static double student(size_t freedom) {
+  static const double table[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
+                                 2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
+                                 2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
+  const size_t last = sizeof table / sizeof *table;
+  return table[(freedom < last ? freedom : last) - 1];
+}
+
+int front_compare_ms(const struct candidate *a, const struct candidate *b) {
+  return (a->ms.high < b->ms.low) - (b->ms.high < a->ms.low);
+}
+
+int front_compare_db(const struct candidate *a, const struct candidate *b, size_t frames) {
+  double mean = 0, square = 0;
+  if (frames < 2) return 0;
+  for (size_t f = 0; f < frames; f++) mean += (a->db[f] - b->db[f]) / (double)frames;
+  for (size_t f = 0; f < frames; f++) square += pow(a->db[f] - b->db[f] - mean, 2);
+  const double error = sqrt(square / (double)(frames - 1) / (double)frames);
+  if (!(fabs(mean) > fmax(unseen, student(frames - 1) * error))) return 0;
+  return mean > 0 ? 1 : -1;
+}
+
+static bool beats(const struct candidate *a, const struct candidate *b, size_t frames) {
+  const int ms = front_compare_ms(a, b), db = front_compare_db(a, b, frames);
+  return ms >= 0 && db >= 0 && ms + db > 0;
+}
+
+/* Whether a is to be shown rather than b, where nothing tells them apart. */
+static bool is_simpler(const struct candidate *a, const struct candidate *b) {
+  if (a->changes != b->changes) return a->changes < b->changes;
+  return a->ms.median < b->ms.median;
+}
+
+/* The simplest point that stands on the front and that nothing tells from point k; k where there is none. */
+static size_t twin_of(const struct place *places, const struct candidate *c, size_t count, size_t frames, size_t k) {
+  size_t best = k;
+  for (size_t i = 0; i < count; i++) {
+    if (places[i].standing != STANDING_FRONT || front_compare_ms(&c[i], &c[k]) != 0) continue;
+    if (front_compare_db(&c[i], &c[k], frames) == 0 && is_simpler(&c[i], &c[best])) best = i;
+  }
+  return best;
+}
+
+/* Of the points that beat k, the one with the best quality. */
+static void find_beaten(struct place *place, const struct candidate *c, size_t count, size_t frames, size_t k) {
+  double best = -INFINITY;
+  *place = (struct place){STANDING_FRONT, k};
+  for (size_t i = 0; i < count; i++) {
+    if (!beats(&c[i], &c[k], frames)) continue;
+    const double quality = front_moments(c[i].db, frames).mean;
+    if (quality > best) *place = (struct place){STANDING_BEATEN, i};
+    best = fmax(best, quality);
+  }
+}
+
+void front_find(struct place *places, const struct candidate *candidates, size_t count, size_t frames) {
+  size_t standing = 0, fastest = 0;
+  for (size_t k = 0; k < count; k++) {
+    find_beaten(&places[k], candidates, count, frames, k);
+    standing += places[k].standing == STANDING_FRONT;
+    if (candidates[k].ms.median < candidates[fastest].ms.median) fastest = k;
+  }
+  /* "measurably better" is not transitive: should all be beaten in a circle, the fastest stands for them */
+  if (standing == 0) places[fastest] = (struct place){STANDING_FRONT, fastest};
+  /* from the one with the most changes on, so that what is kept has no simpler twin */
+  for (size_t done = 0; done < count; done++) {
+    size_t k = count;
+    for (size_t i = 0; i < count; i++)
+      if (places[i].standing == STANDING_FRONT && twin_of(places, candidates, count, frames, i) != i &&
+          (k == count || is_simpler(&candidates[k], &candidates[i])))
+        k = i;
+    if (k == count) return;
+    places[k] = (struct place){STANDING_EQUAL, twin_of(places, candidates, count, frames, k)};
+  }
+}

@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT
+ * What repeated measurements say: medians with their spread, and which of several points no other one betters. */
+#ifndef ERN_CLI_FRONT_H
+#define ERN_CLI_FRONT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+/* Quartiles of some readings, interpolated between neighbours (the median of an even number: the mean of two). */
+struct spread {
+  double low, median, high;
+};
+/* Sorts the readings; count >= 1. */
+struct spread front_spread(double *readings, size_t count);
+
+/* Mean and standard deviation (of a sample: over count - 1; 0 of one value). */
+struct moments {
+  double mean, deviation;
+};
+struct moments front_moments(const double *values, size_t count);
+
+/* A point to be compared. */
+struct candidate {
+  struct spread ms; /* a frame, milliseconds */
+  const double *db; /* [frames] quality of each frame, more is better; the frames are the same for all points */
+  size_t changes;   /* settings that are not the default's: of two equals the simpler one is shown */
+};
+
+/* 1: a is measurably better; -1: b is; 0: neither.
+ * Of times: the quartiles do not overlap. Of quality: the mean of the differences by frame is further from 0 than its
+ * standard error allows at 95 % (Student's t; one frame is never enough) and than 0.01 dB, which nobody sees. */
+int front_compare_ms(const struct candidate *a, const struct candidate *b);
+int front_compare_db(const struct candidate *a, const struct candidate *b, size_t frames);
+
+enum standing {
+  STANDING_FRONT,  /* nothing betters it */
+  STANDING_BEATEN, /* `by` is measurably better in one way and not measurably worse in the other */
+  STANDING_EQUAL   /* nothing betters it, and nothing tells it from `by`, which is simpler */
+};
+struct place {
+  enum standing standing;
+  size_t by;
+};
+/* places[k] of candidates[k]. At least one stands on the front. count >= 1. */
+void front_find(struct place *places, const struct candidate *candidates, size_t count, size_t frames);
+
+#endif
