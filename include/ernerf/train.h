@@ -90,6 +90,9 @@ typedef struct ern_train_report {
   double seconds;          /* of training behind this model, resumed parts included */
 } ern_train_report;
 
+/* Where the training stands: step, iters and seconds; all else is 0. */
+ERN_API void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report);
+
 /* One step, with its occupancy refresh where one is due. Neither saves nor validates. A non-finite loss or gradient is
  * ERN_E_NONFINITE, names step and term or tensor, and leaves the parameters as they were before the step. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_step(ern_trainer *trainer, ern_train_report *report);

@@ -259,4 +259,8 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   return ERN_OK;
 }
 
+void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report) {
+  *report = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
+}
+
 const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer->run.folder; }

@@ -1,33 +1,19 @@
 /* SPDX-License-Identifier: MIT
  * ernerf tradeoff: what accuracy costs in time. */
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "measure.h"
 #include "page.h"
 #include "tradeoff_files.h"
+#include "tradeoff_training.h"
 #include "verbs.h"
 
 enum { OWN_OPTIONS = 2 };
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
-
-static int write_to(struct tradeoff *t, const char *name, struct bytes *bytes) {
-  char path[4096];
-  int status = 0;
-  if (bytes->failed || bytes->data == NULL)
-    status = session_fail_with(&t->session, "no memory for %s", name);
-  else if (snprintf(path, sizeof path, "%s/%s", t->folder, name) >= (int)sizeof path)
-    status = session_fail_with(&t->session, "%s: the name is too long", t->folder);
-  else
-    status = session_write(&t->session, path, bytes->data, bytes->count);
-  bytes_free(bytes);
-  return status;
-}
 
 static int write_plots(struct tradeoff *t) {
   static const char *const names[TRUTHS][2] = {{"exact.svg", "exact.png"}, {"clip.svg", "clip.png"}};
@@ -36,7 +22,7 @@ static int write_plots(struct tradeoff *t) {
     for (enum plot_form form = PLOT_SVG; form <= PLOT_PNG && status == 0; form++) {
       struct bytes bytes = {0};
       if (tradeoff_plot(t, truth, form, &bytes) != 0) bytes.failed = true;
-      status = write_to(t, names[truth][form], &bytes);
+      status = session_write_in(&t->session, t->folder, names[truth][form], &bytes);
     }
   return status;
 }
@@ -48,13 +34,13 @@ static int write_all(struct tradeoff *t) {
   int status = page_make(t, &page);
   if (status == 0) {
     tradeoff_csv(t, &csv);
-    status = write_to(t, "tradeoff.csv", &csv);
+    status = session_write_in(&t->session, t->folder, "tradeoff.csv", &csv);
   }
   if (status == 0) status = write_plots(t);
   if (status == 0 && snprintf(path, sizeof path, "%s/tradeoff.json", t->folder) >= (int)sizeof path)
     status = session_fail_with(&t->session, "%s: the name is too long", t->folder);
   if (status == 0) status = session_write_json(&t->session, path, tradeoff_json(t));
-  if (status == 0) status = write_to(t, "index.html", &page);
+  if (status == 0) status = session_write_in(&t->session, t->folder, "index.html", &page);
   bytes_free(&page);
   return status;
 }
@@ -80,18 +66,6 @@ static void print_front(const struct tradeoff *t) {
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
 
-/* Makes the folder where it is missing, and finds out now whether files can be put there. */
-static int open_folder(struct tradeoff *t) {
-  struct stat about;
-  if (mkdir(t->folder, 0777) != 0 && errno != EEXIST)
-    return session_fail_with(&t->session, "%s: cannot be made: %s", t->folder, strerror(errno));
-  if (stat(t->folder, &about) != 0 || !S_ISDIR(about.st_mode))
-    return session_fail_with(&t->session, "%s: is no folder", t->folder);
-  if (access(t->folder, W_OK | X_OK) != 0)
-    return session_fail_with(&t->session, "%s: cannot be written into: %s", t->folder, strerror(errno));
-  return 0;
-}
-
 static int open_all(struct tradeoff *t, const struct args *args) {
   struct portrait *portrait = &t->portrait;
   struct session *session = &t->session;
@@ -106,7 +80,7 @@ static int open_all(struct tradeoff *t, const struct args *args) {
   status = judge_open(&t->judge, session, portrait->clip, split, portrait->scale, (ern_audio_pad)portrait->audio_pad);
   if (status == 0) status = shots_of_clip(&t->speech, session, portrait->clip, split);
   if (status == 0) status = measure_open(t, args);
-  return status == 0 ? open_folder(t) : status;
+  return status == 0 ? session_folder(&t->session, t->folder) : status;
 }
 
 static int measure_and_write(struct tradeoff *t) {
@@ -134,7 +108,15 @@ static int check_words(const struct tradeoff *t, const struct args *args) {
                      "makes a frame depend on those before it, and points would not draw the same");
 }
 
+/* `--training` is a verb within the verb: other words, other options. */
+static bool asks_for_training(int argc, char **argv) {
+  for (int i = 0; i < argc; i++)
+    if (strcmp(argv[i], "--training") == 0) return true;
+  return false;
+}
+
 int cmd_tradeoff(int argc, char **argv) {
+  if (asks_for_training(argc, argv)) return tradeoff_training(argc, argv);
   struct tradeoff t = {.seconds = 120};
   struct option own[OWN_OPTIONS] = {
       {.name = "o",
@@ -156,7 +138,9 @@ int cmd_tradeoff(int argc, char **argv) {
   struct args args = {
       .verb = "tradeoff",
       .summary = "Shows what accuracy costs in time: render settings against the clock and against two truths.",
-      .usage = "tradeoff MODEL CLIP -o DIR [--seconds 120]",
+      .usage =
+          "tradeoff MODEL CLIP -o DIR [--seconds 120]\n"
+          "tradeoff --training CLIP -o DIR [--seconds 30]     (tradeoff --training --help)",
       .notes =
           "Each setting is changed by itself, then combinations that should be worth it; all points take turns. The\n"
           "truths are the frames of the clip and an exact render of the same model in double precision. Options that\n"

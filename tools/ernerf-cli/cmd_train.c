@@ -5,13 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "curve.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "progress.h"
 #include "session.h"
 #include "verbs.h"
 
-enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3 };
+enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
 struct train_job {
   struct session session;
@@ -28,6 +29,7 @@ struct train_job {
   ern_model *head;
   ern_trainer *trainer;
   struct progress progress;
+  struct curve curve;
   ern_train_report last; /* the newest one */
   bool stepped;          /* there is one */
   double val_psnr;       /* dB, of the newest validation */
@@ -90,7 +92,8 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .target = &job->validate_every,
        .low = 0,
        .high = 1e12,
-       .help = "steps between validations, each with a picture; 0 only at the end"},
+       .help = "steps between validations, each with a picture and a point of the curve; 0 only at the end (default a "
+               "tenth of --iters, 50 to 1000)"},
       {.name = "validate-frames",
        .kind = OPTION_INT,
        .target = &config->validate_frames,
@@ -233,7 +236,11 @@ static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
   config->save_every = job->save_every;
-  config->validate_every = job->validate_every;
+  const uint64_t tenth = job->iters / 10;
+  config->validate_every = args_given(args, "validate-every") ? job->validate_every
+                           : tenth > VALIDATE_MOST            ? VALIDATE_MOST
+                           : tenth < VALIDATE_LEAST           ? VALIDATE_LEAST
+                                                              : tenth;
   config->ema_every = job->ema_every;
   config->seed = job->session.seed;
   config->threads = job->session.threads;
@@ -330,6 +337,22 @@ static int say_progress(void *user, const ern_train_report *report) {
   return session_interrupted();
 }
 
+/* The curve so far, at the start of a training that goes on from an earlier one. A curve that cannot be read, as one
+ * that cannot be drawn, is told of: it is no reason to stop a training. */
+static void read_curve(struct train_job *job) {
+  char path[4096];
+  snprintf(path, sizeof path, "%s/curve.csv", ern_trainer_folder(job->trainer));
+  if (job->config.resume) (void)curve_read(&job->curve, &job->session, path);
+}
+
+static void extend_curve(struct train_job *job, uint64_t step, double psnr) {
+  const struct curve_named named = {job->config.output, &job->curve};
+  ern_train_report now;
+  ern_trainer_describe(job->trainer, &now);
+  if (curve_add(&job->curve, &job->session, (struct curve_point){step, now.seconds, psnr}) == 0)
+    (void)curve_plot(&named, 1, &job->session, ern_trainer_folder(job->trainer), "curve", job->config.output);
+}
+
 static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
                                   int width, int height, const char *name) {
   struct train_job *job = user;
@@ -339,6 +362,7 @@ static ern_status take_validation(void *user, uint64_t step, double psnr, size_t
   job->val_frames = frames;
   session_note(&job->session, "step %" PRIu64 ": PSNR %.3f over %zu validation frames, %s", step, psnr, frames, name);
   snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(job->trainer), name);
+  extend_curve(job, step, psnr);
   return ern_image_write(job->session.context, path, &image, 100);
 }
 
@@ -361,6 +385,7 @@ static int run(struct train_job *job) {
   char spent[32];
   const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
   say_plan(job);
+  read_curve(job);
   progress_begin(&job->progress, session, "train", "steps");
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
   progress_end(&job->progress);
@@ -382,6 +407,7 @@ static void close_all(struct train_job *job) {
   ern_trainer_free(&job->trainer);
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
+  curve_free(&job->curve);
   session_close(&job->session);
 }
 
@@ -389,7 +415,6 @@ static void set_defaults(struct train_job *job) {
   *job = (struct train_job){.config = ern_train_config_default(), .scale = 4};
   job->iters = job->config.iters;
   job->save_every = job->config.save_every;
-  job->validate_every = job->config.validate_every;
   job->ema_every = job->config.ema_every;
   job->session.seed = job->config.seed;
 }
@@ -406,8 +431,8 @@ int cmd_train(int argc, char **argv) {
           "train CLIP --torso --head head.safetensors -o portrait.safetensors",
       .notes =
           "Ctrl-C saves the state and stops; --resume goes on as if nothing had happened.\n"
-          "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv and val_NNNNNN.png: prediction,\n"
-          "truth, difference, attention of speech and of the eyes.",
+          "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv with plots of it over\n"
+          "seconds and steps, and val_NNNNNN.png: prediction, truth, difference, attention of speech and of the eyes.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is trained, and where to:", goal, GOAL_OPTIONS},

@@ -34,29 +34,34 @@ void judge_close(struct judge *judge) {
   shots_free(&judge->shots);
 }
 
-int judge_draw(struct judge *judge, ern_renderer *renderer, const ern_model *model, size_t k, struct judged *judged) {
+int judge_input(struct judge *judge, const ern_model *model, size_t k, ern_frame_input *input) {
   const struct shot *shot = &judge->shots.shot[k];
   const uint8_t *torso = NULL;
   ern_model_info about;
-  float refined[16];
-  *judged = (struct judged){.has_head = false};
   ern_model_describe(model, &about);
   if (!about.has_torso &&
       backdrop_torso(&judge->backdrop, judge->session, judge->clip, shot->split, shot->index, &torso) != 0)
     return EXIT_FAILURE;
   shots_windows(&judge->shots, k, judge->features, judge->pad, judge->windows);
   const ern_camera camera = shots_camera(&judge->shots, k, judge->scale, judge->info.width, judge->info.height);
-  ern_frame_input input = {.camera = camera,
-                           .windows = judge->windows,
-                           .window_length = judge->features->window_length,
-                           .eye = shot->eye,
-                           .background = judge->backdrop.background.data,
-                           .torso = torso};
+  *input = (ern_frame_input){.camera = camera,
+                             .windows = judge->windows,
+                             .window_length = judge->features->window_length,
+                             .eye = shot->eye,
+                             .background = judge->backdrop.background.data,
+                             .torso = torso};
   if (about.cameras > 0 && shot->split == ERN_SPLIT_TRAIN) {
-    memcpy(refined, camera.pose, sizeof refined);
-    ern_model_refine(model, shot->index, refined);
-    input.head_pose = refined;
+    memcpy(judge->refined, camera.pose, sizeof judge->refined);
+    ern_model_refine(model, shot->index, judge->refined);
+    input->head_pose = judge->refined;
   }
+  return 0;
+}
+
+int judge_draw(struct judge *judge, ern_renderer *renderer, const ern_model *model, size_t k, struct judged *judged) {
+  ern_frame_input input;
+  *judged = (struct judged){.has_head = false};
+  if (judge_input(judge, model, k, &input) != 0) return EXIT_FAILURE;
   const ern_frame_output output = {.rgba = judge->rgba, .rgb = judge->bytes_alone ? NULL : judge->rgb};
   const double began = session_seconds();
   const ern_status status = ern_renderer_frame(renderer, &input, &output, &judged->times);

@@ -187,6 +187,19 @@ int session_write(struct session *session, const char *path, const void *bytes, 
   return session_fail_with(session, "%s: cannot be written: %s", path, strerror(reason));
 }
 
+int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes) {
+  char path[4096];
+  int status = EXIT_FAILURE;
+  if (bytes->failed || bytes->data == NULL)
+    session_fail_with(session, "no memory for %s", name);
+  else if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path)
+    session_fail_with(session, "%s: the name is too long", folder);
+  else
+    status = session_write(session, path, bytes->data, bytes->count);
+  bytes_free(bytes);
+  return status;
+}
+
 /* The object's text, ended by a newline; NULL without memory, or where a name in it is not UTF-8. */
 static char *text_of(json_t *object) {
   char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL, *line = NULL;
@@ -229,6 +242,16 @@ bool session_folder_there(const char *path) {
   if (slash == path) return true;
   if (snprintf(folder, sizeof folder, "%.*s", (int)(slash - path), path) >= (int)sizeof folder) return false;
   return stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
+}
+
+int session_folder(struct session *session, const char *path) {
+  struct stat about;
+  if (mkdir(path, 0777) != 0 && errno != EEXIST)
+    return session_fail_with(session, "%s: cannot be made: %s", path, strerror(errno));
+  if (stat(path, &about) != 0 || !S_ISDIR(about.st_mode)) return session_fail_with(session, "%s: is no folder", path);
+  if (access(path, W_OK | X_OK) != 0)
+    return session_fail_with(session, "%s: cannot be written into: %s", path, strerror(errno));
+  return 0;
 }
 
 double session_seconds(void) {

@@ -7,6 +7,7 @@
 #include <jansson.h>
 
 #include "args.h"
+#include "bytes.h"
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
@@ -53,10 +54,15 @@ bool session_json_on_stdout(const struct session *session);
 /* Writes the object where --json says, whole or not at all; nothing without --json. Takes the reference. Returns 0 or
  * EXIT_FAILURE after a message; a NULL object (no memory) fails. */
 int session_report(struct session *session, json_t *object);
-/* Writes a file, whole or not at all: beside its place first. Returns 0 or EXIT_FAILURE after a message. */
+/* Writes a file, whole or not at all: beside its place first. Returns 0 or EXIT_FAILURE after a message, as the next
+ * ones do. */
 int session_write(struct session *session, const char *path, const void *bytes, size_t count);
+/* The same of FOLDER/NAME; takes the bytes. */
+int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes);
 /* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
 int session_write_json(struct session *session, const char *path, json_t *object);
+/* Makes the folder where it is missing, and finds out whether files can be put there. Returns as above. */
+int session_folder(struct session *session, const char *path);
 /* A number, or null where it is not finite. */
 json_t *session_number(double value);
 
