@@ -54,7 +54,7 @@ struct word {
   const char *help;
 };
 
-enum { ARGS_GROUPS = 3 };
+enum { ARGS_GROUPS = 4 };
 
 struct args {
   const char *verb;    /* for messages; of `ernerf VERB` */

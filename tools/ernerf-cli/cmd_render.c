@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "backdrop.h"
+#include "governor.h"
 #include "portrait.h"
 #include "progress.h"
 #include "sink.h"
@@ -19,6 +20,7 @@ enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11, PICTURE_BYTES 
 struct render_job {
   struct session session;
   struct portrait portrait;
+  struct governor governor;
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
@@ -34,6 +36,7 @@ struct render_job {
   ern_sound sound;
   double sound_start; /* seconds */
   float *windows;
+  uint8_t *look;          /* [height][width][4]: the governor's quick look; NULL without one */
   ern_frame_times stages; /* of drawing, milliseconds, summed over the frames */
 };
 
@@ -118,6 +121,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status = args_refuse(args, "--smooth_path_window is %d, expected an odd number", job->smooth_window);
   if (status < 0 && args_given(args, "fix_eye"))
     status = args_forbid(args, "smooth_eye", "has nothing to smooth with --fix_eye");
+  if (status < 0) status = governor_check(&job->governor, args);
   if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
   return status;
@@ -229,6 +233,58 @@ static void say_plan(struct render_job *job) {
                job->session.backend_info.name, job->session.backend_info.isa, job->out);
 }
 
+/* ---- drawing ----------------------------------------------------------------------------------------------------- */
+
+/* Frame k over `torso`, which may be NULL. */
+static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, size_t k, const uint8_t *torso,
+                             const ern_frame_output *output, ern_frame_times *times) {
+  const struct shot *shot = &job->shots.shot[k];
+  float refined[16];
+  shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
+  const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
+  const ern_frame_input input = {.camera = camera,
+                                 .head_pose = portrait_refined(&job->portrait, shot, &camera, refined),
+                                 .windows = job->windows,
+                                 .window_length = job->features->window_length,
+                                 .eye = shot->eye,
+                                 .background = job->backdrop.background.data,
+                                 .torso = torso};
+  return ern_renderer_frame(renderer, &input, output, times);
+}
+
+/* For the governor's quick look: without the clip's torso picture, which takes the same time with all settings. */
+static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
+  struct render_job *job = user;
+  const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
+  return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : session_fail(&job->session);
+}
+
+static int open_governor(struct render_job *job, const struct args *args) {
+  if (!governor_asked(&job->governor)) return 0;
+  job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
+  if (job->look == NULL)
+    return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
+  return governor_open(&job->governor, &job->session, args, &job->portrait, &job->shots, job->features, job->size,
+                       draw_look, job);
+}
+
+static int draw(struct render_job *job, size_t k) {
+  const uint8_t *torso = NULL;
+  ern_frame_output output;
+  ern_frame_times times;
+  ern_renderer *renderer = governor_asked(&job->governor) ? governor_renderer(&job->governor) : job->portrait.renderer;
+  if (renderer == NULL) return EXIT_FAILURE;
+  if (is_behind(job) && backdrop_next_torso(&job->backdrop, &job->session, &torso) != 0) return EXIT_FAILURE;
+  if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
+  if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return session_fail(&job->session);
+  sink_put(&job->sink, job->shots.shot[k].number);
+  job->stages.audio += times.audio;
+  job->stages.torso += times.torso;
+  job->stages.head += times.head;
+  job->stages.output += times.output;
+  return 0;
+}
+
 static int open_all(struct render_job *job, const struct args *args) {
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(&job->session, "%s: its folder is not there", job->out);
@@ -242,39 +298,12 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0 && job->size.width == 0)
     job->size = (struct dimensions){job->shots.camera.width, job->shots.camera.height};
   if (status == 0) status = open_backdrop(job);
+  if (status == 0) status = open_governor(job, args);
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job)) status = backdrop_read(&job->backdrop, session, job->portrait.clip, &job->shots);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->portrait.info.has_eye,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
-}
-
-/* ---- drawing ----------------------------------------------------------------------------------------------------- */
-
-static int draw(struct render_job *job, size_t k) {
-  const struct shot *shot = &job->shots.shot[k];
-  const uint8_t *torso = NULL;
-  ern_frame_output output;
-  ern_frame_times times;
-  if (is_behind(job) && backdrop_next_torso(&job->backdrop, &job->session, &torso) != 0) return EXIT_FAILURE;
-  shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
-  float refined[16];
-  const ern_frame_input input = {.camera = camera,
-                                 .head_pose = portrait_refined(&job->portrait, shot, &camera, refined),
-                                 .windows = job->windows,
-                                 .window_length = job->features->window_length,
-                                 .eye = shot->eye,
-                                 .background = job->backdrop.background.data,
-                                 .torso = torso};
-  if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
-  if (ern_renderer_frame(job->portrait.renderer, &input, &output, &times) != ERN_OK) return session_fail(&job->session);
-  sink_put(&job->sink, shot->number);
-  job->stages.audio += times.audio;
-  job->stages.torso += times.torso;
-  job->stages.head += times.head;
-  job->stages.output += times.output;
-  return 0;
 }
 
 /* Of a frame; reading and encoding go on beside the others. */
@@ -289,13 +318,14 @@ static json_t *report_stages(const struct render_job *job) {
 
 static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->shots.count;
-  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:o, s:o, s:o, s:o, s:b, s:s, s:s}", "output", job->out, "model",
-                   job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
+  json_t *pace = governor_asked(&job->governor) ? governor_json(&job->governor) : json_null();
+  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o}", "output", job->out,
+                   "model", job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
                    (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "seconds",
                    session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
                    session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
                    job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
-                   job->session.backend_info.isa);
+                   job->session.backend_info.isa, "pace", pace);
 }
 
 static int draw_all(struct render_job *job) {
@@ -304,24 +334,32 @@ static int draw_all(struct render_job *job) {
   const double began = session_seconds();
   say_plan(job);
   progress_begin(&progress, session, "render", "frames");
+  double before = began;
   for (size_t k = 0; k < job->shots.count; k++) {
     if (session_interrupted())
       return session_fail_with(session, "stopped at frame %zu of %zu%s", k, job->shots.count,
                                job->sink.kind == SINK_VIDEO ? ", no video was written" : "");
     if (draw(job, k) != 0) return EXIT_FAILURE;
-    progress_at(&progress, k + 1, job->shots.count, "");
+    const double now = session_seconds();
+    if (governor_asked(&job->governor)) governor_took(&job->governor, 1000 * (now - before));
+    before = now;
+    progress_at(&progress, k + 1, job->shots.count,
+                governor_asked(&job->governor) ? governor_name(&job->governor) : "");
   }
   if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
   progress_end(&progress);
   const double seconds = session_seconds() - began;
   session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing: %s", job->shots.count,
                seconds, (double)job->shots.count / seconds, job->out);
+  if (governor_asked(&job->governor)) governor_summary(&job->governor, 1000 * seconds / (double)job->shots.count);
   return session_report(session, report(job, seconds));
 }
 
 static void close_all(struct render_job *job) {
   sink_free(&job->sink);
   free(job->windows);
+  free(job->look);
+  governor_close(&job->governor);
   backdrop_free(&job->backdrop, &job->session);
   shots_free(&job->shots);
   ern_sound_free(job->session.context, &job->sound);
@@ -332,7 +370,8 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], pace[GOVERNOR_OPTIONS],
+      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
@@ -348,9 +387,11 @@ int cmd_render(int argc, char **argv) {
       .word_count = 1,
       .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
+                 {"A budget instead of knobs:", pace, GOVERNOR_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   portrait_options(&job.portrait, SHOTS_ALL, shared);
+  governor_options(&job.governor, pace);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);

@@ -1,0 +1,215 @@
+/* SPDX-License-Identifier: MIT
+ * A budget instead of knobs: `ernerf render --fps`, `--budget`, `--quality`, with a stored front and with a quick look;
+ * the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not judged. */
+#include "cli.h"
+
+#include <math.h>
+
+static struct cli cli;
+static const char clip[] = "small";
+
+static int make_model(void **state) {
+  (void)state;
+  static const char *const old[] = {"m.safetensors", "m.run", "m.tradeoff", "study", "a", "b", "small", "x.mp4"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  cli_run(&cli, "synth small --size 64 --frames 24 --seed 5 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "train '%s' -o m.safetensors --iters 60 --rays 256 --levels 6 --lr_net 0.004 --validate-every 20 "
+          "--validate-frames 1 --quiet",
+          clip);
+  cli_expect(&cli, 0, NULL);
+  return 0;
+}
+
+static double number(const json_t *object, const char *name) {
+  const json_t *member = json_object_get(object, name);
+  if (!json_is_number(member)) fail_msg("%s is missing or no number", name);
+  return json_number_value(member);
+}
+
+/* ---- the curve --------------------------------------------------------------------------------------------------- */
+
+static size_t count_of(const char *text, const char *word) {
+  size_t count = 0;
+  for (const char *at = strstr(text, word); at != NULL; at = strstr(at + 1, word)) count++;
+  return count;
+}
+
+static void test_curve(void **state) {
+  (void)state;
+  static const char *const plots[] = {"m.run/curve_seconds.svg", "m.run/curve_steps.svg"};
+  static const char *const pictures[] = {"m.run/curve_seconds.png", "m.run/curve_steps.png"};
+  static char text[CLI_TEXT_BYTES];
+  cli_read("m.run/curve.csv", text);
+  assert_int_equal(count_of(text, "\n"), 4); /* a head, and a point every 20 of 60 steps */
+  for (int i = 0; i < 2; i++) {
+    size_t bytes = 0;
+    cli_read(plots[i], text);
+    assert_non_null(strstr(text, "<svg"));
+    assert_non_null(strstr(text, "</svg>"));
+    unsigned char *png = (unsigned char *)cli_bytes(pictures[i], &bytes);
+    assert_true(bytes > 2000 && memcmp(png, "\x89PNG", 4) == 0);
+    free(png);
+  }
+  /* goes on where it was */
+  cli_run(&cli,
+          "train '%s' -o m.safetensors --iters 80 --rays 256 --levels 6 --lr_net 0.004 --validate-every 20 "
+          "--validate-frames 1 --resume --quiet",
+          clip);
+  cli_expect(&cli, 0, NULL);
+  cli_read("m.run/curve.csv", text);
+  assert_int_equal(count_of(text, "\n"), 5);
+  /* what was damaged is told of and stops nothing */
+  FILE *file = fopen("m.run/curve.csv", "w");
+  assert_non_null(file);
+  fputs("step,seconds,psnr\n20,what\n", file);
+  fclose(file);
+  cli_run(&cli,
+          "train '%s' -o m.safetensors --iters 84 --rays 256 --levels 6 --lr_net 0.004 --validate-frames 1 "
+          "--resume",
+          clip);
+  cli_expect(&cli, 0, "curve.csv: line 2 is \"20,what\", expected three numbers", NULL);
+}
+
+/* ---- budgets ----------------------------------------------------------------------------------------------------- */
+
+/* Frames add up, settings go from the most accurate to the fastest. */
+static void check_pace(const json_t *pace, size_t frames) {
+  const json_t *settings = json_object_get(pace, "settings");
+  size_t drawn = 0;
+  assert_true(json_array_size(settings) >= 1);
+  for (size_t i = 0; i < json_array_size(settings); i++) {
+    const json_t *one = json_array_get(settings, i), *before = i > 0 ? json_array_get(settings, i - 1) : NULL;
+    drawn += (size_t)number(one, "frames");
+    assert_true(number(one, "ms") > 0);
+    if (before == NULL) continue;
+    assert_true(number(one, "ms") < number(before, "ms"));
+    assert_true(number(one, "psnr_db") <= number(before, "psnr_db"));
+  }
+  assert_int_equal(drawn, frames);
+}
+
+/* A rate that everything holds: the most accurate settings, which are those of a render without a stop. */
+static void test_quick_look(void **state) {
+  (void)state;
+  size_t bytes[2];
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png --json pace.json", clip);
+  cli_expect(&cli, 1, "a/%d.png: its folder is not there", NULL);
+  assert_int_equal(mkdir("a", 0777) + mkdir("b", 0777), 0);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png --json pace.json", clip);
+  cli_expect(&cli, 0, "a quick look", "render: settings", "100.0 dB from the most accurate", NULL);
+  json_t *object = cli_json(&cli, "pace.json");
+  const json_t *pace = json_object_get(object, "pace");
+  check_pace(pace, 3);
+  assert_true(number(pace, "budget_ms") == 1000 / (double)0.1f);
+  assert_string_equal(json_string_value(json_object_get(pace, "front")), "");
+  json_decref(object);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --transmittance_stop 1e-4 -o b/%%d.png --quiet", clip);
+  cli_expect(&cli, 0, NULL);
+  char *first = (char *)cli_bytes("a/2.png", &bytes[0]), *second = (char *)cli_bytes("b/2.png", &bytes[1]);
+  assert_int_equal(bytes[0], bytes[1]);
+  assert_memory_equal(first, second, bytes[0]);
+  free(first);
+  free(second);
+}
+
+static void test_out_of_reach(void **state) {
+  (void)state;
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 10000 -o x.mp4", clip);
+  cli_expect(&cli, 1, "--fps 10000: no settings hold it here: the fastest", "frames a second", NULL);
+  assert_int_not_equal(access("x.mp4", F_OK), 0);
+}
+
+/* With a front of its own: in the folder that is looked for, by name, and where it does not fit. */
+static void test_front(void **state) {
+  (void)state;
+  cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -o x.mp4 --json pace.json", clip);
+  cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB from the exact render", "against the clip's frames", NULL);
+  json_t *object = cli_json(&cli, "pace.json");
+  check_pace(json_object_get(object, "pace"), 4);
+  json_decref(object);
+  static const char *const qualities[] = {"exact", "balanced", "draft"};
+  double db[3];
+  for (int q = 0; q < 3; q++) {
+    cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --quality %s -o x.mp4 --json pace.json --quiet", clip,
+            qualities[q]);
+    cli_expect(&cli, 0, NULL);
+    object = cli_json(&cli, "pace.json");
+    const json_t *settings = json_object_get(json_object_get(object, "pace"), "settings");
+    assert_int_equal(json_array_size(settings), 1);
+    assert_true(json_is_null(json_object_get(json_object_get(object, "pace"), "budget_ms")));
+    db[q] = number(json_array_get(settings, 0), "psnr_db");
+    json_decref(object);
+  }
+  assert_true(db[0] >= db[1] && db[1] >= db[2]);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --fps 1 -o x.mp4", clip);
+  cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80", "a quick look", NULL);
+  cli_run(&cli, "render m.safetensors --clip '%s' --size 80x80 --fps 1 --front m.tradeoff/tradeoff.json -o x.mp4",
+          clip);
+  cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: it was measured at 64 x 64", NULL);
+  cli_run(&cli, "render m.safetensors --clip '%s' --fps 1 --front m.run/log.jsonl -o x.mp4", clip);
+  cli_expect(&cli, 1, "m.run/log.jsonl", NULL);
+}
+
+static void test_words(void **state) {
+  (void)state;
+  static const struct {
+    const char *options, *said;
+  } cases[] = {{"--fps 25 --budget 40", "expected one of them"},
+               {"--fps 25 --quality draft", "expected one of them"},
+               {"--quality good", "exact"},
+               {"--fps 0", "--fps"},
+               {"--budget nan", "--budget"},
+               {"--fps 25 --max_steps 8", "max_steps"},
+               {"--fps 25 --image_scale 0.5", "image_scale"},
+               {"--fps 25 --smooth_lips", "smooth_lips"},
+               {"--front x.json", "--front needs"},
+               {"--fps 25 --front x.json --isa ref", "isa"}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    cli_run(&cli, "render m.safetensors --clip '%s' -o x.mp4 %s", clip, cases[i].options);
+    cli_expect(&cli, 2, cases[i].said, NULL);
+  }
+}
+
+/* ---- trainings --------------------------------------------------------------------------------------------------- */
+
+static void test_training(void **state) {
+  (void)state;
+  static char text[CLI_TEXT_BYTES];
+  cli_run(&cli, "tradeoff --training '%s' -o study --seconds 1 --seeds 1 --rays 64 --levels 5 --json --quiet", clip);
+  cli_expect(&cli, 0, NULL);
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *trainings = json_object_get(object, "trainings");
+  assert_true(json_array_size(trainings) >= 6); /* base, three of rays, two of levels; instruction sets */
+  for (size_t i = 0; i < json_array_size(trainings); i++) {
+    const json_t *one = json_array_get(trainings, i), *curve = json_array_get(json_object_get(one, "seeds"), 0);
+    double last = 0;
+    assert_true(number(one, "psnr_db_mean") > 3 && number(one, "steps") >= 1);
+    assert_true(json_array_size(curve) >= 5);
+    for (size_t k = 0; k < json_array_size(curve); k++) {
+      const double seconds = number(json_array_get(curve, k), "seconds");
+      assert_true(seconds > last);
+      last = seconds;
+    }
+  }
+  json_decref(object);
+  cli_read("study/training.md", text);
+  assert_non_null(strstr(text, "| 16 rays |"));
+  assert_non_null(strstr(text, "| 9 levels |"));
+  cli_read("study/training_seconds.svg", text);
+  assert_non_null(strstr(text, "</svg>"));
+  cli_run(&cli, "tradeoff --training '%s'", clip);
+  cli_expect(&cli, 2, "-o DIR is missing", NULL);
+  cli_run(&cli, "tradeoff --training nowhere -o y");
+  cli_expect(&cli, 1, "nowhere", NULL);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),        cmocka_unit_test(test_quick_look),
+                                     cmocka_unit_test(test_out_of_reach), cmocka_unit_test(test_front),
+                                     cmocka_unit_test(test_words),        cmocka_unit_test(test_training)};
+  return cmocka_run_group_tests(tests, make_model, NULL);
+}
