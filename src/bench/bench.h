@@ -55,6 +55,10 @@ struct ern_bench_scene {
   bool made_up;
 };
 
+/* ern_bench_scene_describe on the CPU, for passes that do not count: all backends look at the same points, and a frame
+ * stops where `lit` does. */
+ERN_NODISCARD ern_status ern_bench_scene_count(const struct ern_bench_scene *scene, ern_bench_scene_info *info);
+
 static inline struct ern_view ern_bench_view(const struct ern_bench_scene *scene) {
   const ern_camera *camera = &scene->frame.camera;
   struct ern_view view = {

@@ -212,9 +212,6 @@ static ern_status draw(void *user, size_t which, size_t times) {
 }
 
 static void sum_frame(struct subject *s) {
-  const struct ern_profile *profile = ern_bench_shim_profile(s->shim);
-  const struct ern_field *field = &s->scene->model->field;
-  const struct ern_bench_cost written = ern_bench_cost_written(field), folded = ern_bench_cost_folded(field);
   const double n = (double)s->calls;
   ern_bench_pass *pass = s->pass;
   double seconds[STAGES];
@@ -224,16 +221,35 @@ static void sum_frame(struct subject *s) {
   for (int i = 0; i <= ERN_PROFILE_COMPOSITE; i++) add_stage(pass, stage_name[i], seconds[i] / n);
   add_stage(pass, stage_name[STAGE_FUSED], seconds[STAGE_FUSED] / n);
   add_stage(pass, "output", s->times.output * 1e-3 / n);
+}
+
+/* Samples of a frame: as a fused pass counted them; of a fused one that does not, a device's, those of the scene; by
+ * stages all that were marched. */
+static ern_status count_frame(struct subject *s) {
+  const struct ern_profile *profile = ern_bench_shim_profile(s->shim);
+  const struct ern_field *field = &s->scene->model->field;
+  const struct ern_bench_cost written = ern_bench_cost_written(field), folded = ern_bench_cost_folded(field);
+  const double n = (double)s->calls;
+  ern_bench_pass *pass = s->pass;
+  ern_bench_scene_info info = {.hits = 0};
+  double hits = (double)profile->count[ERN_PROFILE_HITS] / n;
   pass->rays = (double)s->scene->frame.camera.width * s->scene->frame.camera.height;
-  const bool counted = profile->count[ERN_PROFILE_SAMPLES] > 0; /* by a fused pass */
-  pass->marched = (counted ? (double)profile->count[ERN_PROFILE_MARCHED] : ern_bench_shim_marched(s->shim)) / n;
-  pass->evaluated = counted ? (double)profile->count[ERN_PROFILE_SAMPLES] / n : pass->marched;
-  pass->colours = counted ? (double)profile->count[ERN_PROFILE_COLOURS] / n : pass->marched;
+  pass->marched = pass->evaluated = pass->colours = ern_bench_shim_marched(s->shim) / n;
+  if (pass->fused && s->device) {
+    const ern_status status = ern_bench_scene_count(s->scene, &info);
+    if (status != ERN_OK) return status;
+    pass->marched = (double)info.marched;
+    pass->evaluated = pass->colours = (double)info.lit;
+    hits = (double)info.hits;
+  } else if (pass->fused) {
+    pass->marched = (double)profile->count[ERN_PROFILE_MARCHED] / n;
+    pass->evaluated = (double)profile->count[ERN_PROFILE_SAMPLES] / n;
+    pass->colours = (double)profile->count[ERN_PROFILE_COLOURS] / n;
+  }
   pass->flops_written = pass->evaluated * (written.density + written.colour) + pass->rays * written.ray;
   pass->flops = pass->flops_written;
-  if (counted)
-    pass->flops = pass->evaluated * folded.density + pass->colours * folded.colour +
-                  (double)profile->count[ERN_PROFILE_HITS] / n * folded.ray;
+  if (pass->fused) pass->flops = pass->evaluated * folded.density + pass->colours * folded.colour + hits * folded.ray;
+  return ERN_OK;
 }
 
 ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
@@ -265,6 +281,7 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
     results[k].seconds = timing[k];
     ERN_TRY(call_apart(&passes, k, &timing[k], draw));
     sum_frame(&passes.subject[k]);
+    ERN_TRY(count_frame(&passes.subject[k]));
     judge(&results[k], machine, k);
   }
   status = ern_bench_tell(context, &chosen, 1, 1);

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "backend_cpu/backend_cpu.h"
 #include "bench/bench.h"
 #include "core/memory.h"
 #include "core/rng.h"
@@ -333,5 +334,17 @@ ern_status ern_bench_scene_describe(const ern_bench_scene *scene, ern_backend *b
   }
 fail:
   free_count(backend, &count);
+  return status;
+}
+
+ern_status ern_bench_scene_count(const struct ern_bench_scene *scene, ern_bench_scene_info *info) {
+  static const ern_isa fast[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};
+  struct ern_backend *cpu = NULL;
+  ern_isa isa = ERN_ISA_REF;
+  for (size_t i = 0; i < sizeof fast / sizeof *fast && isa == ERN_ISA_REF; i++)
+    if (ern_isa_available(fast[i])) isa = fast[i];
+  ern_status status = ern_cpu_backend_make(scene->context, isa, &cpu);
+  if (status == ERN_OK) status = ern_bench_scene_describe(scene, cpu, 0, info);
+  ern_backend_free(&cpu);
   return status;
 }
