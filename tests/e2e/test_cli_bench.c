@@ -23,6 +23,7 @@ static void check_timing(const json_t *object) {
   assert_true(number(seconds, "median") >= number(seconds, "least"));
 }
 
+/* The last of several is the device. */
 static void check_passes(const json_t *passes, size_t count) {
   size_t index;
   json_t *pass;
@@ -32,8 +33,9 @@ static void check_passes(const json_t *passes, size_t count) {
                                        "flops", "flops_written", "flops_per_second", "share",   "per_second"};
     check_timing(pass);
     for (size_t i = 0; i < sizeof keys / sizeof *keys; i++) positive(pass, keys[i]);
-    assert_true(json_object_size(json_object_get(pass, "stages")) >= 5);
-    assert_int_equal(json_integer_value(json_object_get(pass, "threads")), 2);
+    assert_true(json_object_size(json_object_get(pass, "stages")) >= 4);
+    if (index == 0) assert_int_equal(json_integer_value(json_object_get(pass, "threads")), 2);
+    if (count > 1) positive(pass, "times_cpu");
     assert_true(json_is_boolean(json_object_get(pass, "fused")));
   }
 }
@@ -111,6 +113,98 @@ static void test_model(void **state) {
   cli_expect(&cli, 1, "none.safetensors", NULL);
 }
 
+#if defined(ERN_OPENCL)
+/* Values of the key in the objects of a list, of which `count` are `value`. */
+static void check_count(const json_t *list, const char *key, const char *value, size_t count) {
+  size_t index, found = 0;
+  json_t *object;
+  json_array_foreach(list, index, object) {
+    const char *text = json_string_value(json_object_get(object, key));
+    found += text != NULL && strcmp(text, value) == 0;
+  }
+  assert_int_equal(found, count);
+}
+
+static void check_device_kernels(const json_t *kernels) {
+  size_t index;
+  json_t *kernel;
+  const size_t count = json_array_size(kernels);
+  assert_true(count > 2 * 30);
+  check_count(kernels, "backend", "opencl", count / 2); /* each on both, side by side */
+  json_array_foreach(kernels, index, kernel) {
+    const json_t *other = json_array_get(kernels, index ^ 1);
+    assert_string_equal(json_string_value(json_object_get(kernel, "name")),
+                        json_string_value(json_object_get(other, "name")));
+    assert_true(number(kernel, "items") == number(other, "items")); /* the same work */
+    check_timing(kernel);
+    positive(kernel, "times_cpu");
+  }
+}
+
+/* The CPU and a device in one run. The model and the size of its step are those of test_cli_opencl_faults, so that the
+ * device's kernels are built once for both. */
+static void test_device(void **state) {
+  (void)state;
+  char clip[1024];
+  snprintf(clip, sizeof clip, "%s/data/tiny", getenv("ERNERF_SOURCE"));
+  support_clear("d.safetensors");
+  support_clear("d.run");
+  support_clear("device.json");
+  cli_run(&cli, "train %s -o d.safetensors --iters 1 --rays 64 --levels 4 --seed 3 --quiet", clip);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "bench d.safetensors %s --backend all --device 0 --rays 64 --frames 1 --seconds 0 --threads 2 --json "
+          "device.json",
+          clip);
+  cli_expect_out(&cli, 0, "OpenCL device 0: ", "multiply-adds, opencl", "opencl, stream in memory", "density_mlp_bwd",
+                 "a frame, opencl, ", "of the peak of the device", "a step of the head, opencl, ", NULL);
+  json_t *object = cli_json(&cli, "device.json");
+  assert_true(json_is_string(json_object_get(object, "cpu")));
+  assert_int_equal(json_integer_value(json_object_get(json_object_get(object, "device"), "number")), 0);
+  const json_t *peaks = json_object_get(object, "peaks"), *devices = json_object_get(peaks, "devices");
+  assert_int_equal(json_array_size(json_object_get(peaks, "isas")), 1);
+  assert_int_equal(json_array_size(devices), 1);
+  positive(json_array_get(devices, 0), "units");
+  positive(json_object_get(json_array_get(devices, 0), "flops"), "all");
+  positive(json_object_get(json_array_get(devices, 0), "stream_memory"), "all");
+  check_device_kernels(json_object_get(object, "kernels"));
+  check_passes(json_object_get(object, "frame"), 2);
+  check_passes(json_object_get(json_object_get(object, "step"), "head"), 2);
+  check_count(json_object_get(object, "frame"), "backend", "opencl", 1);
+  json_decref(object);
+}
+
+static void test_device_alone(void **state) {
+  (void)state;
+  support_clear("alone.json");
+  cli_run(&cli, "bench --backend opencl --only peaks --seconds 0 --size 8x8 --json alone.json");
+  cli_expect_out(&cli, 0, "OpenCL device 0: ", "random reads, opencl", NULL);
+  assert_null(strstr(cli.out, "stream inside L2")); /* the CPU's */
+  json_t *object = cli_json(&cli, "alone.json");
+  assert_true(json_is_null(json_object_get(object, "cpu")));
+  assert_int_equal(json_array_size(json_object_get(json_object_get(object, "peaks"), "isas")), 0);
+  json_decref(object);
+}
+
+static void test_no_device(void **state) {
+  (void)state;
+  cli_run(&cli, "bench --backend opencl --device 200 --only peaks");
+  cli_expect(&cli, 1, "ernerf bench: ", "no device 200", "info devices", NULL);
+  assert_int_equal(setenv("OCL_ICD_VENDORS", "nothing-here", 1), 0);
+  cli_run(&cli, "bench --backend all --only peaks");
+  cli_expect(&cli, 1, "ernerf bench: ", "no driver is installed", NULL);
+  assert_string_equal(cli.out, "");
+  unsetenv("OCL_ICD_VENDORS");
+}
+#else
+static void test_without(void **state) {
+  (void)state;
+  cli_run(&cli, "bench --backend opencl --only peaks");
+  cli_expect(&cli, 1, "this build is without OpenCL", NULL);
+  assert_string_equal(cli.out, "");
+}
+#endif
+
 static void test_refused(void **state) {
   (void)state;
   cli_run(&cli, "bench --isa sse9");
@@ -122,7 +216,18 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_object), cmocka_unit_test(test_parts),
-                                     cmocka_unit_test(test_model), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {
+    cmocka_unit_test(test_object),
+    cmocka_unit_test(test_parts),
+    cmocka_unit_test(test_model),
+#if defined(ERN_OPENCL)
+    cmocka_unit_test(test_device_alone),
+    cmocka_unit_test(test_no_device),
+    cmocka_unit_test(test_device),
+#else
+    cmocka_unit_test(test_without),
+#endif
+    cmocka_unit_test(test_refused)
+  };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

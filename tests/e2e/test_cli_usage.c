@@ -78,9 +78,15 @@ static const char *const refused[][3] = {
     {"bench --rays 0", "--rays", "1 to 1048576"},
     {"bench --only kernels --frames 3", "--frames", "--only"},
     {"bench --only frame --rays 64", "--rays", "--only"},
+    {"bench --only kernels --rays 64", "--rays", "--only"},
+    {"bench --only frame --backend all --rays 64", "--rays", "--only"},
     {"bench --only nothing", "nothing", "kernels"},
     {"bench --seconds -1", "--seconds", "from 0"},
-    {"bench --backend opencl", "unknown option --backend", "nearest"},
+    {"bench --backend cuda", "cuda", "cpu|opencl|all"},
+    {"bench --device 0", "--device", "--backend opencl"},
+    {"bench --backend all --device 256", "--device", "0 to 255"},
+    {"bench --backend opencl --isa avx2", "--isa", "--backend opencl leaves out"},
+    {"bench --backend opencl --threads 2", "--threads", "--backend opencl leaves out"},
     {"synth there --no-blink=yes", "--no-blink", "switch"},
 };
 

@@ -6,8 +6,14 @@
 #include "ernerf/bench.h"
 #include "session.h"
 
+struct bench_device {
+  const char *name, *driver; /* name NULL: none is measured */
+  int number;
+};
+
 struct bench_results {
-  const char *cpu;
+  const char *cpu; /* NULL: it is not measured */
+  struct bench_device device;
   const char *model, *clip; /* NULL: made up */
   ern_bench_scene_info scene;
   ern_bench_machine machine;

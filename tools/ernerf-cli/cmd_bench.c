@@ -11,9 +11,10 @@
 #include "progress.h"
 #include "verbs.h"
 
-enum { AUDIO_WINDOWS = 8, LANDMARKS = 68, OWN_OPTIONS = 9, NAME_BYTES = 128, SIDE = 450 };
+enum { AUDIO_WINDOWS = 8, LANDMARKS = 68, OWN_OPTIONS = 7, PLACE_OPTIONS = 4, NAME_BYTES = 128, SIDE = 450 };
 static const double restless = 1.3; /* median over least of a loop that needs nothing but the processor */
 enum only { ONLY_ALL, ONLY_PEAKS, ONLY_KERNELS, ONLY_FRAME, ONLY_STEP };
+enum place { PLACE_CPU, PLACE_OPENCL, PLACE_ALL };
 
 /* Parts of the time that --seconds gives. */
 static const struct { double peaks, kernels, frame, step, torso_step; } part = {0.1, 0.45, 0.2, 0.17, 0.08};
@@ -26,7 +27,7 @@ struct bench_job {
   /* from the command line */
   const char *isas;
   struct dimensions size;
-  int only, frames, rays;
+  int only, frames, rays, place;
   float seconds;
   /* made */
   ern_backend *backends[ERN_BENCH_BACKENDS];
@@ -36,40 +37,53 @@ struct bench_job {
   ern_image truth;
   struct progress progress;
   bool terminal;
-  char cpu[NAME_BYTES], sets[NAME_BYTES];
+  char cpu[NAME_BYTES], sets[NAME_BYTES], device[NAME_BYTES], driver[NAME_BYTES];
   struct bench_results results;
 };
 
-/* ---- instruction sets -------------------------------------------------------------------------------------------- */
+/* ---- backends ---------------------------------------------------------------------------------------------------- */
 
-static void take_cpu(void *user, const ern_device_info *device) {
+static void take_names(void *user, const ern_device_info *device) {
   struct bench_job *job = user;
-  if (strcmp(device->kind, "cpu") != 0) return;
-  snprintf(job->cpu, sizeof job->cpu, "%s", device->name);
-  snprintf(job->sets, sizeof job->sets, "%s", device->instruction_sets);
+  if (strcmp(device->kind, "cpu") == 0) {
+    snprintf(job->cpu, sizeof job->cpu, "%s", device->name);
+    snprintf(job->sets, sizeof job->sets, "%s", device->instruction_sets);
+  } else if (device->number == job->session.device) {
+    snprintf(job->device, sizeof job->device, "%s", device->name);
+    snprintf(job->driver, sizeof job->driver, "%s", device->driver);
+  }
 }
 
-static int open_isa(struct bench_job *job, const char *name) {
-  ern_backend_config config = ern_backend_config_default();
-  for (size_t k = 0; k < job->count; k++) {
-    ern_backend_info info;
-    ern_backend_describe(job->backends[k], &info);
-    if (strcmp(info.isa, name) == 0) return session_fail_with(&job->session, "--isa names %s twice", name);
-  }
-  if (job->count == ERN_BENCH_BACKENDS)
-    return session_fail_with(&job->session, "--isa names more than %d instruction sets", ERN_BENCH_BACKENDS);
-  config.name = "cpu";
-  config.isa = name;
-  if (ern_backend_create(&job->backends[job->count], job->session.context, &config) != ERN_OK)
+static int open_backend(struct bench_job *job, const ern_backend_config *config) {
+  if (ern_backend_create(&job->backends[job->count], job->session.context, config) != ERN_OK)
     return session_fail(&job->session);
   job->count++;
   return 0;
 }
 
-/* --isa, or all that the machine has but the reference in double, which is for checking alone. */
-static int open_backends(struct bench_job *job) {
-  if (ern_devices_list(job->session.context, take_cpu, job) != ERN_OK) return session_fail(&job->session);
-  const char *list = job->isas != NULL ? job->isas : job->sets, *cut = job->isas != NULL ? "," : " ";
+static int open_isa(struct bench_job *job, const char *name) {
+  ern_backend_config config = ern_backend_config_default();
+  const size_t most = ERN_BENCH_BACKENDS - (job->place == PLACE_ALL);
+  for (size_t k = 0; k < job->count; k++) {
+    ern_backend_info info;
+    ern_backend_describe(job->backends[k], &info);
+    if (strcmp(info.isa, name) == 0) return session_fail_with(&job->session, "--isa names %s twice", name);
+  }
+  if (job->count == most) return session_fail_with(&job->session, "--isa names more than %zu instruction sets", most);
+  config.name = "cpu";
+  config.isa = name;
+  return open_backend(job, &config);
+}
+
+/* --isa. Else all that the machine has but the reference in double, which is for checking alone; beside a device the
+ * best of them. */
+static int open_isas(struct bench_job *job) {
+  const char *list = job->isas, *cut = ",";
+  if (list == NULL && job->place == PLACE_ALL) return open_isa(job, "auto");
+  if (list == NULL) {
+    list = job->sets;
+    cut = " ";
+  }
   for (const char *at = list; *at != 0;) {
     char name[NAME_BYTES];
     const size_t bytes = strcspn(at, cut);
@@ -80,6 +94,18 @@ static int open_backends(struct bench_job *job) {
     if (status != 0) return status;
   }
   return 0;
+}
+
+/* The CPU's first, the device last. */
+static int open_backends(struct bench_job *job) {
+  ern_backend_config config = ern_backend_config_default();
+  int status = 0;
+  if (ern_devices_list(job->session.context, take_names, job) != ERN_OK) return session_fail(&job->session);
+  if (job->place != PLACE_OPENCL) status = open_isas(job);
+  if (job->place == PLACE_CPU || status != 0) return status;
+  config.name = "opencl";
+  config.device = job->session.device;
+  return open_backend(job, &config);
 }
 
 /* ---- the scene --------------------------------------------------------------------------------------------------- */
@@ -194,9 +220,8 @@ static int measure_peaks(struct bench_job *job) {
   const int status = end(job, ern_bench_peaks(job->backends, job->count, &options, &job->results.machine));
   if (status == 0 && job->results.machine.unrest > restless)
     session_warn(&job->session,
-                 "the processor is not ours alone: the same loop took %.2f times its least time; figures "
-                 "come out too low",
-                 job->results.machine.unrest);
+                 "the %s is not ours alone: the same loop took %.2f times its least time; figures come out too low",
+                 job->place == PLACE_OPENCL ? "device" : "processor", job->results.machine.unrest);
   if (status == 0 && !session_json_on_stdout(&job->session)) bench_print_peaks(&job->results);
   return status;
 }
@@ -243,16 +268,28 @@ static int measure_step(struct bench_job *job, bool torso) {
   return status;
 }
 
+/* Counts what is in the scene: on the CPU, whose last backend is the fastest, so that a device has no kernels to build
+ * for it. */
+static int describe(struct bench_job *job) {
+  struct session *session = &job->session;
+  if (job->place == PLACE_OPENCL && session->backend == NULL && session_backend(session) != ERN_OK)
+    return session_fail(session);
+  ern_backend *cpu = session->backend;
+  if (job->place != PLACE_OPENCL) cpu = job->backends[job->count - 1 - (job->place == PLACE_ALL)];
+  if (ern_bench_scene_describe(job->scene, cpu, session->threads, &job->results.scene) != ERN_OK)
+    return session_fail(session);
+  return 0;
+}
+
 static int measure_all(struct bench_job *job) {
   struct bench_results *results = &job->results;
   struct session *session = &job->session;
-  results->cpu = job->cpu;
+  results->cpu = job->place != PLACE_OPENCL ? job->cpu : NULL;
+  if (job->place != PLACE_CPU) results->device = (struct bench_device){job->device, job->driver, session->device};
   results->backends = job->count;
-  /* the last is the fastest */
-  if (ern_bench_scene_describe(job->scene, job->backends[job->count - 1], session->threads, &results->scene) != ERN_OK)
-    return session_fail(session);
-  if (!session_json_on_stdout(session)) bench_print_scene(results);
-  int status = measure_peaks(job);
+  int status = describe(job);
+  if (status == 0 && !session_json_on_stdout(session)) bench_print_scene(results);
+  if (status == 0) status = measure_peaks(job);
   if (status == 0 && wants(job, ONLY_KERNELS)) status = measure_kernels(job);
   if (status == 0 && wants(job, ONLY_FRAME)) status = measure_frame(job);
   if (status == 0 && wants(job, ONLY_STEP)) status = measure_step(job, false);
@@ -281,17 +318,6 @@ static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS
        .target = &job->only,
        .choices = "all|peaks|kernels|frame|step",
        .help = "a part of it; peaks are always measured (default all)"},
-      {.name = "isa",
-       .kind = OPTION_TEXT,
-       .target = &job->isas,
-       .choices = "LIST",
-       .help = "instruction sets, with commas between (default all that the machine has, but ref64)"},
-      {.name = "threads",
-       .kind = OPTION_INT,
-       .target = &session->threads,
-       .low = 0,
-       .high = 256,
-       .help = "of a frame and a step; kernels are measured on one (default 0: one a core)"},
       {.name = "seconds",
        .kind = OPTION_FLOAT,
        .target = &job->seconds,
@@ -309,7 +335,7 @@ static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS
        .target = &job->rays,
        .low = 1,
        .high = 1 << 20,
-       .help = "of a training step"},
+       .help = "of a training step, and of kernels where a device is measured"},
       {.name = "size",
        .kind = OPTION_DIMENSIONS,
        .target = &job->size,
@@ -328,41 +354,83 @@ static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS
   memcpy(options, rows, sizeof rows);
 }
 
+static void place_options(struct bench_job *job, struct option options[PLACE_OPTIONS]) {
+  struct session *session = &job->session;
+  const struct option rows[PLACE_OPTIONS] = {
+      {.name = "backend",
+       .kind = OPTION_CHOICE,
+       .target = &job->place,
+       .choices = "cpu|opencl|all",
+       .help = "what is measured; all: both, in turns, and how many times as fast the device is (default cpu)"},
+      {.name = "device",
+       .kind = OPTION_INT,
+       .target = &session->device,
+       .low = 0,
+       .high = 255,
+       .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl or all"},
+      {.name = "isa",
+       .kind = OPTION_TEXT,
+       .target = &job->isas,
+       .choices = "LIST",
+       .help = "instruction sets of the CPU, with commas between (default all that the machine has, but ref64; with "
+               "--backend all the best)"},
+      {.name = "threads",
+       .kind = OPTION_INT,
+       .target = &session->threads,
+       .low = 0,
+       .high = 256,
+       .help = "of the CPU, for a frame and a step; kernels are measured on one, but with --backend all on all of "
+               "them (default 0: one a core)"}};
+  memcpy(options, rows, sizeof rows);
+}
+
 static int check_words(const struct bench_job *job, const struct args *args) {
+  int status = -1;
+  if (job->place == PLACE_OPENCL)
+    status = args_forbid(args, "isa threads", "is of the CPU, which --backend opencl leaves out");
+  if (status >= 0) return status;
   if (job->portrait.model_path != NULL && job->portrait.clip_path == NULL)
     return args_refuse(args, "CLIP is missing: a model is measured on a frame of its clip");
   if (job->portrait.model_path != NULL) return args_forbid(args, "size", "is of the made-up frame; a clip has its own");
-  int status = args_forbid(args, "force", "needs MODEL CLIP");
+  status = args_forbid(args, "force", "needs MODEL CLIP");
   if (status < 0 && job->only != ONLY_ALL && job->only != ONLY_FRAME)
     status = args_forbid(args, "frames", "repeats a frame, which --only leaves out");
-  if (status < 0 && job->only != ONLY_ALL && job->only != ONLY_STEP)
+  /* beside a device, kernels have a step's samples */
+  const bool kernels = job->only == ONLY_KERNELS && job->place != PLACE_CPU;
+  if (status < 0 && job->only != ONLY_ALL && job->only != ONLY_STEP && !kernels)
     status = args_forbid(args, "rays", "is of a training step, which --only leaves out");
   return status;
 }
 
 int cmd_bench(int argc, char **argv) {
   struct bench_job job = {.size = {SIDE, SIDE}, .frames = 16, .rays = 65536, .seconds = 30};
-  struct option own[OWN_OPTIONS], unused[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS];
+  struct option own[OWN_OPTIONS], place[PLACE_OPTIONS], unused[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{.name = "MODEL", .target = &job.portrait.model_path, .help = "a .safetensors or .pth file"},
                          {.name = "CLIP", .target = &job.portrait.clip_path, .help = "the clip it was trained on"}};
   struct args args = {
       .verb = "bench",
-      .summary = "Measures the machine's peaks, and each kernel, a frame and a training step against them.",
-      .usage = "bench [--only kernels] [--json FILE.json]\nbench MODEL CLIP",
+      .summary =
+          "Measures the peaks of a machine or device, and each kernel, a frame and a training step against them.",
+      .usage = "bench [--only kernels] [--backend opencl] [--json FILE.json]\nbench MODEL CLIP",
       .notes =
           "Without MODEL CLIP on a made-up scene, which needs no files. Times are the least and the median of\n"
           "repeats that take turns. FLOP: two a multiply-add. docs/performance.md says what the columns mean.",
       .words = words,
       .word_count = 2,
       .optional_words = 2,
-      .groups = {{"What and how:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS}}};
+      .groups = {{"What and how:", own, OWN_OPTIONS},
+                 {"Where:", place, PLACE_OPTIONS},
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS}}};
   portrait_options(&job.portrait, SHOTS_ALL, unused);
   own_options(&job, own);
+  place_options(&job, place);
   session_output_options(&job.session, common);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&job, &args);
+  if (job.place != PLACE_CPU) job.session.backend_choice = SESSION_OPENCL;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
+  job.session.backend_choice = SESSION_CPU; /* where the scene is read and counted; backends to be measured are apart */
   job.terminal = isatty(STDERR_FILENO) != 0;
   status = open_backends(&job);
   if (status == 0) status = open_scene(&job, &args);

@@ -133,7 +133,7 @@ static void catch_signals(void) {
 
 int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
-  if (args_given(args, "device") && session->backend_choice != 2)
+  if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
     return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
   if (session->json != NULL && !session_json_on_stdout(session) && !session_folder_there(session->json))
     return session_fail_with(session, "%s: its folder is not there", session->json);
@@ -146,7 +146,7 @@ int session_open(struct session *session, const struct args *args) {
 }
 
 ern_status session_backend(struct session *session) {
-  static const char *const names[] = {"auto", "cpu", "opencl"};
+  static const char *const names[] = {[SESSION_AUTO] = "auto", [SESSION_CPU] = "cpu", [SESSION_OPENCL] = "opencl"};
   ern_backend_config config = ern_backend_config_default();
   config.name = names[session->backend_choice];
   config.isa = session->isa;

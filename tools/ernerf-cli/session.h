@@ -11,13 +11,16 @@
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
+enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
+
 struct session {
   const char *verb;
   ern_context *context;
   ern_backend *backend; /* NULL before session_backend */
   ern_backend_info backend_info;
   /* from the command line */
-  int backend_choice, device, threads;
+  int backend_choice; /* enum session_choice */
+  int device, threads;
   const char *isa;
   uint64_t seed;
   bool quiet, deterministic;
