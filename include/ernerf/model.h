@@ -11,6 +11,29 @@
 extern "C" {
 #endif
 
+/* What a head is made of: the paper's own, and what its ablation compares that with. What encodes a position: */
+typedef enum ern_backbone {
+  ERN_BACKBONE_TRIHASH,  /* three hashed planes of 2..24 levels, the paper's own */
+  ERN_BACKBONE_HASH3D,   /* one hashed volume of 2..24 levels, two features each, 16 as a rule */
+  ERN_BACKBONE_TRIPLANE, /* three dense planes of 128 x 128 places, 12 features each */
+  ERN_BACKBONE_MLP       /* sines of the position through 8 layers of 256 */
+} ern_backbone;
+/* How speech reaches a position: */
+typedef enum ern_attention {
+  ERN_ATTENTION_CHANNEL, /* weighed channel by channel, by what the position is: the paper's own */
+  ERN_ATTENTION_FEATURE, /* weighed as a whole */
+  ERN_ATTENTION_CONCAT   /* as it is, the same everywhere */
+} ern_attention;
+/* And how the eye value does, where the clip has one: */
+typedef enum ern_eye_attention {
+  ERN_EYE_ATTENTION_SIGMOID, /* weighed by the position: the paper's own */
+  ERN_EYE_ATTENTION_CONCAT   /* as it is */
+} ern_eye_attention;
+/* The words of the command line and of model files ("trihash", "channel", "sigmoid"); NULL for no such kind. */
+ERN_API const char *ern_backbone_name(ern_backbone backbone);
+ERN_API const char *ern_attention_name(ern_attention attention);
+ERN_API const char *ern_eye_attention_name(ern_eye_attention eye_attention);
+
 /* Read-only once loaded: any number of renderers, in any threads, may share one. */
 typedef struct ern_model ern_model;
 
@@ -25,11 +48,14 @@ ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
 typedef struct ern_model_info {
-  bool has_torso;                   /* head and torso, else the head alone */
-  bool has_eye;                     /* follows the eye value */
-  bool has_codes;                   /* individual codes of the training frames */
-  bool has_gamma;                   /* trained scale of the torso's key points */
-  int levels;                       /* of the tri-plane encoder */
+  bool has_torso; /* head and torso, else the head alone */
+  bool has_eye;   /* follows the eye value */
+  bool has_codes; /* individual codes of the training frames */
+  bool has_gamma; /* trained scale of the torso's key points */
+  ern_backbone backbone;
+  ern_attention attention;
+  ern_eye_attention eye_attention;  /* meaningful with has_eye */
+  int levels;                       /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;                /* D of the speech features it was trained on */
   int codes;                        /* rows of the individual codes */
   float bound;                      /* half side of the scene */

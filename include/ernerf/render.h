@@ -108,8 +108,8 @@ typedef struct ern_frame_output {
   float *alpha;     /* [height][width] of the whole picture */
   float *opacity;   /* [height][width] of the head alone: sum of weights */
   float *depth;     /* [height][width] sum of weight * distance, scene units */
-  float *attention; /* [height][width] sum over samples of the audio attention's norm */
-  float *eye;       /* [height][width] sum over samples of the eye attention; zeros without an eye branch */
+  float *attention; /* [height][width] sum over samples of the audio attention's norm; zeros without one */
+  float *eye;       /* [height][width] sum over samples of the eye attention; zeros without one */
 } ern_frame_output;
 
 typedef struct ern_frame_times {

@@ -52,7 +52,10 @@ typedef struct ern_train_config {
   const ern_model *head; /* for the torso: the head it goes under; copied */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
   int rays;              /* rays a step, 1..1048576; 65536 */
-  int levels;            /* of the tri-plane encoder, 2..24; 14 */
+  ern_backbone backbone; /* of a head, as the next two: trihash */
+  ern_attention attention;         /* channel */
+  ern_eye_attention eye_attention; /* sigmoid; `concat` needs a clip with eye values */
+  int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
   uint64_t seed;
   int threads;                         /* 0: one a core */
   float lr, lr_net, lr_att;            /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */

@@ -6,14 +6,7 @@
 #include "backend_cpu/pack_pairs.h"
 #include "core/memory.h"
 
-bool ern_frame_net_fits(const struct ern_field *field) {
-  const struct ern_model_config *config = &field->config;
-  if (!config->head || field->attention.layers != 2 || field->density.layers != 3 || field->colour.layers != 2)
-    return false;
-  for (int plane = 0; plane < ERN_PLANES; plane++)
-    if (field->plane[plane].dims != 2 || field->plane[plane].features != 1) return false;
-  return !config->eye || field->eye.layers == 2;
-}
+bool ern_frame_net_fits(const struct ern_field *field) { return ern_field_is_standard(field); }
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
 
@@ -42,12 +35,12 @@ static void unhash_level(float *value, const float *table, const struct ern_grid
 
 static float *unhash(struct ern_frame_net *net, const struct ern_field *field, const float *parameters, float *room) {
   for (int plane = 0; plane < ERN_PLANES; plane++) {
-    const struct ern_grid *grid = &field->plane[plane];
-    for (int d = 0; d < 2; d++) net->axis[plane][d] = field->plane_axis[plane][d];
+    const struct ern_grid *grid = &field->encoder.grid[plane];
+    for (int d = 0; d < 2; d++) net->axis[plane][d] = field->encoder.axis[plane][d];
     for (int l = 0; l < grid->levels; l++) {
       const struct ern_grid_level *level = &grid->level[l];
       const uint32_t side = level->resolution + 1;
-      unhash_level(room, parameters + field->plane_table[plane], grid, level);
+      unhash_level(room, parameters + field->encoder.table[plane], grid, level);
       net->level[plane][l] = (struct ern_dense_level){level->scale, side, room};
       room += (size_t)side * side;
     }
@@ -187,7 +180,7 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
   const size_t parts = parts_of(made, part);
   size_t count = 0;
   for (size_t i = 0; i < parts; i++) count += (part[i].count + 15) / 16 * 16;
-  for (int plane = 0; plane < ERN_PLANES; plane++) count += dense_count(&field->plane[plane]);
+  for (int plane = 0; plane < ERN_PLANES; plane++) count += dense_count(&field->encoder.grid[plane]);
   status = ern_allocate(context, count, sizeof(float), &room);
   if (status != ERN_OK) {
     ern_release(context, made);

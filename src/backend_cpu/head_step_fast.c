@@ -193,13 +193,13 @@ static void tables_task(void *user, size_t k, int number) {
   const struct ern_train_step *s = t->step;
   struct ern_train_lane *lane = ern_train_lane_of(s, number);
   const size_t levels = (size_t)s->field->config.levels, p = k / levels;
-  const int level = (int)(k % levels), *axis = s->field->plane_axis[p];
+  const int level = (int)(k % levels), *axis = s->field->encoder.axis[p];
   const float *const x[ERN_GRID_MAX_DIMS] = {t->x[axis[0]], t->x[axis[1]], NULL};
   float *const none[ERN_GRID_MAX_DIMS] = {NULL};
-  const size_t table = s->field->plane_table[p];
+  const size_t table = s->field->encoder.table[p];
   const double began = ern_profile_now();
   s->kernels->grid_bwd(t->dparameters + table, none, s->df + p * levels * t->stride, t->stride, x,
-                       s->parameters + table, &s->field->plane[p], level, level + 1, t->n);
+                       s->parameters + table, &s->field->encoder.grid[p], level, level + 1, t->n);
   lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
 }
 static void add_tables(const struct tables *tables) {

@@ -19,9 +19,9 @@ static void unhash_task(void *user, size_t k, int lane) {
   (void)lane;
   const struct ern_train_step *s = user;
   const size_t levels = (size_t)s->field->config.levels, p = k / levels;
-  const struct ern_grid_level *level = &s->field->plane[p].level[k % levels];
+  const struct ern_grid_level *level = &s->field->encoder.grid[p].level[k % levels];
   const struct ern_dense_level *to = &s->grids.level[p][k % levels];
-  const float *entries = s->parameters + s->field->plane_table[p] + level->offset;
+  const float *entries = s->parameters + s->field->encoder.table[p] + level->offset;
   if (to->value != entries) s->train->unhash((float *)to->value, entries, level);
 }
 
@@ -33,7 +33,7 @@ ern_status ern_train_unhash(struct ern_train_step *s) {
   float *next = NULL;
   for (int p = 0; p < ERN_PLANES; p++) {
     for (int l = 0; l < levels; l++) {
-      const size_t side = (size_t)field->plane[p].level[l].resolution + 1;
+      const size_t side = (size_t)field->encoder.grid[p].level[l].resolution + 1;
       floats += side * side + ERN_NET_ALIGNED;
     }
   }
@@ -42,12 +42,12 @@ ern_status ern_train_unhash(struct ern_train_step *s) {
   s->grids.levels = levels;
   s->grids.bound = field->config.bound;
   for (int p = 0; p < ERN_PLANES; p++) {
-    memcpy(s->grids.axis[p], field->plane_axis[p], sizeof s->grids.axis[p]);
+    memcpy(s->grids.axis[p], field->encoder.axis[p], sizeof s->grids.axis[p]);
     for (int l = 0; l < levels; l++) {
-      const struct ern_grid_level *level = &field->plane[p].level[l];
+      const struct ern_grid_level *level = &field->encoder.grid[p].level[l];
       const uint32_t side = level->resolution + 1;
       const bool dense = (uint64_t)side * side <= level->size;
-      const float *value = s->parameters + field->plane_table[p] + level->offset;
+      const float *value = s->parameters + field->encoder.table[p] + level->offset;
       if (!dense) value = ern_train_cut(&next, (size_t)side * side + ERN_NET_ALIGNED);
       s->grids.level[p][l] = (struct ern_dense_level){level->scale, side, value};
     }

@@ -15,7 +15,8 @@ static bool is(const struct ern_mlp *mlp, int layers, const int *width) {
 static bool known(const struct ern_field *field) {
   const int f = field->feature_rows, eye = field->config.eye ? 1 : 0;
   const int code = field->config.codes > 0 ? ERN_CODE_WIDTH : 0;
-  return f <= ERN_NET_MAX_FEATURES && is(&field->attention, 2, (int[]){f, ERN_NET_ATTENTION, ERN_AUDIO_CODE}) &&
+  return ern_field_is_standard(field) && f <= ERN_NET_MAX_FEATURES &&
+         is(&field->attention, 2, (int[]){f, ERN_NET_ATTENTION, ERN_AUDIO_CODE}) &&
          (!field->config.eye || is(&field->eye, 2, (int[]){f, ERN_NET_EYE, 1})) &&
          is(&field->uncertainty, 2, (int[]){f, ERN_NET_UNCERTAINTY, 1}) &&
          is(&field->density, 3,

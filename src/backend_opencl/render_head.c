@@ -80,15 +80,9 @@ static bool has_layers(const struct ern_mlp *mlp, int layers) {
 
 /* Whether the kernel can be built for a model of this shape. */
 static bool fits(const struct ern_field *field) {
-  const struct ern_model_config *config = &field->config;
-  if (!config->head || !has_layers(&field->attention, 2) || !has_layers(&field->density, 3) ||
-      !has_layers(&field->colour, 2) || field->attention.width[2] % UNIT != 0 || field->attention.width[2] > WIDEST)
-    return false;
-  for (int plane = 0; plane < ERN_PLANES; plane++)
-    if (field->plane[plane].dims != 2 || field->plane[plane].features != 1 ||
-        field->plane[plane].levels != config->levels)
-      return false;
-  return !config->eye || has_layers(&field->eye, 2);
+  return ern_field_is_standard(field) && has_layers(&field->attention, 2) && has_layers(&field->density, 3) &&
+         has_layers(&field->colour, 2) && field->attention.width[2] % UNIT == 0 &&
+         field->attention.width[2] <= WIDEST && (!field->config.eye || has_layers(&field->eye, 2));
 }
 
 struct matrix {
@@ -157,8 +151,8 @@ static ern_status write_options(ern_context *context, struct ern_cl_head *p, con
       p->form.group, p->form.vectors, p->form.outputs, field->config.levels, p->features, p->attention, p->values,
       p->eye, p->eye_hidden, p->density, p->colour, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2], p->at[VALUE],
       p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START], column.first,
-      column.second, column.rows, field->plane_axis[0][0], field->plane_axis[0][1], field->plane_axis[1][0],
-      field->plane_axis[1][1], field->plane_axis[2][0], field->plane_axis[2][1]);
+      column.second, column.rows, field->encoder.axis[0][0], field->encoder.axis[0][1], field->encoder.axis[1][0],
+      field->encoder.axis[1][1], field->encoder.axis[2][0], field->encoder.axis[2][1]);
   if (length < 0 || (size_t)length >= sizeof p->options)
     return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: the options of render are too long");
   return ERN_OK;
@@ -174,7 +168,7 @@ static ern_status make_dense(struct ern_stream *stream, struct ern_cl_head *p, c
   ern_status status = ERN_OK;
   for (int plane = 0; plane < ERN_PLANES; plane++) {
     for (int l = 0; l < field->config.levels; l++) {
-      const struct ern_grid_level *of = &field->plane[plane].level[l];
+      const struct ern_grid_level *of = &field->encoder.grid[plane].level[l];
       const size_t side = (size_t)of->resolution + 1;
       level[levels++] = (struct level){of->scale, (uint32_t)side, (uint32_t)count, 0};
       count += side * side;
@@ -185,12 +179,12 @@ static ern_status make_dense(struct ern_stream *stream, struct ern_cl_head *p, c
   ERN_TRY(table->upload_bytes(stream, ern_cl_whole(p->levels), (const uint8_t *)level, levels * sizeof *level));
   for (size_t i = 0; i < levels; i++) {
     const size_t plane = i / (size_t)field->config.levels;
-    const struct ern_grid *grid = &field->plane[plane];
+    const struct ern_grid *grid = &field->encoder.grid[plane];
     const struct ern_grid_level *of = &grid->level[i % (size_t)field->config.levels];
     const size_t n = (size_t)level[i].row * level[i].row;
     struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "unhash", "");
     ern_cl_span(&call, ern_span_part(ern_cl_whole(p->dense), level[i].at, n));
-    ern_cl_span(&call, ern_cl_from(parameters, field->plane_table[plane] + of->offset));
+    ern_cl_span(&call, ern_cl_from(parameters, field->encoder.table[plane] + of->offset));
     ern_cl_int(&call, (int)level[i].row);
     ern_cl_int(&call, (int)of->size);
     ern_cl_int(&call, grid->hashed && n > of->size);

@@ -18,9 +18,9 @@ static struct shape shape_of(struct ern_stream *stream, size_t n) {
 
 /* In the order of ern_activation. */
 static const char *const activate_fwd_kernel[] = {"activate_fwd_density", "activate_fwd_colour", "activate_fwd_sigmoid",
-                                                  "activate_fwd_softplus"};
+                                                  "activate_fwd_softplus", "activate_fwd_relu"};
 static const char *const activate_bwd_kernel[] = {"activate_bwd_density", "activate_bwd_colour", "activate_bwd_sigmoid",
-                                                  "activate_bwd_softplus"};
+                                                  "activate_bwd_softplus", "activate_bwd_relu"};
 
 static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_args *a) {
   const struct shape shape = shape_of(stream, a->n);
@@ -86,6 +86,7 @@ static ern_status attention_fwd(struct ern_stream *stream, struct ern_attention_
   ern_cl_span(&call, a->code);
   ern_cl_span(&call, a->eye_attention);
   ern_cl_float(&call, a->eye);
+  ern_cl_int(&call, a->region.rows);
   ern_cl_int(&call, a->v.rows);
   ern_cl_size(&call, a->n);
   return ern_cl_run(&call, shape.blocks, shape.group);
@@ -101,12 +102,13 @@ static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_
   return ern_cl_run(&call, shape.blocks, shape.group);
 }
 
-/* parts: [channels][PARTS], or zeroed */
-static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
+/* parts: [channels][PARTS], or zeroed; dv zeroed: the parts alone */
+static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_rows dv,
+                        ern_span parts) {
   const struct ern_attention_args *forward = &a->forward;
-  const size_t channels = (size_t)forward->v.rows;
+  const size_t channels = (size_t)forward->region.rows;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_bwd", "");
-  ern_cl_rows(&call, a->dv);
+  ern_cl_rows(&call, dv);
   ern_cl_span(&call, parts);
   ern_cl_rows(&call, a->dregion);
   ern_cl_span(&call, a->dnorm);
@@ -114,26 +116,45 @@ static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bw
   ern_cl_span(&call, forward->norm);
   ern_cl_span(&call, forward->code);
   ern_cl_int(&call, (int)channels);
+  ern_cl_int(&call, forward->v.rows);
   ern_cl_size(&call, forward->n);
   return ern_cl_run(&call, PARTS * channels, shape_of(stream, 1).group);
+}
+
+static ern_status bwd_one(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
+  const struct ern_attention_args *forward = &a->forward;
+  const struct shape shape = shape_of(stream, forward->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_one_bwd", "");
+  ern_cl_span(&call, a->dv.span);
+  ern_cl_rows(&call, a->dregion);
+  ern_cl_span(&call, a->dnorm);
+  ern_cl_span(&call, forward->v.span);
+  ern_cl_span(&call, forward->norm);
+  ern_cl_span(&call, forward->code);
+  ern_cl_int(&call, forward->region.rows);
+  ern_cl_size(&call, forward->n);
+  return ern_cl_run(&call, shape.blocks, shape.group);
 }
 
 static ern_status bwd_code(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_code_bwd", "");
   ern_cl_span(&call, a->dcode);
   ern_cl_span(&call, parts);
-  ern_cl_int(&call, a->forward.v.rows);
-  return ern_cl_each(&call, (size_t)a->forward.v.rows);
+  ern_cl_int(&call, a->forward.region.rows);
+  return ern_cl_each(&call, (size_t)a->forward.region.rows);
 }
 
 static ern_status attention_bwd(struct ern_stream *stream, struct ern_attention_bwd_args *a) {
   ern_status status = ERN_OK;
   const struct ern_arena_mark mark = ern_arena_mark(stream);
+  const size_t channels = (size_t)a->forward.region.rows;
+  const bool one = a->forward.v.rows == 1 && channels > 1;
   const bool by_code = a->dcode.buffer != NULL && a->dregion.span.buffer != NULL;
   ern_span parts = {0};
   if (a->forward.n == 0) return ERN_OK;
-  if (by_code) ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, PARTS * (size_t)a->forward.v.rows, &parts));
-  ERN_TRY(bwd_v(stream, a, parts));
+  if (by_code) ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, PARTS * channels, &parts));
+  if (one) ERN_TRY(bwd_one(stream, a));
+  if (channels > 0 && (!one || by_code)) ERN_TRY(bwd_v(stream, a, one ? (ern_rows){.stride = 0} : a->dv, parts));
   if (by_code) ERN_TRY(bwd_code(stream, a, parts));
   if (a->deye_attention.buffer != NULL && a->dregion_eye.buffer != NULL) ERN_TRY(bwd_eye(stream, a));
 fail:

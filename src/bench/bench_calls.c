@@ -97,6 +97,7 @@ static cost cost_activate(ern_activation kind, size_t values, bool backward, siz
       [ERN_ACT_COLOUR] = {"colour_activation_fwd", "colour_activation_bwd", 4, 7},
       [ERN_ACT_SIGMOID] = {"sigmoid_fwd", "sigmoid_bwd", 3, 6},
       [ERN_ACT_SOFTPLUS] = {"softplus_fwd", "softplus_bwd", 3, 4},
+      [ERN_ACT_RELU] = {"relu_fwd", "relu_bwd", 1, 1},
   };
   const double n = (double)values, flops = n * (backward ? of[kind].flops_bwd : of[kind].flops);
   return (cost){.name = backward ? of[kind].bwd : of[kind].fwd,

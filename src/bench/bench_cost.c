@@ -39,7 +39,7 @@ static double eye_macs(const struct ern_field *field) {
 }
 static double encoder_flops(const struct ern_field *field) {
   double flops = 0;
-  for (int p = 0; p < ERN_PLANES; p++) flops += ern_bench_grid_flops(&field->plane[p]);
+  for (int p = 0; p < ERN_PLANES; p++) flops += ern_bench_grid_flops(&field->encoder.grid[p]);
   return flops;
 }
 

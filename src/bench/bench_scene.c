@@ -50,9 +50,9 @@ static void shape_density(float *block, const struct ern_field *field) {
   const int levels = field->config.levels, ins = field->density.width[0], hidden = field->density.width[1];
   const float s[3] = {1 / (semi_axis[0] * semi_axis[0]), 1 / (semi_axis[1] * semi_axis[1]),
                       1 / (semi_axis[2] * semi_axis[2])};
-  fill_level(block + field->plane_table[0], &field->plane[0], (const float[]){s[0], s[1]}, 1); /* xy */
-  fill_level(block + field->plane_table[1], &field->plane[1], (const float[]){0, 0}, 1);       /* yz */
-  fill_level(block + field->plane_table[2], &field->plane[2], (const float[]){0, s[2]}, 0);    /* xz */
+  fill_level(block + field->encoder.table[0], &field->encoder.grid[0], (const float[]){s[0], s[1]}, 1); /* xy */
+  fill_level(block + field->encoder.table[1], &field->encoder.grid[1], (const float[]){0, 0}, 1);       /* yz */
+  fill_level(block + field->encoder.table[2], &field->encoder.grid[2], (const float[]){0, s[2]}, 0);    /* xz */
   float *first = block + field->density.weight[0], *second = block + field->density.weight[1],
         *last = block + field->density.weight[2];
   for (int row = 0; row < 3; row++) {
@@ -110,7 +110,7 @@ static ern_status make_model(ern_context *context, uint64_t seed, ern_model **mo
   ern_parameters_init(block, &(*model)->table, false, seed);
   ern_parameters_init(block, &(*model)->table, true, seed);
   for (int p = 0; p < ERN_PLANES; p++) /* from 1e-4, where a training starts, to where it goes */
-    for (size_t i = 0; i < field->plane[p].entries; i++) block[field->plane_table[p] + i] *= 1e3f;
+    for (size_t i = 0; i < field->encoder.grid[p].entries; i++) block[field->encoder.table[p] + i] *= 1e3f;
   shape_density(block, field);
   shape_occupancy((*model)->bits);
   memset((*model)->clip, '0', sizeof(*model)->clip - 1); /* an identity of its own: nobody asks which clip it is of */
@@ -189,6 +189,12 @@ ern_status ern_bench_scene_of(ern_bench_scene **scene, ern_context *context, con
   if (model == NULL || truth == NULL || frame->background == NULL || frame->windows == NULL)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "bench: a scene needs a model, windows, a background and the true picture");
+  if (!ern_field_is_standard(&model->field))
+    return ern_fail(
+        context, ERN_E_UNSUPPORTED,
+        "bench: the head is of backbone %s, attention %s; expected trihash and channel, whose arithmetic is "
+        "counted",
+        ern_backbone_name(model->field.config.backbone), ern_attention_name(model->field.config.attention));
   const ern_status status = ern_allocate(context, 1, sizeof(struct ern_bench_scene), &room);
   if (status != ERN_OK) return status;
   struct ern_bench_scene *made = room;

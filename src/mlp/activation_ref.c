@@ -25,6 +25,7 @@ void ERN_REF(ern_activate_fwd)(ern_real *y, const ern_real *x, ern_activation ki
       case ERN_ACT_COLOUR: y[i] = (ern_real)1.002 * sigmoid(x[i]) - (ern_real)0.001; break;
       case ERN_ACT_SIGMOID: y[i] = sigmoid(x[i]); break;
       case ERN_ACT_SOFTPLUS: y[i] = softplus(x[i]); break;
+      case ERN_ACT_RELU: y[i] = x[i] < 0 ? 0 : x[i]; break;
     }
   }
 }
@@ -36,6 +37,7 @@ void ERN_REF(ern_activate_bwd)(ern_real *dx, const ern_real *dy, const ern_real 
       case ERN_ACT_COLOUR: dx[i] = dy[i] * ((ern_real)1.002 * sigmoid_slope(x[i])); break;
       case ERN_ACT_SIGMOID: dx[i] = dy[i] * sigmoid_slope(x[i]); break;
       case ERN_ACT_SOFTPLUS: dx[i] = dy[i] * sigmoid(x[i]); break;
+      case ERN_ACT_RELU: dx[i] = x[i] <= 0 ? 0 : dy[i]; break;
     }
   }
 }

@@ -43,14 +43,15 @@ typedef void ern_mlp_bwd_kernel(const struct ern_rows_view *dx, ern_real *dparam
                                 const ern_real *parameters, const struct ern_mlp *mlp, size_t n, ern_real *scratch);
 
 typedef enum ern_activation {
-  ERN_ACT_DENSITY, /* exp(min(x, 80)); dx = dy * exp(clamp(x, -15, 15)): the gradient is clamped on purpose */
-  ERN_ACT_COLOUR,  /* 1.002/(1 + exp(-x)) - 0.001 */
-  ERN_ACT_SIGMOID, /* 1/(1 + exp(-x)) */
-  ERN_ACT_SOFTPLUS /* log(1 + exp(x)), without overflow */
+  ERN_ACT_DENSITY,  /* exp(min(x, 80)); dx = dy * exp(clamp(x, -15, 15)): the gradient is clamped on purpose */
+  ERN_ACT_COLOUR,   /* 1.002/(1 + exp(-x)) - 0.001 */
+  ERN_ACT_SIGMOID,  /* 1/(1 + exp(-x)) */
+  ERN_ACT_SOFTPLUS, /* log(1 + exp(x)), without overflow */
+  ERN_ACT_RELU      /* max(x, 0); no gradient at 0, so that y serves the backward pass as well as x */
 } ern_activation;
 
 struct ern_activate_args {
-  ern_rows y; /* out */
+  ern_rows y; /* out; may be the same rows as x */
   ern_rows x;
   ern_activation kind;
   size_t n;

@@ -10,7 +10,7 @@ struct ern_attention_args {
   ern_rows region;        /* out: [A] per sample */
   ern_span norm;          /* out: real [n] */
   ern_span region_eye;    /* out: real [n]; zeroed: no eye branch */
-  ern_rows v;             /* [A] per sample */
+  ern_rows v;             /* [A] per sample, or [1] for all channels; zeroed with region and norm: only the eye */
   ern_span code;          /* real [A] */
   ern_span eye_attention; /* real [n] in (0, 1); zeroed: no eye branch */
   float eye;
@@ -27,13 +27,16 @@ struct ern_attention_bwd_args {
 };
 
 /* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and
- * dregion alike. */
+ * dregion alike. shape: rows of the region, and of v: as many, 1, or 0. */
+struct ern_attention_shape {
+  int channels, values;
+};
 typedef void ern_attention_fwd_kernel(ern_real *region, ern_real *norm, ern_real *region_eye, const ern_real *v,
-                                      const ern_real *code, const ern_real *eye_attention, ern_real eye, int channels,
-                                      size_t stride, size_t n);
+                                      const ern_real *code, const ern_real *eye_attention, ern_real eye,
+                                      struct ern_attention_shape shape, size_t stride, size_t n);
 typedef void ern_attention_bwd_kernel(ern_real *dv, ern_real *dcode, ern_real *deye_attention, const ern_real *dregion,
                                       const ern_real *dnorm, const ern_real *dregion_eye, const ern_real *v,
-                                      const ern_real *norm, const ern_real *code, ern_real eye, int channels,
-                                      size_t stride, size_t n);
+                                      const ern_real *norm, const ern_real *code, ern_real eye,
+                                      struct ern_attention_shape shape, size_t stride, size_t n);
 
 #endif

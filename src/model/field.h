@@ -4,12 +4,18 @@
 #ifndef ERN_MODEL_FIELD_H
 #define ERN_MODEL_FIELD_H
 
+#include "ernerf/model.h"
 #include "hashgrid/hashgrid_ops.h"
 #include "mlp/audio_ops.h"
 #include "mlp/mlp_ops.h"
 
 enum {
   ERN_PLANES = 3, /* xy, yz, xz */
+  ERN_TRUNKS = 2, /* stacks of the backbone `mlp`, the second of which takes the position again */
+  ERN_TRUNK_WIDTH = 256,
+  ERN_TRUNK_FEATURES = 36, /* what it gives in the place of an encoder's features */
+  ERN_X_OCTAVES = 10,
+  ERN_X_ROWS = 3 * (1 + 2 * ERN_X_OCTAVES), /* 63 */
   ERN_AUDIO_CODE = 32,
   ERN_GEOMETRY = 64,
   ERN_SH_ROWS = 16,
@@ -23,27 +29,37 @@ enum {
 
 /* The small configuration that all else follows from; stored in the model file. */
 struct ern_model_config {
-  int levels;        /* of the tri-plane encoder, 2..24 */
-  int feature_width; /* D */
-  int window_length; /* 1..16 */
-  bool head;         /* false only while a table for the torso's tensors alone is built */
-  bool eye;          /* the clip has a blink signal */
+  ern_backbone backbone;
+  ern_attention attention;
+  ern_eye_attention eye_attention; /* sigmoid without a blink signal */
+  int levels;                      /* of hash grids, 2..24; `triplane`: 1, `mlp`: 0 */
+  int feature_width;               /* D */
+  int window_length;               /* 1..16 */
+  bool head;                       /* false only while a table for the torso's tensors alone is built */
+  bool eye;                        /* the clip has a blink signal */
   bool torso;
   bool torso_gamma; /* the paper's scale of the key points, trained */
   int codes;        /* rows of the individual codes, 0: no codes */
   float bound;
 };
 
+/* From a position to features: three planes, one volume, or a network. */
+struct ern_encoder {
+  int grids; /* 3, 1, or 0 */
+  struct ern_grid grid[ERN_PLANES];
+  size_t table[ERN_PLANES];
+  int axis[ERN_PLANES][ERN_GRID_MAX_DIMS]; /* which coordinates a grid looks at, as many as its dimensions */
+  struct ern_mlp trunk[ERN_TRUNKS];        /* of `mlp`: [waves] -> hidden, [waves, relu(hidden)] -> features */
+};
+
 struct ern_field {
   struct ern_model_config config;
   size_t parameters; /* reals in the block */
 
-  struct ern_grid plane[ERN_PLANES];
-  size_t plane_table[ERN_PLANES];
-  int plane_axis[ERN_PLANES][2]; /* which coordinates a plane looks at */
-  int feature_rows;              /* D3 = 3*levels */
+  struct ern_encoder encoder;
+  int feature_rows; /* of the encoder: 3*levels for `trihash` */
   struct ern_audio_net audio;
-  struct ern_mlp attention, eye, density, colour, uncertainty;
+  struct ern_mlp attention, eye, density, colour, uncertainty; /* of no layers: the configuration leaves it out */
   size_t codes;
 
   struct ern_grid torso_grid;
@@ -51,5 +67,21 @@ struct ern_field {
   struct ern_mlp torso_deform, torso_net;
   size_t anchors, gamma, torso_codes;
 };
+
+/* Region attention that is computed: v, and the eye's. */
+static inline bool ern_field_attends(const struct ern_field *field) {
+  return field->config.attention != ERN_ATTENTION_CONCAT;
+}
+static inline bool ern_field_attends_eye(const struct ern_field *field) {
+  return field->config.eye && field->config.eye_attention == ERN_EYE_ATTENTION_SIGMOID;
+}
+
+/* Whether the head is the paper's own: three hashed planes, a weight a channel of the speech. Fused passes know no
+ * other; the rows of the paper's ablation go through the stages. */
+static inline bool ern_field_is_standard(const struct ern_field *field) {
+  const struct ern_model_config *config = &field->config;
+  return config->head && config->backbone == ERN_BACKBONE_TRIHASH && config->attention == ERN_ATTENTION_CHANNEL &&
+         (!config->eye || config->eye_attention == ERN_EYE_ATTENTION_SIGMOID);
+}
 
 #endif

@@ -2,22 +2,46 @@
 #include "model/head.h"
 
 #include "core/status.h"
+#include "model/encoder.h"
 
 static bool has(ern_rows rows) { return rows.span.buffer != NULL; }
+
+static ern_status take_encoder(struct ern_stream *stream, const struct ern_field *field, struct ern_head_batch *batch) {
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_take_rows(stream, field->feature_rows, batch->n, &batch->f));
+  if (field->config.backbone == ERN_BACKBONE_MLP) {
+    ERN_TRY(ern_take_rows(stream, ERN_X_ROWS, batch->n, &batch->waves));
+    ERN_TRY(ern_take_rows(stream, ERN_TRUNK_WIDTH, batch->n, &batch->hidden));
+  }
+fail:
+  return status;
+}
+
+static ern_status take_regions(struct ern_stream *stream, const struct ern_field *field, struct ern_head_batch *batch) {
+  ern_status status = ERN_OK;
+  if (ern_field_attends(field)) {
+    ERN_TRY(ern_take_rows(stream, field->attention.width[2], batch->n, &batch->v));
+    ERN_TRY(ern_take_rows(stream, ERN_AUDIO_CODE, batch->n, &batch->region));
+    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->norm));
+  }
+  if (ern_field_attends_eye(field)) {
+    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->eye_raw));
+    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->eye));
+    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->region_eye));
+  } else if (field->config.eye) {
+    ERN_TRY(ern_take_rows(stream, 1, 1, &batch->region_eye));
+    batch->region_eye.per = ERN_PER_BATCH;
+  }
+fail:
+  return status;
+}
 
 ern_status ern_head_batch_take(struct ern_stream *stream, const struct ern_field *field, size_t n, int parts,
                                struct ern_head_batch *batch) {
   ern_status status = ERN_OK;
   *batch = (struct ern_head_batch){.n = n};
-  ERN_TRY(ern_take_rows(stream, field->feature_rows, n, &batch->f));
-  ERN_TRY(ern_take_rows(stream, ERN_AUDIO_CODE, n, &batch->v));
-  ERN_TRY(ern_take_rows(stream, ERN_AUDIO_CODE, n, &batch->region));
-  ERN_TRY(ern_take_rows(stream, 1, n, &batch->norm));
-  if (field->config.eye) {
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->eye_raw));
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->eye));
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->region_eye));
-  }
+  ERN_TRY(take_encoder(stream, field, batch));
+  ERN_TRY(take_regions(stream, field, batch));
   if (parts & ERN_BATCH_DENSITY) {
     ERN_TRY(ern_take_rows(stream, parts & ERN_BATCH_COLOUR ? 1 + ERN_GEOMETRY : 1, n, &batch->h));
     ERN_TRY(ern_take_rows(stream, 1, n, &batch->sigma));
@@ -34,21 +58,16 @@ fail:
   return status;
 }
 
-static struct ern_grid_args plane_args(const struct ern_head_inputs *in, int plane, ern_rows x, ern_rows f, size_t n) {
-  const struct ern_field *field = in->field;
-  struct ern_grid_args args = {
-      .f = ern_rows_part(f, plane * field->config.levels, field->config.levels),
-      .table = ern_span_part(in->parameters, field->plane_table[plane], field->plane[plane].entries),
-      .grid = &field->plane[plane],
-      .n = n};
-  for (int d = 0; d < 2; d++) args.x[d] = ern_span_of_row(x, field->plane_axis[plane][d], n);
-  return args;
-}
-
 static struct ern_mlp_args mlp_args(const struct ern_head_inputs *in, const struct ern_mlp *mlp, ern_rows y, ern_rows x,
                                     size_t n) {
   return (struct ern_mlp_args){
       .y = y, .x = {x}, .pieces = 1, .ray = in->ray, .parameters = in->parameters, .mlp = *mlp, .n = n};
+}
+
+/* What the speech is to the density: weighed by sample, or the code of the batch as it is. */
+static ern_rows region_rows(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
+  if (ern_field_attends(in->field)) return batch->region;
+  return (ern_rows){in->code, 1, ERN_AUDIO_CODE, ERN_PER_BATCH};
 }
 
 /* The density's input is [f, region, region_eye]. A density-only batch computes the first row of the last layer alone.
@@ -56,7 +75,7 @@ static struct ern_mlp_args mlp_args(const struct ern_head_inputs *in, const stru
 static struct ern_mlp_args density_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
   struct ern_mlp_args args = mlp_args(in, &in->field->density, batch->h, batch->f, batch->n);
   args.mlp.width[args.mlp.layers] = batch->h.rows;
-  args.x[args.pieces++] = batch->region;
+  args.x[args.pieces++] = region_rows(in, batch);
   if (in->field->config.eye) args.x[args.pieces++] = batch->region_eye;
   return args;
 }
@@ -68,7 +87,7 @@ static struct ern_attention_args attention_args(const struct ern_head_inputs *in
                                     .code = in->code,
                                     .eye = in->eye,
                                     .n = batch->n};
-  if (in->field->config.eye) {
+  if (has(batch->eye)) {
     args.region_eye = batch->region_eye.span;
     args.eye_attention = batch->eye.span;
   }
@@ -86,27 +105,40 @@ static struct ern_mlp_args colour_args(const struct ern_head_inputs *in, const s
   return args;
 }
 
-ern_status ern_head_density_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
-                                struct ern_head_batch *batch) {
+/* Speech and eye value as the density gets them. */
+static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+                              struct ern_head_batch *batch) {
   const struct ern_backend *backend = stream->backend;
   const struct ern_field *field = in->field;
   ern_status status = ERN_OK;
-  for (int plane = 0; plane < ERN_PLANES; plane++) {
-    struct ern_grid_args grid = plane_args(in, plane, x, batch->f, batch->n);
-    ERN_TRY(backend->grid_fwd(stream, &grid));
+  if (has(batch->v)) {
+    struct ern_mlp_args mlp = mlp_args(in, &field->attention, batch->v, batch->f, batch->n);
+    ERN_TRY(backend->mlp_fwd(stream, &mlp));
   }
-  struct ern_mlp_args mlp = mlp_args(in, &field->attention, batch->v, batch->f, batch->n);
-  ERN_TRY(backend->mlp_fwd(stream, &mlp));
-  if (field->config.eye) {
-    mlp = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n);
+  if (has(batch->eye)) {
+    struct ern_mlp_args mlp = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
     struct ern_activate_args sigmoid = {batch->eye, batch->eye_raw, ERN_ACT_SIGMOID, batch->n};
     ERN_TRY(backend->activate_fwd(stream, &sigmoid));
+  } else if (has(batch->region_eye)) {
+    ERN_TRY(backend->upload_reals(stream, batch->region_eye.span, &in->eye, 1));
   }
-  struct ern_attention_args attention = attention_args(in, batch);
-  ERN_TRY(backend->attention_fwd(stream, &attention));
+  if (has(batch->v) || has(batch->eye)) {
+    struct ern_attention_args attention = attention_args(in, batch);
+    ERN_TRY(backend->attention_fwd(stream, &attention));
+  }
+fail:
+  return status;
+}
+
+ern_status ern_head_density_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
+                                struct ern_head_batch *batch) {
+  const struct ern_backend *backend = stream->backend;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_encode_fwd(stream, in, x, batch));
+  ERN_TRY(regions_fwd(stream, in, batch));
   if (has(batch->h)) {
-    mlp = density_args(in, batch);
+    struct ern_mlp_args mlp = density_args(in, batch);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
     struct ern_activate_args density = {batch->sigma, ern_rows_part(batch->h, 0, 1), ERN_ACT_DENSITY, batch->n};
     ERN_TRY(backend->activate_fwd(stream, &density));
@@ -161,31 +193,50 @@ ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_
   return stream->backend->mlp_bwd(stream, &mlp);
 }
 
-ern_status ern_head_density_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
-                                const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
-                                ern_span dcode) {
+/* To d->f, d->region and d->region_eye, where they are a sample's own; dcode where the code is read as it is. */
+static ern_status density_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+                              const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
+                              ern_span dcode) {
+  const struct ern_backend *backend = stream->backend;
+  struct ern_activate_bwd_args density = {ern_rows_part(d->h, 0, 1), d->sigma, ern_rows_part(batch->h, 0, 1),
+                                          ERN_ACT_DENSITY, batch->n};
+  struct ern_mlp_bwd_args mlp = {.dparameters = dparameters, .dy = d->h, .forward = density_args(in, batch)};
+  ern_status status = ERN_OK;
+  ERN_TRY(backend->activate_bwd(stream, &density));
+  mlp.dx[0] = d->f;
+  if (has(d->region)) {
+    ERN_TRY(backend->zero(stream, d->region.span));
+    mlp.dx[1] = d->region;
+  } else {
+    mlp.dx[1] = (ern_rows){dcode, 1, ERN_AUDIO_CODE, ERN_PER_BATCH};
+  }
+  if (has(d->eye)) {
+    ERN_TRY(backend->zero(stream, d->region_eye.span));
+    mlp.dx[2] = d->region_eye;
+  }
+  ERN_TRY(backend->mlp_bwd(stream, &mlp));
+fail:
+  return status;
+}
+
+/* From d->region and d->region_eye, which a batch without a density has none of, d->norm and d->eye to d->f. */
+static ern_status regions_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+                              const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
+                              ern_span dcode) {
   const struct ern_backend *backend = stream->backend;
   const struct ern_field *field = in->field;
+  struct ern_attention_bwd_args attention = {.dv = d->v,
+                                             .dcode = has(d->v) ? dcode : (ern_span){0},
+                                             .dnorm = d->norm.span,
+                                             .deye_attention = d->eye.span,
+                                             .forward = attention_args(in, batch)};
   ern_status status = ERN_OK;
-  struct ern_attention_bwd_args attention = {
-      .dv = d->v, .dcode = dcode, .dnorm = d->norm.span, .forward = attention_args(in, batch)};
-  if (field->config.eye) attention.deye_attention = d->eye.span;
   if (has(batch->h)) {
-    struct ern_activate_bwd_args density = {ern_rows_part(d->h, 0, 1), d->sigma, ern_rows_part(batch->h, 0, 1),
-                                            ERN_ACT_DENSITY, batch->n};
-    ERN_TRY(backend->activate_bwd(stream, &density));
-    struct ern_mlp_bwd_args mlp = {.dparameters = dparameters, .dy = d->h, .forward = density_args(in, batch)};
-    mlp.dx[0] = d->f;
-    mlp.dx[1] = d->region;
-    mlp.dx[2] = d->region_eye;
-    ERN_TRY(backend->zero(stream, d->region.span));
-    ERN_TRY(backend->zero(stream, d->region_eye.span));
-    ERN_TRY(backend->mlp_bwd(stream, &mlp));
     attention.dregion = d->region;
-    attention.dregion_eye = d->region_eye.span;
+    if (has(d->eye)) attention.dregion_eye = d->region_eye.span;
   }
   ERN_TRY(backend->attention_bwd(stream, &attention));
-  if (field->config.eye) {
+  if (has(d->eye)) {
     struct ern_activate_bwd_args sigmoid = {d->eye_raw, d->eye, batch->eye_raw, ERN_ACT_SIGMOID, batch->n};
     ERN_TRY(backend->activate_bwd(stream, &sigmoid));
     struct ern_mlp_bwd_args mlp = {.dx = {d->f},
@@ -194,18 +245,24 @@ ern_status ern_head_density_bwd(struct ern_stream *stream, const struct ern_head
                                    .forward = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n)};
     ERN_TRY(backend->mlp_bwd(stream, &mlp));
   }
-  struct ern_mlp_bwd_args mlp = {.dx = {d->f},
-                                 .dparameters = dparameters,
-                                 .dy = d->v,
-                                 .forward = mlp_args(in, &field->attention, batch->v, batch->f, batch->n)};
-  ERN_TRY(backend->mlp_bwd(stream, &mlp));
-  for (int plane = ERN_PLANES - 1; plane >= 0; plane--) {
-    struct ern_grid_bwd_args grid = {
-        .dtable = ern_span_part(dparameters, field->plane_table[plane], field->plane[plane].entries),
-        .df = ern_rows_part(d->f, plane * field->config.levels, field->config.levels),
-        .forward = plane_args(in, plane, x, batch->f, batch->n)};
-    ERN_TRY(backend->grid_bwd(stream, &grid));
+  if (has(d->v)) {
+    struct ern_mlp_bwd_args mlp = {.dx = {d->f},
+                                   .dparameters = dparameters,
+                                   .dy = d->v,
+                                   .forward = mlp_args(in, &field->attention, batch->v, batch->f, batch->n)};
+    ERN_TRY(backend->mlp_bwd(stream, &mlp));
   }
+fail:
+  return status;
+}
+
+ern_status ern_head_density_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
+                                const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
+                                ern_span dcode) {
+  ern_status status = ERN_OK;
+  if (has(batch->h)) ERN_TRY(density_bwd(stream, in, batch, d, dparameters, dcode));
+  if (has(d->v) || has(d->eye)) ERN_TRY(regions_bwd(stream, in, batch, d, dparameters, dcode));
+  ERN_TRY(ern_encode_bwd(stream, in, x, batch, d, dparameters));
 fail:
   return status;
 }

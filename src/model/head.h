@@ -21,16 +21,17 @@ struct ern_head_inputs {
 /* Values of a batch, or gradients by them. Rows are in scratch. */
 struct ern_head_batch {
   size_t n;
-  ern_rows f;            /* [3*levels] */
-  ern_rows v;            /* [A] audio attention */
-  ern_rows region;       /* [A] v * code */
-  ern_rows eye_raw, eye; /* [1] before and after the sigmoid; zeroed without an eye branch */
-  ern_rows region_eye;   /* [1] */
-  ern_rows norm;         /* [1] |v|_2 */
-  ern_rows h;            /* [65]: logarithm of the density, geometry; [1] in a density-only batch */
-  ern_rows sigma;        /* [1] */
-  ern_rows rgb_raw, rgb; /* [3] before and after the sigmoid */
-  ern_rows unc_raw, unc; /* [1] before and after the softplus */
+  ern_rows f;             /* [feature_rows] */
+  ern_rows waves, hidden; /* [63], [256] of the backbone `mlp`; zeroed for others */
+  ern_rows v;             /* [A], or [1] for all channels: audio attention; zeroed without one, as the next two */
+  ern_rows region;        /* [A] v * code */
+  ern_rows norm;          /* [1] |v|_2 */
+  ern_rows eye_raw, eye;  /* [1] eye attention before and after the sigmoid; zeroed without one */
+  ern_rows region_eye;    /* [1] eye value by the attention, or one eye value per batch; zeroed without an eye */
+  ern_rows h;             /* [65]: logarithm of the density, geometry; [1] in a density-only batch */
+  ern_rows sigma;         /* [1] */
+  ern_rows rgb_raw, rgb;  /* [3] before and after the sigmoid */
+  ern_rows unc_raw, unc;  /* [1] before and after the softplus */
 };
 
 enum { ERN_BATCH_ATTENTION = 1, ERN_BATCH_DENSITY = 2, ERN_BATCH_COLOUR = 4, ERN_BATCH_UNCERTAINTY = 8 };
@@ -48,7 +49,7 @@ ERN_NODISCARD ern_status ern_head_colour_fwd(struct ern_stream *stream, const st
 ERN_NODISCARD ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                                   struct ern_head_batch *batch);
 
-/* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f, d->h and d->eye and sets
+/* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f and d->h and sets
  * d->sigma, d->rgb, d->unc, d->norm, d->eye. dparameters accumulates; so does dcode [A], unless it is zeroed
  * (detached). */
 ERN_NODISCARD ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,

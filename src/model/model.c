@@ -49,6 +49,9 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
                            .has_eye = config->eye,
                            .has_codes = config->codes > 0,
                            .has_gamma = config->torso_gamma,
+                           .backbone = config->backbone,
+                           .attention = config->attention,
+                           .eye_attention = config->eye_attention,
                            .levels = config->levels,
                            .feature_width = config->feature_width,
                            .codes = config->codes,
@@ -105,13 +108,13 @@ static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtyp
 static void add_offsets(struct ern_model_tensors *out, int slot, const char *name, const struct ern_grid *grid) {
   for (int l = 0; l < grid->levels; l++) out->offsets[slot][l] = (int32_t)grid->level[l].offset;
   out->offsets[slot][grid->levels] = (int32_t)grid->entries;
-  add_tensor(out, name, ERN_I32, 1, (size_t)grid->levels + 1, 0, 0, out->offsets[slot]);
+  snprintf(out->offsets_name[slot], sizeof out->offsets_name[slot], "%s.offsets", name);
+  add_tensor(out, out->offsets_name[slot], ERN_I32, 1, (size_t)grid->levels + 1, 0, 0, out->offsets[slot]);
 }
 
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
-  static const char *const offsets_name[ERN_PLANES] = {"encoder_xy.offsets", "encoder_yz.offsets",
-                                                       "encoder_xz.offsets"};
-  const float b = model->field.config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
+  const struct ern_field *field = &model->field;
+  const float b = field->config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
   out->count = 0;
   memcpy(out->box, box, sizeof box);
   for (int r = 0; r < model->table.rows; r++) {
@@ -120,10 +123,11 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
   }
   add_tensor(out, "aabb_train", ERN_F32, 1, 6, 0, 0, out->box);
   add_tensor(out, "aabb_infer", ERN_F32, 1, 6, 0, 0, out->box);
-  for (int p = 0; p < ERN_PLANES; p++) add_offsets(out, p, offsets_name[p], &model->field.plane[p]);
+  for (int g = 0; g < field->encoder.grids; g++)
+    add_offsets(out, g, ern_encoder_grid_name(field, g), &field->encoder.grid[g]);
   add_tensor(out, "density_bitfield", ERN_U8, 1, ERN_OCCUPANCY_BYTES, 0, 0, model->bits);
-  if (model->field.config.torso) {
-    add_offsets(out, ERN_PLANES, "torso_encoder.offsets", &model->field.torso_grid);
+  if (field->config.torso) {
+    add_offsets(out, ERN_PLANES, "torso_encoder", &field->torso_grid);
     add_tensor(out, "density_grid_torso", ERN_F32, 1, ERN_TORSO_CELLS, 0, 0, model->torso_grid);
   }
   if (model->cameras > 0) {

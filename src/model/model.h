@@ -29,7 +29,8 @@ enum { ERN_MODEL_TENSORS = ERN_MAX_PARAMETERS + 16 };
 struct ern_model_tensors {
   struct ern_tensor tensor[ERN_MODEL_TENSORS];
   size_t count;
-  int32_t offsets[ERN_PLANES + 1][ERN_GRID_MAX_LEVELS + 1];
+  int32_t offsets[ERN_PLANES + 1][ERN_GRID_MAX_LEVELS + 1]; /* of the encoder's grids, and of the torso's */
+  char offsets_name[ERN_PLANES + 1][32];
   float box[6];
 };
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out);

@@ -10,6 +10,7 @@
 #include "io/file.h"
 #include "io/npy.h"
 #include "model/checkpoint.h"
+#include "model/kinds.h"
 #include "model/model.h"
 #include "model/torso_ops.h"
 #include "render/render_ops.h"
@@ -17,11 +18,13 @@
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
-  json_t *root = json_pack("{s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "levels", c->levels,
-                           "feature_width", c->feature_width, "window_length", c->window_length, "eye", c->eye, "torso",
-                           c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound", (double)c->bound,
-                           "head_steps", (json_int_t)model->head_steps, "torso_steps", (json_int_t)model->torso_steps,
-                           "clip", model->clip, "consent", "");
+  json_t *root =
+      json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "backbone",
+                ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention), "eye_attention",
+                ern_eye_attention_name(c->eye_attention), "levels", c->levels, "feature_width", c->feature_width,
+                "window_length", c->window_length, "eye", c->eye, "torso", c->torso, "torso_gamma", c->torso_gamma,
+                "codes", c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps,
+                "torso_steps", (json_int_t)model->torso_steps, "clip", model->clip, "consent", "");
   char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
@@ -72,6 +75,20 @@ static ern_status wrong_field(ern_context *context, const char *path, const char
                   field);
 }
 
+/* Files of before these choices are of the paper's own kinds, and say nothing. */
+static ern_status read_kinds(ern_context *context, const json_t *root, const char *path,
+                             struct ern_model_config *config) {
+  for (int k = 0; k < ERN_KINDS; k++) {
+    const json_t *value = json_object_get(root, ern_kind_field((ern_kind)k));
+    if (value == NULL) continue;
+    if (!json_is_string(value)) return wrong_field(context, path, ern_kind_field((ern_kind)k));
+    if (!ern_kind_read(json_string_value(value), (ern_kind)k, config))
+      return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s is \"%.40s\", expected %s", path,
+                      ern_kind_field((ern_kind)k), json_string_value(value), ern_kind_words((ern_kind)k));
+  }
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -92,6 +109,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
     bool *to;
   } flags[] = {{"eye", &config->eye}, {"torso", &config->torso}, {"torso_gamma", &config->torso_gamma}};
   ern_status status = ERN_OK;
+  ERN_TRY(read_kinds(context, root, path, config));
   for (size_t i = 0; i < sizeof integers / sizeof *integers; i++) {
     const json_t *value = json_object_get(root, integers[i].name);
     const json_int_t number = json_integer_value(value);
@@ -151,16 +169,24 @@ static ern_status config_from_shapes(ern_context *context, const struct ern_tens
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
 
+static bool is_offsets(const struct ern_field *field, const char *name) {
+  char offsets[32];
+  for (int g = 0; g < field->encoder.grids; g++) {
+    snprintf(offsets, sizeof offsets, "%s.offsets", ern_encoder_grid_name(field, g));
+    if (strcmp(name, offsets) == 0) return true;
+  }
+  return strcmp(name, "torso_encoder.offsets") == 0;
+}
+
 /* Names that a file may hold beside the parameters. The public program keeps an eye branch that it does not use. */
 static bool is_extra(const ern_model *model, const char *name) {
-  static const char *const known[] = {
-      "aabb_train",   "aabb_infer",         "density_grid",       "density_bitfield",   "density_grid_torso",
-      "step_counter", "encoder_xy.offsets", "encoder_yz.offsets", "encoder_xz.offsets", "torso_encoder.offsets",
-      "camera_dR",    "camera_dT"};
-  if (!model->field.config.eye && strncmp(name, "eye_att_net.", 12) == 0) return true;
+  static const char *const known[] = {"aabb_train",         "aabb_infer",   "density_grid", "density_bitfield",
+                                      "density_grid_torso", "step_counter", "camera_dR",    "camera_dT"};
+  const struct ern_field *field = &model->field;
+  if (!field->config.eye && strncmp(name, "eye_att_net.", 12) == 0) return true;
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
     if (strcmp(name, known[i]) == 0) return true;
-  return strncmp(name, "state.", 6) == 0;
+  return is_offsets(field, name) || strncmp(name, "state.", 6) == 0;
 }
 
 /* A file without the bits has the grid: occupied where grid > min(mean, 10), marked cells counting as 0 in the mean. */
@@ -228,6 +254,12 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   else
     ERN_TRY(config_from_shapes(context, file, path, &config));
   ERN_TRY(ern_model_make(&made, context, &config));
+  if (ern_tensor_file_metadata(file, "torch") != NULL && !ern_field_is_standard(&made->field))
+    ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
+                     "%s: describes a head of backbone %s, attention %s, eye attention %s; a PyTorch file holds "
+                     "trihash, channel, sigmoid alone",
+                     path, ern_kind_of(&config, ERN_KIND_BACKBONE), ern_kind_of(&config, ERN_KIND_ATTENTION),
+                     ern_kind_of(&config, ERN_KIND_EYE_ATTENTION)));
   if (text == NULL && steps != NULL)
     *(config.torso ? &identity.torso_steps : &identity.head_steps) = strtoull(steps, NULL, 10);
   made->head_steps = identity.head_steps;

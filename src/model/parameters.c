@@ -7,6 +7,7 @@
 
 #include "core/rng.h"
 #include "hashgrid/hashgrid.h"
+#include "model/kinds.h"
 
 /* Adds a row; returns where its values begin. Rows start on a cache line. */
 static size_t add(struct ern_field *field, struct ern_parameter_table *table, struct ern_parameter row) {
@@ -27,13 +28,14 @@ static size_t add_named(struct ern_field *field, struct ern_parameter_table *tab
 /* torch's initial values of Linear and Conv1d: uniform in +-1/sqrt(inputs), for weights and biases alike. */
 static float fan_range(size_t inputs) { return (float)(1.0 / sqrt((double)inputs)); }
 
-static void add_mlp(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name,
-                    bool torso, int layers, const int *width) {
+/* The layers are named from `first` on: two stacks may be one network. */
+static void add_stack(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name,
+                      int first, bool torso, int layers, const int *width) {
   mlp->layers = layers;
   for (int l = 0; l <= layers; l++) mlp->width[l] = width[l];
   for (int l = 0; l < layers; l++) {
     char suffix[24];
-    snprintf(suffix, sizeof suffix, ".net.%d.weight", l);
+    snprintf(suffix, sizeof suffix, ".net.%d.weight", first + l);
     const struct ern_parameter row = {.dims = 2,
                                       .shape = {(size_t)width[l + 1], (size_t)width[l]},
                                       .group = ERN_GROUP_NET,
@@ -42,6 +44,11 @@ static void add_mlp(struct ern_field *field, struct ern_parameter_table *table, 
                                       .range = fan_range((size_t)width[l])};
     mlp->weight[l] = add_named(field, table, name, suffix, row);
   }
+}
+
+static void add_mlp(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name,
+                    bool torso, int layers, const int *width) {
+  add_stack(field, table, mlp, name, 0, torso, layers, width);
 }
 
 /* `kernel` is 3 for a convolution [out][in][3], 1 for a linear layer [out][in]. */
@@ -108,36 +115,80 @@ static size_t add_codes(struct ern_field *field, struct ern_parameter_table *tab
   return add_named(field, table, name, "", row);
 }
 
+/* ---- head -------------------------------------------------------------------------------------------------------- */
+
+static const int plane_axis[ERN_PLANES][ERN_GRID_MAX_DIMS] = {{0, 1}, {1, 2}, {0, 2}};
+static const int volume_axis[ERN_GRID_MAX_DIMS] = {0, 1, 2};
+
+const char *ern_encoder_grid_name(const struct ern_field *field, int grid) {
+  static const char *const planes[ERN_PLANES] = {"encoder_xy", "encoder_yz", "encoder_xz"};
+  return field->config.backbone == ERN_BACKBONE_HASH3D ? "encoder" : planes[grid];
+}
+
+static struct ern_grid_shape encoder_shape(const struct ern_model_config *config) {
+  struct ern_grid_shape shape = {.dims = 2,
+                                 .levels = config->levels,
+                                 .features = 1,
+                                 .base = 64,
+                                 .finest = (int)lrintf(512 * config->bound),
+                                 .table_limit = 1u << 14,
+                                 .hashed = true,
+                                 .bound = config->bound};
+  if (config->backbone == ERN_BACKBONE_HASH3D) {
+    shape.dims = 3;
+    shape.features = 2;
+  } else if (config->backbone == ERN_BACKBONE_TRIPLANE) {
+    shape.features = 12;
+    shape.base = shape.finest = 127; /* cells a side: (127 + 1)^2 = 2^14 places, each its own entry */
+    shape.hashed = false;
+  }
+  return shape;
+}
+
+static ern_status add_grids(struct ern_field *field, struct ern_parameter_table *table) {
+  struct ern_encoder *encoder = &field->encoder;
+  const struct ern_grid_shape shape = encoder_shape(&field->config);
+  encoder->grids = shape.dims == 3 ? 1 : ERN_PLANES;
+  for (int g = 0; g < encoder->grids; g++) {
+    memcpy(encoder->axis[g], shape.dims == 3 ? volume_axis : plane_axis[g], sizeof encoder->axis[g]);
+    const ern_status status =
+        add_grid(field, table, &encoder->grid[g], &encoder->table[g], ern_encoder_grid_name(field, g), false, &shape);
+    if (status != ERN_OK) return status;
+  }
+  field->feature_rows = encoder->grids * shape.levels * shape.features;
+  return ERN_OK;
+}
+
+/* Eight layers of 256, the waves again at the fifth: what AD-NeRF has before its outputs. */
+static ern_status add_trunk(struct ern_field *field, struct ern_parameter_table *table) {
+  enum { W = ERN_TRUNK_WIDTH };
+  struct ern_mlp *trunk = field->encoder.trunk;
+  add_stack(field, table, &trunk[0], "encoder_mlp", 0, false, 4, (int[]){ERN_X_ROWS, W, W, W, W});
+  add_stack(field, table, &trunk[1], "encoder_mlp", 4, false, 5,
+            (int[]){ERN_X_ROWS + W, W, W, W, W, ERN_TRUNK_FEATURES});
+  field->feature_rows = ERN_TRUNK_FEATURES;
+  return ERN_OK;
+}
+
 static ern_status add_head(struct ern_field *field, struct ern_parameter_table *table) {
-  static const char *const plane_name[ERN_PLANES] = {"encoder_xy", "encoder_yz", "encoder_xz"};
-  static const int axis[ERN_PLANES][2] = {{0, 1}, {1, 2}, {0, 2}};
   const struct ern_model_config *config = &field->config;
   if (config->codes > 0) field->codes = add_codes(field, table, "individual_codes", false, ERN_CODE_WIDTH);
   add_audio(field, table);
-  const struct ern_grid_shape shape = {.dims = 2,
-                                       .levels = config->levels,
-                                       .features = 1,
-                                       .base = 64,
-                                       .finest = (int)lrintf(512 * config->bound),
-                                       .table_limit = 1u << 14,
-                                       .hashed = true,
-                                       .bound = config->bound};
-  for (int p = 0; p < ERN_PLANES; p++) {
-    memcpy(field->plane_axis[p], axis[p], sizeof axis[p]);
-    const ern_status status =
-        add_grid(field, table, &field->plane[p], &field->plane_table[p], plane_name[p], false, &shape);
-    if (status != ERN_OK) return status;
-  }
-  const int f = ERN_PLANES * config->levels, code = config->codes > 0 ? ERN_CODE_WIDTH : 0;
-  field->feature_rows = f;
-  if (config->eye) add_mlp(field, table, &field->eye, "eye_att_net", false, 2, (int[]){f, 16, 1});
+  const ern_status status = config->backbone == ERN_BACKBONE_MLP ? add_trunk(field, table) : add_grids(field, table);
+  if (status != ERN_OK) return status;
+  const int f = field->feature_rows, code = config->codes > 0 ? ERN_CODE_WIDTH : 0;
+  if (ern_field_attends_eye(field)) add_mlp(field, table, &field->eye, "eye_att_net", false, 2, (int[]){f, 16, 1});
   add_mlp(field, table, &field->density, "sigma_net", false, 3,
           (int[]){f + ERN_AUDIO_CODE + (config->eye ? 1 : 0), 64, 64, 1 + ERN_GEOMETRY});
   add_mlp(field, table, &field->colour, "color_net", false, 2, (int[]){ERN_SH_ROWS + ERN_GEOMETRY + code, 64, 3});
   add_mlp(field, table, &field->uncertainty, "unc_net", false, 2, (int[]){f, 32, 1});
-  add_mlp(field, table, &field->attention, "aud_ch_att_net", false, 2, (int[]){f, 64, ERN_AUDIO_CODE});
+  if (ern_field_attends(field))
+    add_mlp(field, table, &field->attention, "aud_ch_att_net", false, 2,
+            (int[]){f, 64, config->attention == ERN_ATTENTION_FEATURE ? 1 : ERN_AUDIO_CODE});
   return ERN_OK;
 }
+
+/* ---- torso ------------------------------------------------------------------------------------------------------- */
 
 static ern_status add_torso(struct ern_field *field, struct ern_parameter_table *table) {
   const struct ern_grid_shape shape = {.dims = 2,
@@ -170,10 +221,34 @@ static ern_status add_torso(struct ern_field *field, struct ern_parameter_table 
   return ERN_OK;
 }
 
+/* ---- all --------------------------------------------------------------------------------------------------------- */
+
+static ern_status check_kinds(ern_context *context, const struct ern_model_config *config) {
+  for (int k = 0; k < ERN_KINDS; k++)
+    if (ern_kind_of(config, (ern_kind)k) == NULL)
+      return ern_fail(context, ERN_E_ARGUMENT, "model: %s is of no known kind, expected %s",
+                      ern_kind_field((ern_kind)k), ern_kind_words((ern_kind)k));
+  if (!config->eye && config->eye_attention != ERN_EYE_ATTENTION_SIGMOID)
+    return ern_fail(context, ERN_E_ARGUMENT, "model: eye_attention is %s, but there is no eye value",
+                    ern_eye_attention_name(config->eye_attention));
+  return ERN_OK;
+}
+
+static ern_status check_levels(ern_context *context, const struct ern_model_config *config) {
+  const int levels = config->levels, only = config->backbone == ERN_BACKBONE_TRIPLANE ? 1 : 0;
+  const bool hashed = config->backbone == ERN_BACKBONE_TRIHASH || config->backbone == ERN_BACKBONE_HASH3D;
+  if (hashed && (levels < 2 || levels > ERN_GRID_MAX_LEVELS))
+    return ern_fail(context, ERN_E_ARGUMENT, "model: levels is %d, expected 2 to %d", levels, ERN_GRID_MAX_LEVELS);
+  if (!hashed && levels != only)
+    return ern_fail(context, ERN_E_ARGUMENT, "model: levels is %d, but the backbone %s has no levels to choose", levels,
+                    ern_backbone_name(config->backbone));
+  return ERN_OK;
+}
+
 static ern_status check(ern_context *context, const struct ern_model_config *config) {
-  if (config->levels < 2 || config->levels > ERN_GRID_MAX_LEVELS)
-    return ern_fail(context, ERN_E_ARGUMENT, "model: levels is %d, expected 2 to %d", config->levels,
-                    ERN_GRID_MAX_LEVELS);
+  ern_status status = check_kinds(context, config);
+  if (status == ERN_OK) status = check_levels(context, config);
+  if (status != ERN_OK) return status;
   if (config->feature_width < 1 || config->feature_width > 4096)
     return ern_fail(context, ERN_E_ARGUMENT, "model: feature width is %d, expected 1 to 4096", config->feature_width);
   if (config->window_length < 1 || config->window_length > 16)

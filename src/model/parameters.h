@@ -39,6 +39,9 @@ struct ern_parameter_table {
 ERN_NODISCARD ern_status ern_parameters_build(ern_context *context, const struct ern_model_config *config,
                                               struct ern_field *field, struct ern_parameter_table *table);
 
+/* What the tensors of an encoder's grid begin with: "encoder_xy". */
+const char *ern_encoder_grid_name(const struct ern_field *field, int grid);
+
 /* NULL where there is none. */
 const struct ern_parameter *ern_parameters_find(const struct ern_parameter_table *table, const char *name);
 

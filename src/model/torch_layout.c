@@ -9,6 +9,7 @@
 
 #include "core/memory.h"
 #include "model/checkpoint.h"
+#include "model/kinds.h"
 #include "model/torso_ops.h"
 #include "render/render_ops.h"
 
@@ -134,7 +135,6 @@ fail:
 
 /* In the order of the public program's state dict. */
 static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
-  static const char *const planes[] = {"encoder_xy", "encoder_yz", "encoder_xz"};
   const struct ern_field *field = &l->model->field;
   const size_t inputs = (size_t)field->feature_rows;
   void *room = NULL;
@@ -153,7 +153,7 @@ static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
   ERN_TRY(add_buffers(l, mean));
   ERN_TRY(add_rows(l, "audio_net."));
   ERN_TRY(add_rows(l, "audio_att_net."));
-  for (int p = 0; p < ERN_PLANES; p++) ERN_TRY(add_grid(l, planes[p], &field->plane[p]));
+  for (int p = 0; p < ERN_PLANES; p++) ERN_TRY(add_grid(l, ern_encoder_grid_name(field, p), &field->encoder.grid[p]));
   if (field->config.eye) {
     ERN_TRY(add_rows(l, "eye_att_net."));
   } else {
@@ -310,6 +310,12 @@ static ern_status put_average(struct ern_torch_layout *l, const struct about_sta
 /* What the public program cannot hold, and what it must be told. */
 static ern_status check(const struct ern_torch_layout *l) {
   const struct ern_model_config *config = &l->model->field.config;
+  if (!ern_field_is_standard(&l->model->field))
+    return ern_fail(l->context, ERN_E_UNSUPPORTED,
+                    "%s: a head of backbone %s, attention %s, eye attention %s has no place in the public program, "
+                    "whose are trihash, channel, sigmoid",
+                    l->path, ern_kind_of(config, ERN_KIND_BACKBONE), ern_kind_of(config, ERN_KIND_ATTENTION),
+                    ern_kind_of(config, ERN_KIND_EYE_ATTENTION));
   if (config->torso_gamma)
     return ern_fail(l->context, ERN_E_UNSUPPORTED,
                     "%s: torso_gamma (the paper's scale of the key points) has no place in the public program",

@@ -77,17 +77,19 @@ ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_r
                                          .colour = args->colour,
                                          .opacity = args->opacity,
                                          .depth = args->depth,
-                                         .attention = args->attention,
                                          .first = marched.first,
                                          .sigma = batch.sigma.span,
                                          .dt = marched.dt,
                                          .sample_depth = marched.depth,
-                                         .sample_attention = batch.norm.span,
                                          .rgb = batch.rgb,
                                          .background = args->background,
                                          .transmittance_stop = args->transmittance_stop,
                                          .n = args->n};
-  if (args->field->config.eye) {
+  if (ern_field_attends(args->field)) {
+    composite.attention = args->attention;
+    composite.sample_attention = batch.norm.span;
+  }
+  if (ern_field_attends_eye(args->field)) {
     composite.eye = args->eye;
     composite.sample_eye = batch.eye.span;
   }

@@ -56,12 +56,12 @@ static ern_span span_at(ern_span span, const struct part *part) {
 
 static struct ern_composite_args composite_args(const struct ern_head_step_args *a, const struct pass *p,
                                                 const struct part *part) {
-  const bool eye = a->field->config.eye;
+  const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
   return (struct ern_composite_args){.pixel = rows_at(p->pixel, part),
                                      .colour = rows_at(p->colour, part),
                                      .opacity = span_at(p->opacity.span, part),
                                      .depth = span_at(p->depth.span, part),
-                                     .attention = span_at(p->attention.span, part),
+                                     .attention = attends ? span_at(p->attention.span, part) : (ern_span){0},
                                      .eye = eye ? span_at(p->eye.span, part) : (ern_span){0},
                                      .uncertainty = span_at(p->unc.span, part),
                                      .first = part->marched.first,
@@ -69,7 +69,7 @@ static struct ern_composite_args composite_args(const struct ern_head_step_args 
                                      .dt = part->marched.dt,
                                      .sample_depth = part->marched.depth,
                                      .sample_attention = part->batch.norm.span,
-                                     .sample_eye = eye ? part->batch.eye.span : (ern_span){0},
+                                     .sample_eye = part->batch.eye.span,
                                      .sample_uncertainty = part->batch.unc.span,
                                      .rgb = part->batch.rgb,
                                      .background = rows_at(a->background, part),
@@ -114,17 +114,17 @@ fail:
 }
 
 static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
-  const bool eye = a->field->config.eye;
+  const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
   p->plain = (struct ern_mse_args){.dpixel = p->dpixel, .pixel = p->pixel, .truth = a->truth, .n = a->n};
   p->loss = (struct ern_head_loss_args){.dpixel = p->dpixel,
                                         .dopacity = p->dopacity.span,
-                                        .dattention = p->dattention.span,
+                                        .dattention = attends ? p->dattention.span : (ern_span){0},
                                         .deye = eye ? p->deye.span : (ern_span){0},
                                         .duncertainty = p->dunc.span,
                                         .pixel = p->pixel,
                                         .truth = a->truth,
                                         .opacity = p->opacity.span,
-                                        .attention = p->attention.span,
+                                        .attention = attends ? p->attention.span : (ern_span){0},
                                         .eye = eye ? p->eye.span : (ern_span){0},
                                         .uncertainty = p->unc.span,
                                         .face = a->face,
@@ -137,18 +137,18 @@ static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, 
 
 static ern_status backward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
   const struct ern_backend *backend = stream->backend;
-  const bool eye = a->field->config.eye;
+  const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
   ern_status status = ERN_OK;
   ERN_TRY(ern_head_batch_take(stream, a->field, part->marched.total, ALL_PARTS, &part->d));
   struct ern_head_batch *d = &part->d;
   struct ern_composite_bwd_args composite = {.dsigma = d->sigma.span,
                                              .drgb = d->rgb,
                                              .dsample_attention = d->norm.span,
-                                             .dsample_eye = eye ? d->eye.span : (ern_span){0},
+                                             .dsample_eye = d->eye.span,
                                              .dsample_uncertainty = d->unc.span,
                                              .dpixel = rows_at(p->dpixel, part),
                                              .dopacity = span_at(p->dopacity.span, part),
-                                             .dattention = span_at(p->dattention.span, part),
+                                             .dattention = attends ? span_at(p->dattention.span, part) : (ern_span){0},
                                              .deye = eye ? span_at(p->deye.span, part) : (ern_span){0},
                                              .duncertainty = span_at(p->dunc.span, part),
                                              .forward = composite_args(a, p, part)};
@@ -208,6 +208,7 @@ static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_arg
                              struct part *part) {
   const size_t n = part->marched.total;
   const int parts = ERN_BATCH_ATTENTION | ERN_BATCH_UNCERTAINTY;
+  const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
   struct ern_head_batch moved, d;
   ern_rows x;
   ern_status status = ERN_OK;
@@ -219,13 +220,13 @@ static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_arg
   ERN_TRY(ern_head_density_fwd(stream, &part->in, x, &moved));
   ERN_TRY(ern_head_uncertainty_fwd(stream, &part->in, &moved));
 
-  ERN_TRY(smooth_term(stream, a, p, 0, d.norm, part->batch.norm, moved.norm, n));
+  if (attends) ERN_TRY(smooth_term(stream, a, p, 0, d.norm, part->batch.norm, moved.norm, n));
   ERN_TRY(smooth_term(stream, a, p, 1, d.unc, part->batch.unc, moved.unc, n));
-  if (a->field->config.eye) ERN_TRY(smooth_term(stream, a, p, 2, d.eye, part->batch.eye, moved.eye, n));
+  if (eye) ERN_TRY(smooth_term(stream, a, p, 2, d.eye, part->batch.eye, moved.eye, n));
 
   ERN_TRY(stream->backend->zero(stream, d.f.span));
   ERN_TRY(ern_head_uncertainty_bwd(stream, &part->in, &moved, &d, a->dparameters));
-  ERN_TRY(ern_head_density_bwd(stream, &part->in, x, &moved, &d, a->dparameters, (ern_span){0}));
+  if (attends || eye) ERN_TRY(ern_head_density_bwd(stream, &part->in, x, &moved, &d, a->dparameters, (ern_span){0}));
 fail:
   return status;
 }

@@ -14,7 +14,6 @@ ern_train_config ern_train_config_default(void) {
   return (ern_train_config){.cookie = CONFIG_COOKIE,
                             .iters = 100000,
                             .rays = 65536,
-                            .levels = 14,
                             .seed = 0,
                             .lr = 1e-2f,
                             .lr_net = 1e-3f,
@@ -44,7 +43,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     double found, least, most;
   } ranges[] = {{"iters", (double)c->iters, 1, 1e12},
                 {"rays", c->rays, 1, 1 << 20},
-                {"levels", c->levels, 2, ERN_GRID_MAX_LEVELS},
+                {"levels", c->levels, 0, ERN_GRID_MAX_LEVELS},
                 {"lr", (double)c->lr, 0, 1e3},
                 {"lr_net", (double)c->lr_net, 0, 1e3},
                 {"lr_att", (double)c->lr_att, 0, 1e3},
@@ -82,6 +81,10 @@ static ern_status check_data(ern_trainer *t) {
   if (c->torso && !d->has_torso)
     return ern_fail(t->context, ERN_E_MISSING,
                     "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
+  if (!c->torso && c->eye_attention != ERN_EYE_ATTENTION_SIGMOID && !d->has_eye)
+    return ern_fail(t->context, ERN_E_MISSING,
+                    "train: the eye attention is %s, but the clip has no eye values (au.csv) for it",
+                    ern_eye_attention_name(c->eye_attention));
   if (c->codes < 0) c->codes = (int)d->frames[0];
   if (c->codes > 0 && (size_t)c->codes < d->frames[0])
     return ern_fail(t->context, ERN_E_ARGUMENT,
@@ -92,8 +95,18 @@ static ern_status check_data(ern_trainer *t) {
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
 
+/* As many as were asked for; of its own where none were, and where it can have no others. */
+static int levels_of(const ern_train_config *config) {
+  static const int own[] = {[ERN_BACKBONE_TRIHASH] = 14, [ERN_BACKBONE_HASH3D] = 16, [ERN_BACKBONE_TRIPLANE] = 1};
+  const bool known = (size_t)config->backbone < sizeof own / sizeof *own;
+  return config->levels > 0 ? config->levels : known ? own[config->backbone] : 0;
+}
+
 static struct ern_model_config head_config(const ern_trainer *t) {
-  return (struct ern_model_config){.levels = t->config.levels,
+  return (struct ern_model_config){.backbone = t->config.backbone,
+                                   .attention = t->config.attention,
+                                   .eye_attention = t->config.eye_attention,
+                                   .levels = levels_of(&t->config),
                                    .feature_width = t->data.features->width,
                                    .window_length = t->data.features->window_length,
                                    .head = true,

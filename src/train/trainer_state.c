@@ -11,6 +11,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 #include "model/checkpoint.h"
+#include "model/kinds.h"
 #include "train/trainer.h"
 
 /* What the JSON of a state says beside the model's. */
@@ -197,6 +198,12 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
                 {"torso gamma", a->torso_gamma, b->torso_gamma},
                 {"individual codes", a->codes, b->codes},
                 {"bound", (double)a->bound, (double)b->bound}};
+  for (int k = 0; k < ERN_KINDS; k++) {
+    const char *is = ern_kind_of(a, (ern_kind)k), *expected = ern_kind_of(b, (ern_kind)k);
+    if (strcmp(is, expected) != 0)
+      return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %s, this training expects %s", path,
+                      ern_kind_field((ern_kind)k), is, expected);
+  }
   for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
     if (fields[i].found != fields[i].expected)
       return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %g, this training expects %g", path, fields[i].name,

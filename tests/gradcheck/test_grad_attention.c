@@ -12,7 +12,12 @@ struct attention {
   double region[ROWS], norm[SAMPLES], region_eye[SAMPLES];
   double dregion[ROWS], dnorm[SAMPLES], dregion_eye[SAMPLES];
   double dv[ROWS], dcode[CHANNELS], deye_attention[SAMPLES];
+  int values; /* rows of v, 0: CHANNELS */
 };
+
+static struct ern_attention_shape shape_of(const struct attention *a) {
+  return (struct ern_attention_shape){CHANNELS, a->values > 0 ? a->values : CHANNELS};
+}
 
 static void fill(struct attention *a) {
   memset(a, 0, sizeof *a);
@@ -27,8 +32,8 @@ static void fill(struct attention *a) {
 
 static double loss_of(void *user) {
   struct attention *a = user;
-  ern_attention_fwd_ref64(a->region, a->norm, a->region_eye, a->v, a->code, a->eye_attention, a->eye, CHANNELS, STRIDE,
-                          SAMPLES);
+  ern_attention_fwd_ref64(a->region, a->norm, a->region_eye, a->v, a->code, a->eye_attention, a->eye, shape_of(a),
+                          STRIDE, SAMPLES);
   double loss = 0;
   for (int i = 0; i < SAMPLES; i++) {
     loss += a->norm[i] * a->dnorm[i] + a->region_eye[i] * a->dregion_eye[i];
@@ -43,13 +48,45 @@ static void test_all(void **state) {
   fill(&a);
   loss_of(&a);
   ern_attention_bwd_ref64(a.dv, a.dcode, a.deye_attention, a.dregion, a.dnorm, a.dregion_eye, a.v, a.norm, a.code,
-                          a.eye, CHANNELS, STRIDE, SAMPLES);
+                          a.eye, shape_of(&a), STRIDE, SAMPLES);
   const struct difference of = {loss_of, NULL, &a};
   for (size_t c = 0; c < CHANNELS; c++) {
     difference_check(&of, "v", a.v + c * STRIDE, a.dv + c * STRIDE, SAMPLES, 1);
   }
   difference_check(&of, "code", a.code, a.dcode, CHANNELS, 1);
   difference_check(&of, "eye attention", a.eye_attention, a.deye_attention, SAMPLES, 1);
+}
+
+/* One v for all channels; it is away from 0, where |v| has a kink. */
+static void test_one(void **state) {
+  (void)state;
+  static struct attention a;
+  fill(&a);
+  a.values = 1;
+  for (int i = 0; i < SAMPLES; i++) a.v[i] += a.v[i] < 0 ? -0.1 : 0.1;
+  loss_of(&a);
+  ern_attention_bwd_ref64(a.dv, a.dcode, a.deye_attention, a.dregion, a.dnorm, a.dregion_eye, a.v, a.norm, a.code,
+                          a.eye, shape_of(&a), STRIDE, SAMPLES);
+  const struct difference of = {loss_of, NULL, &a};
+  difference_check(&of, "one v", a.v, a.dv, SAMPLES, 1);
+  difference_check(&of, "code of one v", a.code, a.dcode, CHANNELS, 1);
+  for (int i = STRIDE; i < ROWS; i++) assert_true(a.dv[i] == 0); /* its row alone is written */
+}
+
+/* Without v the eye alone. */
+static void test_eye_alone(void **state) {
+  (void)state;
+  static struct attention a;
+  fill(&a);
+  const struct ern_attention_shape none = {0, 0};
+  ern_attention_fwd_ref64(NULL, NULL, a.region_eye, NULL, a.code, a.eye_attention, a.eye, none, STRIDE, SAMPLES);
+  ern_attention_bwd_ref64(NULL, a.dcode, a.deye_attention, NULL, NULL, a.dregion_eye, NULL, NULL, a.code, a.eye, none,
+                          STRIDE, SAMPLES);
+  for (int i = 0; i < SAMPLES; i++) {
+    assert_true(a.region_eye[i] == a.eye * a.eye_attention[i]);
+    assert_true(a.deye_attention[i] == a.eye * a.dregion_eye[i]);
+  }
+  for (int c = 0; c < CHANNELS; c++) assert_true(a.dcode[c] == 0);
 }
 
 /* dv is overwritten; dcode and deye_attention grow; what is beyond the samples stays as it was. */
@@ -63,7 +100,7 @@ static void test_accumulation(void **state) {
   for (int k = 0; k < 3; k++) {
     struct attention *a = k == 0 ? &once : &twice;
     ern_attention_bwd_ref64(a->dv, a->dcode, a->deye_attention, a->dregion, a->dnorm, a->dregion_eye, a->v, a->norm,
-                            a->code, a->eye, CHANNELS, STRIDE, SAMPLES);
+                            a->code, a->eye, shape_of(a), STRIDE, SAMPLES);
   }
   assert_memory_equal(once.dv, twice.dv, sizeof once.dv);
   for (int c = 0; c < CHANNELS; c++) {
@@ -84,11 +121,11 @@ static void test_parts(void **state) {
   for (int c = 0; c < CHANNELS; c++) a.v[c * STRIDE + 11] = 0;
   loss_of(&a);
   assert_true(a.norm[11] == 0);
-  ern_attention_bwd_ref64(dv_region, NULL, NULL, a.dregion, NULL, NULL, a.v, a.norm, a.code, a.eye, CHANNELS, STRIDE,
+  ern_attention_bwd_ref64(dv_region, NULL, NULL, a.dregion, NULL, NULL, a.v, a.norm, a.code, a.eye, shape_of(&a),
+                          STRIDE, SAMPLES);
+  ern_attention_bwd_ref64(dv_norm, a.dcode, NULL, NULL, a.dnorm, NULL, a.v, a.norm, a.code, a.eye, shape_of(&a), STRIDE,
                           SAMPLES);
-  ern_attention_bwd_ref64(dv_norm, a.dcode, NULL, NULL, a.dnorm, NULL, a.v, a.norm, a.code, a.eye, CHANNELS, STRIDE,
-                          SAMPLES);
-  ern_attention_bwd_ref64(a.dv, NULL, NULL, a.dregion, a.dnorm, NULL, a.v, a.norm, a.code, a.eye, CHANNELS, STRIDE,
+  ern_attention_bwd_ref64(a.dv, NULL, NULL, a.dregion, a.dnorm, NULL, a.v, a.norm, a.code, a.eye, shape_of(&a), STRIDE,
                           SAMPLES);
   for (int c = 0; c < CHANNELS; c++) {
     assert_true(a.dcode[c] == 0);
@@ -103,9 +140,8 @@ static void test_parts(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_all),
-      cmocka_unit_test(test_accumulation),
-      cmocka_unit_test(test_parts),
+      cmocka_unit_test(test_all),          cmocka_unit_test(test_one),   cmocka_unit_test(test_eye_alone),
+      cmocka_unit_test(test_accumulation), cmocka_unit_test(test_parts),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

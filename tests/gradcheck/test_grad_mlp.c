@@ -208,8 +208,8 @@ static double activation_loss(void *user) {
 static void test_activations(void **state) {
   (void)state;
   static struct activation act;
-  static const char *const name[] = {"density", "colour", "sigmoid", "softplus"};
-  for (act.kind = ERN_ACT_DENSITY; act.kind <= ERN_ACT_SOFTPLUS; act.kind++) {
+  static const char *const name[] = {"density", "colour", "sigmoid", "softplus", "relu"};
+  for (act.kind = ERN_ACT_DENSITY; act.kind <= ERN_ACT_RELU; act.kind++) {
     difference_fill(act.x, ACT_N, act.kind == ERN_ACT_DENSITY ? 4 : 12, 5);
     difference_fill(act.dy, ACT_N, 1, 6);
     ern_activate_bwd_ref64(act.dx, act.dy, act.x, act.kind, ACT_N);
@@ -218,6 +218,18 @@ static void test_activations(void **state) {
     ern_activate_bwd_ref64(act.dy, act.dy, act.x, act.kind, ACT_N); /* in place */
     assert_memory_equal(act.dx, act.dy, sizeof act.dx);
   }
+}
+
+/* In place, and back from what it left: the backbone `mlp` keeps the rectified values alone. */
+static void test_relu_in_place(void **state) {
+  (void)state;
+  const double x[] = {-3, -0.0, 0, 1e-300, 2}, expected[] = {0, -0.0, 0, 1e-300, 2}, slope[] = {0, 0, 0, 7, 7};
+  enum { COUNT = sizeof x / sizeof *x };
+  double y[COUNT], dx[COUNT];
+  for (size_t i = 0; i < COUNT; i++) y[i] = x[i], dx[i] = 7;
+  ern_activate_fwd_ref64(y, y, ERN_ACT_RELU, COUNT);
+  ern_activate_bwd_ref64(dx, dx, y, ERN_ACT_RELU, COUNT);
+  for (size_t i = 0; i < COUNT; i++) assert_true(y[i] == expected[i] && dx[i] == slope[i]);
 }
 
 /* dx = dy exp(clamp(x, -15, 15)), which is the derivative of exp(min(x, 80)) only inside. */
@@ -247,16 +259,17 @@ static void test_activations_finite(void **state) {
   (void)state;
   const double x[] = {-DBL_MAX, -1e4, -745, -100, -88, 0, 88, 100, 745, 1e4, DBL_MAX, -HUGE_VAL, HUGE_VAL, NAN};
   enum { COUNT = sizeof x / sizeof *x };
-  for (ern_activation kind = ERN_ACT_DENSITY; kind <= ERN_ACT_SOFTPLUS; kind++) {
+  for (ern_activation kind = ERN_ACT_DENSITY; kind <= ERN_ACT_RELU; kind++) {
     double y[COUNT], dx[COUNT], one[COUNT];
     for (size_t i = 0; i < COUNT; i++) one[i] = 1;
     ern_activate_fwd_ref64(y, x, kind, COUNT);
     ern_activate_bwd_ref64(dx, one, x, kind, COUNT);
     for (size_t i = 0; i < COUNT - 1; i++) {
-      assert_true(isfinite(y[i]) || (kind == ERN_ACT_SOFTPLUS && x[i] == HUGE_VAL));
+      assert_true(isfinite(y[i]) || (kind >= ERN_ACT_SOFTPLUS && x[i] == HUGE_VAL));
       assert_true(isfinite(dx[i]) && dx[i] >= 0);
     }
-    assert_true(isnan(y[COUNT - 1]) && isnan(dx[COUNT - 1]));
+    assert_true(isnan(y[COUNT - 1]));
+    assert_true(isnan(dx[COUNT - 1]) || kind == ERN_ACT_RELU); /* whose slope is 0 or 1 */
   }
 }
 
@@ -295,11 +308,11 @@ static void test_frequency(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_one_layer),       cmocka_unit_test(test_pieces),
-      cmocka_unit_test(test_density_stack),   cmocka_unit_test(test_colour_stack),
-      cmocka_unit_test(test_unwanted),        cmocka_unit_test(test_activations),
-      cmocka_unit_test(test_clamped_density), cmocka_unit_test(test_activations_finite),
-      cmocka_unit_test(test_frequency),
+      cmocka_unit_test(test_one_layer),          cmocka_unit_test(test_pieces),
+      cmocka_unit_test(test_density_stack),      cmocka_unit_test(test_colour_stack),
+      cmocka_unit_test(test_unwanted),           cmocka_unit_test(test_activations),
+      cmocka_unit_test(test_relu_in_place),      cmocka_unit_test(test_clamped_density),
+      cmocka_unit_test(test_activations_finite), cmocka_unit_test(test_frequency),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

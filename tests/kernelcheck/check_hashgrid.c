@@ -30,6 +30,7 @@ enum { SIZES = sizeof sizes / sizeof *sizes, MAX_N = 2100 };
 
 static const struct ern_grid_shape triplane = {2, 14, 1, 64, 512, 1 << 14, true, 1};
 static const struct ern_grid_shape space = {3, 16, 2, 64, 512, 1 << 14, true, 1};
+static const struct ern_grid_shape dense = {2, 1, 12, 127, 127, 1 << 14, false, 1};
 static const struct ern_grid_shape torso = {2, 16, 2, 16, 2048, 1 << 16, false, 1};
 static const struct ern_grid_shape line = {1, 5, 3, 5, 900, 64, true, 0.7f};
 static const struct ern_grid_shape tiled_space = {3, 4, 1, 3, 60, 512, false, 3};
@@ -178,6 +179,10 @@ static void test_space(void **state) {
   (void)state;
   check_shape(&space);
 }
+static void test_dense(void **state) {
+  (void)state;
+  check_shape(&dense);
+}
 static void test_torso(void **state) {
   (void)state;
   check_shape(&torso);
@@ -277,9 +282,9 @@ static int measure(void) {
 int main(int argc, char **argv) {
   if (argc == 2 && strcmp(argv[1], "--bench") == 0) return measure();
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_triplane),   cmocka_unit_test(test_space), cmocka_unit_test(test_torso),
-      cmocka_unit_test(test_line),       cmocka_unit_test(test_wide),  cmocka_unit_test(test_tiled_space),
-      cmocka_unit_test(test_odd_modulo),
+      cmocka_unit_test(test_triplane),    cmocka_unit_test(test_space),      cmocka_unit_test(test_dense),
+      cmocka_unit_test(test_torso),       cmocka_unit_test(test_line),       cmocka_unit_test(test_wide),
+      cmocka_unit_test(test_tiled_space), cmocka_unit_test(test_odd_modulo),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

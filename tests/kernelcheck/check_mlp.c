@@ -41,7 +41,10 @@ static const struct shape shapes[] = {
     {"one layer", {7, 5}, {7}, {ERN_PER_SAMPLE}},
     {"tiny", {1, 1, 1}, {1}, {ERN_PER_SAMPLE}},
     {"odd", {17, 31, 9, 15, 2}, {3, 13, 1}, {ERN_PER_RAY, ERN_PER_SAMPLE, ERN_PER_BATCH}},
-    {"deep", {63, 256, 256, 256, 36}, {63}, {ERN_PER_SAMPLE}},
+    {"trunk", {63, 256, 256, 256, 256}, {63}, {ERN_PER_SAMPLE}},
+    {"trunk, again", {319, 256, 256, 256, 256, 36}, {63, 256}, {ERN_PER_SAMPLE, ERN_PER_SAMPLE}},
+    {"density, concat", {69, 64, 64, 65}, {36, 32, 1}, {ERN_PER_SAMPLE, ERN_PER_BATCH, ERN_PER_BATCH}},
+    {"attention of one", {32, 64, 1}, {32}, {ERN_PER_SAMPLE}},
 };
 enum { SHAPES = sizeof shapes / sizeof *shapes };
 
@@ -345,7 +348,8 @@ static void test_shapes(void **state) {
     if (!machine_has(kernels[k].isa)) print_message("%s: not on this machine\n", kernels[k].name);
   }
   for (size_t s = 0; s < SHAPES; s++) {
-    const size_t most = strcmp(shapes[s].name, "deep") == 0 ? 3 : SIZES; /* 150,000 weights: a few sizes are enough */
+    const size_t most =
+        strncmp(shapes[s].name, "trunk", 5) == 0 ? 3 : SIZES; /* 300,000 weights: a few sizes are enough */
     for (size_t k = 0; k < most; k++) {
       struct scene scene;
       scene_make(&scene, &shapes[s], sizes[k], 1, 1);

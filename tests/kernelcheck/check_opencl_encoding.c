@@ -17,6 +17,7 @@ static struct twin twin;
  * it.) The colour's subtraction leaves the error of the minuend, 0.001 larger. Below the normal numbers only an
  * absolute error counts: a device may take denormal numbers as 0. */
 static double activation_tolerance(ern_activation kind, double expected) {
+  if (kind == ERN_ACT_RELU) return 0; /* nothing is rounded */
   const double units = kind == ERN_ACT_DENSITY ? 4.5 : 7;
   return units * 0x1p-23 * (fabs(expected) + (kind == ERN_ACT_COLOUR ? 0.001 : 0)) + FLT_MIN;
 }
@@ -31,7 +32,7 @@ static float activation_input(size_t i) {
 }
 
 static void check_near(const char *what, struct twin_rows rows, ern_activation kind) {
-  static const char *const name[] = {"density", "colour", "sigmoid", "softplus"};
+  static const char *const name[] = {"density", "colour", "sigmoid", "softplus", "relu"};
   float *expected = twin_down(&twin, 0, rows.on[0].span), *found = twin_down(&twin, 1, rows.on[1].span);
   for (size_t i = 0; i < rows.on[0].span.count + 2 * TWIN_GUARD; i++) {
     const bool poison = expected[i] == TWIN_POISON;
@@ -52,7 +53,7 @@ static void check_activations(size_t n) {
     x[i] = activation_input(n < 50 ? (i + 4 * n) % 25 : i);
     dy[i] = i % 2 ? 1 : -1.5f;
   }
-  for (ern_activation kind = ERN_ACT_DENSITY; kind <= ERN_ACT_SOFTPLUS; kind++) {
+  for (ern_activation kind = ERN_ACT_DENSITY; kind <= ERN_ACT_RELU; kind++) {
     const struct twin_rows from = twin_rows_of(&twin, x, ROWS, n, ERN_PER_SAMPLE),
                            to = twin_rows_of(&twin, NULL, ROWS, n, ERN_PER_SAMPLE),
                            slope = twin_rows_of(&twin, dy, ROWS, n, ERN_PER_SAMPLE),
@@ -166,7 +167,7 @@ static float value_of(uint64_t seed, size_t c, size_t i, int kind) {
 }
 
 struct scene {
-  int channels, kind;
+  int channels, values, kind; /* rows of the region and of v */
   size_t n;
   float eye;
   struct twin_rows v, dregion;
@@ -175,14 +176,14 @@ struct scene {
   struct twin_span norm, region_eye;
 };
 
-static struct scene scene_make(int channels, size_t n, int kind) {
-  struct scene s = {.channels = channels, .kind = kind, .n = n, .eye = 0.37f};
+static struct scene scene_make(int channels, int v_rows, size_t n, int kind) {
+  struct scene s = {.channels = channels, .values = v_rows, .kind = kind, .n = n, .eye = 0.37f};
   const size_t rows = (size_t)channels;
   float *values = malloc((rows * n + rows) * sizeof *values);
   assert_non_null(values);
-  for (size_t c = 0; c < rows; c++)
+  for (size_t c = 0; c < (size_t)v_rows; c++)
     for (size_t i = 0; i < n; i++) values[c * n + i] = value_of(2, c, i, kind);
-  s.v = twin_rows_of(&twin, values, channels, n, ERN_PER_SAMPLE);
+  s.v = twin_rows_of(&twin, values, v_rows, n, ERN_PER_SAMPLE);
   twin_fill(values, rows * n, 3, 1);
   s.dregion = twin_rows_of(&twin, values, channels, n, ERN_PER_SAMPLE);
   twin_fill(values, rows, 1, 2);
@@ -235,8 +236,9 @@ static void check_dcode(const struct scene *s, struct twin_span dcode) {
     const bool guard = c < TWIN_GUARD || c >= dcode.on[0].count + TWIN_GUARD;
     double size = 1;
     for (size_t i = 0; i < s->n && !guard; i++) {
-      const size_t at = TWIN_GUARD + (c - TWIN_GUARD) * s->v.on[0].stride + i;
-      size += fabs((double)v[at] * (double)dregion[at]);
+      const size_t stride = s->v.on[0].stride, row = c - TWIN_GUARD;
+      size += fabs((double)v[TWIN_GUARD + (s->values > 1 ? row : 0) * stride + i] *
+                   (double)dregion[TWIN_GUARD + row * stride + i]);
     }
     const double tolerance = guard || !isfinite(size) ? 0 : units * 0x1p-24 * size;
     if (!twin_near(found[c], expected[c], 0, tolerance))
@@ -249,7 +251,7 @@ static void check_dcode(const struct scene *s, struct twin_span dcode) {
 /* dv: the reference's order and roundings, so the same bits. */
 static void check_bwd(const struct scene *s, bool region, bool norm, bool code, bool eye) {
   static float values[20000];
-  const struct twin_rows dv = twin_rows_of(&twin, NULL, s->channels, s->n, ERN_PER_SAMPLE);
+  const struct twin_rows dv = twin_rows_of(&twin, NULL, s->values, s->n, ERN_PER_SAMPLE);
   twin_fill(values, sizeof values / sizeof *values, 8, 1);
   assert_true(s->n <= sizeof values / sizeof *values);
   const struct twin_span dcode = twin_reals(&twin, values, (size_t)s->channels), deye = twin_reals(&twin, values, s->n);
@@ -272,8 +274,8 @@ static void check_bwd(const struct scene *s, bool region, bool norm, bool code, 
   check_dcode(s, dcode);
 }
 
-static void check_attention(int channels, size_t n, int kind) {
-  const struct scene s = scene_make(channels, n, kind);
+static void check_attention(int channels, int values, size_t n, int kind) {
+  const struct scene s = scene_make(channels, values, n, kind);
   check_fwd(&s, n % 2 == 0);
   /* sums of squares of huge numbers: beyond a float where the reference's doubles are not */
   const bool code = kind == USUAL;
@@ -286,11 +288,15 @@ static void check_attention(int channels, size_t n, int kind) {
 }
 
 static void check_kind(int kind) {
-  for (size_t n = 0; n < TWIN_SIZES; n++) check_attention(twin_is_small() ? 3 : 32, twin_sizes[n], kind);
-  check_attention(1, 100, kind);
+  const int channels = twin_is_small() ? 3 : 32;
+  for (size_t n = 0; n < TWIN_SIZES; n++) check_attention(channels, channels, twin_sizes[n], kind);
+  for (size_t n = 0; n < TWIN_SIZES; n += 2) check_attention(channels, 1, twin_sizes[n], kind);
+  check_attention(1, 1, 100, kind);
   if (twin_is_small()) return;
-  check_attention(130, 257, kind);
-  check_attention(3, 20000, kind);
+  check_attention(130, 130, 257, kind);
+  check_attention(130, 1, 257, kind);
+  check_attention(3, 3, 20000, kind);
+  check_attention(3, 1, 20000, kind);
 }
 static void test_usual(void **state) {
   (void)state;
@@ -301,9 +307,34 @@ static void test_extreme(void **state) {
   check_kind(EXTREME);
 }
 
+/* Without v the eye alone. */
+static void test_eye_alone(void **state) {
+  (void)state;
+  for (size_t k = 0; k < TWIN_SIZES; k += 3) {
+    struct scene s = scene_make(1, 1, twin_sizes[k], USUAL);
+    const struct twin_span deye = twin_reals(&twin, (const float[TWIN_MOST]){0}, s.n);
+    struct ern_attention_args fwd[2];
+    struct ern_attention_bwd_args bwd[2];
+    for (int with = 0; with < 2; with++) {
+      fwd[with] = (struct ern_attention_args){.region_eye = s.region_eye.on[with],
+                                              .code = s.code.on[with],
+                                              .eye_attention = s.eye_attention.on[with],
+                                              .eye = s.eye,
+                                              .n = s.n};
+      bwd[with] = (struct ern_attention_bwd_args){
+          .deye_attention = deye.on[with], .dregion_eye = s.dregion_eye.on[with], .forward = fwd[with]};
+    }
+    TWIN_RUN(&twin, attention_fwd, fwd);
+    TWIN_RUN(&twin, attention_bwd, bwd);
+    twin_same(&twin, "region_eye alone", s.region_eye, 0, 0);
+    twin_same(&twin, "deye_attention alone", deye, 0, 0);
+    twin_clear(&twin);
+  }
+}
+
 static void test_nothing(void **state) {
   (void)state;
-  struct scene s = scene_make(4, 1, USUAL);
+  struct scene s = scene_make(4, 4, 1, USUAL);
   const struct twin_rows dv = twin_rows_of(&twin, NULL, 4, 1, ERN_PER_SAMPLE);
   const float before[4] = {1, 2, 3, 4};
   const struct twin_span dcode = twin_reals(&twin, before, 4);
@@ -372,7 +403,7 @@ static ern_status once(int what, struct scene *s, struct twin_rows y, struct twi
 
 static void measure(size_t n) {
   enum { REPEATS = 5 };
-  struct scene s = scene_make(32, n, USUAL);
+  struct scene s = scene_make(32, 32, n, USUAL);
   const struct twin_rows y = twin_rows_of(&twin, NULL, 34, n, ERN_PER_SAMPLE),
                          dv = twin_rows_of(&twin, NULL, 32, n, ERN_PER_SAMPLE);
   for (int what = 0; what < MEASURED; what++) {
@@ -415,7 +446,8 @@ int main(int argc, char **argv) {
   }
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_activations), cmocka_unit_test(test_harmonics),
                                      cmocka_unit_test(test_sines),       cmocka_unit_test(test_usual),
-                                     cmocka_unit_test(test_extreme),     cmocka_unit_test(test_nothing)};
+                                     cmocka_unit_test(test_extreme),     cmocka_unit_test(test_eye_alone),
+                                     cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests_name("opencl encodings", tests, set_up, tear_down);
 }
 #else

@@ -53,7 +53,8 @@ static struct scene scene_make(int levels, bool eye, int codes, int width, int h
   scene.block = room(scene.field.parameters, sizeof(float));
   ern_parameters_init(scene.block, &rows, false, 11);
   for (int plane = 0; plane < ERN_PLANES; plane++)
-    twin_fill(scene.block + scene.field.plane_table[plane], scene.field.plane[plane].entries, 3 + (uint64_t)plane, 1);
+    twin_fill(scene.block + scene.field.encoder.table[plane], scene.field.encoder.grid[plane].entries,
+              3 + (uint64_t)plane, 1);
   const struct ern_mlp *density = &scene.field.density;
   for (size_t i = 0; i < 64; i++) scene.block[density->weight[2] + i] *= log_sigma;
   scene.bits = room(ERN_OCCUPANCY_BYTES, 1);

@@ -53,8 +53,8 @@ static struct scene scene_make(int levels, bool eye, int codes, int width, int h
   scene.block = room(scene.field.parameters, sizeof(float));
   ern_parameters_init(scene.block, &rows, false, 11);
   for (int plane = 0; plane < ERN_PLANES; plane++)
-    for (size_t i = 0; i < scene.field.plane[plane].entries; i++)
-      scene.block[scene.field.plane_table[plane] + i] = random_at(3 + (uint64_t)plane, i, 1);
+    for (size_t i = 0; i < scene.field.encoder.grid[plane].entries; i++)
+      scene.block[scene.field.encoder.table[plane] + i] = random_at(3 + (uint64_t)plane, i, 1);
   const struct ern_mlp *density = &scene.field.density;
   for (size_t i = 0; i < 64; i++) scene.block[density->weight[2] + i] *= log_sigma;
   scene.bits = room(ERN_OCCUPANCY_BYTES, 1);

@@ -302,7 +302,8 @@ static void test_attention(void **state) {
   static float v[CODE * POINTS], region[CODE * POINTS], norm[POINTS], region_eye[POINTS], h[65 * POINTS];
   const struct ern_rows_view f = {features, POINTS, ROWS, ERN_PER_SAMPLE};
   network(context, &file, v, &f, 1, "aud_ch_att_net", (const int[]){ROWS, 64, CODE, 0});
-  ern_attention_fwd_ref(region, norm, region_eye, v, code.data, look, *(const float *)eye.data, CODE, POINTS, POINTS);
+  ern_attention_fwd_ref(region, norm, region_eye, v, code.data, look, *(const float *)eye.data,
+                        (struct ern_attention_shape){CODE, CODE}, POINTS, POINTS);
   expect_near("audio_attention_norm", norm, expected, POINTS);
   const struct ern_rows_view density[3] = {
       f, {region, POINTS, CODE, ERN_PER_SAMPLE}, {region_eye, POINTS, 1, ERN_PER_SAMPLE}};

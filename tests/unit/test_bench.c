@@ -68,7 +68,7 @@ static void test_macs(void **state) {
                      ern_bench_mlp_macs(&field->density) + ern_bench_mlp_macs(&field->colour);
   assert_true(all == 24048);
   double reads = 0;
-  for (int p = 0; p < ERN_PLANES; p++) reads += ern_bench_grid_reads(&field->plane[p]);
+  for (int p = 0; p < ERN_PLANES; p++) reads += ern_bench_grid_reads(&field->encoder.grid[p]);
   assert_true(reads == 168);
   /* 3 -> 5 -> 2: 15 and 10. Backward: as many by the weights, 10 by the hidden layer, and 5 for each wanted input; the
    * hidden layer again is 15 */

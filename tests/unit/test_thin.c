@@ -37,8 +37,8 @@ static void scene_make(struct scene *scene) {
   ern_parameters_init(scene->model->block, &scene->model->table, true, 5);
   /* tables of +-1 make the density vary from cell to cell */
   for (int plane = 0; plane < ERN_PLANES; plane++)
-    for (uint32_t i = 0; i < scene->model->field.plane[plane].entries; i++)
-      scene->model->block[scene->model->field.plane_table[plane] + i] =
+    for (uint32_t i = 0; i < scene->model->field.encoder.grid[plane].entries; i++)
+      scene->model->block[scene->model->field.encoder.table[plane] + i] =
           2 * ern_uniform(ern_random_at(9, 0, i, ERN_RNG_INIT).word[0]) - 1;
   for (size_t i = 0; i < 64; i++) scene->model->block[scene->model->field.density.weight[2] + i] *= 20;
   fill_ball(scene->model->bits, 0.25f);

@@ -103,7 +103,10 @@ static json_t *effects_of(const ern_model_info *info) {
 
 /* What the file is good for, as the other verbs take it. */
 static json_t *uses_of(const struct tensor_list *tensors, const ern_model_info *info) {
-  json_t *uses = json_pack("[s, s, s]", "render", "eval", "convert");
+  json_t *uses = json_pack("[s, s]", "render", "eval");
+  if (info->backbone == ERN_BACKBONE_TRIHASH && info->attention == ERN_ATTENTION_CHANNEL &&
+      info->eye_attention == ERN_EYE_ATTENTION_SIGMOID)
+    json_array_append_new(uses, json_string("convert")); /* PyTorch files hold no other */
   json_array_append_new(
       uses, json_string(tensors->moments > 0 ? "train --from: goes on at its step" : "train --from: its weights"));
   if (!info->has_torso) json_array_append_new(uses, json_string("train --torso --head"));
@@ -124,7 +127,10 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   char *list = json_dumps(effects, 0);
   printf("%s: %s\n", path, kind);
   printf("  steps            head %" PRIu64 ", torso %" PRIu64 "\n", info->head_steps, info->torso_steps);
-  printf("  levels           %d\n", info->levels);
+  printf("  backbone         %s\n", ern_backbone_name(info->backbone));
+  printf("  attention        %s%s%s\n", ern_attention_name(info->attention), info->has_eye ? ", of the eyes " : "",
+         info->has_eye ? ern_eye_attention_name(info->eye_attention) : "");
+  if (info->levels > 1) printf("  levels           %d\n", info->levels);
   printf("  features         %d wide\n", info->feature_width);
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
@@ -168,14 +174,16 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack("{s:s, s:s, s:I, s:I, s:I, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, s:{s:I, s:I}, s:o}",
+      json_pack("{s:s, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
+                "s:{s:I, s:I}, s:o}",
                 "file", path, "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
-                "torso_steps", (json_int_t)info.torso_steps, "levels", info.levels, "effects", effects, "feature_width",
-                info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound,
-                "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
-                (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
-                "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages,
-                "tensors", tensors.list));
+                "torso_steps", (json_int_t)info.torso_steps, "backbone", ern_backbone_name(info.backbone), "attention",
+                ern_attention_name(info.attention), "eye_attention", ern_eye_attention_name(info.eye_attention),
+                "levels", info.levels, "effects", effects, "feature_width", info.feature_width, "codes", info.codes,
+                "torso_gamma", info.has_gamma, "bound", (double)info.bound, "clip", info.clip, "parameters",
+                (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
+                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
+                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

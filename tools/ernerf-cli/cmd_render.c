@@ -302,7 +302,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job)) status = backdrop_read(&job->backdrop, session, job->portrait.clip, &job->shots);
   if (status != 0) return status;
-  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->portrait.info.has_eye,
+  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, &job->portrait.info,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
 }
 

@@ -12,7 +12,7 @@
 #include "session.h"
 #include "verbs.h"
 
-enum { GOAL_OPTIONS = 14, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
+enum { GOAL_OPTIONS = 17, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
 struct train_job {
   struct session session;
@@ -21,8 +21,9 @@ struct train_job {
   uint64_t memory, save_every, validate_every, ema_every, iters;
   struct range data;
   float scale;
-  int audio_pad;
-  ern_model_info from; /* of --from, levels 0 without it */
+  int audio_pad, backbone, attention, eye_attention;
+  ern_model_info from; /* of --from */
+  bool has_from;
   /* made */
   ern_clip *clip;
   ern_clip_info clip_info;
@@ -79,8 +80,8 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .kind = OPTION_TEXT,
        .target = &config->from,
        .choices = "FILE",
-       .help = "start from the weights of a .safetensors or .pth file, from its levels and codes, and where it holds a "
-               "state from its step"},
+       .help = "start from the weights of a .safetensors or .pth file, from its levels, codes and kinds, and where it "
+               "holds a state from its step"},
       {.name = "save-every",
        .kind = OPTION_COUNT,
        .target = &job->save_every,
@@ -115,7 +116,22 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .target = &config->levels,
        .low = 2,
        .high = 24,
-       .help = "of the hash encoder; public checkpoints have 12"}};
+       .help = "of the hash encoder (default trihash 14, hash3d 16); public checkpoints have 12"},
+      {.name = "backbone",
+       .kind = OPTION_CHOICE,
+       .target = &job->backbone,
+       .choices = "trihash|hash3d|triplane|mlp",
+       .help = "what encodes a position: the paper's planes, or what its ablation has in their place"},
+      {.name = "attention",
+       .kind = OPTION_CHOICE,
+       .target = &job->attention,
+       .choices = "channel|feature|concat",
+       .help = "how speech reaches it: weighed by channel, as a whole, or not at all"},
+      {.name = "eye-attention",
+       .kind = OPTION_CHOICE,
+       .target = &job->eye_attention,
+       .choices = "sigmoid|concat",
+       .help = "how the eye value does: weighed, or as it is"}};
   memcpy(options, rows, sizeof rows);
 }
 
@@ -223,14 +239,29 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (!config->torso)
     status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
   if (status < 0 && config->torso)
-    status = args_forbid(args, "levels bound ind_num", "is the head's, and --torso leaves the head alone");
+    status = args_forbid(args, "levels bound ind_num backbone attention eye-attention",
+                         "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->audio != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
+    status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   return status;
 }
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+/* What --from is like, where the command line does not say otherwise. */
+static void go_on_from(struct train_job *job, const struct args *args) {
+  ern_train_config *config = &job->config;
+  const ern_model_info *from = &job->from;
+  if (!args_given(args, "levels")) config->levels = from->levels;
+  if (!args_given(args, "ind_num")) config->codes = from->codes;
+  if (!args_given(args, "bound")) config->bound = from->bound;
+  if (!args_given(args, "backbone")) config->backbone = from->backbone;
+  if (!args_given(args, "attention")) config->attention = from->attention;
+  if (!args_given(args, "eye-attention")) config->eye_attention = from->eye_attention;
+}
 
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
@@ -246,9 +277,10 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   config->head = job->head;
-  if (job->from.levels > 0 && !args_given(args, "levels")) config->levels = job->from.levels;
-  if (job->from.levels > 0 && !args_given(args, "ind_num")) config->codes = job->from.codes;
-  if (job->from.levels > 0 && !args_given(args, "bound")) config->bound = job->from.bound;
+  config->backbone = (ern_backbone)job->backbone;
+  config->attention = (ern_attention)job->attention;
+  config->eye_attention = (ern_eye_attention)job->eye_attention;
+  if (job->has_from) go_on_from(job, args);
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;
@@ -301,6 +333,7 @@ static int describe_from(struct train_job *job) {
   ern_model *model = NULL;
   if (ern_model_load(&model, job->session.context, job->config.from) != ERN_OK) return EXIT_FAILURE;
   ern_model_describe(model, &job->from);
+  job->has_from = true;
   ern_model_free(&model);
   return 0;
 }

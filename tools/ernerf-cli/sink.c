@@ -50,16 +50,16 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path) {
 /* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
 
 static ern_status write_exr(const struct sink *sink, const struct sink_room *room, const char *path) {
-  static const char *const names[EXR_CHANNELS] = {"R", "G", "B", "A", "Z", "audio_attention", "eye_attention"};
+  const char *names[EXR_CHANNELS] = {"R", "G", "B", "A", "Z"};
+  const float *more[EXR_CHANNELS] = {[3] = room->alpha, [4] = room->depth};
   const size_t pixels = (size_t)sink->width * (size_t)sink->height;
-  const size_t channels = sink->has_eye ? EXR_CHANNELS : EXR_CHANNELS - 1;
+  size_t channels = 5;
+  if (sink->has_attention) names[channels] = "audio_attention", more[channels++] = room->attention;
+  if (sink->has_eye) names[channels] = "eye_attention", more[channels++] = room->eye;
   for (size_t i = 0; i < pixels; i++) {
     float *to = sink->channels + i * channels;
     memcpy(to, room->rgb + 3 * i, 3 * sizeof(float));
-    to[3] = room->alpha[i];
-    to[4] = room->depth[i];
-    to[5] = room->attention[i];
-    if (sink->has_eye) to[6] = room->eye[i];
+    for (size_t c = 3; c < channels; c++) to[c] = more[c][i];
   }
   return ern_image_write_exr(sink->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
 }
@@ -140,12 +140,13 @@ static bool make_rooms(struct sink *sink) {
   return made && sink->channels != NULL;
 }
 
-int sink_open(struct sink *sink, struct session *session, int width, int height, bool has_eye, const ern_sound *sound,
-              double sound_start) {
+int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
+              const ern_sound *sound, double sound_start) {
   sink->context = session->context;
   sink->width = width;
   sink->height = height;
-  sink->has_eye = has_eye;
+  sink->has_attention = model->attention != ERN_ATTENTION_CONCAT;
+  sink->has_eye = model->has_eye && model->eye_attention == ERN_EYE_ATTENTION_SIGMOID;
   if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
   if (sink->kind == SINK_VIDEO) {
     ern_video_options options = ern_video_options_default(width, height);
@@ -187,7 +188,7 @@ int sink_room(struct sink *sink, struct session *session, ern_frame_output *outp
                                .rgb = room->rgb,
                                .alpha = room->alpha,
                                .depth = room->depth,
-                               .attention = room->attention,
+                               .attention = sink->has_attention ? room->attention : NULL,
                                .eye = sink->has_eye ? room->eye : NULL};
   return 0;
 }

@@ -32,9 +32,9 @@ struct sink {
   int width, height;
   ern_video_writer *video;
   struct sink_room rooms[SINK_ROOMS];
-  float *channels; /* of SINK_EXR, what is written: [height][width][channels] */
-  bool has_eye;
-  struct belt belt; /* rooms on their way to the writer */
+  float *channels;             /* of SINK_EXR, what is written: [height][width][channels] */
+  bool has_attention, has_eye; /* channels of SINK_EXR */
+  struct belt belt;            /* rooms on their way to the writer */
   pthread_t writer;
   bool running;
   ern_context *context;
@@ -46,9 +46,9 @@ struct sink {
 int sink_choose(struct sink *sink, const struct args *args, const char *path);
 
 /* Makes room, opens the video and starts the writer, with `sound` from `sound_start` seconds on (NULL: silent).
- * has_eye: the attention of the eye is written too. Returns 0, or EXIT_FAILURE after a message, as the next ones. */
-int sink_open(struct sink *sink, struct session *session, int width, int height, bool has_eye, const ern_sound *sound,
-              double sound_start);
+ * model: what it has attention for is written too. Returns 0, or EXIT_FAILURE after a message, as the next ones. */
+int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
+              const ern_sound *sound, double sound_start);
 /* *output = where the renderer has to put the next frame, once there is room. Fails where the writer has failed. */
 int sink_room(struct sink *sink, struct session *session, ern_frame_output *output);
 /* Hands the frame in that room to the writer. `number` names its picture. */

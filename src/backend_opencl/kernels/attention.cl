@@ -18,13 +18,14 @@
 #define EACH_SAMPLE(i, k)                                                                        \
   for (ulong k = 0, i = get_global_id(0) * ITEM; k < VECTORS && i < n; k++, i += WIDTH)
 
-/* region, v: [channels] rows; norm, region_eye, eye_attention: [n]; code: [channels]
+/* region: [channels] rows, v: as many, or one for all of them, or none (values); norm, region_eye, eye_attention: [n]; code: [channels]
  *
  * The reference adds the squares in double. Here the largest |v_c| decides on one of three scales, with which no square
  * overflows and none that counts underflows, and the sum carries what its additions and products round off: it is
  * good to 2^-40, and the norm to one unit. */
 KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_eye), ROWS(const float, v),
-                     SPAN(const float, code), SPAN(const float, eye_attention), float eye, uint channels, ulong n) {
+                     SPAN(const float, code), SPAN(const float, eye_attention), float eye, uint channels, uint values,
+                     ulong n) {
   OPEN(float, region);
   OPEN(float, norm);
   OPEN(float, region_eye);
@@ -36,12 +37,12 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   for (uint c = 0; c < channels; c++) {
     const float weight = code[c];
     EACH_SAMPLE(i, k) {
-      const floatw value = loadw_first(v + c * v_stride + i, n - i);
+      const floatw value = loadw_first(v + (c < values ? c : 0) * v_stride + i, n - i);
       storew_first(region + c * region_stride + i, value * weight, n - i);
       most[k] = fmax(most[k], fabs(value));
     }
   }
-  for (uint c = 0; c < channels; c++) {
+  for (uint c = 0; c < values; c++) {
     EACH_SAMPLE(i, k) {
       const floatw scale = WHERE(most[k] > 0x1p50f, 0x1p-70f, WHERE(most[k] < 0x1p-40f, 0x1p90f, 1));
       const floatw value = loadw_first(v + c * v_stride + i, n - i) * scale, square = value * value;
@@ -53,7 +54,7 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   EACH_SAMPLE(i, k) {
     const floatw inverse = WHERE(most[k] > 0x1p50f, 0x1p70f, WHERE(most[k] < 0x1p-40f, 0x1p-90f, 1));
     /* of infinite values, what was lost is no number */
-    storew_first(norm + i, sqrt(WHERE(isfinite(sum[k]), sum[k] + lost[k], sum[k])) * inverse, n - i);
+    if (norm) storew_first(norm + i, sqrt(WHERE(isfinite(sum[k]), sum[k] + lost[k], sum[k])) * inverse, n - i);
     if (region_eye && eye_attention) storew_first(region_eye + i, eye * loadw_first(eye_attention + i, n - i), n - i);
   }
 }
@@ -68,9 +69,11 @@ static inline void fold(float *sum) {
 }
 
 /* dv_c = code_c dregion_c + dnorm v_c/norm, where v/norm is taken as 0 at v = 0; parts[c][p] = sum over the samples of
- * part p of dregion_c v_c. group = p*channels + c. Lane k of a part sums its samples k, k + LANES, .. */
+ * part p of dregion_c v_c. group = p*channels + c. Lane k of a part sums its samples k, k + LANES, .. Of one v for all
+ * channels (values 1) the parts alone: dv is attention_one_bwd's, and null here. */
 KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dregion), SPAN(const float, dnorm),
-                     ROWS(const float, v), SPAN(const float, norm), SPAN(const float, code), uint channels, ulong n) {
+                     ROWS(const float, v), SPAN(const float, norm), SPAN(const float, code), uint channels, uint values,
+                     ulong n) {
   OPEN(float, dv);
   OPEN(float, parts);
   OPEN(const float, dregion);
@@ -93,7 +96,7 @@ KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dreg
     for (ulong k = get_local_id(0); k < LANES / WIDTH; k += GROUP) {
       const ulong i = first + k * WIDTH;
       if (i >= end) break;
-      const floatw value = loadw_first(v + c * v_stride + i, n - i);
+      const floatw value = loadw_first(v + (c < values ? c : 0) * v_stride + i, n - i);
       floatw gradient = 0;
       if (dregion) {
         const floatw slope = loadw_first(dregion + c * dregion_stride + i, n - i);
@@ -108,7 +111,7 @@ KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dreg
         const floatw length = loadw_first(norm + i, n - i), slope = loadw_first(dnorm + i, n - i);
         gradient = WHERE(length > 0, gradient + slope * (value / length), gradient);
       }
-      storew_first(dv + c * dv_stride + i, gradient, n - i);
+      if (dv) storew_first(dv + c * dv_stride + i, gradient, n - i);
     }
   }
   if (!parts) return;
@@ -126,6 +129,27 @@ KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dreg
   }
   if (item == 0) parts[c * PARTS + part] = sum[0];
 #endif
+}
+
+/* dv = sum_c code_c dregion_c + dnorm v/norm, of one v for all channels */
+KERNEL attention_one_bwd(SPAN(float, dv), ROWS(const float, dregion), SPAN(const float, dnorm), SPAN(const float, v),
+                         SPAN(const float, norm), SPAN(const float, code), uint channels, ulong n) {
+  OPEN(float, dv);
+  OPEN(const float, dregion);
+  OPEN(const float, dnorm);
+  OPEN(const float, v);
+  OPEN(const float, norm);
+  OPEN(const float, code);
+  EACH_SAMPLE(i, k) {
+    floatw gradient = 0;
+    for (uint c = 0; dregion && c < channels; c++)
+      gradient += code[c] * loadw_first(dregion + c * dregion_stride + i, n - i);
+    if (dnorm) {
+      const floatw length = loadw_first(norm + i, n - i), slope = loadw_first(dnorm + i, n - i);
+      gradient = WHERE(length > 0, gradient + slope * (loadw_first(v + i, n - i) / length), gradient);
+    }
+    storew_first(dv + i, gradient, n - i);
+  }
 }
 
 /* dcode_c += sum of its parts; an item a channel */

@@ -52,9 +52,10 @@ ACTIVATE_FWD(density, exp(clamp_above(from, 80)))
 ACTIVATE_FWD(colour, 1.002f * sigmoid(from) - 0.001f)
 ACTIVATE_FWD(sigmoid, sigmoid(from))
 ACTIVATE_FWD(softplus, softplus(from))
+ACTIVATE_FWD(relu, clamp_below(from, 0))
 
-/* dx = dy * slope(x); dx may be the same rows as dy. */
-#define ACTIVATE_BWD(kind, slope)                                                                        \
+/* dx from x and `by` = dy; dx may be the same rows as dy. */
+#define ACTIVATE_BWD(kind, value)                                                                        \
   KERNEL activate_bwd_##kind(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), uint blocks,  \
                              ulong n) {                                                                  \
     OPEN(float, dx);                                                                                     \
@@ -64,13 +65,14 @@ ACTIVATE_FWD(softplus, softplus(from))
     EACH_SAMPLE(i, (uint)get_group_id(0) % blocks) {                                                     \
       const floatw from = loadw_first(x + row * x_stride + i, n - i);                                    \
       const floatw by = loadw_first(dy + row * dy_stride + i, n - i);                                    \
-      storew_first(dx + row * dx_stride + i, by * (slope), n - i);                                       \
+      storew_first(dx + row * dx_stride + i, value, n - i);                                              \
     }                                                                                                    \
   }
-ACTIVATE_BWD(density, exp(clamp_below(clamp_above(from, 15), -15)))
-ACTIVATE_BWD(colour, 1.002f * sigmoid_slope(from))
-ACTIVATE_BWD(sigmoid, sigmoid_slope(from))
-ACTIVATE_BWD(softplus, sigmoid(from))
+ACTIVATE_BWD(density, by * exp(clamp_below(clamp_above(from, 15), -15)))
+ACTIVATE_BWD(colour, by * (1.002f * sigmoid_slope(from)))
+ACTIVATE_BWD(sigmoid, by * sigmoid_slope(from))
+ACTIVATE_BWD(softplus, by * sigmoid(from))
+ACTIVATE_BWD(relu, WHERE(from <= 0, 0, by))
 
 /* ---- directions ---- */
 
