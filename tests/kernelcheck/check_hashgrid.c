@@ -154,9 +154,11 @@ static void check_grid(const struct ern_grid *grid) {
       scene_make(&scene, grid, sizes[s]);
       check_fwd(&scene, &kernels[k], 0, grid->levels);
       check_bwd(&scene, &kernels[k], 0, grid->levels, true, true);
-      if (s % 4 == 1) {
+      if (s % 4 == 1 && grid->levels > 2) { /* some of the levels */
         check_fwd(&scene, &kernels[k], 1, grid->levels - 1);
         check_bwd(&scene, &kernels[k], 1, 2, true, true);
+      }
+      if (s % 4 == 1) {
         check_bwd(&scene, &kernels[k], 0, grid->levels, true, false);
         check_bwd(&scene, &kernels[k], 0, grid->levels, false, true);
       }
