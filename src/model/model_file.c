@@ -253,7 +253,14 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
     ERN_TRY(read_metadata(context, text, path, &config, &identity));
   else
     ERN_TRY(config_from_shapes(context, file, path, &config));
-  ERN_TRY(ern_model_make(&made, context, &config));
+  status = ern_model_make(&made, context, &config);
+  if (status == ERN_E_ARGUMENT) { /* a configuration that there is none of, which the file is to blame for */
+    char why[256];
+    snprintf(why, sizeof why, "%s", ern_last_error(context));
+    ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s", path, why);
+    status = ERN_E_FORMAT;
+  }
+  if (status != ERN_OK) goto fail;
   if (ern_tensor_file_metadata(file, "torch") != NULL && !ern_field_is_standard(&made->field))
     ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
                      "%s: describes a head of backbone %s, attention %s, eye attention %s; a PyTorch file holds "
