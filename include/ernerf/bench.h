@@ -115,6 +115,9 @@ typedef struct ern_bench_scene_info {
   double folded_flops; /* the same as a fused pass computes them: what is one per ray or frame is left out, the last
                           layer of the density and the first of the colour are one */
 } ern_bench_scene_info;
+/* The first of these for any head, the rows of the paper's ablation included, whose scenes are not benched. */
+ERN_API double ern_bench_sample_flops(const ern_model *model);
+
 /* Counts by marching and shading the frame once, on `backend`. threads as in ern_bench_options. */
 ERN_API ERN_NODISCARD ern_status ern_bench_scene_describe(const ern_bench_scene *scene, ern_backend *backend,
                                                           int threads, ern_bench_scene_info *info);

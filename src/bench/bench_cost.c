@@ -30,23 +30,28 @@ double ern_bench_grid_reads(const struct ern_grid *grid) {
 
 enum { SH_FLOPS = 44, RAY_FLOPS = 31, COMPOSITE_FLOPS = 16, COMPOSITE_BWD_FLOPS = 32 };
 
-/* region: A products, norm: A squares, A sums, a root; one product of the eye */
+/* region: A products, norm: a square and a sum a channel of v, a root; one product of the eye */
 static double region_flops(const struct ern_field *field) {
-  return 3 * ERN_AUDIO_CODE + 1 + (field->config.eye ? 1 : 0);
+  const int channels = field->config.attention == ERN_ATTENTION_CHANNEL ? ERN_AUDIO_CODE : 1;
+  return (ern_field_attends(field) ? ERN_AUDIO_CODE + 2 * channels + 1 : 0) + (ern_field_attends_eye(field) ? 1 : 0);
 }
 static double eye_macs(const struct ern_field *field) {
-  return field->config.eye ? ern_bench_mlp_macs(&field->eye) : 0;
+  return ern_field_attends_eye(field) ? ern_bench_mlp_macs(&field->eye) : 0;
 }
+/* Waves: a product and a sine each. */
 static double encoder_flops(const struct ern_field *field) {
   double flops = 0;
-  for (int p = 0; p < ERN_PLANES; p++) flops += ern_bench_grid_flops(&field->encoder.grid[p]);
-  return flops;
+  for (int p = 0; p < field->encoder.grids; p++) flops += ern_bench_grid_flops(&field->encoder.grid[p]);
+  if (field->config.backbone != ERN_BACKBONE_MLP) return flops;
+  for (int t = 0; t < ERN_TRUNKS; t++) flops += 2 * ern_bench_mlp_macs(&field->encoder.trunk[t]);
+  return flops + 2 * (ERN_X_ROWS - 3);
 }
 
 struct ern_bench_cost ern_bench_cost_written(const struct ern_field *field) {
-  const double density = ern_bench_mlp_macs(&field->attention) + eye_macs(field) + ern_bench_mlp_macs(&field->density);
+  const double attention = ern_field_attends(field) ? ern_bench_mlp_macs(&field->attention) : 0,
+               density = attention + eye_macs(field) + ern_bench_mlp_macs(&field->density);
   return (struct ern_bench_cost){
-      .density = encoder_flops(field) + 2 * density + region_flops(field) + (field->config.eye ? 3 : 0) + 1,
+      .density = encoder_flops(field) + 2 * density + region_flops(field) + (ern_field_attends_eye(field) ? 3 : 0) + 1,
       .colour = 2 * ern_bench_mlp_macs(&field->colour) + 3 * 4 + COMPOSITE_FLOPS,
       .ray = RAY_FLOPS + SH_FLOPS};
 }
@@ -87,4 +92,9 @@ double ern_bench_cost_torso_step(const struct ern_field *field, bool again) {
   const double macs = ern_bench_mlp_bwd_macs(&field->torso_deform, ERN_K_ROWS + code, again) +
                       ern_bench_mlp_bwd_macs(&field->torso_net, grid + ERN_K_ROWS + code, again);
   return ern_bench_cost_torso(field) + 2 * macs + 2 * ern_bench_grid_flops(&field->torso_grid);
+}
+
+double ern_bench_sample_flops(const ern_model *model) {
+  const struct ern_bench_cost cost = ern_bench_cost_written(&model->field);
+  return cost.density + cost.colour;
 }

@@ -1,0 +1,130 @@
+/* SPDX-License-Identifier: MIT
+ * `ernerf ablate`: its tables on a small budget, going on after a stop, its refusals. Which row wins is not judged. */
+#include "cli.h"
+
+#include <math.h>
+
+static struct cli cli;
+
+static const char *clip(void) {
+  static char path[2048];
+  snprintf(path, sizeof path, "%s/data/tiny", getenv("ERNERF_SOURCE"));
+  return path;
+}
+
+static double number(const json_t *object, const char *key) {
+  const json_t *value = json_object_get(object, key);
+  if (!json_is_number(value)) fail_msg("%s is no number", key);
+  return json_number_value(value);
+}
+
+static void check_figure(const json_t *row, const char *key, double least, double most, size_t seeds) {
+  const json_t *figure = json_object_get(row, key);
+  const double mean = number(figure, "mean");
+  if (!(mean > least && mean < most)) fail_msg("%s is %g, expected %g to %g", key, mean, least, most);
+  assert_int_equal(json_array_size(json_object_get(figure, "seeds")), seeds);
+}
+
+static void check_row(const json_t *row, size_t seeds) {
+  const json_t *ms = json_object_get(row, "ms_per_frame");
+  check_figure(row, "psnr", 5, 60, seeds);
+  check_figure(row, "ssim", 0, 1, seeds);
+  check_figure(row, "psnr_mouth", 1, 60, seeds);
+  check_figure(row, "training_seconds", 0, 1e6, seeds);
+  assert_true(number(ms, "quartile_1") > 0 && number(ms, "quartile_1") <= number(ms, "median"));
+  assert_true(number(ms, "median") <= number(ms, "quartile_3"));
+  assert_true(number(row, "sample_flops") > 1000 && number(row, "parameters") > 1000);
+  assert_true(number(row, "model_bytes") > 4 * number(row, "parameters"));
+}
+
+/* The paper's claim, which holds for any head: planes collide less than the volume, and frontal most of them. */
+static void check_collisions(const json_t *table) {
+  const double volume = number(json_object_get(table, "volume"), "collisions"),
+               frontal = number(json_object_get(table, "frontal_xz"), "collisions"),
+               xy = number(json_object_get(table, "side_xy"), "collisions"),
+               yz = number(json_object_get(table, "side_yz"), "collisions");
+  assert_true(number(table, "points") > 0);
+  assert_true(volume > frontal + xy + yz);
+  assert_true(frontal >= xy && frontal >= yz && xy >= 0 && yz >= 0);
+}
+
+static void test_tables(void **state) {
+  (void)state;
+  cli_run(&cli,
+          "ablate %s -o tables --iters 12 --rays 256 --frames 0:2 --repeats 3 --threads 2 --only "
+          "trihash-channel,trihash-concat,hash3d-channel --json --quiet",
+          clip());
+  cli_expect(&cli, 0, NULL);
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *rows = json_object_get(object, "rows");
+  assert_int_equal(json_array_size(rows), 3);
+  assert_int_equal(number(object, "frames"), 2);
+  assert_string_equal(json_string_value(json_object_get(json_array_get(rows, 0), "name")), "hash3d-channel");
+  for (size_t i = 0; i < 3; i++) check_row(json_array_get(rows, i), 1);
+  assert_false(json_is_true(json_object_get(json_array_get(rows, 1), "fused"))); /* trihash-concat */
+  check_collisions(json_object_get(object, "collisions"));
+  json_decref(object);
+
+  char text[CLI_TEXT_BYTES];
+  cli_read("tables/ablation.md", text);
+  assert_non_null(strstr(text, "| trihash | channel |"));
+  assert_non_null(strstr(text, "| paper | 835186 |"));
+  cli_read("tables/ablation.csv", text);
+  size_t lines = 0;
+  for (const char *at = text; *at != 0; at++) lines += *at == '\n';
+  assert_int_equal(lines, 4);
+  assert_int_equal(access("tables/ablation.json", R_OK), 0);
+  assert_int_equal(access("tables/hash3d-channel.safetensors", R_OK), 0);
+  cli_run(&cli, "info tables/hash3d-channel.safetensors");
+  cli_expect_out(&cli, 0, "hash3d", NULL);
+}
+
+/* All trainings are done: a second call judges them anew and finds the same, also in the seconds behind them. */
+static void test_resume(void **state) {
+  (void)state;
+  double psnr[2], seconds[2];
+  for (int call = 0; call < 2; call++) {
+    cli_run(&cli,
+            "ablate %s -o again --iters 6 --rays 128 --seeds 2 --frames 0:1 --repeats 3 --only trihash-channel%s "
+            "--json --quiet",
+            clip(), call == 1 ? " --resume" : "");
+    cli_expect(&cli, 0, NULL);
+    json_t *object = cli_json(&cli, NULL);
+    const json_t *row = json_array_get(json_object_get(object, "rows"), 0);
+    check_row(row, 2);
+    psnr[call] = number(json_object_get(row, "psnr"), "mean");
+    seconds[call] = number(json_object_get(row, "training_seconds"), "mean");
+    json_decref(object);
+  }
+  assert_true(psnr[0] == psnr[1] && seconds[0] == seconds[1]);
+  assert_int_equal(access("again/trihash-channel-s0.safetensors", R_OK), 0);
+  assert_int_equal(access("again/trihash-channel-s1.safetensors", R_OK), 0);
+}
+
+static void test_refusals(void **state) {
+  (void)state;
+  cli_run(&cli, "ablate %s", clip());
+  cli_expect(&cli, 2, "-o DIR is missing", NULL);
+  cli_run(&cli, "ablate %s -o x --only trihash-channel,cubes", clip());
+  cli_expect(&cli, 2, "there is no row \"cubes\"", NULL);
+  cli_run(&cli, "ablate %s -o x --seeds 0", clip());
+  cli_expect(&cli, 2, "--seeds", NULL);
+  cli_run(&cli, "ablate %s -o x --frames 40:50", clip());
+  cli_expect(&cli, 2, "--frames", NULL);
+  cli_run(&cli, "ablate nothing -o x");
+  cli_expect(&cli, 1, "nothing", NULL);
+  FILE *file = fopen("a_file", "w");
+  assert_non_null(file);
+  fclose(file);
+  cli_run(&cli, "ablate %s -o a_file --iters 1 --rays 1", clip());
+  cli_expect(&cli, 1, "a_file: is no folder", NULL);
+  cli_run(&cli, "ablate %s -o missing/deeper --iters 1 --rays 1", clip());
+  cli_expect(&cli, 1, "missing/deeper: cannot be made", NULL);
+  assert_int_not_equal(access("x", F_OK), 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables), cmocka_unit_test(test_resume),
+                                     cmocka_unit_test(test_refusals)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
