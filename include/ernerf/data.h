@@ -22,6 +22,20 @@ typedef struct ern_features {
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */
 
+/* How far the lids are closed, frame by frame. */
+typedef struct ern_eyes {
+  float *data;  /* [count], 0 open .. 1 closed */
+  size_t count; /* >= 1, frames */
+} ern_eyes;
+
+/* Reads a curve of the lids; the file's form says what its numbers are:
+ * a table with a header and a column AU45_r, such as au.csv: intensities a of 0 to 5, the eye is min(a, 2)/2;
+ * text without a header: one number of 0 to 1 a line; a .npy file of shape [T] or [T, 1] in float16, float32 or
+ * float64: 0 to 1. Anything else is ERN_E_FORMAT or ERN_E_SHAPE and names row, found and expected; ERN_E_MISSING: no
+ * file, or no such column. On success the caller owns the curve (ern_eyes_free). */
+ERN_API ERN_NODISCARD ern_status ern_eyes_load(ern_context *context, const char *path, ern_eyes *eyes);
+ERN_API void ern_eyes_free(ern_context *context, ern_eyes *eyes); /* accepts NULL and an empty one */
+
 /* One frame of a transforms_*.json file. */
 typedef struct ern_pose {
   int64_t img_id;   /* names the frame's files, >= 0 */

@@ -27,6 +27,12 @@ typedef struct ern_camera {
  * (m00, -m01, -m02, s m03), (0, 0, 0, 1); scale s is 4 for the public preprocessing. */
 ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale);
 
+/* Turns the head of a transforms file's matrix, in place: the camera goes around the head's centre, which is the origin
+ * of the matrix's world, by `yaw` about the head's own upright axis and `pitch` toward that axis, in degrees. A face
+ * that looked into the camera then looks to the right of the picture (yaw > 0) or up (pitch > 0). The distance stays.
+ */
+ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
+
 /* The same view as a picture of another size: focal lengths and centre scale with the height, the centre keeps its
  * place. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);

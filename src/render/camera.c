@@ -19,6 +19,22 @@ void ern_camera_pose(float pose[16], const float m[16], float scale) {
   memcpy(pose + 12, (float[]){0, 0, 0, 1}, 4 * sizeof(float));
 }
 
+/* matrix <- Ry(-yaw) Rx(pitch) matrix. The world of a transforms file has x to the right of the face's picture, y up
+ * and z out of the face, so Rx takes a camera before the face below it and Ry then takes it to the picture's left. */
+void ern_pose_turn(float matrix[16], double yaw, double pitch) {
+  const double degree = 3.14159265358979323846 / 180;
+  const double cy = cos(yaw * degree), sy = -sin(yaw * degree), cp = cos(pitch * degree), sp = sin(pitch * degree);
+  const double turn[3][3] = {{cy, sy * sp, sy * cp}, {0, cp, -sp}, {-sy, cy * sp, cy * cp}};
+  float out[12];
+  for (int r = 0; r < 3; r++)
+    for (int c = 0; c < 4; c++) {
+      double sum = 0;
+      for (int k = 0; k < 3; k++) sum += turn[r][k] * (double)matrix[4 * k + c];
+      out[4 * r + c] = (float)sum;
+    }
+  memcpy(matrix, out, sizeof out);
+}
+
 ern_camera ern_camera_resized(const ern_camera *camera, int width, int height) {
   ern_camera out = *camera;
   const float scale = (float)height / (float)camera->height;

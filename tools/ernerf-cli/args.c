@@ -116,7 +116,7 @@ static int refuse_value(const struct args *args, const struct option *option, co
 
 /* What a number may be, in words. */
 static const char *limits(const struct option *option, const char *what, char text[TEXT_BYTES]) {
-  if (option->kind == OPTION_COUNT && option->high == 0)
+  if ((option->kind == OPTION_COUNT || option->kind == OPTION_FRAME) && option->high == 0)
     snprintf(text, TEXT_BYTES, "%s, %.0f or more", what, option->low);
   else
     snprintf(text, TEXT_BYTES, option->kind == OPTION_FLOAT ? "%s from %g to %g" : "%s from %.0f to %.0f", what,
@@ -219,6 +219,19 @@ static int take_dimensions(const struct args *args, struct option *option, const
   return -1;
 }
 
+static int take_pair(const struct args *args, struct option *option, const char *text) {
+  struct pair *pair = option->target;
+  char expected[TEXT_BYTES], *comma = NULL, *end = NULL;
+  const double first = strtod(text, &comma), second = *comma == ',' ? strtod(comma + 1, &end) : 0;
+  const bool read = comma != text && *comma == ',' && end != comma + 1 && *end == 0;
+  if (!read || !(fmin(first, second) >= option->low && fmax(first, second) <= option->high) || isnan(first + second)) {
+    snprintf(expected, sizeof expected, "two numbers A,B from %g to %g", option->low, option->high);
+    return refuse_value(args, option, text, expected);
+  }
+  *pair = (struct pair){(float)first, (float)second};
+  return -1;
+}
+
 static bool ends_in(const char *text, const char *ending) {
   const size_t bytes = strlen(text), tail = strlen(ending);
   return bytes > tail && strcmp(text + bytes - tail, ending) == 0;
@@ -228,12 +241,14 @@ static int take_value(const struct args *args, struct option *option, const char
   switch (option->kind) {
     case OPTION_INT:
     case OPTION_COUNT:
+    case OPTION_FRAME:
     case OPTION_FLOAT: return take_number(args, option, text);
     case OPTION_BYTES: return take_bytes(args, option, text);
     case OPTION_CHOICE: return take_choice(args, option, text);
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return take_range(args, option, text);
     case OPTION_DIMENSIONS: return take_dimensions(args, option, text);
+    case OPTION_PAIR: return take_pair(args, option, text);
     case OPTION_JSON:
       if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
         return refuse_value(args, option, text, "- or a name that ends in .json");
@@ -257,6 +272,11 @@ static int take_option(const struct args *args, struct option *option, const cha
     if (value != NULL) return refuse_value(args, option, value, "nothing: it is a switch");
     *(bool *)option->target = option->kind == OPTION_FLAG;
     return -1;
+  }
+  if (option->kind == OPTION_FRAME && value == NULL) {
+    const bool takes = argc > 1 && argv[1][0] != 0 && argv[1][strspn(argv[1], "0123456789")] == 0;
+    *used += takes;
+    return take_value(args, option, takes ? argv[1] : "0");
   }
   if (option->kind == OPTION_JSON && value == NULL) {
     const bool takes = argc > 1 && (strcmp(argv[1], "-") == 0 || (argv[1][0] != '-' && ends_in(argv[1], ".json")));
@@ -329,6 +349,8 @@ static const char *value_name(const struct option *option) {
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return "A:B";
     case OPTION_DIMENSIONS: return "WxH";
+    case OPTION_PAIR: return "A,B";
+    case OPTION_FRAME: return "[N]";
     case OPTION_JSON: return "[FILE.json|-]";
     default: return NULL;
   }

@@ -23,6 +23,11 @@ struct dimensions {
   int width, height;
 };
 
+/* Two numbers, such as angles. */
+struct pair {
+  float first, second;
+};
+
 enum option_kind {
   OPTION_FLAG,       /* bool: set to true */
   OPTION_OFF,        /* bool: set to false */
@@ -35,6 +40,8 @@ enum option_kind {
   OPTION_RANGE,      /* struct range: A:B, either may be left out */
   OPTION_RANGE_PAIR, /* struct range: A:B, or the two words A B; B -1: to the last */
   OPTION_DIMENSIONS, /* struct dimensions: WxH, each in [low, high] */
+  OPTION_PAIR,       /* struct pair: A,B, each in [low, high] */
+  OPTION_FRAME,      /* uint64_t: a number from 0, or nothing (0 then) */
   OPTION_JSON        /* const char *: "-", a name ending in .json, or nothing ("-" then) */
 };
 
@@ -54,7 +61,7 @@ struct word {
   const char *help;
 };
 
-enum { ARGS_GROUPS = 4 };
+enum { ARGS_GROUPS = 5 };
 
 struct args {
   const char *verb;    /* for messages; of `ernerf VERB` */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "backdrop.h"
+#include "control.h"
 #include "governor.h"
 #include "portrait.h"
 #include "progress.h"
@@ -15,18 +16,16 @@
 /* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
  * twice.
  */
-enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 11, PICTURE_BYTES = 1 };
+enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 7, PICTURE_BYTES = 1 };
 
 struct render_job {
   struct session session;
   struct portrait portrait;
   struct governor governor;
+  struct control control;
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
-  float fix_eye;
-  bool smooth_eye, smooth_path;
-  int smooth_window;
   /* made */
   struct sink sink;
   struct shots shots;
@@ -76,28 +75,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .kind = OPTION_TEXT,
        .target = &job->background,
        .choices = "FILE|white|black",
-       .help = "background (default the clip's; with --poses transparent)"},
-      {.name = "fix_eye",
-       .kind = OPTION_FLOAT,
-       .target = &job->fix_eye,
-       .low = 0,
-       .high = 1,
-       .help = "eyes: 0 open to 1 closed, in all frames (default those of the clip; with --poses 0)"},
-      {.name = "smooth_eye",
-       .kind = OPTION_FLAG,
-       .target = &job->smooth_eye,
-       .help = "calmer lids: the mean of three frames"},
-      {.name = "smooth_path",
-       .kind = OPTION_FLAG,
-       .target = &job->smooth_path,
-       .help = "calmer head: the mean of poses"},
-      {.name = "smooth_path_window",
-       .kind = OPTION_INT,
-       .target = &job->smooth_window,
-       .low = 1,
-       .high = 9999,
-       .help = "frames of that mean, odd (default 7)"}};
-  job->smooth_window = 7;
+       .help = "background (default the clip's; with --poses transparent)"}};
   memcpy(options, rows, sizeof rows);
 }
 
@@ -116,11 +94,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
-  if (status < 0 && !job->smooth_path) status = args_forbid(args, "smooth_path_window", "needs --smooth_path");
-  if (status < 0 && job->smooth_window % 2 == 0)
-    status = args_refuse(args, "--smooth_path_window is %d, expected an odd number", job->smooth_window);
-  if (status < 0 && args_given(args, "fix_eye"))
-    status = args_forbid(args, "smooth_eye", "has nothing to smooth with --fix_eye");
+  if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = governor_check(&job->governor, args);
   if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
@@ -135,11 +109,10 @@ static int open_shots(struct render_job *job, const struct args *args) {
   struct shots *shots = &job->shots;
   int status = portrait->clip != NULL ? shots_of_clip(shots, session, portrait->clip, (enum shot_split)portrait->split)
                                       : shots_of_poses(shots, session, job->poses);
-  if (status == 0 && job->smooth_path) status = shots_smooth_path(shots, session, job->smooth_window);
-  if (status == 0 && job->smooth_eye) status = shots_smooth_eye(shots, session);
-  if (status == 0 && args_given(args, "fix_eye")) shots_fix_eye(shots, job->fix_eye);
+  if (status == 0) status = control_clip(&job->control, session, args, shots);
   if (status == 0 && job->audio != NULL) status = shots_replay(shots, session, job->features->windows);
-  return status == 0 ? portrait_cut(portrait, args, shots) : status;
+  if (status == 0) status = portrait_cut(portrait, args, shots);
+  return status == 0 ? control_output(&job->control, session, shots) : status;
 }
 
 static int open_features(struct render_job *job) {
@@ -156,17 +129,6 @@ static int open_features(struct render_job *job) {
   job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
                         sizeof(float));
   return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", name);
-}
-
-static int check_eye(struct render_job *job, const struct args *args) {
-  const char *model = job->portrait.model_path;
-  if (job->portrait.info.has_eye) return 0;
-  if (args_given(args, "fix_eye"))
-    return session_fail_with(&job->session,
-                             "%s: does not follow the eyes (its clip had no au.csv), so --fix_eye has nothing to move",
-                             model);
-  if (job->smooth_eye) session_warn(&job->session, "--smooth_eye changes nothing: %s does not follow the eyes", model);
-  return 0;
 }
 
 /* The sound belongs to the pictures as long as they are consecutive. */
@@ -291,7 +253,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   struct session *session = &job->session;
   if (!args_given(args, "memory")) job->portrait.memory = PICTURE_BYTES;
   int status = portrait_open(&job->portrait, session, args);
-  if (status == 0) status = check_eye(job, args);
+  if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
   if (status == 0) status = open_shots(job, args);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->shots, job->features);
@@ -370,7 +332,7 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], pace[GOVERNOR_OPTIONS],
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS], pace[GOVERNOR_OPTIONS],
       common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
@@ -386,11 +348,13 @@ int cmd_render(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
+                 {"Eyes and pose:", control, CONTROL_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"A budget instead of knobs:", pace, GOVERNOR_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   portrait_options(&job.portrait, SHOTS_ALL, shared);
+  control_options(&job.control, control);
   governor_options(&job.governor, pace);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);

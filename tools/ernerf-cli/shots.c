@@ -89,6 +89,23 @@ int shots_smooth_path(struct shots *shots, struct session *session, int window) 
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
+/* The pose brings its frame along: that frame's torso picture, and its refined pose where the model has one. */
+void shots_hold_pose(struct shots *shots, size_t frame) {
+  const struct shot held = shots->shot[frame];
+  for (size_t k = 0; k < shots->count; k++) {
+    struct shot *shot = &shots->shot[k];
+    shot->pose.img_id = held.pose.img_id;
+    memcpy(shot->pose.matrix, held.pose.matrix, sizeof held.pose.matrix);
+    shot->split = held.split;
+    shot->index = held.index;
+  }
+}
+
+void shots_turn(struct shots *shots, struct pair degrees) {
+  for (size_t k = 0; k < shots->count; k++)
+    ern_pose_turn(shots->shot[k].pose.matrix, (double)degrees.first, (double)degrees.second);
+}
+
 int shots_smooth_eye(struct shots *shots, struct session *session) {
   float *eyes = malloc(shots->count * sizeof *eyes);
   if (eyes == NULL) return no_memory(session, shots->count);

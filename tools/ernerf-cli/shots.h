@@ -32,6 +32,10 @@ int shots_of_poses(struct shots *shots, struct session *session, const char *pat
 void shots_free(struct shots *shots);
 
 int shots_smooth_path(struct shots *shots, struct session *session, int window);
+/* All frames get the pose of frame `frame`, under shots->count. */
+void shots_hold_pose(struct shots *shots, size_t frame);
+/* Each head is turned by yaw and pitch (ern_pose_turn). */
+void shots_turn(struct shots *shots, struct pair degrees);
 /* Each eye becomes the mean of the frame before, this and the next one, as in the public code. */
 int shots_smooth_eye(struct shots *shots, struct session *session);
 void shots_fix_eye(struct shots *shots, float eye);
