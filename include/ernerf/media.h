@@ -174,6 +174,27 @@ ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split
 /* The clip as the trainer takes it. The clip must outlive the dataset. */
 ERN_API void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset);
 
+/* What a clip holds, in figures: what an effect is worth modelling for. Poses, eye values and features are those of all
+ * training frames; pictures are those of at most 48 of them, evenly spaced. */
+typedef struct ern_clip_measures {
+  size_t frames, looked;   /* training frames; those whose pictures were looked at */
+  float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
+  double turn;             /* degrees: widest angle between two directions from which the camera sees the head */
+  double camera_turn;      /* degrees: widest angle between the first pose's rotation and another's, roll included */
+  double camera_shift;     /* widest way from the first pose's place to another's, in its distances to the head */
+  double feature_change;   /* RMS of the features about their mean over the windows, in their own RMS */
+  double loud;             /* share of the 40 ms pieces of aud.wav above -50 dB of full scale; -1 without a sound */
+  double torso_cover;      /* mean share of the picture under the torso layer; 0 without one */
+  double torso_move;       /* RMS way of the torso's centre in the picture, pixels */
+  double torso_against;    /* RMS way of the torso's centre against the head's, pixels */
+  double light;            /* RMS change of the cheeks' mean colour from frame to frame that the pose does not
+                              explain, 0..255; -1 where no frame has landmarks */
+} ern_clip_measures;
+/* The least span of eye values that is a blink: a tenth of the way, about a pixel of lid at 512 a side. */
+#define ERN_CLIP_BLINK 0.1
+/* Reads the pictures that it looks at. */
+ERN_API ERN_NODISCARD ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures);
+
 /* `ernerf check`: what is there, what is missing, what follows and which step makes what is missing, a sentence a call
  * of `say`. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's header. Returns
  * ERN_OK when a training can start, else the first error. */

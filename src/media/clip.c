@@ -263,6 +263,16 @@ void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) { *info = clip
 
 const char *ern_clip_identity(const ern_clip *clip) { return clip->info.identity; }
 
+ern_context *ern_clip_context(const ern_clip *clip) { return clip->context; }
+
+ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound) {
+  char *path = NULL;
+  ern_status status = ern_path_join(clip->context, clip->folder, "aud.wav", &path);
+  if (status == ERN_OK) status = ern_sound_read(clip->context, path, sound);
+  ern_release(clip->context, path);
+  return status;
+}
+
 const ern_features *ern_clip_features(const ern_clip *clip) { return &clip->features; }
 
 const ern_image *ern_clip_background(const ern_clip *clip) { return &clip->background; }

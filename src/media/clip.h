@@ -38,4 +38,8 @@ ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
 
+/* What an open clip was opened with, and its sound (ERN_E_MISSING where there is none; ern_sound_free). */
+ern_context *ern_clip_context(const ern_clip *clip);
+ERN_NODISCARD ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound);
+
 #endif

@@ -251,7 +251,7 @@ static void check_features(struct report *report) {
 static void check_blink(struct report *report) {
   static const char help[] = "OpenFace's FeatureExtraction (-aus) makes it from the whole video.";
   int64_t img_id = 0, aud_id = 0;
-  float *blink = NULL, most = 0;
+  float *blink = NULL, most = 0, least = 2;
   size_t count = 0;
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const ern_status status = ern_clip_blink(report->context, report->folder, img_id, &blink, &count);
@@ -264,10 +264,17 @@ static void check_blink(struct report *report) {
         "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
     return;
   }
-  for (size_t i = 0; i < count; i++) most = blink[i] > most ? blink[i] : most;
-  report->blink = most > 0;
-  if (most > 0) {
+  for (size_t i = 0; i < count; i++) { /* as an eye value, up to 2 counts */
+    most = fmaxf(most, blink[i]);
+    least = fminf(least, blink[i]);
+  }
+  report->blink = (double)fminf(most, 2) - (double)fmaxf(least, 0) >= 2 * ERN_CLIP_BLINK;
+  if (report->blink) {
     say(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
+  } else if (most > 0) {
+    say(report, OPTIONAL,
+        "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
+        (double)least, (double)most, count);
   } else {
     say(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.", count);
   }
