@@ -54,6 +54,8 @@ static const struct {
     {"OpenImageIO/*", {"media"}},
     {"libav*", {"media"}},
     {"libsw*", {"media"}},
+    {"cairo*.h", {"tools"}},
+    {"fontconfig/*", {"tools"}},
     {"ernerf/*", {"tools", "examples"}},
 };
 

@@ -294,6 +294,7 @@ static void test_plots(void **state) {
       if (form == PLOT_SVG) assert_non_null(strstr(bytes.data, "</svg>"));
       bytes_free(&bytes);
     }
+  plot_end();
 }
 
 int main(void) {

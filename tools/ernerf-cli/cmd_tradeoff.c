@@ -96,6 +96,7 @@ static int measure_and_write(struct tradeoff *t) {
 
 static void close_all(struct tradeoff *t) {
   measure_close(t);
+  plot_end();
   judge_close(&t->judge);
   shots_free(&t->speech);
   portrait_close(&t->portrait);
@@ -130,7 +131,7 @@ int cmd_tradeoff(int argc, char **argv) {
        .target = &t.seconds,
        .low = 1,
        .high = 86400,
-       .help = "for all of it, about; the exact frames and three turns of each point are "
+       .help = "for all of it, about; the exact frames and three turns of a few points are "
                "done in any case"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &t.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},

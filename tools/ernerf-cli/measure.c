@@ -10,11 +10,11 @@
 #include "progress.h"
 
 /* EXACT_STEPS: the most samples a ray whose steps are as long as with 16, the length that models are trained with. */
-enum { DEFAULT_FRAMES = 4, EXACT_STEPS = 128, LEAST_FRAMES = 2 };
+enum { DEFAULT_FRAMES = 4, EXACT_STEPS = 128, LEAST_FRAMES = 2, PLANNED_TURNS = 6, LEAST_CHOICES = 3 };
 
 static const double most_db = 100; /* of a picture that is the truth itself */
-/* Share of the time that single changes may be scouted in: their turns take about as long. */
-static const double scouting_share = 0.35;
+/* Share of the time that single changes may take with their turns; the rest is for combinations. */
+static const double single_share = 0.75;
 
 /* ---- renderers --------------------------------------------------------------------------------------------------- */
 
@@ -154,7 +154,8 @@ static double turn_ms(const struct tradeoff *t) {
   return sum;
 }
 
-/* The base and single changes, until `until`. */
+/* The base and single changes, the first few in any case, then as long as their turns will be over
+ * before `until`. */
 static int scout_choices(struct tradeoff *t, double until, struct effect *effects, size_t *effect_count) {
   struct choice choices[POINTS_CHOICES];
   const size_t count = points_choices(t, choices);
@@ -164,7 +165,7 @@ static int scout_choices(struct tradeoff *t, double until, struct effect *effect
   if (add_point(t, &t->base) != 0) return EXIT_FAILURE;
   const struct point *base = &t->points[0];
   for (size_t i = 0; i < count; i++) {
-    if (session_seconds() >= until) {
+    if (i >= LEAST_CHOICES && session_seconds() + PLANNED_TURNS * turn_ms(t) / 1000 >= until) {
       t->not_reached[0] = count - i;
       break;
     }
@@ -198,8 +199,8 @@ static int scout_combinations(struct tradeoff *t, double until, const struct eff
   progress_begin(&progress, &t->session, "combine", "settings");
   for (size_t i = 0; i < count; i++) {
     const double left = 1000 * (until - session_seconds());
-    const double needed = TRADEOFF_LEAST * turn_ms(t) + preparing_ms(t, &found[i]) +
-                          (TRADEOFF_LEAST + 2) * ms[i] * (double)tradeoff_frames(t);
+    const double needed = PLANNED_TURNS * turn_ms(t) + preparing_ms(t, &found[i]) +
+                          (PLANNED_TURNS + 2) * ms[i] * (double)tradeoff_frames(t);
     if (needed > left || t->count == TRADEOFF_POINTS) {
       t->not_reached[1] = count - i;
       break;
@@ -211,16 +212,31 @@ static int scout_combinations(struct tradeoff *t, double until, const struct eff
   return 0;
 }
 
-/* All points in turns, there and back, so that a change of the machine's pace meets all of them. */
+/* Shuffles (Fisher and Yates); the low bits of a linear congruential generator are the weak ones. */
+static void shuffle(size_t *order, size_t count, uint64_t *seed) {
+  for (size_t i = count; i > 1; i--) {
+    *seed = *seed * 6364136223846793005u + 1442695040888963407u;
+    const size_t k = (size_t)(*seed >> 33) % i, was = order[i - 1];
+    order[i - 1] = order[k];
+    order[k] = was;
+  }
+}
+
+/* All points in turns, each turn in another order, so that a change of the machine's pace meets all of them alike and
+ * no point has its readings side by side. */
 static int take_turns(struct tradeoff *t, double until) {
   const double began = session_seconds();
+  size_t order[TRADEOFF_POINTS];
+  uint64_t seed = 0;
+  for (size_t i = 0; i < t->count; i++) order[i] = i;
   struct progress progress;
   progress_begin(&progress, &t->session, "turns", "s");
   for (size_t turn = 0; turn < TRADEOFF_TURNS; turn++) {
     const double now = session_seconds();
     if (turn >= TRADEOFF_LEAST && now + (now - began) / (double)turn > until) break;
+    shuffle(order, t->count, &seed);
     for (size_t i = 0; i < t->count; i++) {
-      struct point *point = &t->points[turn % 2 == 0 ? i : t->count - 1 - i];
+      struct point *point = &t->points[order[i]];
       if (read_clock(t, point, &point->readings[turn]) != 0) return EXIT_FAILURE;
       const double spent = session_seconds() - began, all = fmax(until - began, spent + 0.1);
       progress_at(&progress, (uint64_t)(1 + spent), (uint64_t)(2 + all), "");
@@ -266,7 +282,7 @@ int measure_all(struct tradeoff *t) {
   int status = draw_exact(t);
   /* points get half of the time at least, however long the exact frames took */
   const double now = session_seconds(), until = fmax(began + budget, now + budget / 2);
-  if (status == 0) status = scout_choices(t, now + scouting_share * (until - now), effects, &effect_count);
+  if (status == 0) status = scout_choices(t, now + single_share * (until - now), effects, &effect_count);
   if (status == 0) status = scout_combinations(t, until, effects, effect_count);
   if (status == 0) status = take_turns(t, until);
   if (status != 0) return status;

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "measure.h"
 #include "page_crops.h"
@@ -13,15 +14,15 @@ static const char head[] =
     "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
     "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>What accuracy costs</title>\n"
     "<style>\n"
-    "body{font:15px/1.5 system-ui,sans-serif;color:#22272b;background:#fff;max-width:1080px;margin:2em auto;padding:0 "
+    "body{font:15px/1.5 system-ui,sans-serif;color:#22272b;background:#fff;max-width:1240px;margin:2em auto;padding:0 "
     "1em}\n"
     "h1{font-size:1.7em;margin-bottom:.2em}h2{font-size:1.2em;margin-top:2.2em}\n"
     "img.plot{width:100%;max-width:980px;display:block;margin:1em 0}\n"
     "table{border-collapse:collapse;font-variant-numeric:tabular-nums}\n"
     "th,td{padding:.28em .8em .28em 0;text-align:right;vertical-align:top;border-bottom:1px solid #e3e7ea}\n"
     "th{font-weight:600;border-bottom:2px solid #9aa4ad}\n"
-    "td.l,th.l{text-align:left}td.n{white-space:nowrap}tr.base td{background:#fdf3ee}\n"
-    ".q{color:#68737c;white-space:nowrap}code{font-size:.85em}td code{white-space:nowrap}\n"
+    "td.l,th.l{text-align:left}td.n{min-width:15em}td code span{white-space:nowrap}tr.base td{background:#fdf3ee}\n"
+    ".q{color:#68737c;white-space:nowrap}code{font-size:.85em}\n"
     ".wide{overflow-x:auto}\n"
     "table.crops td{border:0;padding:.3em .6em .3em 0;text-align:left}\n"
     "table.crops img{image-rendering:pixelated;display:block}\n"
@@ -47,6 +48,17 @@ static const char columns[] =
     "<th>dB against exact<br>mean &plusmn; deviation</th><th>worst colour<br>of 255</th>"
     "<th>dB against the clip<br>mean &plusmn; deviation</th>";
 
+/* Options, each of which stays in one line. */
+static void add_words(char *words, struct bytes *page) {
+  for (char *at = words + 1, *next; at != NULL; at = next) {
+    next = strstr(at, " --");
+    if (next != NULL) *next++ = 0;
+    bytes_print(page, "<span>");
+    bytes_print_html(page, at);
+    bytes_print(page, "</span>%s", next != NULL ? " " : "");
+  }
+}
+
 /* Of a point that is `asked` for by other words than the base, they stand under its name. */
 static void open_row(const struct tradeoff *t, size_t i, bool asked, struct bytes *page) {
   struct bytes words = {0};
@@ -55,7 +67,7 @@ static void open_row(const struct tradeoff *t, size_t i, bool asked, struct byte
   settings_options(&t->points[i].settings, &t->base, &words);
   if (asked && words.data != NULL) {
     bytes_print(page, "<br><code>");
-    bytes_print_html(page, words.data + 1);
+    add_words(words.data, page);
     bytes_print(page, "</code>");
   }
   bytes_print(page, "</td>");
@@ -125,11 +137,11 @@ static void add_machine(const struct tradeoff *t, struct bytes *page) {
 }
 
 static void add_method(const struct tradeoff *t, struct bytes *page) {
-  bytes_print(
-      page,
-      "<h2>How it was measured</h2>\n<p>%zu points took turns, there and back, %zu times each in %.0f seconds; a "
-      "reading is the mean of the %zu frames, drawn to 8-bit pixels without reading and encoding. ",
-      t->count, t->turns, t->spent_seconds, tradeoff_frames(t));
+  bytes_print(page,
+              "<h2>How it was measured</h2>\n<p>%zu points took turns, each turn in another order, %zu times each in "
+              "%.0f seconds; a "
+              "reading is the mean of the %zu frames, drawn to 8-bit pixels without reading and encoding. ",
+              t->count, t->turns, t->spent_seconds, tradeoff_frames(t));
   bytes_print(page,
               "The exact render is the same model in double precision (<code>--isa ref64</code>), up to 128 samples a "
               "ray, no cell left out, light followed to its end, at full size; it took %.1f seconds. ",

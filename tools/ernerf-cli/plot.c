@@ -3,6 +3,7 @@
 
 #include <cairo-svg.h>
 #include <cairo.h>
+#include <fontconfig/fontconfig.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -11,7 +12,7 @@
 
 #include "plot_axis.h"
 
-enum { LEFT = 74, RIGHT = 24, TOP = 46, BOTTOM = 58, TICKS_ACROSS = 9, TICKS_DOWN = 7 };
+enum { LEFT = 74, RIGHT = 24, TOP = 62, BOTTOM = 58, TICKS_ACROSS = 9, TICKS_DOWN = 7 };
 static const double text_size = 13, small_size = 11.5, title_size = 15, mark_radius = 4.5, cap = 3.5;
 static const unsigned ink = 0x22272b, faint = 0xe3e7ea;
 
@@ -265,14 +266,14 @@ static void draw_legend(struct drawing *d) {
     cairo_text_extents(d->cairo, s->name, &text_box);
     right -= text_box.x_advance;
     set_colour(d->cairo, ink, 1);
-    put_text(d->cairo, s->name, right, TOP - 12, 0, 0.5);
+    put_text(d->cairo, s->name, right, TOP - 14, 0, 0.5);
     right -= 12;
     cairo_set_line_width(d->cairo, 1.4);
     set_colour(d->cairo, s->colour, 1);
-    cairo_move_to(d->cairo, right - 9, TOP - 12);
-    cairo_line_to(d->cairo, right + 9, TOP - 12);
+    cairo_move_to(d->cairo, right - 9, TOP - 14);
+    cairo_line_to(d->cairo, right + 9, TOP - 14);
     if (s->line) cairo_stroke(d->cairo);
-    if (s->mark != PLOT_NONE) draw_mark(d->cairo, s->mark, right, TOP - 12, s->colour);
+    if (s->mark != PLOT_NONE) draw_mark(d->cairo, s->mark, right, TOP - 14, s->colour);
     right -= 26;
   }
 }
@@ -343,6 +344,11 @@ int plot_draw(const struct plot *plot, enum plot_form form, struct bytes *bytes)
   cairo_surface_destroy(surface);
   free(d.taken);
   return good ? 0 : -1;
+}
+
+void plot_end(void) {
+  cairo_debug_reset_static_data();
+  FcFini();
 }
 
 int plot_png(const unsigned char *rgb, int width, int height, struct bytes *bytes) {

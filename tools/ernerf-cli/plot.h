@@ -37,6 +37,9 @@ enum { PLOT_SHARPNESS = 2 /* pixels of a PNG to one of the plot */ };
  * 0, or -1 without memory or where cairo fails. */
 int plot_draw(const struct plot *plot, enum plot_form form, struct bytes *bytes);
 
+/* Gives back what cairo and fontconfig keep from plot to plot; once, after the last one. */
+void plot_end(void);
+
 /* The PNG of a picture, rgb[height][width][3]. Returns as above. */
 int plot_png(const unsigned char *rgb, int width, int height, struct bytes *bytes);
 
