@@ -30,17 +30,50 @@ static void test_spread(void **state) {
   near(m.mean, 1), near(m.deviation, 0);
 }
 
+enum { TURNS = 8, POINTS = 64 };
+
+static double random_between(double low, double high) {
+  static uint64_t state = 1;
+  state = state * 6364136223846793005u + 1442695040888963407u;
+  return low + (high - low) * (double)(state >> 40) / (double)(1u << 24);
+}
+
+/* A point whose readings are drawn from ms +- 1.5 half. */
 static struct candidate point(double ms, double half, const double *db, size_t changes) {
-  return (struct candidate){{ms - half, ms, ms + half}, db, changes};
+  static double room[POINTS][TURNS];
+  static size_t made;
+  double *turns = room[made++ % POINTS];
+  for (size_t t = 0; t < TURNS; t++) turns[t] = random_between(ms - 1.5 * half, ms + 1.5 * half);
+  return (struct candidate){
+      .ms = {ms - half, ms, ms + half}, .turns = turns, .turn_count = TURNS, .db = db, .changes = changes};
+}
+
+static struct candidate timed(const double *turns, size_t count) {
+  return (struct candidate){.turns = turns, .turn_count = count};
+}
+
+/* Readings that wander by half and more, all points of a turn alike: what is always a tenth faster is faster. */
+static void test_turns(void **state) {
+  (void)state;
+  static const double slow[] = {10, 25, 12, 40, 11, 18}, fast[] = {9, 22.5, 10.8, 36, 9.9, 16.2};
+  static const double hair[] = {9.95, 24.9, 11.95, 39.8, 10.95, 17.9}, other[] = {12, 18, 14, 30, 12, 20};
+  const struct candidate a = timed(slow, 6), b = timed(fast, 6), c = timed(hair, 6), d = timed(other, 6);
+  assert_int_equal(front_compare_ms(&b, &a), 1);
+  assert_int_equal(front_compare_ms(&a, &b), -1);
+  assert_int_equal(front_compare_ms(&c, &a), 0); /* always faster, by what nobody feels */
+  assert_int_equal(front_compare_ms(&d, &a), 0); /* now faster, now slower */
+  assert_int_equal(front_compare_ms(&a, &a), 0);
+  const struct candidate once = timed(fast, 1);
+  assert_int_equal(front_compare_ms(&once, &a), 0); /* one turn is never enough */
 }
 
 static void test_compare(void **state) {
   (void)state;
   static const double base[] = {30, 31, 32, 33}, up[] = {30.5, 31.4, 32.6, 33.5}, mixed[] = {32, 29, 34, 33};
   static const double hair[] = {30.005, 31.005, 32.005, 33.005}, up_far[] = {30, 31, 32, 40};
-  const struct candidate a = point(10, 1, base, 0), b = point(11.9, 1, up, 0), c = point(12.1, 1, mixed, 0);
+  const struct candidate a = point(10, 1, base, 0), b = point(10.2, 1, up, 0), c = point(14.1, 1, mixed, 0);
   const struct candidate d = point(10, 1, hair, 0), e = point(10, 1, up_far, 0);
-  assert_int_equal(front_compare_ms(&a, &b), 0); /* 9..11 and 10.9..12.9 overlap */
+  assert_int_equal(front_compare_ms(&a, &b), 0);
   assert_int_equal(front_compare_ms(&a, &c), 1);
   assert_int_equal(front_compare_ms(&c, &a), -1);
   assert_int_equal(front_compare_db(&b, &a, FRAMES), 1);
@@ -68,7 +101,7 @@ static void test_front(void **state) {
   struct candidate c[COUNT];
   struct place places[COUNT];
   qualities(db, means, COUNT);
-  for (size_t k = 0; k < COUNT; k++) c[k] = point(ms[k], 1, db[k], changes[k]);
+  for (size_t k = 0; k < COUNT; k++) c[k] = point(ms[k], 0.02 * ms[k], db[k], changes[k]);
   front_find(places, c, COUNT, FRAMES);
   assert_int_equal(places[0].standing, STANDING_FRONT);
   assert_int_equal(places[1].standing, STANDING_FRONT);
@@ -82,16 +115,22 @@ static void test_front(void **state) {
   assert_int_equal(places[6].by, 1);
 }
 
-/* Of points that differ by less than their spread, one is shown. */
-static void test_nothing_is_better_by_noise(void **state) {
+/* Of points that are alike, one is shown. */
+static void test_one_of_many(void **state) {
   (void)state;
   enum { COUNT = 20 };
-  static const double means[COUNT] = {40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40};
-  double db[COUNT][FRAMES];
+  static const double turns[] = {10, 14, 11, 9};
+  double means[COUNT], db[COUNT][FRAMES];
   struct candidate c[COUNT];
   struct place places[COUNT];
+  for (size_t k = 0; k < COUNT; k++) means[k] = 40;
   qualities(db, means, COUNT);
-  for (size_t k = 0; k < COUNT; k++) c[k] = point(10 + 0.05 * (double)((7 * k) % COUNT), 1, db[k], 1 + k % 3);
+  for (size_t k = 0; k < COUNT; k++) {
+    c[k] = timed(turns, 4);
+    c[k].ms.median = 10 + 0.01 * (double)((7 * k) % COUNT);
+    c[k].db = db[k];
+    c[k].changes = 1 + k % 3;
+  }
   front_find(places, c, COUNT, FRAMES);
   size_t shown = 0;
   for (size_t k = 0; k < COUNT; k++) {
@@ -102,15 +141,30 @@ static void test_nothing_is_better_by_noise(void **state) {
   assert_int_equal(shown, 1);
 }
 
+/* Of equally fast points whose readings are noise, one pair in a hundred may be told apart: two are allowed for, which
+ * is three standard deviations of the count over a thousand pairs. */
+static void test_noise(void **state) {
+  (void)state;
+  enum { COUNT = 20, ROUNDS = 100 };
+  static const double db[FRAMES] = {30, 31, 32, 33};
+  size_t pairs = 0, told_apart = 0;
+  for (int round = 0; round < ROUNDS; round++) {
+    struct candidate c[COUNT];
+    for (size_t k = 0; k < COUNT; k++) c[k] = point(10, 2, db, 0);
+    for (size_t k = 0; k + 1 < COUNT; k += 2, pairs++) told_apart += front_compare_ms(&c[k], &c[k + 1]) != 0;
+  }
+  assert_true(told_apart <= pairs / 50);
+}
+
 /* Chains in which neighbours overlap: whatever comes, some point stands, and every other one names a reason. */
 static void test_always_a_front(void **state) {
   (void)state;
-  enum { COUNT = 30, TURNS = 200 };
+  enum { COUNT = 30, ROUNDS = 200 };
   double db[COUNT][FRAMES];
   struct candidate c[COUNT];
   struct place places[COUNT];
   unsigned seed = 1;
-  for (int turn = 0; turn < TURNS; turn++) {
+  for (int turn = 0; turn < ROUNDS; turn++) {
     for (size_t k = 0; k < COUNT; k++) {
       for (size_t f = 0; f < FRAMES; f++) {
         seed = seed * 1664525u + 1013904223u;
@@ -137,8 +191,8 @@ static void test_always_a_front(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_spread),         cmocka_unit_test(test_compare),
-      cmocka_unit_test(test_front),          cmocka_unit_test(test_nothing_is_better_by_noise),
+      cmocka_unit_test(test_spread),         cmocka_unit_test(test_turns),       cmocka_unit_test(test_compare),
+      cmocka_unit_test(test_front),          cmocka_unit_test(test_one_of_many), cmocka_unit_test(test_noise),
       cmocka_unit_test(test_always_a_front),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

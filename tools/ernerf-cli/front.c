@@ -4,8 +4,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* dB under which a difference is none. */
-static const double unseen = 0.01;
+/* Differences that are none: in dB, and as a share of the time. */
+static const double unseen = 0.01, unfelt = 0.01;
 
 static int by_value(const void *left, const void *right) {
   const double a = *(const double *)left, b = *(const double *)right;
@@ -33,27 +33,38 @@ struct moments front_moments(const double *values, size_t count) {
   return moments;
 }
 
-/* Two-sided 95 % point of Student's t by degrees of freedom, 1 to 30; a little more than the true one beyond. */
-static double student(size_t freedom) {
-  static const double table[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
-                                 2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
-                                 2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
-  const size_t last = sizeof table / sizeof *table;
-  return table[(freedom < last ? freedom : last) - 1];
+/* Two-sided points of Student's t by degrees of freedom, 1 to 30; a little more than the true ones beyond. */
+enum { FREEDOM = 30 };
+static const double t95[FREEDOM] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
+                                    2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
+                                    2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
+static const double t99[FREEDOM] = {63.657, 9.925, 5.841, 4.604, 4.032, 3.707, 3.499, 3.355, 3.250, 3.169,
+                                    3.106,  3.055, 3.012, 2.977, 2.947, 2.921, 2.898, 2.878, 2.861, 2.845,
+                                    2.831,  2.819, 2.807, 2.797, 2.787, 2.779, 2.771, 2.763, 2.756, 2.750};
+
+/* The sign of the mean of some paired differences, where it is further from 0 than `least` and than its standard error
+ * allows by Student's t; else 0. */
+static int sign_of(const double *differences, size_t count, const double student[FREEDOM], double least) {
+  if (count < 2) return 0;
+  const struct moments found = front_moments(differences, count);
+  const double error = found.deviation / sqrt((double)count);
+  if (!(fabs(found.mean) > fmax(least, student[count - 1 < FREEDOM ? count - 2 : FREEDOM - 1] * error))) return 0;
+  return found.mean > 0 ? 1 : -1;
 }
 
 int front_compare_ms(const struct candidate *a, const struct candidate *b) {
-  return (a->ms.high < b->ms.low) - (b->ms.high < a->ms.low);
+  double ratios[FRONT_TURNS];
+  size_t count = a->turn_count < b->turn_count ? a->turn_count : b->turn_count;
+  if (count > FRONT_TURNS) count = FRONT_TURNS;
+  for (size_t t = 0; t < count; t++) ratios[t] = log(b->turns[t] / a->turns[t]);
+  return sign_of(ratios, count, t99, unfelt);
 }
 
 int front_compare_db(const struct candidate *a, const struct candidate *b, size_t frames) {
-  double mean = 0, square = 0;
-  if (frames < 2) return 0;
-  for (size_t f = 0; f < frames; f++) mean += (a->db[f] - b->db[f]) / (double)frames;
-  for (size_t f = 0; f < frames; f++) square += pow(a->db[f] - b->db[f] - mean, 2);
-  const double error = sqrt(square / (double)(frames - 1) / (double)frames);
-  if (!(fabs(mean) > fmax(unseen, student(frames - 1) * error))) return 0;
-  return mean > 0 ? 1 : -1;
+  double differences[FRONT_FRAMES];
+  const size_t count = frames < FRONT_FRAMES ? frames : FRONT_FRAMES;
+  for (size_t f = 0; f < count; f++) differences[f] = a->db[f] - b->db[f];
+  return sign_of(differences, count, t95, unseen);
 }
 
 static bool beats(const struct candidate *a, const struct candidate *b, size_t frames) {

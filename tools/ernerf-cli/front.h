@@ -19,16 +19,21 @@ struct moments {
 };
 struct moments front_moments(const double *values, size_t count);
 
+enum { FRONT_TURNS = 64, FRONT_FRAMES = 64 /* that are looked at, at most */ };
+
 /* A point to be compared. */
 struct candidate {
-  struct spread ms; /* a frame, milliseconds */
+  struct spread ms;    /* a frame, milliseconds */
+  const double *turns; /* [turn_count] its readings in the order of the turns, which are the same for all points */
+  size_t turn_count;
   const double *db; /* [frames] quality of each frame, more is better; the frames are the same for all points */
   size_t changes;   /* settings that are not the default's: of two equals the simpler one is shown */
 };
 
-/* 1: a is measurably better; -1: b is; 0: neither.
- * Of times: the quartiles do not overlap. Of quality: the mean of the differences by frame is further from 0 than its
- * standard error allows at 95 % (Student's t; one frame is never enough) and than 0.01 dB, which nobody sees. */
+/* 1: a is measurably better; -1: b is; 0: neither. Compared are pairs: the logarithms of the times of one turn (a
+ * machine that slows down slows all points of a turn), the qualities of one frame. The mean of the differences must be
+ * further from 0 than its standard error allows at 95 % (Student's t; one pair is never enough), and than a hundredth
+ * of the time, which nobody feels, or 0.01 dB, which nobody sees. */
 int front_compare_ms(const struct candidate *a, const struct candidate *b);
 int front_compare_db(const struct candidate *a, const struct candidate *b, size_t frames);
 

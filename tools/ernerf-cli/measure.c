@@ -226,6 +226,7 @@ static void shuffle(size_t *order, size_t count, uint64_t *seed) {
  * no point has its readings side by side. */
 static int take_turns(struct tradeoff *t, double until) {
   const double began = session_seconds();
+  double sorted[TRADEOFF_TURNS];
   size_t order[TRADEOFF_POINTS];
   uint64_t seed = 0;
   for (size_t i = 0; i < t->count; i++) order[i] = i;
@@ -246,7 +247,8 @@ static int take_turns(struct tradeoff *t, double until) {
   progress_end(&progress);
   for (size_t i = 0; i < t->count; i++) {
     t->points[i].turns = t->turns;
-    t->points[i].ms = front_spread(t->points[i].readings, t->turns);
+    memcpy(sorted, t->points[i].readings, t->turns * sizeof *sorted);
+    t->points[i].ms = front_spread(sorted, t->turns);
   }
   return 0;
 }
@@ -256,7 +258,11 @@ static void find_fronts(struct tradeoff *t) {
   struct place places[TRADEOFF_POINTS];
   for (int truth = 0; truth < TRUTHS; truth++) {
     for (size_t i = 0; i < t->count; i++)
-      candidates[i] = (struct candidate){t->points[i].ms, t->points[i].db[truth], t->points[i].changes};
+      candidates[i] = (struct candidate){.ms = t->points[i].ms,
+                                         .turns = t->points[i].readings,
+                                         .turn_count = t->points[i].turns,
+                                         .db = t->points[i].db[truth],
+                                         .changes = t->points[i].changes};
     front_find(places, candidates, t->count, tradeoff_frames(t));
     for (size_t i = 0; i < t->count; i++) t->points[i].place[truth] = places[i];
   }
@@ -308,7 +314,7 @@ static void look_at_device(void *user, const ern_device_info *device) {
   if (strcmp(device->kind, "cpu") == 0) {
     snprintf(t->cpu, sizeof t->cpu, "%s", device->name);
     snprintf(t->instruction_sets, sizeof t->instruction_sets, "%s", device->instruction_sets);
-  } else if (t->session.backend_choice == 2 && device->number == t->session.device) {
+  } else if (t->session.backend_choice == SESSION_OPENCL && device->number == t->session.device) {
     snprintf(t->device_name, sizeof t->device_name, "%s", device->name);
   }
 }

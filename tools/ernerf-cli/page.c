@@ -146,12 +146,13 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
               "The exact render is the same model in double precision (<code>--isa ref64</code>), up to 128 samples a "
               "ray, no cell left out, light followed to its end, at full size; it took %.1f seconds. ",
               t->exact_seconds);
-  bytes_print(
-      page,
-      "PSNR is of the whole picture, 100 dB where nothing differs. A point is better in time where the quartiles "
-      "do not overlap, and in quality where the mean difference by frame is further from 0 than its standard "
-      "error allows at 95&nbsp;%% and than 0.01 dB. The front holds what nothing betters in one way without "
-      "being worse in the other.");
+  bytes_print(page,
+              "PSNR is of the whole picture, 100 dB where nothing differs. A point is better in time where the mean "
+              "ratio by turn is further from 1 than its standard error allows at 95&nbsp;%% and than a hundredth, and "
+              "in quality where the mean difference by frame is "
+              "further from 0 than its standard "
+              "error allows at 95&nbsp;%% and than 0.01 dB. The front holds what nothing betters in one way without "
+              "being worse in the other.");
   if (t->not_reached[0] > 0)
     bytes_print(page, " <b>For want of time %zu settings were not looked at.</b>", t->not_reached[0]);
   if (t->not_reached[1] > 0)

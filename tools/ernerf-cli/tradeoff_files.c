@@ -50,7 +50,7 @@ static json_t *point_json(const struct tradeoff *t, const struct point *p) {
   json_t *readings = json_array();
   for (size_t k = 0; k < p->turns; k++) json_array_append_new(readings, json_real(p->readings[k]));
   json_t *ms = json_pack("{s:f, s:f, s:f, s:o}", "median", p->ms.median, "quartile_1", p->ms.low, "quartile_3",
-                         p->ms.high, "sorted", readings);
+                         p->ms.high, "turns", readings);
   return json_pack("{s:s, s:o, s:f, s:o, s:f, s:f, s:o, s:o}", "name", p->name, "settings", settings_json(&p->settings),
                    "prepare_ms", p->prepared, "ms_per_frame", ms, "fps", 1000 / p->ms.median, "exact_worst_of_255",
                    p->worst * colour_steps, "exact", truth_json(t, p, TRUTH_EXACT), "clip",
