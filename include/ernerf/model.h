@@ -50,6 +50,7 @@ ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const ch
 typedef struct ern_model_info {
   bool has_torso; /* head and torso, else the head alone */
   bool has_eye;   /* follows the eye value */
+  bool has_view;  /* colour depends on the direction it is seen from */
   bool has_codes; /* individual codes of the training frames */
   bool has_gamma; /* trained scale of the torso's key points */
   ern_backbone backbone;

@@ -56,6 +56,7 @@ typedef struct ern_train_config {
   ern_attention attention;         /* channel */
   ern_eye_attention eye_attention; /* sigmoid; `concat` needs a clip with eye values */
   int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
+  bool no_view;                    /* of a head: its colour is the same from everywhere */
   uint64_t seed;
   int threads;                         /* 0: one a core */
   float lr, lr_net, lr_att;            /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */

@@ -10,7 +10,7 @@
 #include "core/profile.h"
 
 enum { ATTENTION = ERN_NET_ATTENTION, EYE = ERN_NET_EYE, UNCERTAINTY = ERN_NET_UNCERTAINTY };
-enum { DENSITY = ERN_NET_DENSITY, COLOUR = ERN_NET_COLOUR, COLOUR_INS = ERN_NET_COLOUR_INS };
+enum { DENSITY = ERN_NET_DENSITY, COLOUR = ERN_NET_COLOUR };
 enum { COLOUR_ROW = 96, D_COLOUR_ROW = 80, CODE = ERN_AUDIO_CODE };
 
 /* ---- pieces of a tile -------------------------------------------------------------------------------------------- */
@@ -248,14 +248,15 @@ static void density_fwd(const struct ern_train_net *net, struct ern_train_tile *
   dots(t->log_sigma, hidden, row, net->weights + net->sigma, DENSITY);
 }
 
-/* Harmonics of sample s's ray and 1, behind the hidden density; ray < 0: zeros */
-static void put_harmonics(float *row, const float *harmonics, size_t stride, int32_t ray) {
-  for (size_t k = 0; k < ERN_SH_ROWS; k++) row[DENSITY + k] = ray >= 0 ? harmonics[k * stride + (size_t)ray] : 0;
-  row[DENSITY + ERN_SH_ROWS] = 1;
+/* Harmonics of sample s's ray, as many as the colour reads, and 1, behind the hidden density; ray < 0: zeros */
+static void put_harmonics(const struct ern_train_net *net, float *row, const float *harmonics, size_t stride,
+                          int32_t ray) {
+  for (size_t k = 0; k < net->harmonics; k++) row[DENSITY + k] = ray >= 0 ? harmonics[k * stride + (size_t)ray] : 0;
+  row[DENSITY + net->harmonics] = 1;
 }
 
 static void colour_fwd(const struct ern_train_net *net, struct ern_train_tile *t) {
-  layer(t->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->weights + net->colour, COLOUR, COLOUR, COLOUR_INS,
+  layer(t->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->weights + net->colour, COLOUR, COLOUR, net->colour_ins,
         ROWS_RELU);
   for (size_t c = 0; c < 3; c++)
     dots(t->rgb_raw + c * TILE, t->colour, COLOUR, net->weights + net->rgb + c * COLOUR, COLOUR);
@@ -299,7 +300,7 @@ static void colour(const struct ern_train_net *net, struct ern_train_tile *t, co
       const size_t at = first + (s < count ? s : 0);
       float *row = t->colour_ins + s * COLOUR_ROW;
       copy_row(row, a->hidden + (size_t)a->place[at] * DENSITY, DENSITY);
-      put_harmonics(row, a->harmonics, a->sh_stride, a->ray[number_of(&a->list, at)]);
+      put_harmonics(net, row, a->harmonics, a->sh_stride, a->ray[number_of(&a->list, at)]);
     }
     colour_fwd(net, t);
     for (size_t c = 0; c < 3; c++) {
@@ -371,7 +372,8 @@ static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
   add_sums(gradient + net->sigma, slope_density(t), t->colour_ins, COLOUR_ROW, DENSITY);
   slopes_of(t->d_colour, D_COLOUR_ROW, slope_rgb(t), w + net->rgb, t->colour, COLOUR, 3, COLOUR);
   for (size_t s = 0; s < TILE; s++) t->d_colour[s * D_COLOUR_ROW + COLOUR] = slope_density(t)[s];
-  add_weights(gradient + net->colour, COLOUR, t->colour_ins, COLOUR_ROW, COLOUR_INS, t->d_colour, D_COLOUR_ROW, COLOUR);
+  add_weights(gradient + net->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->colour_ins, t->d_colour, D_COLOUR_ROW,
+              COLOUR);
   layer_bwd(t->d_density1, DENSITY, t->d_colour, D_COLOUR_ROW, COLOUR + 1, w + net->colour_back, DENSITY, t->colour_ins,
             COLOUR_ROW);
   add_weights(gradient + net->density1, DENSITY, t->density0, DENSITY, DENSITY, t->d_density1, DENSITY, DENSITY);
@@ -451,7 +453,8 @@ static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
     norms(t->norm, t->ins + net->features, net->in_row, CODE);
     density_fwd(net, t, t->colour_ins, COLOUR_ROW);
     for (size_t s = 0; s < TILE; s++)
-      put_harmonics(t->colour_ins + s * COLOUR_ROW, a->harmonics, a->sh_stride, s < count ? a->ray[first + s] : -1);
+      put_harmonics(net, t->colour_ins + s * COLOUR_ROW, a->harmonics, a->sh_stride,
+                    s < count ? a->ray[first + s] : -1);
     colour_fwd(net, t);
 
     outputs_bwd(net, t, a, first, count);

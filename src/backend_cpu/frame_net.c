@@ -103,10 +103,10 @@ static void pack_model(struct ern_frame_net *net, const struct ern_field *field,
     pack_part(net, net->density1, room, room - 1, density + net->features + net->value_rows, wide, net->density, 1);
   pack(net, net->density2, layer(&field->density, parameters, 1), net->density, net->density);
   pack(net, net->sigma, last, 1, net->density);
-  multiply(net->folded, first + ERN_SH_ROWS, inputs, NULL, last + net->density, net->colour, ERN_GEOMETRY,
+  multiply(net->folded, first + net->harmonics, inputs, NULL, last + net->density, net->colour, ERN_GEOMETRY,
            net->density);
   pack(net, net->colour1, net->folded, net->colour, net->density);
-  ern_pack_columns(net->ray, ERN_SH_ROWS, 0, first, inputs, 1, net->colour, ERN_SH_ROWS);
+  if (net->harmonics > 0) ern_pack_columns(net->ray, net->harmonics, 0, first, inputs, 1, net->colour, net->harmonics);
   pack(net, net->colour2, layer(&field->colour, parameters, 1), 3, net->colour);
 }
 
@@ -121,7 +121,7 @@ void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field
   memset(net->code, 0, net->colour * sizeof *net->code);
   if (field->config.codes == 0) return;
   const float *own = parameters + field->codes + individual * ERN_CODE_WIDTH;
-  const float *first = layer(&field->colour, parameters, 0) + ERN_SH_ROWS + ERN_GEOMETRY;
+  const float *first = layer(&field->colour, parameters, 0) + net->harmonics + ERN_GEOMETRY;
   for (size_t r = 0; r < net->colour; r++)
     for (size_t c = 0; c < ERN_CODE_WIDTH; c++) net->code[r] += first[r * inputs + c] * own[c];
 }
@@ -145,7 +145,7 @@ static size_t parts_of(struct ern_frame_net *net, struct part part[12]) {
       {&net->density2, ern_pack_count(net->density, density)},
       {&net->sigma, ern_pack_count(1, density)},
       {&net->colour1, ern_pack_count(net->colour, density)},
-      {&net->ray, ern_pack_count(net->colour, ERN_SH_ROWS)},
+      {&net->ray, ern_pack_count(net->colour, net->harmonics)},
       {&net->colour2, ern_pack_count(3, room_of(net, net->colour))},
       {&net->code, ern_pack_count(net->colour, 1)},
       {&net->folded, ern_pack_count(net->density > net->colour ? net->density : net->colour,
@@ -164,6 +164,7 @@ static void set_widths(struct ern_frame_net *net, const struct ern_field *field)
   net->value_rows = (size_t)field->attention.width[2];
   net->eye_hidden = net->eye ? (size_t)field->eye.width[1] : 0;
   net->density = (size_t)field->density.width[1];
+  net->harmonics = (size_t)ern_field_view_rows(field);
   net->colour = (size_t)field->colour.width[1];
 }
 

@@ -30,6 +30,7 @@ struct ern_frame_net {
   float bound, eye_value;
   bool eye, pairs;
   size_t features, attention, eye_hidden, density, colour, value_rows; /* widths of inputs and hidden layers */
+  size_t harmonics; /* of the direction, that the colour reads: 16 or 0 */
   /* packed, all but `ray` in pairs of bf16 where `pairs` says so; [rows] x [columns] */
   float *attention1;  /* [attention] x [features] */
   float *eye1, *eye2; /* [eye_hidden] x [features]; [1] x [eye_hidden] */
@@ -38,7 +39,7 @@ struct ern_frame_net {
   float *density2;    /* [density] x [density] */
   float *sigma;       /* [1] x [density] */
   float *colour1;     /* [colour] x [density] */
-  float *ray;         /* [colour] x [SH] */
+  float *ray;         /* [colour] x [harmonics] */
   float *colour2;     /* [3] x [colour] */
   float *code;        /* [colour], plain; of the frame */
   float *folded;      /* a product on its way into one of these */

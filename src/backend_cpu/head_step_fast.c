@@ -165,7 +165,7 @@ static void backward_task(void *user, size_t k, int number) {
   const struct ern_train_backward_args args = {.list = {s->live_sample + r.begin, r.end - r.begin},
                                                .ray = s->live_ray + r.begin,
                                                .feature_rows = s->feature_rows,
-                                               .harmonics = reals(s->marched.sh.span),
+                                               .harmonics = s->net.harmonics > 0 ? reals(s->marched.sh.span) : NULL,
                                                .dsigma = s->dsigma + r.begin,
                                                .drgb = s->drgb + r.begin,
                                                .dnorm = s->dnorm + r.begin,
@@ -332,6 +332,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   memset(a->terms, 0, sizeof a->terms);
   when[0] = ern_profile_now();
   ERN_TRY(ern_march_rays(stream, a->pixel_number, a->view, a->jitter, a->bits, a->settings, a->n, &s.marched));
+  ERN_TRY(ern_march_view(stream, a->field, a->n, &s.marched));
   when[1] = ern_profile_now();
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &dcode));

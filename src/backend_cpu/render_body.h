@@ -90,14 +90,16 @@ static bool next_rays(struct render_scratch *s, const struct ern_render_work *wo
 static void share_rays(struct render_scratch *s, const struct ern_render_work *work) {
   const struct ern_frame_net *net = work->net;
   const size_t n = s->hits - s->shared < TILE ? s->hits - s->shared : TILE;
-  float direction[3 * TILE];
-  for (size_t axis = 0; axis < 3; axis++)
-    for (size_t i = 0; i < TILE; i++)
-      direction[axis * TILE + i] = s->direction[axis * s->batch + (size_t)s->hit[s->shared + (i < n ? i : 0)]];
-  work->sh(s->harmonics, TILE, direction, TILE, TILE);
   for (size_t r = 0; r < net->colour; r++)
     for (size_t k = 0; k < TILE; k += LANES) vf_store(s->next_share + r * TILE + k, vf_all(net->code[r]));
-  tile_product(s->next_share, s->next_share, net->ray, s->harmonics, net->colour, ERN_SH_ROWS, TILE_STORE);
+  if (net->harmonics > 0) {
+    float direction[3 * TILE];
+    for (size_t axis = 0; axis < 3; axis++)
+      for (size_t i = 0; i < TILE; i++)
+        direction[axis * TILE + i] = s->direction[axis * s->batch + (size_t)s->hit[s->shared + (i < n ? i : 0)]];
+    work->sh(s->harmonics, TILE, direction, TILE, TILE);
+    tile_product(s->next_share, s->next_share, net->ray, s->harmonics, net->colour, net->harmonics, TILE_STORE);
+  }
   s->shared += n;
 }
 

@@ -161,7 +161,7 @@ static void look_at(const struct ern_train_step *s, struct ern_train_lane *lane,
                                                .place = lane->place,
                                                .ray = int32s(s->marched.ray),
                                                .hidden = lane->hidden,
-                                               .harmonics = reals(s->marched.sh.span),
+                                               .harmonics = s->net.harmonics > 0 ? reals(s->marched.sh.span) : NULL,
                                                .sh_stride = s->marched.sh.stride,
                                                .rgb = lane->rgb,
                                                .stride = ERN_TRAIN_BATCH};

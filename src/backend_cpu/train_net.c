@@ -21,7 +21,7 @@ static bool known(const struct ern_field *field) {
          is(&field->uncertainty, 2, (int[]){f, ERN_NET_UNCERTAINTY, 1}) &&
          is(&field->density, 3,
             (int[]){f + ERN_AUDIO_CODE + eye, ERN_NET_DENSITY, ERN_NET_DENSITY, 1 + ERN_GEOMETRY}) &&
-         is(&field->colour, 2, (int[]){ERN_SH_ROWS + ERN_GEOMETRY + code, ERN_NET_COLOUR, 3});
+         is(&field->colour, 2, (int[]){ern_field_view_rows(field) + ERN_GEOMETRY + code, ERN_NET_COLOUR, 3});
 }
 
 static size_t part(size_t *count, size_t rows, size_t columns) {
@@ -41,12 +41,14 @@ bool ern_train_net_plan(struct ern_train_net *net, const struct ern_field *field
   net->hidden = net->unc_at + ERN_NET_UNCERTAINTY;
   net->slope_row = ern_net_aligned(net->features + (net->eye ? 1 : 0));
 
+  net->harmonics = (size_t)ern_field_view_rows(field);
+  net->colour_ins = ERN_NET_DENSITY + net->harmonics + 1;
   size_t *count = &net->count;
   net->of_features = part(count, net->features, net->hidden);
   net->attention = part(count, ERN_NET_ATTENTION, ERN_AUDIO_CODE);
   net->density0 = part(count, net->ins, ERN_NET_DENSITY);
   net->density1 = part(count, ERN_NET_DENSITY, ERN_NET_DENSITY);
-  net->colour = part(count, ERN_NET_COLOUR_INS, ERN_NET_COLOUR);
+  net->colour = part(count, net->colour_ins, ERN_NET_COLOUR);
   net->sigma = part(count, 1, ERN_NET_DENSITY);
   net->rgb = part(count, 3, ERN_NET_COLOUR);
   net->eye_out = part(count, 1, ERN_NET_EYE);
@@ -78,28 +80,28 @@ static const float *weights_of(const struct ern_train_fold *fold, const struct e
   return fold->parameters + mlp->weight[layer];
 }
 
-/* Row k of M^T = (Wc Wg)^T is sum_g Wg[g][k] Wc[.][g]; columns 16.. of the colour's weights are Wc, rows 1.. of the
- * density's last layer Wg. */
+/* Row k of M^T = (Wc Wg)^T is sum_g Wg[g][k] Wc[.][g]; columns `harmonics`.. of the colour's weights are Wc, rows 1..
+ * of the density's last layer Wg. */
 static void fill_colour(const struct ern_train_net *net, float *block, const struct ern_train_fold *fold) {
   const struct ern_field *field = fold->field;
   const size_t width = (size_t)field->colour.width[0];
   const float *wc = weights_of(fold, &field->colour, 0), *w2 = weights_of(fold, &field->density, 2);
-  float *colour = block + net->colour, *bias = colour + (ERN_NET_COLOUR_INS - 1) * ERN_NET_COLOUR;
+  float *colour = block + net->colour, *bias = colour + (net->colour_ins - 1) * ERN_NET_COLOUR;
   for (size_t j = 0; j < ERN_NET_COLOUR; j++) {
     float row[ERN_NET_DENSITY] = {0};
     for (size_t g = 0; g < ERN_GEOMETRY; g++) {
-      const float weight = wc[j * width + ERN_SH_ROWS + g], *wg = w2 + (1 + g) * ERN_NET_DENSITY;
+      const float weight = wc[j * width + net->harmonics + g], *wg = w2 + (1 + g) * ERN_NET_DENSITY;
       for (size_t k = 0; k < ERN_NET_DENSITY; k++) row[k] += weight * wg[k];
     }
     memcpy(block + net->colour_back + j * ERN_NET_DENSITY, row, sizeof row);
     for (size_t k = 0; k < ERN_NET_DENSITY; k++) colour[k * ERN_NET_COLOUR + j] = row[k];
     bias[j] = 0;
-    for (size_t c = ERN_SH_ROWS + ERN_GEOMETRY; c < width; c++)
+    for (size_t c = net->harmonics + ERN_GEOMETRY; c < width; c++)
       bias[j] += wc[j * width + c] *
-                 fold->parameters[field->codes + fold->individual * ERN_CODE_WIDTH + c - ERN_SH_ROWS - ERN_GEOMETRY];
+                 fold->parameters[field->codes + fold->individual * ERN_CODE_WIDTH + c - net->harmonics - ERN_GEOMETRY];
   }
   memcpy(block + net->colour_back + ERN_NET_COLOUR * ERN_NET_DENSITY, w2, ERN_NET_DENSITY * sizeof *w2);
-  turned(colour + ERN_NET_DENSITY * ERN_NET_COLOUR, ERN_NET_COLOUR, wc, width, ERN_SH_ROWS, ERN_NET_COLOUR, 1);
+  turned(colour + ERN_NET_DENSITY * ERN_NET_COLOUR, ERN_NET_COLOUR, wc, width, net->harmonics, ERN_NET_COLOUR, 1);
 }
 
 static void fill_density(const struct ern_train_net *net, float *block, const struct ern_train_fold *fold) {
@@ -164,12 +166,12 @@ static void unfold_colour(float *dparameters, const float *gradient, const struc
   const struct ern_field *field = fold->field;
   const size_t width = (size_t)field->colour.width[0], units = ERN_NET_COLOUR;
   const float *wc = weights_of(fold, &field->colour, 0), *w2 = weights_of(fold, &field->density, 2);
-  const float *dm = gradient + net->colour, *dbias = dm + (ERN_NET_COLOUR_INS - 1) * units; /* dm: [k][j] */
+  const float *dm = gradient + net->colour, *dbias = dm + (net->colour_ins - 1) * units; /* dm: [k][j] */
   float *dwc = dparameters + field->colour.weight[0], *dw2 = dparameters + field->density.weight[2];
   for (size_t g = 0; g < ERN_GEOMETRY; g++) {
     const float *wg = w2 + (1 + g) * ERN_NET_DENSITY;
     float column[ERN_NET_COLOUR] = {0}, from[ERN_NET_COLOUR]; /* of dWc; of Wc */
-    for (size_t j = 0; j < units; j++) from[j] = wc[j * width + ERN_SH_ROWS + g];
+    for (size_t j = 0; j < units; j++) from[j] = wc[j * width + net->harmonics + g];
     for (size_t k = 0; k < ERN_NET_DENSITY; k++) {
       float sum = 0;
       for (size_t j = 0; j < units; j++) {
@@ -178,11 +180,11 @@ static void unfold_colour(float *dparameters, const float *gradient, const struc
       }
       dw2[(1 + g) * ERN_NET_DENSITY + k] += sum;
     }
-    for (size_t j = 0; j < units; j++) dwc[j * width + ERN_SH_ROWS + g] += column[j];
+    for (size_t j = 0; j < units; j++) dwc[j * width + net->harmonics + g] += column[j];
   }
-  add_turned(dwc, width, dm + ERN_NET_DENSITY * units, units, units, ERN_SH_ROWS, 1);
-  for (size_t c = ERN_SH_ROWS + ERN_GEOMETRY; c < width; c++) {
-    const size_t at = field->codes + fold->individual * ERN_CODE_WIDTH + c - ERN_SH_ROWS - ERN_GEOMETRY;
+  add_turned(dwc, width, dm + ERN_NET_DENSITY * units, units, units, net->harmonics, 1);
+  for (size_t c = net->harmonics + ERN_GEOMETRY; c < width; c++) {
+    const size_t at = field->codes + fold->individual * ERN_CODE_WIDTH + c - net->harmonics - ERN_GEOMETRY;
     for (size_t j = 0; j < units; j++) {
       dwc[j * width + c] += fold->parameters[at] * dbias[j];
       dparameters[at] += wc[j * width + c] * dbias[j];

@@ -19,7 +19,6 @@ enum {
   ERN_NET_UNCERTAINTY = 32,
   ERN_NET_DENSITY = 64,
   ERN_NET_COLOUR = 64,
-  ERN_NET_COLOUR_INS = ERN_NET_DENSITY + ERN_SH_ROWS + 1, /* hidden density, harmonics, 1 */
   ERN_NET_MAX_FEATURES = ERN_PLANES * ERN_GRID_MAX_LEVELS,
   ERN_NET_ALIGNED = 16 /* rows are a whole number of so many reals */
 };
@@ -36,6 +35,8 @@ struct ern_train_net {
   size_t hidden;         /* hidden units that look at the features: attention, eye, uncertainty */
   size_t scene_hidden;   /* of them, those whose gradient reaches the features: attention, eye */
   size_t eye_at, unc_at; /* first hidden unit of these */
+  size_t harmonics;      /* of the direction, that the colour reads: 16 or 0 */
+  size_t colour_ins;     /* of the colour: hidden density, harmonics, 1 */
   size_t slope_row;      /* the features' gradient, that of the eye attention behind it, aligned */
   bool eye;
 
@@ -43,7 +44,7 @@ struct ern_train_net {
   size_t attention;   /* [64][32] */
   size_t density0;    /* [ins][64] */
   size_t density1;    /* [64][64] */
-  size_t colour;      /* [64 + 16 + 1][64] */
+  size_t colour;      /* [colour_ins][64] */
   size_t sigma;       /* [64] */
   size_t rgb;         /* [3][64] */
   size_t eye_out;     /* [16] */

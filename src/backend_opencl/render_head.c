@@ -47,6 +47,7 @@ static_assert(sizeof(struct frame) == 120, "as in render.cl");
 struct ern_cl_head {
   struct ern_cl_form form;
   size_t features, attention, eye_hidden, density, colour, values; /* widths */
+  size_t harmonics; /* of the direction, that the colour reads: 16 or 0 */
   bool eye;
   size_t at[PARTS]; /* in net */
   size_t net_count;
@@ -99,7 +100,7 @@ static void shapes_of(const struct ern_cl_head *p, struct matrix shape[PARTS]) {
       [DENSITY1] = {p->density, p->features + p->attention + eye},
       [DENSITY2] = {p->density, p->density},
       [LOG_SIGMA] = {1, p->density},
-      [COLOUR1] = {p->colour, p->density + ERN_SH_ROWS},
+      [COLOUR1] = {p->colour, p->density + p->harmonics},
       [COLOUR2] = {3, p->colour},
       [START] = {p->colour, 1},
   };
@@ -114,6 +115,7 @@ static void measure(struct ern_cl_head *p, const struct ern_field *field) {
   p->values = (size_t)field->attention.width[2];
   p->eye_hidden = p->eye ? (size_t)field->eye.width[1] : 0;
   p->density = (size_t)field->density.width[1];
+  p->harmonics = (size_t)ern_field_view_rows(field);
   p->colour = (size_t)field->colour.width[1];
   shapes_of(p, shape);
   for (int i = 0; i < PARTS; i++) {
@@ -130,7 +132,7 @@ struct column {
 
 static struct column column_of(const struct ern_cl_head *p) {
   const size_t inputs = p->features + p->attention + p->eye, wide = p->density > p->colour ? p->density : p->colour;
-  const size_t second = p->density + ERN_SH_ROWS;
+  const size_t second = p->density + p->harmonics;
   struct column column = {0, 0, inputs};
   if (p->form.outputs < WIDEST) column = (struct column){inputs, inputs + wide, inputs + wide};
   const size_t end = column.second + (second > wide ? second : wide), eye = p->features + p->eye_hidden;
@@ -144,15 +146,15 @@ static ern_status write_options(ern_context *context, struct ern_cl_head *p, con
   const int length = snprintf(
       p->options, sizeof p->options,
       "-D GROUP=%d -D VECTORS=%d -D OUTPUTS=%d -D LEVELS=%d -D FEATURES=%zu -D ATTENTION=%zu -D VALUES=%zu -D EYE=%d "
-      "-D EYE_HIDDEN=%zu -D DENSITY=%zu -D COLOUR=%zu -D AT_ATTENTION1=%zu -D AT_EYE1=%zu -D AT_EYE2=%zu "
+      "-D EYE_HIDDEN=%zu -D DENSITY=%zu -D COLOUR=%zu -D SH=%zu -D AT_ATTENTION1=%zu -D AT_EYE1=%zu -D AT_EYE2=%zu "
       "-D AT_VALUE=%zu -D AT_DENSITY1=%zu -D AT_DENSITY2=%zu -D AT_SIGMA=%zu -D AT_COLOUR1=%zu -D AT_COLOUR2=%zu "
       "-D AT_START=%zu -D ROW_FIRST=%zu -D ROW_SECOND=%zu -D TILE_ROWS=%zu -D A0=%d -D B0=%d "
       "-D A1=%d -D B1=%d -D A2=%d -D B2=%d",
       p->form.group, p->form.vectors, p->form.outputs, field->config.levels, p->features, p->attention, p->values,
-      p->eye, p->eye_hidden, p->density, p->colour, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2], p->at[VALUE],
-      p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START], column.first,
-      column.second, column.rows, field->encoder.axis[0][0], field->encoder.axis[0][1], field->encoder.axis[1][0],
-      field->encoder.axis[1][1], field->encoder.axis[2][0], field->encoder.axis[2][1]);
+      p->eye, p->eye_hidden, p->density, p->colour, p->harmonics, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2],
+      p->at[VALUE], p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START],
+      column.first, column.second, column.rows, field->encoder.axis[0][0], field->encoder.axis[0][1],
+      field->encoder.axis[1][0], field->encoder.axis[1][1], field->encoder.axis[2][0], field->encoder.axis[2][1]);
   if (length < 0 || (size_t)length >= sizeof p->options)
     return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: the options of render are too long");
   return ERN_OK;
@@ -229,11 +231,11 @@ static ern_status pack_model(struct ern_stream *stream, struct ern_cl_head *p, c
   PACK(DENSITY1, 0, density, wide, p->density, p->features);
   PACK(DENSITY2, 0, weights(&field->density, 1, parameters), p->density, p->density, p->density);
   PACK(LOG_SIGMA, 0, last, p->density, 1, p->density);
-  PACK(COLOUR1, p->density, colour, inputs, p->colour, ERN_SH_ROWS);
+  if (p->harmonics > 0) PACK(COLOUR1, p->density, colour, inputs, p->colour, p->harmonics);
   PACK(COLOUR2, 0, weights(&field->colour, 1, parameters), p->colour, 3, p->colour);
 #undef PACK
   const struct ern_cl_place geometry = place_of(p, COLOUR1, 0);
-  status = ern_cl_multiply(stream, &geometry, ern_cl_from(colour, ERN_SH_ROWS), inputs, none,
+  status = ern_cl_multiply(stream, &geometry, ern_cl_from(colour, p->harmonics), inputs, none,
                            ern_cl_from(last, p->density), p->colour, ERN_GEOMETRY, p->density);
 fail:
   return status;
@@ -249,7 +251,7 @@ static ern_status fold(struct ern_stream *stream, const struct ern_cl_head *p, c
                       a->code, weights(&field->attention, 1, a->parameters), p->density, p->values, p->attention);
   if (status != ERN_OK || field->config.codes == 0) return status; /* without codes the start stays zero */
   return ern_cl_multiply(stream, &own,
-                         ern_cl_from(weights(&field->colour, 0, a->parameters), ERN_SH_ROWS + ERN_GEOMETRY), inputs,
+                         ern_cl_from(weights(&field->colour, 0, a->parameters), p->harmonics + ERN_GEOMETRY), inputs,
                          (ern_span){0}, ern_cl_from(a->parameters, field->codes + a->individual * ERN_CODE_WIDTH),
                          p->colour, ERN_CODE_WIDTH, 1);
 }

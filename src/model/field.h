@@ -37,6 +37,7 @@ struct ern_model_config {
   int window_length;               /* 1..16 */
   bool head;                       /* false only while a table for the torso's tensors alone is built */
   bool eye;                        /* the clip has a blink signal */
+  bool no_view;                    /* the colour is the same from everywhere: it is not told the ray's direction */
   bool torso;
   bool torso_gamma; /* the paper's scale of the key points, trained */
   int codes;        /* rows of the individual codes, 0: no codes */
@@ -67,6 +68,9 @@ struct ern_field {
   struct ern_mlp torso_deform, torso_net;
   size_t anchors, gamma, torso_codes;
 };
+
+/* Rows that the colour gets of the ray's direction. */
+static inline int ern_field_view_rows(const struct ern_field *field) { return field->config.no_view ? 0 : ERN_SH_ROWS; }
 
 /* Region attention that is computed: v, and the eye's. */
 static inline bool ern_field_attends(const struct ern_field *field) {

@@ -94,9 +94,11 @@ static struct ern_attention_args attention_args(const struct ern_head_inputs *in
   return args;
 }
 
-/* The colour's input is [SH of the ray, geometry, individual code of the frame]. */
+/* The colour's input is [SH of the ray, geometry, individual code of the frame], of which the first and the last may be
+ * absent. */
 static struct ern_mlp_args colour_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
   struct ern_mlp_args args = mlp_args(in, &in->field->colour, batch->rgb_raw, in->sh, batch->n);
+  if (in->field->config.no_view) args.pieces = 0;
   args.x[args.pieces++] = ern_rows_part(batch->h, 1, ERN_GEOMETRY);
   if (in->field->config.codes > 0)
     args.x[args.pieces++] =
@@ -184,11 +186,12 @@ ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_
   const ern_status status = stream->backend->activate_bwd(stream, &colour);
   if (status != ERN_OK) return status;
   struct ern_mlp_bwd_args mlp = {.dparameters = dparameters, .dy = d->rgb_raw, .forward = colour_args(in, batch)};
-  mlp.dx[1] = ern_rows_part(d->h, 1, ERN_GEOMETRY);
-  if (mlp.forward.pieces == 3) {
-    mlp.dx[2] = mlp.forward.x[2];
-    mlp.dx[2].span.buffer = dparameters.buffer;
-    mlp.dx[2].span.at = dparameters.at + (mlp.forward.x[2].span.at - in->parameters.at);
+  const int geometry = in->field->config.no_view ? 0 : 1, code = geometry + 1;
+  mlp.dx[geometry] = ern_rows_part(d->h, 1, ERN_GEOMETRY);
+  if (mlp.forward.pieces > code) {
+    mlp.dx[code] = mlp.forward.x[code];
+    mlp.dx[code].span.buffer = dparameters.buffer;
+    mlp.dx[code].span.at = dparameters.at + (mlp.forward.x[code].span.at - in->parameters.at);
   }
   return stream->backend->mlp_bwd(stream, &mlp);
 }

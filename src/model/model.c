@@ -47,6 +47,7 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
   const struct ern_model_config *config = &model->field.config;
   *info = (ern_model_info){.has_torso = config->torso,
                            .has_eye = config->eye,
+                           .has_view = !config->no_view,
                            .has_codes = config->codes > 0,
                            .has_gamma = config->torso_gamma,
                            .backbone = config->backbone,

@@ -18,13 +18,13 @@
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
-  json_t *root =
-      json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}", "backbone",
-                ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention), "eye_attention",
-                ern_eye_attention_name(c->eye_attention), "levels", c->levels, "feature_width", c->feature_width,
-                "window_length", c->window_length, "eye", c->eye, "torso", c->torso, "torso_gamma", c->torso_gamma,
-                "codes", c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps,
-                "torso_steps", (json_int_t)model->torso_steps, "clip", model->clip, "consent", "");
+  json_t *root = json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}",
+                           "backbone", ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention),
+                           "eye_attention", ern_eye_attention_name(c->eye_attention), "levels", c->levels,
+                           "feature_width", c->feature_width, "window_length", c->window_length, "eye", c->eye, "view",
+                           !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound",
+                           (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
+                           (json_int_t)model->torso_steps, "clip", model->clip, "consent", "");
   char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
@@ -122,6 +122,9 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
     if (!json_is_boolean(value)) ERN_TRY(wrong_field(context, path, flags[i].name));
     *flags[i].to = json_is_true(value);
   }
+  const json_t *view = json_object_get(root, "view"); /* files of before it was a choice do not say: it is there */
+  if (view != NULL && !json_is_boolean(view)) ERN_TRY(wrong_field(context, path, "view"));
+  config->no_view = view != NULL && !json_is_true(view);
   const json_t *bound = json_object_get(root, "bound"), *clip = json_object_get(root, "clip");
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);

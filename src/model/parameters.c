@@ -180,7 +180,8 @@ static ern_status add_head(struct ern_field *field, struct ern_parameter_table *
   if (ern_field_attends_eye(field)) add_mlp(field, table, &field->eye, "eye_att_net", false, 2, (int[]){f, 16, 1});
   add_mlp(field, table, &field->density, "sigma_net", false, 3,
           (int[]){f + ERN_AUDIO_CODE + (config->eye ? 1 : 0), 64, 64, 1 + ERN_GEOMETRY});
-  add_mlp(field, table, &field->colour, "color_net", false, 2, (int[]){ERN_SH_ROWS + ERN_GEOMETRY + code, 64, 3});
+  add_mlp(field, table, &field->colour, "color_net", false, 2,
+          (int[]){ern_field_view_rows(field) + ERN_GEOMETRY + code, 64, 3});
   add_mlp(field, table, &field->uncertainty, "unc_net", false, 2, (int[]){f, 32, 1});
   if (ern_field_attends(field))
     add_mlp(field, table, &field->attention, "aud_ch_att_net", false, 2,

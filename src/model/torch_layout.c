@@ -316,6 +316,9 @@ static ern_status check(const struct ern_torch_layout *l) {
                     "whose are trihash, channel, sigmoid",
                     l->path, ern_kind_of(config, ERN_KIND_BACKBONE), ern_kind_of(config, ERN_KIND_ATTENTION),
                     ern_kind_of(config, ERN_KIND_EYE_ATTENTION));
+  if (config->no_view)
+    return ern_fail(l->context, ERN_E_UNSUPPORTED,
+                    "%s: a head whose colour does not depend on the view has no place in the public program", l->path);
   if (config->torso_gamma)
     return ern_fail(l->context, ERN_E_UNSUPPORTED,
                     "%s: torso_gamma (the paper's scale of the key points) has no place in the public program",

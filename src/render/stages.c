@@ -13,16 +13,12 @@ ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, cons
   ern_span t, count;
   *out = (struct ern_marched){0};
   ERN_TRY(ern_take_rows(stream, 3, rays, &out->dir));
-  ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, rays, &out->sh));
-  out->sh.per = ERN_PER_RAY;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, rays + 1, &out->first));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, rays, &count));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, rays * (size_t)settings->max_steps, &t));
 
   struct ern_rays_args ray_args = {.dir = out->dir, .pixel = pixel_number, .view = *view, .n = rays};
   ERN_TRY(backend->rays(stream, &ray_args));
-  struct ern_sh_args sh = {.y = out->sh, .d = out->dir, .n = rays};
-  ERN_TRY(backend->sh_fwd(stream, &sh));
   struct ern_march_args march = {.t = t,
                                  .count = count,
                                  .dir = out->dir,
@@ -54,6 +50,16 @@ fail:
   return status;
 }
 
+ern_status ern_march_view(struct ern_stream *stream, const struct ern_field *field, size_t rays,
+                          struct ern_marched *marched) {
+  if (field->config.no_view) return ERN_OK;
+  const ern_status status = ern_take_rows(stream, ERN_SH_ROWS, rays, &marched->sh);
+  if (status != ERN_OK) return status;
+  marched->sh.per = ERN_PER_RAY;
+  struct ern_sh_args sh = {.y = marched->sh, .d = marched->dir, .n = rays};
+  return stream->backend->sh_fwd(stream, &sh);
+}
+
 ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_rays_args *args) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct ern_marched marched;
@@ -61,6 +67,7 @@ ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_r
   ern_status status = ERN_OK;
   ERN_TRY(ern_march_rays(stream, args->pixel_number, &args->view, (ern_span){0}, args->bits, &args->settings, args->n,
                          &marched));
+  ERN_TRY(ern_march_view(stream, args->field, args->n, &marched));
   const struct ern_head_inputs in = {.field = args->field,
                                      .parameters = args->parameters,
                                      .code = args->code,

@@ -98,6 +98,7 @@ static ern_status forward(struct ern_stream *stream, struct ern_head_step_args *
   ern_status status = ERN_OK;
   ERN_TRY(ern_march_rays(stream, ern_span_part(a->pixel_number, part->begin, part->rays), a->view,
                          span_at(a->jitter, part), a->bits, a->settings, part->rays, &part->marched));
+  ERN_TRY(ern_march_view(stream, a->field, part->rays, &part->marched));
   part->in = p->in;
   part->in.sh = part->marched.sh;
   part->in.ray = part->marched.ray;

@@ -111,6 +111,7 @@ static struct ern_model_config head_config(const ern_trainer *t) {
                                    .window_length = t->data.features->window_length,
                                    .head = true,
                                    .eye = t->data.has_eye,
+                                   .no_view = t->config.no_view,
                                    .codes = t->config.codes,
                                    .bound = t->config.bound};
 }

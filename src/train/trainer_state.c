@@ -194,6 +194,7 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
   } fields[] = {{"levels", a->levels, b->levels},
                 {"feature width", a->feature_width, b->feature_width},
                 {"eye branch", a->eye, b->eye},
+                {"view dependence", !a->no_view, !b->no_view},
                 {"torso", a->torso, b->torso},
                 {"torso gamma", a->torso_gamma, b->torso_gamma},
                 {"individual codes", a->codes, b->codes},

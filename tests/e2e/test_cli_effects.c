@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What clips hold: `ernerf check` measures it, on clips made to hold an effect or to lack it. */
+ * What clips hold: `ernerf check` measures it, on clips made to hold an effect or to lack it; `ernerf train --effects`
+ * makes models of it, whose files hold just that. */
 #include "cli.h"
 
 #include <math.h>
@@ -146,9 +147,132 @@ static void test_speech(void **state) {
   json_decref(report);
 }
 
+/* ---- train ------------------------------------------------------------------------------------------------------- */
+
+#define SHORT "--levels 3 --rays 32 --iters 2 --quiet"
+
+/* The model's effects (names between blanks) by info, and whether its tensors are those alone. */
+static void expect_model(const char *path, const char *effects, json_int_t *parameters) {
+  static const char *const of[][2] = {{"eye", "eye_att_net.net.0.weight"}, {"codes", "individual_codes"}};
+  cli_run(&cli, "info %s --json -", path);
+  json_t *info = cli_json(&cli, NULL), *list = json_object_get(info, "effects"),
+         *tensors = json_object_get(info, "tensors");
+  char words[128] = "";
+  for (size_t i = 0; i < json_array_size(list); i++) {
+    strncat(words, i > 0 ? " " : "", sizeof words - strlen(words) - 1);
+    strncat(words, json_string_value(json_array_get(list, i)), sizeof words - strlen(words) - 1);
+  }
+  assert_string_equal(words, effects);
+  const bool view = strstr(effects, "view") != NULL, codes = strstr(effects, "codes") != NULL;
+  bool found[2] = {false, false};
+  json_int_t inputs = 0;
+  for (size_t i = 0; i < json_array_size(tensors); i++) {
+    const json_t *tensor = json_array_get(tensors, i);
+    const char *name = json_string_value(json_object_get(tensor, "name"));
+    for (size_t k = 0; k < 2; k++) found[k] |= strcmp(name, of[k][1]) == 0;
+    if (strcmp(name, "color_net.net.0.weight") == 0)
+      inputs = json_integer_value(json_array_get(json_object_get(tensor, "shape"), 1));
+  }
+  for (size_t k = 0; k < 2; k++) assert_true(found[k] == (strstr(effects, of[k][0]) != NULL));
+  assert_int_equal(inputs, (view ? 16 : 0) + 64 + (codes ? 4 : 0));
+  *parameters = json_integer_value(json_object_get(info, "parameters"));
+  json_decref(info);
+}
+
+static void train(const char *clip, const char *model, const char *options) {
+  char run[64];
+  snprintf(run, sizeof run, "%.40s.run", model);
+  support_clear(run);
+  cli_run(&cli, "train %s -o %s.safetensors " SHORT " %s", clip, model, options);
+  cli_expect(&cli, 0, NULL);
+}
+
+/* auto is what check says of the clip; a list is what it says. */
+static void test_train(void **state) {
+  (void)state;
+  enum { CODES = 4 * 20, EYE = 16 * 9 + 16 + 64, VIEW = 16 * 64 }; /* 9 features of 3 levels; 20 training frames */
+  json_int_t whole, without;
+  train("whole", "whole", "");
+  expect_model("whole.safetensors", "audio eye view codes", &whole);
+  train("open", "open", "");
+  expect_model("open.safetensors", "audio view codes", &without);
+  assert_int_equal(whole - without, EYE);
+  train("still", "still", "");
+  expect_model("still.safetensors", "audio eye", &without);
+  assert_int_equal(whole - without, CODES + 4 * 64 + VIEW);
+  train("whole", "bare", "--effects none");
+  expect_model("bare.safetensors", "audio", &without);
+  assert_int_equal(whole - without, EYE + CODES + 4 * 64 + VIEW);
+  train("whole", "some", "--effects view,torso --json some.json");
+  expect_model("some.safetensors", "audio view", &without);
+  json_t *report = cli_json(&cli, "some.json");
+  const json_t *effects = json_object_get(report, "effects");
+  assert_int_equal(json_array_size(effects), 2);
+  assert_string_equal(json_string_value(json_array_get(effects, 1)), "torso");
+  json_decref(report);
+}
+
+/* A model without a view is drawn, goes on, gets a torso, and is told from others. */
+static void test_use(void **state) {
+  (void)state;
+  support_clear("frames");
+  assert_int_equal(mkdir("frames", 0777), 0);
+  train("still", "used", "");
+  cli_run(&cli, "render used.safetensors --clip still --frames 0:2 -o frames/%%d.png --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render used.safetensors --clip still --frames 0:2 -o frames/r%%d.png --isa ref --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(cli_count("frames"), 4);
+  cli_run(&cli, "train still -o used.safetensors --resume --levels 3 --rays 32 --iters 4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "train still -o used.safetensors --resume --levels 3 --rays 32 --iters 6 --quiet --effects eye,view,torso");
+  cli_expect(&cli, 1, "view dependence is 0, this training expects 1", NULL);
+  support_clear("more.run");
+  cli_run(&cli, "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --quiet");
+  cli_expect(&cli, 0, NULL); /* --from says what the head is like */
+  cli_run(&cli,
+          "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye --ind_num 0");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye,view");
+  cli_expect(&cli, 1, "view dependence", NULL);
+  support_clear("portrait.run");
+  cli_run(&cli, "train still --torso --head used.safetensors -o portrait.safetensors --rays 32 --iters 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "convert used.safetensors used.pth");
+  cli_expect(&cli, 1, "does not depend on the view", NULL);
+  cli_run(&cli, "render open.safetensors --clip open --frames 0:1 -o frames/%%d.png --fix_eye 0.5");
+  cli_expect(&cli, 1, "eye", NULL);
+}
+
+static void test_refusals(void **state) {
+  (void)state;
+  static const struct {
+    const char *line, *word;
+    int status;
+  } wrong[] = {
+      {"train whole -o x.safetensors --effects eye,lips", "\"lips\" is none of them", 2},
+      {"train whole -o x.safetensors --effects eye,eye", "eye is there twice", 2},
+      {"train whole -o x.safetensors --effects eye,", "\"\" is none of them", 2},
+      {"train whole -o x.safetensors --effects none,eye", "\"none\" is none of them", 2},
+      {"train whole -o x.safetensors --effects eye --ind_num 40", "--effects has no codes", 2},
+      {"train whole --torso --head whole.safetensors -o x.safetensors --effects eye", "--torso", 2},
+      {"train open -o x.safetensors --effects eye", "no au.csv", 1},
+      {"train mute -o x.safetensors", "does not speak", 1},
+      {"train bust --torso --head whole.safetensors -o x.safetensors --force", "transparent everywhere", 1},
+  };
+  for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+    cli_run(&cli, "%s", wrong[i].line);
+    cli_expect(&cli, wrong[i].status, wrong[i].word, NULL);
+    assert_false(cli_there("x.safetensors") || cli_there("x.run"));
+  }
+  train("mute", "mute", "--effects none"); /* asked for in words */
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole), cmocka_unit_test(test_blink),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),  cmocka_unit_test(test_blink),
                                      cmocka_unit_test(test_camera), cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_speech)};
+                                     cmocka_unit_test(test_speech), cmocka_unit_test(test_train),
+                                     cmocka_unit_test(test_use),    cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

@@ -79,7 +79,7 @@ static void test_model(void **state) {
   assert_true(count_of(model, "step") == 2 && count_of(model, "levels") == 3 && count_of(model, "feature_width") == 29);
   const json_t *effects = json_object_get(model, "effects"), *tensors = json_object_get(model, "tensors");
   assert_true(has_word(effects, "audio") && has_word(effects, "eye") && has_word(effects, "view") &&
-              has_word(effects, "code"));
+              has_word(effects, "codes"));
   assert_false(has_word(effects, "torso"));
   const json_t *tensor = find(tensors, "name", "sigma_net.net.0.weight");
   assert_non_null(tensor);

@@ -35,6 +35,7 @@ struct kinds {
   ern_backbone backbone;
   ern_attention attention;
   ern_eye_attention eye_attention;
+  bool no_view;
 };
 
 static double *reals_of(ern_span span) { return (double *)span.buffer->memory + span.at; }
@@ -78,6 +79,7 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                           .window_length = 16,
                                           .head = true,
                                           .eye = true,
+                                          .no_view = kinds.no_view,
                                           .torso = true,
                                           .torso_gamma = true,
                                           .codes = 3,
@@ -271,6 +273,8 @@ static void check_kinds(struct kinds kinds, const char *prefix, size_t rays, siz
   s.head.weights = (struct ern_loss_weights){.s = 0.5f, .entropy = 0.5f, .audio_ambient = 0.1f};
   check(&s, false, prefix);
   const bool attends = kinds.attention != ERN_ATTENTION_CONCAT;
+  const struct ern_parameter *colour = ern_parameters_find(&s.table, "color_net.net.0.weight");
+  assert_int_equal(colour->shape[1], (kinds.no_view ? 0 : ERN_SH_ROWS) + ERN_GEOMETRY + ERN_CODE_WIDTH);
   assert_true((s.head.terms[ERN_LOSS_AUDIO_AMBIENT] > 0) == attends);
   assert_true((ern_parameters_find(&s.table, "aud_ch_att_net.net.0.weight") != NULL) == attends);
   assert_true((ern_parameters_find(&s.table, "eye_att_net.net.0.weight") != NULL) ==
@@ -281,22 +285,29 @@ static void check_kinds(struct kinds kinds, const char *prefix, size_t rays, siz
 static void test_attentions(void **state) {
   (void)state;
   const ern_backbone backbone = ERN_BACKBONE_TRIHASH;
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_SIGMOID}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_CONCAT}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_CONCAT, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false}, "", 3, 4);
+}
+
+/* A colour that is not told the direction. */
+static void test_view(void **state) {
+  (void)state;
+  check_kinds((struct kinds){.no_view = true}, "", 3, 4);
 }
 
 static void test_grids(void **state) {
   (void)state;
-  check_kinds((struct kinds){ERN_BACKBONE_HASH3D, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_SIGMOID}, "", 3, 4);
-  check_kinds((struct kinds){ERN_BACKBONE_TRIPLANE, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID}, "", 3, 4);
+  check_kinds((struct kinds){ERN_BACKBONE_HASH3D, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
+  check_kinds((struct kinds){ERN_BACKBONE_TRIPLANE, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
 }
 
 /* Half a million weights: three rays make one tile of samples. What comes after the features is checked above. */
 static void test_mlp(void **state) {
   (void)state;
-  check_kinds((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT}, "encoder_mlp", 3, 3);
+  check_kinds((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false}, "encoder_mlp", 3,
+              3);
 }
 
 static void test_torso(void **state) {
@@ -312,6 +323,7 @@ int main(void) {
                                      cmocka_unit_test(test_head_uncertainty),
                                      cmocka_unit_test(test_head_eye_ambient),
                                      cmocka_unit_test(test_attentions),
+                                     cmocka_unit_test(test_view),
                                      cmocka_unit_test(test_grids),
                                      cmocka_unit_test(test_mlp),
                                      cmocka_unit_test(test_torso)};

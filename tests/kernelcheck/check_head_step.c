@@ -26,22 +26,25 @@ struct scene {
   float density;  /* factor of the density's last weights: large ones spend the light of a ray at its first sample */
   unsigned cells; /* of 8 cells in a row these are occupied, as bits */
   float height;   /* of the camera: at the side of the cube points are moved out of it */
+  bool no_view;   /* the colour is not told the direction */
 };
 
 static const struct scene scenes[] = {
-    {"plain", 12, true, false, 3, 64, 1, 0xff, 0.02f},
-    {"16 samples a ray, smooth", 14, true, true, 3, 333, 1, 0xff, 0.02f},
-    {"no eye", 14, false, true, 3, 100, 1, 0xff, 0.02f},
-    {"no codes", 12, true, true, 0, 100, 4, 0x0f, 0.02f},
-    {"neither", 4, false, false, 0, 47, 4, 0xff, 0.02f},
-    {"dense", 14, true, true, 3, 400, 1000, 0xff, 0.02f},
-    {"dense, not smooth", 14, true, false, 3, 400, 1000, 0x7e, 0.02f},
-    {"light spent slowly", 12, true, false, 3, 400, 300, 0xff, 0.02f},
-    {"one ray", 12, true, true, 3, 1, 1, 0xff, 0.02f},
-    {"at the side of the cube", 14, true, true, 3, 200, 1, 0xff, 0.93f},
-    {"as many levels as there may be", 24, true, true, 3, 60, 4, 0xff, 0.02f},
-    {"features a whole number of registers", 16, true, true, 3, 60, 4, 0xff, 0.02f},
-    {"no samples", 12, true, true, 3, 64, 1, 0, 0.02f},
+    {"plain", 12, true, false, 3, 64, 1, 0xff, 0.02f, false},
+    {"16 samples a ray, smooth", 14, true, true, 3, 333, 1, 0xff, 0.02f, false},
+    {"no eye", 14, false, true, 3, 100, 1, 0xff, 0.02f, false},
+    {"no codes", 12, true, true, 0, 100, 4, 0x0f, 0.02f, false},
+    {"neither", 4, false, false, 0, 47, 4, 0xff, 0.02f, false},
+    {"dense", 14, true, true, 3, 400, 1000, 0xff, 0.02f, false},
+    {"dense, not smooth", 14, true, false, 3, 400, 1000, 0x7e, 0.02f, false},
+    {"light spent slowly", 12, true, false, 3, 400, 300, 0xff, 0.02f, false},
+    {"one ray", 12, true, true, 3, 1, 1, 0xff, 0.02f, false},
+    {"at the side of the cube", 14, true, true, 3, 200, 1, 0xff, 0.93f, false},
+    {"as many levels as there may be", 24, true, true, 3, 60, 4, 0xff, 0.02f, false},
+    {"features a whole number of registers", 16, true, true, 3, 60, 4, 0xff, 0.02f, false},
+    {"no samples", 12, true, true, 3, 64, 1, 0, 0.02f, false},
+    {"no view", 14, true, true, 3, 200, 1, 0xff, 0.02f, true},
+    {"no view, eye or codes", 12, false, false, 0, 100, 300, 0xff, 0.02f, true},
 };
 enum { SCENES = sizeof scenes / sizeof *scenes };
 
@@ -112,6 +115,7 @@ static void bench_open(struct bench *b, const struct scene *scene, ern_isa isa, 
                                           .window_length = 16,
                                           .head = true,
                                           .eye = scene->eye,
+                                          .no_view = scene->no_view,
                                           .codes = scene->codes,
                                           .bound = 1};
   const size_t n = is_emulated() && scene->rays > 60 ? 60 : scene->rays;

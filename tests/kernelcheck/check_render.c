@@ -44,11 +44,17 @@ static void fill_shell(uint8_t *bits, float inner, float outer) {
 }
 
 /* Random parameters; `log_sigma` is about what the density's exponent spreads over. */
-static struct scene scene_make(int levels, bool eye, int codes, int width, int height, float log_sigma) {
+static struct scene scene_make_of(bool view, int levels, bool eye, int codes, int width, int height, float log_sigma) {
   struct scene scene = {.context = support_context(), .stop = 1e-4f, .log_sigma = log_sigma, .eye_value = 0.4f};
   struct ern_parameter_table rows;
-  scene.config = (struct ern_model_config){
-      .levels = levels, .feature_width = 29, .window_length = 16, .head = true, .eye = eye, .codes = codes, .bound = 1};
+  scene.config = (struct ern_model_config){.levels = levels,
+                                           .feature_width = 29,
+                                           .window_length = 16,
+                                           .head = true,
+                                           .eye = eye,
+                                           .no_view = !view,
+                                           .codes = codes,
+                                           .bound = 1};
   support_ok(scene.context, ern_parameters_build(scene.context, &scene.config, &scene.field, &rows));
   scene.block = room(scene.field.parameters, sizeof(float));
   ern_parameters_init(scene.block, &rows, false, 11);
@@ -75,6 +81,9 @@ static struct scene scene_make(int levels, bool eye, int codes, int width, int h
   for (size_t i = 0; i < scene.rays; i++) scene.pixel[i] = (int32_t)i;
   for (size_t i = 0; i < 3 * scene.rays; i++) scene.background[i] = 0.5f + random_at(6, i, 0.5f);
   return scene;
+}
+static struct scene scene_make(int levels, bool eye, int codes, int width, int height, float log_sigma) {
+  return scene_make_of(true, levels, eye, codes, width, height, log_sigma);
 }
 
 static void scene_free(struct scene *scene) {
@@ -266,6 +275,18 @@ static void test_models(void **state) {
   }
 }
 
+/* Heads whose colour is not told the direction, with and without what else its first layer may read. */
+static void test_without_view(void **state) {
+  (void)state;
+  for (int codes = 0; codes <= 2; codes += 2) {
+    struct scene scene = scene_make_of(false, 12, codes > 0, codes, emulated_side(33), emulated_side(26), 8);
+    assert_int_equal(scene.field.colour.width[0], ERN_GEOMETRY + (codes > 0 ? ERN_CODE_WIDTH : 0));
+    assert_true(hits(&scene) > scene.rays / 8);
+    check_against_double(&scene, codes > 0 ? "no view" : "no view, no codes, no eye");
+    scene_free(&scene);
+  }
+}
+
 static void test_occupancies_and_densities(void **state) {
   (void)state;
   for (int variant = 0; variant < 6; variant++) {
@@ -421,6 +442,7 @@ int main(int argc, char **argv) {
   }
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_models),
+      cmocka_unit_test(test_without_view),
       cmocka_unit_test(test_occupancies_and_densities),
       cmocka_unit_test(test_settings),
       cmocka_unit_test(test_lists_of_pixels),

@@ -95,8 +95,8 @@ static void print_tensors(json_t *list) {
 static json_t *effects_of(const ern_model_info *info) {
   json_t *effects = json_pack("[s]", "audio");
   if (info->has_eye) json_array_append_new(effects, json_string("eye"));
-  json_array_append_new(effects, json_string("view"));
-  if (info->has_codes) json_array_append_new(effects, json_string("code"));
+  if (info->has_view) json_array_append_new(effects, json_string("view"));
+  if (info->has_codes) json_array_append_new(effects, json_string("codes"));
   if (info->has_torso) json_array_append_new(effects, json_string("torso"));
   return effects;
 }
@@ -104,7 +104,7 @@ static json_t *effects_of(const ern_model_info *info) {
 /* What the file is good for, as the other verbs take it. */
 static json_t *uses_of(const struct tensor_list *tensors, const ern_model_info *info) {
   json_t *uses = json_pack("[s, s]", "render", "eval");
-  if (info->backbone == ERN_BACKBONE_TRIHASH && info->attention == ERN_ATTENTION_CHANNEL &&
+  if (info->has_view && info->backbone == ERN_BACKBONE_TRIHASH && info->attention == ERN_ATTENTION_CHANNEL &&
       info->eye_attention == ERN_EYE_ATTENTION_SIGMOID)
     json_array_append_new(uses, json_string("convert")); /* PyTorch files hold no other */
   json_array_append_new(

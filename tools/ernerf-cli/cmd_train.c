@@ -6,18 +6,20 @@
 #include <string.h>
 
 #include "curve.h"
+#include "effects.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "progress.h"
 #include "session.h"
 #include "verbs.h"
 
-enum { GOAL_OPTIONS = 17, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
+enum { GOAL_OPTIONS = 18, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
 struct train_job {
   struct session session;
   ern_train_config config;
-  const char *clip_path, *head_path, *audio, *asr_model;
+  const char *clip_path, *head_path, *audio, *asr_model, *effects_list;
+  struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
   uint64_t memory, save_every, validate_every, ema_every, iters;
   struct range data;
   float scale;
@@ -111,6 +113,12 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .low = 1,
        .high = 1e12,
        .help = "steps between its updates, of which it needs 10"},
+      {.name = "effects",
+       .kind = OPTION_TEXT,
+       .target = &job->effects_list,
+       .choices = "auto|none|LIST",
+       .help = "what the head models, of eye,codes,view,torso (the torso as a layer of its own behind it); auto: what "
+               "`ernerf check` finds in the clip"},
       {.name = "levels",
        .kind = OPTION_INT,
        .target = &config->levels,
@@ -228,6 +236,15 @@ static void clip_options(struct train_job *job, struct option options[CLIP_OPTIO
   memcpy(options, rows, sizeof rows);
 }
 
+static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
+
+static int check_effects(struct train_job *job, const struct args *args) {
+  const int status = effects_read(args, job->effects_list, &job->effects);
+  if (status < 0 && !job->effects.has[EFFECT_CODES] && job->config.codes > 0)
+    return args_refuse(args, "--ind_num is %d, but --effects has no codes", job->config.codes);
+  return status;
+}
+
 static int check_usage(struct train_job *job, const struct args *args) {
   const ern_train_config *config = &job->config;
   if (config->output == NULL) return args_refuse(args, "-o X.safetensors is missing");
@@ -239,12 +256,13 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (!config->torso)
     status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
   if (status < 0 && config->torso)
-    status = args_forbid(args, "levels bound ind_num backbone attention eye-attention",
+    status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention",
                          "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->audio != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
+  if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   return status;
 }
@@ -256,11 +274,55 @@ static void go_on_from(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   const ern_model_info *from = &job->from;
   if (!args_given(args, "levels")) config->levels = from->levels;
-  if (!args_given(args, "ind_num")) config->codes = from->codes;
+  if (!args_given(args, "ind_num") && asks_auto(job)) config->codes = from->codes;
   if (!args_given(args, "bound")) config->bound = from->bound;
   if (!args_given(args, "backbone")) config->backbone = from->backbone;
   if (!args_given(args, "attention")) config->attention = from->attention;
   if (!args_given(args, "eye-attention")) config->eye_attention = from->eye_attention;
+}
+
+/* The effects that the clip calls for, or those of --from, or what was asked for where the clip can teach it. */
+static int choose_effects(struct train_job *job) {
+  const bool chosen = asks_auto(job);
+  struct effects *effects = &job->effects;
+  ern_clip_measures measures;
+  if (chosen && job->has_from && !job->config.torso) {
+    *effects = (struct effects){{job->from.has_eye, job->from.has_codes, job->from.has_view, job->clip_info.has_torso}};
+    return 0;
+  }
+  if (chosen) {
+    if (ern_clip_measure(job->clip, &measures) != ERN_OK) return session_fail(&job->session);
+    effects_choose(&measures, effects);
+    if (!job->config.torso && !effects_has_speech(&measures))
+      return session_fail_with(&job->session,
+                               "%s: %s is the same in every window: a head that does not speak is not what this is "
+                               "for (with --effects LIST it is trained all the same)",
+                               job->clip_path, job->clip_info.features_file);
+    if (job->config.torso && job->clip_info.has_torso && !effects->has[EFFECT_TORSO])
+      return session_fail_with(&job->session, "%s: torso_imgs is transparent everywhere: there is no torso to learn",
+                               job->clip_path);
+    return 0;
+  }
+  if (effects->has[EFFECT_EYE] && !job->clip_info.has_blink)
+    return session_fail_with(&job->session, "%s: --effects has eye, and there is no au.csv to learn it from",
+                             job->clip_path);
+  if (effects->has[EFFECT_TORSO] && !job->clip_info.has_torso)
+    return session_fail_with(&job->session, "%s: --effects has torso, and there are no torso_imgs to put behind it",
+                             job->clip_path);
+  return 0;
+}
+
+/* A head models what it was chosen to; a torso goes under a head as it is. */
+static void take_effects(struct train_job *job, const struct args *args, ern_dataset *dataset) {
+  const bool *has = job->effects.has;
+  if (job->config.torso) return;
+  dataset->has_eye = dataset->has_eye && has[EFFECT_EYE];
+  dataset->has_torso = dataset->has_torso && has[EFFECT_TORSO];
+  job->config.no_view = !has[EFFECT_VIEW];
+  if (!has[EFFECT_CODES] && !args_given(args, "ind_num")) job->config.codes = 0;
+  job->effects.has[EFFECT_EYE] = dataset->has_eye;
+  job->effects.has[EFFECT_TORSO] = dataset->has_torso;
+  job->effects.has[EFFECT_CODES] = job->config.codes != 0;
 }
 
 static void fill_config(struct train_job *job, const struct args *args) {
@@ -318,11 +380,18 @@ static void say_plan(struct train_job *job) {
     session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d", job->head_path, frames,
                  info->width, info->height);
   else
-    session_note(&job->session,
-                 "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
-                 frames, info->width, info->height, info->features_file, features_kind(features->width),
-                 features->width, info->has_blink ? "follow au.csv" : "stay still (no au.csv)",
-                 info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+    session_note(
+        &job->session, "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
+        frames, info->width, info->height, info->features_file, features_kind(features->width), features->width,
+        job->effects.has[EFFECT_EYE] ? "follow au.csv"
+        : info->has_blink            ? "are not modelled"
+                                     : "stay still (no au.csv)",
+        info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+  if (!config->torso) {
+    char list[64];
+    effects_words(&job->effects, list, sizeof list);
+    session_note(&job->session, "train: effects %s%s", list, asks_auto(job) ? " (`ernerf check` says why)" : "");
+  }
   session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
                config->iters, config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
                config->output, ern_trainer_folder(job->trainer));
@@ -349,7 +418,9 @@ static int open_all(struct train_job *job, const struct args *args) {
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
   fill_config(job, args);
+  if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);
+  take_effects(job, args, &dataset);
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
@@ -401,11 +472,15 @@ static ern_status take_validation(void *user, uint64_t step, double psnr, size_t
 
 static json_t *report(const struct train_job *job) {
   const ern_train_report *last = &job->last;
-  return json_pack("{s:s, s:s, s:s, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "output",
-                   job->config.output, "run", ern_trainer_folder(job->trainer), "clip", job->clip_path, "torso",
-                   job->config.torso, "step", (json_int_t)(job->stepped ? last->step : job->config.iters), "iters",
-                   (json_int_t)job->config.iters, "loss", job->stepped ? session_number(last->loss) : json_null(),
-                   "psnr", job->stepped ? session_number(last->psnr) : json_null(), "seconds",
+  json_t *effects = json_array();
+  for (int e = 0; e < EFFECTS && !job->config.torso; e++)
+    if (job->effects.has[e]) json_array_append_new(effects, json_string(effect_name((enum effect)e)));
+  return json_pack("{s:o, s:s, s:s, s:s, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "effects",
+                   effects, "output", job->config.output, "run", ern_trainer_folder(job->trainer), "clip",
+                   job->clip_path, "torso", job->config.torso, "step",
+                   (json_int_t)(job->stepped ? last->step : job->config.iters), "iters", (json_int_t)job->config.iters,
+                   "loss", job->stepped ? session_number(last->loss) : json_null(), "psnr",
+                   job->stepped ? session_number(last->psnr) : json_null(), "seconds",
                    job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
                    job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
                    job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
@@ -446,6 +521,7 @@ static void close_all(struct train_job *job) {
 
 static void set_defaults(struct train_job *job) {
   *job = (struct train_job){.config = ern_train_config_default(), .scale = 4};
+  job->effects_list = "auto";
   job->iters = job->config.iters;
   job->save_every = job->config.save_every;
   job->ema_every = job->config.ema_every;

@@ -43,6 +43,15 @@ int effects_read(const struct args *args, const char *list, struct effects *effe
   }
 }
 
+void effects_words(const struct effects *effects, char *words, size_t bytes) {
+  size_t used = (size_t)snprintf(words, bytes, "none");
+  for (int e = 0, count = 0; e < EFFECTS; e++) {
+    if (!effects->has[e]) continue;
+    used = (count++ > 0 ? used : 0);
+    used += (size_t)snprintf(words + used, bytes - used, "%s%s", count > 1 ? ", " : "", names[e]);
+  }
+}
+
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
 struct telling {

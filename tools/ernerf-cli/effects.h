@@ -14,7 +14,7 @@ enum effect {
   EFFECTS
 };
 
-/* By enum effect. */
+/* Which are there, by enum effect. */
 struct effects {
   bool has[EFFECTS];
 };
@@ -28,6 +28,9 @@ bool effects_has_speech(const ern_clip_measures *measures);
 
 /* LIST of --effects: names between commas; "none" alone is none. Returns -1, or EXIT_USAGE after a sentence. */
 int effects_read(const struct args *args, const char *list, struct effects *effects);
+
+/* "eye, view", or "none". */
+void effects_words(const struct effects *effects, char *words, size_t bytes);
 
 /* A line each: what was measured, and what follows from it. `say` gets the effect's name or that of what was measured
  * ("audio", "camera"), whether it is there, and a sentence. */

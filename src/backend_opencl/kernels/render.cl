@@ -11,7 +11,6 @@
  * COLOUR: widths; AT_x: where in `net` matrix x begins; ROW_x: where in a tile x begins, TILE_ROWS its rows; A0 B0 A1
  * B1 A2 B2: the axes of the planes. And for one device: GROUP, VECTORS, OUTPUTS. */
 #define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken at once */
-#define SH 16
 #define SIDE 8    /* pixels an edge of a block that nearest[] has a value for */
 #define CELLS 128 /* of the occupancy, an axis */
 
@@ -284,6 +283,7 @@ struct values { /* of a tile's samples */
   floatw sigma[VECTORS], rgb[3][VECTORS], norm[VECTORS], eye[VECTORS];
 };
 
+#if SH
 /* Spherical harmonics of degrees 0 to 3 of the unit vector (x, v, z) (posenc_ref.c). */
 INLINE void harmonics(local floatw *y, floatw x, floatw v, floatw z) {
   const float c00 = 0.28209479177387814f, c1 = 0.48860251190291992f, c2 = 1.0925484305920792f,
@@ -306,6 +306,7 @@ INLINE void harmonics(local floatw *y, floatw x, floatw v, floatw z) {
   y[14 * TILE] = c32 / 2 * z * (x * x - v * v);
   y[15 * TILE] = c33 * x * (3 * v * v - x * x);
 }
+#endif
 
 /* From features to sigma and rgb; d: directions of the rays. */
 INLINE void field(struct values *out, local floatw *tile, const struct flight *flight, global const float *net,
@@ -329,7 +330,9 @@ INLINE void field(struct values *out, local floatw *tile, const struct flight *f
   EACH_VECTOR one[0][v] = 0;
   product_one(one, net + AT_SIGMA, second, DENSITY);
   EACH_VECTOR out->sigma[v] = exp(full(select(one[0][v], (floatw)(80), one[0][v] > 80)));
+#if SH
   EACH_VECTOR harmonics(second + AT(DENSITY, v), flight->d[0][v], flight->d[1][v], flight->d[2][v]);
+#endif
   colour_layer(first, net + AT_START, 0, net + AT_COLOUR1, second);
   EACH_ROW(3) EACH_VECTOR three[r][v] = 0;
   product_three(three, net + AT_COLOUR2, first, COLOUR);
