@@ -17,7 +17,7 @@ static int make_clip(void **state) {
   assert_int_equal(json_integer_value(json_object_get(report, "frames")), 11);
   assert_int_equal(json_integer_value(json_object_get(report, "seed")), 2);
   json_decref(report);
-  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 16 --levels 3 --quiet");
+  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 16 --levels 3 --effects eye,codes,view,torso --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
 }
