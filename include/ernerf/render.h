@@ -60,6 +60,24 @@ ERN_API void ern_audio_windows(float *windows, const ern_features *features, int
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
+/* What silence looks like in speech features of one kind. */
+typedef struct ern_silence ern_silence;
+
+/* Learns it from a recording, such as the clip that a model was trained on. loudness: [features->windows] of each
+ * frame's sound in dB, whatever they refer to; NULL: frames are quiet where the features stand still. ERN_E_STATE says
+ * why where it cannot be told: too few quiet or loud frames, too little between them, or features that do not follow.
+ * On success the caller owns *silence. */
+ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const ern_features *features,
+                                                   const float *loudness, ern_silence **silence);
+ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
+
+/* rest[features->windows]: how far the mouth is at rest in each frame of a speech in features of the same kind, for
+ * ern_frame_input. 0 in speech and in pauses of less than 8 frames; in silence 0.2, 0.4, 0.6, 0.8 and then 1, at the
+ * beginning of the speech 1 at once; 0 again from the first frame in which something is said. ERN_E_MISMATCH: features
+ * of another width. */
+ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features,
+                                                  float *rest);
+
 /* ---- renderer ---------------------------------------------------------------------------------------------------- */
 
 typedef struct ern_render_options {
@@ -95,6 +113,11 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
 ERN_API ERN_NODISCARD ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length,
                                                         const float *eyes, size_t count, float density);
 
+/* The audio code of windows [8][window_length][width], as a frame would have it without smooth_lips. The mean of a
+ * clip's silent frames is its resting code. */
+ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
+                                                   float code[32]);
+
 typedef struct ern_frame_input {
   ern_camera camera;
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
@@ -105,6 +128,9 @@ typedef struct ern_frame_input {
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso;      /* [height][width][4] RGBA drawn between background and head; NULL: none. A model with a
                                 torso draws its own over it. */
+  const float *rest_code;    /* [32] resting code; may be NULL where rest is 0 */
+  float rest;                /* 0..1: the frame's audio code is (1 - rest) of the speech's (after smooth_lips) and rest
+                                of rest_code */
 } ern_frame_input;
 
 /* Where to put the result; NULL members are not computed into. Memory is the caller's. */

@@ -6,17 +6,13 @@
 
 #include "core/memory.h"
 #include "model/model.h"
+#include "render/frame_input.h"
 #include "render/stages.h"
 #include "render/thin.h"
 
 #include "ernerf/render.h"
 
-enum {
-  OPTIONS_COOKIE = 0x45524e33,
-  MAX_SIDE = 8192,
-  MAX_WINDOW_LENGTH = 16,
-  HEARD_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE
-};
+enum { OPTIONS_COOKIE = 0x45524e33, MAX_WINDOW_LENGTH = 16, HEARD_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
 
 /* What a frame needs on the device while it is rendered. It stays for the next one of the same size. */
 struct frame {
@@ -207,47 +203,6 @@ static double milliseconds(void) {
   return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
 }
 
-/* Determinant of the rotation part: what the torso's inverse needs to be away from 0. */
-static double determinant(const float m[16]) {
-  const double a = (double)m[0], b = (double)m[1], c = (double)m[2], d = (double)m[4], e = (double)m[5],
-               f = (double)m[6], g = (double)m[8], h = (double)m[9], i = (double)m[10];
-  return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
-}
-
-static ern_status check_input(const ern_renderer *r, const ern_frame_input *input) {
-  const ern_camera *camera = &input->camera;
-  ern_context *context = r->context;
-  if (camera->width < 1 || camera->width > MAX_SIDE || camera->height < 1 || camera->height > MAX_SIDE)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: the size is %d x %d, expected 1 to %d a side", camera->width,
-                    camera->height, MAX_SIDE);
-  if (!(camera->focal > 0) || !isfinite(camera->focal) || !isfinite(camera->cx) || !isfinite(camera->cy))
-    return ern_fail(context, ERN_E_ARGUMENT,
-                    "render: camera: focal %g, centre %g, %g, expected finite numbers, focal above 0",
-                    (double)camera->focal, (double)camera->cx, (double)camera->cy);
-  for (int i = 0; i < 16; i++)
-    if (!isfinite(camera->pose[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: pose: value %d is not finite", i);
-  if (!(fabs(determinant(camera->pose)) > 1e-6))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: pose: its rotation cannot be inverted");
-  for (int i = 0; i < 16; i++)
-    if (input->head_pose != NULL && !isfinite(input->head_pose[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: head_pose: value %d is not finite", i);
-  if (input->windows == NULL || input->window_length < 1 || input->window_length > MAX_WINDOW_LENGTH)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows",
-                    input->window_length);
-  const size_t values =
-      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
-  for (size_t i = 0; i < values; i++)
-    if (!isfinite(input->windows[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: speech window: value %zu is not finite", i);
-  if (!(input->eye >= 0 && input->eye <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: eye is %g, expected 0 to 1", (double)input->eye);
-  if (r->field.config.codes > 0 && input->individual >= (size_t)r->field.config.codes)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: individual code %zu, expected 0 to %d", input->individual,
-                    r->field.config.codes - 1);
-  return ERN_OK;
-}
-
 /* *span = the room, made at its first use. */
 static ern_status enter(ern_renderer *r, enum room room, ern_element element, size_t count, ern_span *span) {
   ern_status status = ERN_OK;
@@ -355,8 +310,8 @@ static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
   return ERN_OK;
 }
 
-/* The audio code of the frame, smoothed over frames where that is asked for. */
-static ern_status audio_code(ern_renderer *r, const ern_frame_input *input) {
+/* r->code = what is heard in the windows. */
+static ern_status hear(ern_renderer *r, const ern_frame_input *input) {
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
   const ern_span code = whole(r->code, ERN_AUDIO_CODE);
@@ -370,14 +325,26 @@ static ern_status audio_code(ern_renderer *r, const ern_frame_input *input) {
   args.codes = whole(r->heard.codes[0], HEARD_VALUES);
   ERN_TRY(r->backend->audio_frame(r->stream, &args));
   ERN_TRY(keep_windows(r, input));
+fail:
+  return status;
+}
+
+/* The audio code of the frame: smoothed over frames where that is asked for, and brought to rest. */
+static ern_status audio_code(ern_renderer *r, const ern_frame_input *input) {
+  const ern_span code = whole(r->code, ERN_AUDIO_CODE);
+  float now[ERN_AUDIO_CODE];
+  ern_status status = ERN_OK;
+  ERN_TRY(hear(r, input));
+  if (!r->options.smooth_lips && !(input->rest > 0)) return ERN_OK;
+  ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
   if (r->options.smooth_lips) {
-    float now[ERN_AUDIO_CODE];
-    ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
     for (int c = 0; c < ERN_AUDIO_CODE && r->has_last_code; c++) now[c] = 0.35f * r->last_code[c] + 0.65f * now[c];
     memcpy(r->last_code, now, sizeof now);
     r->has_last_code = true;
-    ERN_TRY(r->backend->upload_reals(r->stream, code, now, ERN_AUDIO_CODE));
   }
+  for (int c = 0; c < ERN_AUDIO_CODE && input->rest > 0; c++)
+    now[c] = (1 - input->rest) * now[c] + input->rest * input->rest_code[c];
+  ERN_TRY(r->backend->upload_reals(r->stream, code, now, ERN_AUDIO_CODE));
 fail:
   return status;
 }
@@ -550,13 +517,27 @@ fail:
   return status;
 }
 
+ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
+                             float code[ERN_AUDIO_CODE]) {
+  const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
+  const ern_frame_input input = {.windows = windows, .window_length = window_length};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_frame_windows_check(renderer->context, &renderer->field, &input));
+  ERN_TRY(hear(renderer, &input));
+  ERN_TRY(
+      renderer->backend->download_reals(renderer->stream, code, whole(renderer->code, ERN_AUDIO_CODE), ERN_AUDIO_CODE));
+fail:
+  ern_arena_release(renderer->stream, mark);
+  return status;
+}
+
 ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
                               ern_frame_times *times) {
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   double at[5] = {milliseconds()};
   struct frame *frame = &renderer->frame;
   ern_status status = ERN_OK;
-  ERN_TRY(check_input(renderer, input));
+  ERN_TRY(ern_frame_input_check(renderer->context, &renderer->field, input));
   ERN_TRY(size_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height));
   ERN_TRY(take_wanted(renderer, output));
   ERN_TRY(audio_code(renderer, input));

@@ -14,7 +14,9 @@ static int make_model(void **state) {
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --quiet");
+  cli_run(&cli,
+          "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --effects "
+          "eye,codes,view --quiet");
   cli_expect(&cli, 0, NULL);
   ern_context *context = support_context();
   static float hum[VALUES]; /* the same speech in all frames */

@@ -10,6 +10,7 @@
 #include "governor.h"
 #include "portrait.h"
 #include "progress.h"
+#include "rest.h"
 #include "sink.h"
 #include "verbs.h"
 
@@ -23,6 +24,7 @@ struct render_job {
   struct portrait portrait;
   struct governor governor;
   struct control control;
+  struct rest rest;
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
@@ -193,6 +195,11 @@ static void say_plan(struct render_job *job) {
                : job->sound.data != NULL    ? "with sound"
                                             : "without sound",
                job->session.backend_info.name, job->session.backend_info.isa, job->out);
+  const size_t resting = rest_count(&job->rest, &job->shots);
+  if (resting > 0)
+    session_note(&job->session,
+                 "render: in %zu of %zu frames nothing is said: the mouth rests (--no_rest: it does not)", resting,
+                 job->shots.count);
 }
 
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
@@ -210,7 +217,9 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
                                  .window_length = job->features->window_length,
                                  .eye = shot->eye,
                                  .background = job->backdrop.background.data,
-                                 .torso = torso};
+                                 .torso = torso,
+                                 .rest_code = job->rest.code,
+                                 .rest = rest_of(&job->rest, shot)};
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
@@ -255,6 +264,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   int status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
+  if (status == 0) status = rest_open(&job->rest, session, &job->portrait, job->features);
   if (status == 0) status = open_shots(job, args);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->shots, job->features);
   if (status == 0 && job->size.width == 0)
@@ -281,13 +291,13 @@ static json_t *report_stages(const struct render_job *job) {
 static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->shots.count;
   json_t *pace = governor_asked(&job->governor) ? governor_json(&job->governor) : json_null();
-  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o}", "output", job->out,
+  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o}", "output", job->out,
                    "model", job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
-                   (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "seconds",
-                   session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
-                   session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
-                   job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
-                   job->session.backend_info.isa, "pace", pace);
+                   (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "rest_frames",
+                   (json_int_t)rest_count(&job->rest, &job->shots), "seconds", session_number(seconds), "fps",
+                   session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames),
+                   "ms_by_stage", report_stages(job), "sound", job->sound.data != NULL, "backend",
+                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace);
 }
 
 static int draw_all(struct render_job *job) {
@@ -319,6 +329,7 @@ static int draw_all(struct render_job *job) {
 
 static void close_all(struct render_job *job) {
   sink_free(&job->sink);
+  rest_free(&job->rest);
   free(job->windows);
   free(job->look);
   governor_close(&job->governor);
@@ -332,8 +343,8 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS], pace[GOVERNOR_OPTIONS],
-      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS + REST_OPTIONS],
+      pace[GOVERNOR_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
@@ -348,13 +359,14 @@ int cmd_render(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
-                 {"Eyes and pose:", control, CONTROL_OPTIONS},
+                 {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + REST_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"A budget instead of knobs:", pace, GOVERNOR_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   portrait_options(&job.portrait, SHOTS_ALL, shared);
   control_options(&job.control, control);
+  rest_options(&job.rest, control + CONTROL_OPTIONS);
   governor_options(&job.governor, pace);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);

@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: MIT
+ * What a caller hands over for a frame, looked at before it is used: ERN_E_ARGUMENT names the field, ERN_E_NONFINITE a
+ * pose, window or code that is not finite. */
+#ifndef ERN_RENDER_FRAME_INPUT_H
+#define ERN_RENDER_FRAME_INPUT_H
+
+#include "ernerf/render.h"
+#include "model/field.h"
+
+ERN_NODISCARD ern_status ern_frame_input_check(ern_context *context, const struct ern_field *field,
+                                               const ern_frame_input *input);
+/* Windows and window_length alone. */
+ERN_NODISCARD ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field,
+                                                 const ern_frame_input *input);
+
+#endif
