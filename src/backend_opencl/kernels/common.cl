@@ -57,3 +57,20 @@ static inline uintw lane_numbers(void) {
   for (uint l = 0; l < WIDTH; l++) values[l] = l;
   return LOADW(values);
 }
+
+/* Philox 4x32-10, as core/rng.h: the first three words of an index, or of each of WIDTH. (Unrolled, so that a CPU makes
+ * vectors of work-items.) */
+#define RANDOM_AT(name, uints)                                                                           \
+  static inline void name(uints word[3], ulong seed, ulong step, uints index, uint purpose) {            \
+    uints c0 = (uint)step, c1 = (uint)(step >> 32), c2 = index, c3 = purpose;                            \
+    uint k0 = (uint)seed, k1 = (uint)(seed >> 32);                                                       \
+    _Pragma("unroll") for (int round = 0; round < 10; round++, k0 += 0x9E3779B9u, k1 += 0xBB67AE85u) {   \
+      const uints low0 = 0xD2511F53u * c0, high0 = mul_hi((uints)(0xD2511F53u), c0);                     \
+      const uints low1 = 0xCD9E8D57u * c2, high1 = mul_hi((uints)(0xCD9E8D57u), c2);                     \
+      c0 = high1 ^ c1 ^ k0, c1 = low1;                                                                   \
+      c2 = high0 ^ c3 ^ k1, c3 = low0;                                                                   \
+    }                                                                                                    \
+    word[0] = c0, word[1] = c1, word[2] = c2;                                                            \
+  }
+RANDOM_AT(random_of_one, uint)
+RANDOM_AT(random_at, uintw)

@@ -250,24 +250,6 @@ kernel void key_points_loss(SPAN(float, short_of), SPAN(float, danchors), SPAN(c
 
 /* ---- points beside the samples ---- */
 
-/* Philox 4x32-10, as core/rng.h: words 0, 1, 2 of WIDTH indices */
-void random_at(uintw word[3], ulong seed, ulong step, uintw index, uint purpose) {
-  uintw c0 = (uint)step, c1 = (uint)(step >> 32), c2 = index, c3 = purpose;
-  uint k0 = (uint)seed, k1 = (uint)(seed >> 32);
-  for (int round = 0; round < 10; round++) {
-    const ulongw p0 = 0xD2511F53ul * JOINW(convert_ulong)(c0), p1 = 0xCD9E8D57ul * JOINW(convert_ulong)(c2);
-    c0 = JOINW(convert_uint)(p1 >> 32) ^ c1 ^ k0;
-    c2 = JOINW(convert_uint)(p0 >> 32) ^ c3 ^ k1;
-    c1 = JOINW(convert_uint)(p1);
-    c3 = JOINW(convert_uint)(p0);
-    k0 += 0x9E3779B9u;
-    k1 += 0xBB67AE85u;
-  }
-  word[0] = c0;
-  word[1] = c1;
-  word[2] = c2;
-}
-
 /* moved, x: [3] per sample, WIDTH of them an item; `first` is the number of the first sample, `purpose` the fourth word
  * of its counter. Offsets are uniform(-reach, reach), of 24 bits. */
 kernel void smooth_points(ROWS(float, moved), ROWS(const float, x), float reach, ulong seed, ulong step, ulong first,

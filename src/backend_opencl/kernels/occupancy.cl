@@ -152,8 +152,7 @@ kernel void occupancy_list(SPAN(int, cells), SPAN(const int, first), SPAN(const 
 /* 2u - 1 of u in [0, 1) by the upper 24 bits of a word, which are exact in float */
 float either_side(uint word) { return 2 * ((float)(word >> 8) * 0x1p-24f) - 1; }
 
-/* x [3] per cell = centre + uniform(-1, 1) half_cell. Philox 4x32-10 (core/rng.h): counter (step, step >> 32, cell,
- * purpose), key (seed, seed >> 32). */
+/* x [3] per cell = centre + uniform(-1, 1) half_cell. */
 kernel void occupancy_points(ROWS(float, x), SPAN(const int, cells), float reach, float half_cell, ulong seed,
                              ulong step, uint purpose, ulong n) {
   OPEN(float, x);
@@ -161,22 +160,11 @@ kernel void occupancy_points(ROWS(float, x), SPAN(const int, cells), float reach
   const ulong i = get_global_id(0);
   if (i >= n) return;
   const uint number = (uint)cells[i];
-  uint c0 = (uint)step, c1 = (uint)(step >> 32), c2 = number, c3 = purpose;
-  uint k0 = (uint)seed, k1 = (uint)(seed >> 32);
-#pragma unroll /* so that a CPU makes vectors of the work-items */
-  for (int round = 0; round < 10; round++) {
-    const uint low0 = 0xD2511F53u * c0, low1 = 0xCD9E8D57u * c2;
-    const uint high0 = mul_hi(0xD2511F53u, c0), high1 = mul_hi(0xCD9E8D57u, c2);
-    c0 = high1 ^ c1 ^ k0;
-    c1 = low1;
-    c2 = high0 ^ c3 ^ k1;
-    c3 = low0;
-    k0 += 0x9E3779B9u;
-    k1 += 0xBB67AE85u;
-  }
-  x[i] = centre_of(number, 0, reach) + either_side(c0) * half_cell;
-  x[x_stride + i] = centre_of(number, 1, reach) + either_side(c1) * half_cell;
-  x[2 * x_stride + i] = centre_of(number, 2, reach) + either_side(c2) * half_cell;
+  uint word[3];
+  random_of_one(word, seed, step, number, purpose);
+  x[i] = centre_of(number, 0, reach) + either_side(word[0]) * half_cell;
+  x[x_stride + i] = centre_of(number, 1, reach) + either_side(word[1]) * half_cell;
+  x[2 * x_stride + i] = centre_of(number, 2, reach) + either_side(word[2]) * half_cell;
 }
 
 /* fresh[cells[i]] = sigma[i] */

@@ -209,19 +209,6 @@ kernel void torso_composite_bwd(ROWS(float, dlayer), ROWS(const float, dpixel), 
 
 /* ---- occupancy ---- */
 
-/* Philox 4x32-10 as core/rng.h has it; its first two words. */
-static uint2 random_at(ulong seed, ulong step, uint index, uint purpose) {
-  uint4 counter = (uint4)((uint)step, (uint)(step >> 32), index, purpose);
-  uint2 key = (uint2)((uint)seed, (uint)(seed >> 32));
-  for (int round = 0; round < 10; round++) {
-    const uint a = counter.x, b = counter.z;
-    counter = (uint4)(mul_hi(0xCD9E8D57u, b) ^ counter.y ^ key.x, 0xCD9E8D57u * b,
-                      mul_hi(0xD2511F53u, a) ^ counter.w ^ key.y, 0xD2511F53u * a);
-    key += (uint2)(0x9E3779B9u, 0xBB67AE85u);
-  }
-  return counter.xy;
-}
-
 /* ((2c/127 - 1)(127/128) + uniform(-1, 1)/128) shrink */
 static float look_at(int c, uint word, float shrink) {
   const float centre = coordinate(c, SIDE) * (127.0f / 128.0f), uniform_01 = (float)(word >> 8) * 0x1p-24f;
@@ -233,9 +220,10 @@ kernel void torso_points(ROWS(float, q), float shrink, ulong seed, ulong step, u
   OPEN(float, q);
   const uint cell = get_global_id(0);
   if (cell >= CELLS) return;
-  const uint2 random = random_at(seed, step, cell, purpose);
-  q[cell] = look_at(cell % SIDE, random.x, shrink);
-  q[q_stride + cell] = look_at(cell / SIDE, random.y, shrink);
+  uint word[3];
+  random_of_one(word, seed, step, cell, purpose);
+  q[cell] = look_at(cell % SIDE, word[0], shrink);
+  q[q_stride + cell] = look_at(cell / SIDE, word[1], shrink);
 }
 
 /* grid = max(decay grid, 5 x 5 maximum of alpha, cut at the edges); a NaN of alpha is passed over */
