@@ -21,6 +21,9 @@ typedef struct ern_backend_config {
   int device;         /* number of an OpenCL device, as ern_devices_list counts */
   bool deterministic; /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
                          slower so. The CPU, as either backend, always computes in this way */
+  bool tune;          /* measure now which sizes of work-groups and tiles suit an OpenCL device, for up to two minutes,
+                         and keep that for later runs in the user's cache folder. GPUs are measured unasked when first
+                         used, for up to 20 seconds */
 } ern_backend_config;
 
 ERN_API ern_backend_config ern_backend_config_default(void);
@@ -38,6 +41,19 @@ typedef struct ern_backend_info {
 } ern_backend_info;
 ERN_API void ern_backend_describe(const ern_backend *backend, ern_backend_info *info);
 
+/* A size of an OpenCL device's kernels: of a work-group, a tile, or how many there are. */
+typedef struct ern_tuning {
+  const char *name; /* "mlp_fwd"; a literal */
+  int standard;     /* by the device's limits alone */
+  int best;         /* the fastest of the others that were tried; 0: it has not been measured */
+  int used;         /* what kernels are built with: `best` where it is 5 % faster or more, and where
+                       it may change results by rounding only if not `deterministic` */
+  double standard_seconds, best_seconds; /* of a made-up call */
+} ern_tuning;
+/* Calls `say` for each size; for the CPU not at all. */
+ERN_API void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning),
+                                void *user);
+
 /* One line of `ernerf info devices`. */
 typedef struct ern_device_info {
   const char *kind; /* "cpu" or "opencl" */
@@ -50,6 +66,7 @@ typedef struct ern_device_info {
   const char *driver;                 /* its version */
   uint64_t buffer_bytes, local_bytes; /* one buffer at most; local memory of a work-group */
   bool half, subgroups;               /* half precision; groups that share registers */
+  bool tuned;                         /* its sizes were measured (ern_backend_config's `tune`) */
 } ern_device_info;
 
 /* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */

@@ -47,7 +47,7 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   if (chosen.cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
-    const ern_status made = ern_opencl_backend_make(context, chosen.device, chosen.deterministic, backend);
+    const ern_status made = ern_opencl_backend_make(context, chosen.device, chosen.deterministic, chosen.tune, backend);
     if (made == ERN_OK)
       ern_log(context, ERN_LOG_INFO, "backend: opencl, device %d: %s", chosen.device, (*backend)->isa);
     return made;
@@ -68,6 +68,10 @@ void ern_backend_free(ern_backend **backend) {
 
 void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
   *info = (ern_backend_info){backend->name, backend->isa, (int)backend->real_bytes, backend->deterministic};
+}
+
+void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  if (strcmp(backend->name, "opencl") == 0) ern_opencl_tuning(backend, say, user);
 }
 
 ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const ern_device_info *device), void *user) {

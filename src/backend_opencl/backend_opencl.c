@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backend_opencl/device_tune.h"
 #include "backend_opencl/devices.h"
-#include "backend_opencl/opencl.h"
 #include "core/memory.h"
 
 static const size_t element_bytes[] = {
@@ -107,6 +107,7 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   made = room;
   made->element = element;
   made->count = count;
+  ern_cl_touch(backend, made);
   made->memory = clCreateBuffer(backend->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
   /* Devices take memory when it is first used, so that now is when it turns out to be too little. */
   const cl_uchar zero = 0;
@@ -131,6 +132,7 @@ fail:
 
 static ern_status write_span(struct ern_stream *stream, ern_span to, const void *from, size_t count) {
   if (count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
   const size_t each = element_bytes[to.buffer->element];
   const cl_int code = clEnqueueWriteBuffer(ern_cl_stream_of(stream)->queue, to.buffer->memory, CL_TRUE, to.at * each,
                                            count * each, from, 0, NULL, NULL);
@@ -166,6 +168,7 @@ static ern_status download_bytes(struct ern_stream *stream, uint8_t *to, ern_spa
 
 static ern_status zero(struct ern_stream *stream, ern_span span) {
   if (span.buffer == NULL || span.count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), span.buffer);
   const size_t each = element_bytes[span.buffer->element];
   const cl_uint word = 0;
   const cl_int code = clEnqueueFillBuffer(ern_cl_stream_of(stream)->queue, span.buffer->memory, &word, each,
@@ -175,6 +178,7 @@ static ern_status zero(struct ern_stream *stream, ern_span span) {
 
 static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, size_t count) {
   if (count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
   const size_t each = element_bytes[to.buffer->element];
   const cl_int code = clEnqueueCopyBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, to.buffer->memory,
                                           from.at * each, to.at * each, count * each, 0, NULL, NULL);
@@ -288,7 +292,7 @@ static ern_status check_table(const struct ern_backend *table) {
   return ERN_OK;
 }
 
-ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, struct ern_backend **backend) {
+ern_status ern_cl_backend_open(ern_context *context, int number, bool deterministic, struct ern_cl_backend **backend) {
   struct ern_cl_backend *made = NULL;
   ern_status status = ERN_OK;
   void *room = NULL;
@@ -311,9 +315,22 @@ ern_status ern_opencl_backend_make(ern_context *context, int number, bool determ
   ERN_TRY(ern_cl_check(made, code, "make a buffer"));
   fill_table(made, deterministic);
   ERN_TRY(check_table(&made->table));
-  *backend = &made->table;
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++)
+    made->size[knob] = ern_cl_standard_size(&made->device, knob);
+  *backend = made;
   return ERN_OK;
 fail:
   if (made != NULL) backend_free(&made->table);
   return status;
+}
+
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
+                                   ern_backend **backend) {
+  struct ern_cl_backend *made = NULL;
+  *backend = NULL;
+  const ern_status status = ern_cl_backend_open(context, number, deterministic, &made);
+  if (status != ERN_OK) return status;
+  ern_cl_tune(made, number, tune);
+  *backend = &made->table;
+  return ERN_OK;
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Built kernels in the user's cache folder. An entry is 64 hex digits, the SHA-256 of what follows; its key, 64 more;
- * then the binary. One that was cut, changed, written by half or is another's is built again, not trusted. Nothing
- * here can make a run fail. */
+ * Built kernels and what suits a device, in the user's cache folder. An entry is 64 hex digits, the SHA-256 of what
+ * follows; its key, 64 more; then the bytes. One that was cut, changed, written by half or is another's is made again,
+ * not trusted. Nothing here can make a run fail, or is its last error. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,37 +30,58 @@ static bool entry_path(const char *key, char path[PATH_BYTES]) {
   return length > 0 && length < PATH_BYTES;
 }
 
-ern_status ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count) {
+/* An entry that is missing is not an error. */
+static ern_status read_entry(ern_context *context, const char *path, uint8_t **bytes, size_t *count) {
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(context, before);
+  const ern_status status = ern_file_read(context, path, MOST_BYTES, bytes, count);
+  if (status != ERN_OK) ern_error_restore(context, before);
+  return status;
+}
+
+void ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count) {
   char path[PATH_BYTES], sum[SUM_BYTES + 1];
   uint8_t *all = NULL;
   size_t length = 0;
   *bytes = NULL;
   *count = 0;
-  if (!entry_path(key, path)) return ERN_OK;
-  if (ern_file_read(context, path, MOST_BYTES, &all, &length) != ERN_OK) return ERN_OK;
+  if (!entry_path(key, path) || read_entry(context, path, &all, &length) != ERN_OK) return;
   if (length > SUM_BYTES) ern_sha256_hex(all + SUM_BYTES, length - SUM_BYTES, sum);
   if (length <= HEAD_BYTES || memcmp(all, sum, SUM_BYTES) != 0 || memcmp(all + SUM_BYTES, key, SUM_BYTES) != 0) {
-    ern_log(context, ERN_LOG_DEBUG, "%s: damaged, the kernels are built again", path);
+    ern_log(context, ERN_LOG_DEBUG, "%s: damaged, it is made again", path);
     ern_release(context, all);
-    return ERN_OK;
+    return;
   }
   memmove(all, all + HEAD_BYTES, length - HEAD_BYTES);
   *bytes = all;
   *count = length - HEAD_BYTES;
-  return ERN_OK;
 }
 
-void ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count) {
+static ern_status write_entry(ern_context *context, const char *key, const void *bytes, size_t count) {
   char folder[PATH_BYTES], path[PATH_BYTES], sum[SUM_BYTES + 1];
   void *room = NULL;
-  if (!cache_folder(folder) || !entry_path(key, path) || ern_folder_make(context, folder) != ERN_OK) return;
-  if (count > MOST_BYTES || ern_allocate(context, HEAD_BYTES + count, 1, &room) != ERN_OK) return;
+  ern_status status = ERN_OK;
+  if (!cache_folder(folder) || !entry_path(key, path) || count > MOST_BYTES) return ERN_E_UNSUPPORTED;
+  ERN_TRY(ern_folder_make(context, folder));
+  ERN_TRY(ern_allocate(context, HEAD_BYTES + count, 1, &room));
   uint8_t *all = room;
   memcpy(all + SUM_BYTES, key, SUM_BYTES);
   memcpy(all + HEAD_BYTES, bytes, count);
   ern_sha256_hex(all + SUM_BYTES, SUM_BYTES + count, sum);
   memcpy(all, sum, SUM_BYTES);
-  if (ern_file_write(context, path, all, HEAD_BYTES + count) != ERN_OK)
-    ern_log(context, ERN_LOG_DEBUG, "%s: built kernels are not kept: %s", path, ern_last_error(context));
+  ERN_TRY(ern_file_write(context, path, all, HEAD_BYTES + count));
+fail:
   ern_release(context, room);
+  return status;
+}
+
+bool ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count) {
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(context, before);
+  const ern_status status = write_entry(context, key, bytes, count);
+  if (status != ERN_OK) {
+    ern_log(context, ERN_LOG_DEBUG, "OpenCL: nothing is kept in the cache folder: %s", ern_last_error(context));
+    ern_error_restore(context, before);
+  }
+  return status == ERN_OK;
 }

@@ -41,8 +41,16 @@ static inline ern_span ern_cl_whole(struct ern_buffer *buffer) {
 }
 static inline ern_span ern_cl_from(ern_span span, size_t at) { return ern_span_part(span, at, span.count - at); }
 
+/* Outputs of a layer of at most `widest` that are summed at once: with three vectors they fill a CPU's registers. */
+static inline int ern_cl_outputs(const struct ern_cl_device *device, int widest) {
+  return device->width == 1 ? widest : device->width == 8 ? 4 : 8;
+}
+/* The form for tiles of `rows`, with the knob's vectors or items where local memory has room for them. */
+struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows);
 /* Work-groups that keep a device busy whose items take work off a counter until there is none. */
-size_t ern_cl_groups(const struct ern_cl_device *device);
+static inline size_t ern_cl_groups(const struct ern_cl_backend *backend, ern_cl_knob knob) {
+  return backend->device.units * (size_t)backend->size[knob];
+}
 
 /* *head: NULL for a shape that the kernels cannot be built for. */
 ERN_NODISCARD ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_prepare_args *args,

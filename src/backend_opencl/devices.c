@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/opencl.h"
+#include "backend_opencl/device_tune.h"
 
 enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
@@ -66,7 +66,8 @@ static void ask(struct ern_cl_device *device) {
   if (clGetPlatformInfo(device->platform, CL_PLATFORM_VERSION, sizeof device->platform_version,
                         device->platform_version, NULL) != CL_SUCCESS)
     device->platform_version[0] = 0;
-  device->cpu = (number_of(id, CL_DEVICE_TYPE, sizeof(cl_device_type)) & CL_DEVICE_TYPE_CPU) != 0;
+  device->host = (number_of(id, CL_DEVICE_TYPE, sizeof(cl_device_type)) & CL_DEVICE_TYPE_CPU) != 0;
+  device->cpu = device->host;
   device->exact_divide = (number_of(id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof(cl_device_fp_config)) &
                           CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0;
   device->half = has_extension(extensions, "cl_khr_fp16");
@@ -96,6 +97,8 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
   for (int i = 0; i < count; i++) {
     struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
     ask(&device);
+    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+    ern_cl_tune_read(context, &device, measured);
     const ern_device_info info = {.kind = "opencl",
                                   .number = i,
                                   .name = device.name,
@@ -107,7 +110,8 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
                                   .buffer_bytes = device.buffer_bytes,
                                   .local_bytes = device.local_bytes,
                                   .half = device.half,
-                                  .subgroups = device.subgroups};
+                                  .subgroups = device.subgroups,
+                                  .tuned = ern_cl_is_tuned(measured)};
     say(user, &info);
   }
   return ERN_OK;
@@ -145,9 +149,14 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
   return ERN_OK;
 }
 
-ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, ern_backend **backend) {
-  (void)number, (void)deterministic;
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
+                                   ern_backend **backend) {
+  (void)number, (void)deterministic, (void)tune;
   *backend = NULL;
   return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
+}
+
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  (void)backend, (void)say, (void)user;
 }
 #endif

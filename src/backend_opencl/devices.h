@@ -9,9 +9,12 @@
 ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
                                                  void (*say)(void *user, const ern_device_info *device), void *user);
 
-/* The backend of device `number`; see ern_backend_config for `deterministic`. ERN_E_UNSUPPORTED where there is no
- * driver or no such device, or where this build is without OpenCL. */
-ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic,
+/* The backend of device `number`; see ern_backend_config for `deterministic` and `tune`. ERN_E_UNSUPPORTED where there
+ * is no driver or no such device, or where this build is without OpenCL. */
+ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
                                                  ern_backend **backend);
+
+/* ern_backend_tuning, of such a backend. */
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user);
 
 #endif

@@ -39,10 +39,32 @@
 typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;
 #undef ERN_CL_SOURCE_NUMBER
 
+/* Sizes that kernels are cut to: a standard by the device's limits, or what was measured to be faster (tune.c). */
+#define ERN_CL_KNOBS(KNOB)                                                   \
+  KNOB(mlp_fwd)     /* CPU: vectors of an item; GPU: items of a group */     \
+  KNOB(mlp_bwd)     /* likewise */                                           \
+  KNOB(grid_fwd)    /* CPU: vectors that an item goes through; GPU: items */ \
+  KNOB(grid_bwd)    /* likewise */                                           \
+  KNOB(rays_tile)   /* of render_rays, CPU: vectors; GPU: items */           \
+  KNOB(rays_groups) /* groups a compute unit */                              \
+  KNOB(torso_tile)  /* of render_torso, likewise */                          \
+  KNOB(torso_groups)
+
+#define ERN_CL_KNOB_NUMBER(name) ERN_CL_SIZE_##name,
+typedef enum ern_cl_knob { ERN_CL_KNOBS(ERN_CL_KNOB_NUMBER) ERN_CL_KNOB_COUNT } ern_cl_knob;
+#undef ERN_CL_KNOB_NUMBER
+
+struct ern_cl_measured { /* of one knob */
+  int32_t standard, best;
+  int64_t standard_ns, best_ns; /* of a made-up call; 0: not measured */
+};
+
 struct ern_buffer {
   ern_element element;
   size_t count;
   cl_mem memory;
+  atomic_size_t written; /* another number after its bytes were changed: by the host, cleared, copied to, or, of the
+                            bits of an occupancy, by a refresh. No two buffers of a backend have the same */
 };
 
 /* What is asked of a device once. */
@@ -50,8 +72,9 @@ struct ern_cl_device {
   cl_platform_id platform;
   cl_device_id id;
   char name[128], version[128], driver[128], platform_version[128];
-  bool cpu; /* the kernels' form: a work-item carries a vector of samples, as suits a CPU; false: one, as suits a GPU.
-               By the type of the device; ERNERF_OPENCL_FORM=cpu|gpu says otherwise */
+  bool host; /* a CPU, whatever the form */
+  bool cpu;  /* the kernels' form: a work-item carries a vector of samples, as suits a CPU; false: one, as suits a GPU.
+                By the type of the device; ERNERF_OPENCL_FORM=cpu|gpu says otherwise */
   bool exact_divide;     /* division and square root can be correctly rounded */
   bool half;             /* cl_khr_fp16 */
   bool subgroups;        /* cl_khr_subgroups or cl_intel_subgroups */
@@ -73,10 +96,13 @@ struct ern_cl_backend {
   struct ern_backend table; /* first: a backend is one */
   struct ern_cl_device device;
   cl_context context;
-  cl_command_queue queue; /* for what belongs to no stream: clearing new buffers */
-  cl_mem probe;           /* 4 bytes, written to see whether the device still answers */
-  atomic_size_t taken;    /* bytes of all buffers */
-  pthread_mutex_t lock;   /* of the programs */
+  cl_command_queue queue;      /* for what belongs to no stream: clearing new buffers */
+  cl_mem probe;                /* 4 bytes, written to see whether the device still answers */
+  atomic_size_t writes;        /* numbers given to buffers */
+  atomic_size_t taken;         /* bytes of all buffers */
+  int size[ERN_CL_KNOB_COUNT]; /* what kernels are built with */
+  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  pthread_mutex_t lock; /* of the programs */
   struct ern_cl_program *programs;
   size_t program_count, program_room;
 };
@@ -121,6 +147,11 @@ static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream
 /* Opens device `number`, as ern_opencl_devices_list counts. ERN_E_UNSUPPORTED names what there is instead. */
 ERN_NODISCARD ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device);
 
+/* Notes that the buffer's bytes change. */
+static inline void ern_cl_touch(struct ern_cl_backend *backend, struct ern_buffer *buffer) {
+  atomic_store(&buffer->written, atomic_fetch_add(&backend->writes, 1) + 1);
+}
+
 /* ERN_OK, or the error with the device's name and what was being done ("run mlp_fwd"). Out of memory is
  * ERN_E_NO_MEMORY, all else ERN_E_DEVICE; so is out of memory where the device no longer answers at all. */
 ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing);
@@ -131,11 +162,15 @@ const char *ern_cl_error_name(cl_int code);
 ERN_NODISCARD ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
                                             cl_program *program);
 void ern_cl_programs_free(struct ern_cl_backend *backend);
+enum { ERN_CL_KEY_BYTES = 65 };
+/* The name of a program's binary, and so of all that it depends on. */
+ERN_NODISCARD ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device,
+                                            ern_cl_source source, const char *options, char key[ERN_CL_KEY_BYTES]);
 
-/* Binaries of built programs in the user's cache folder ($XDG_CACHE_HOME/libernerf or ~/.cache/libernerf). An entry
- * that cannot be read, or whose sum is wrong, is as good as none. key: 64 hex digits. */
-ern_status ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count); /* NULL: none */
-void ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count);
+/* Binaries of built programs, and what the tuner measured, in the user's cache folder ($XDG_CACHE_HOME/libernerf or
+ * ~/.cache/libernerf). An entry that cannot be read, or whose sum is wrong, is as good as none. key: 64 hex digits. */
+void ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count); /* NULL: none */
+bool ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count);
 
 /* ---- a launch: arguments in order, then run; the first error sticks and comes out of run ---- */
 
@@ -163,6 +198,10 @@ ERN_NODISCARD ern_status ern_cl_each(struct ern_cl_call *call, size_t items);
 
 /* Blocking read of `count` floats or int32. */
 ERN_NODISCARD ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count);
+
+/* After a call that may have failed: what it left for `settle` would be written to arguments that are gone, and scratch
+ * above what is in use is given back, as the next try may need it to be of other sizes. Returns `status`. */
+ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status);
 
 /* Room for `count` figures, which `settle` will hand to the function together with `args` (alive until then). The
  * values may be added up in double by the host: a float for each of a fixed number of groups. */

@@ -9,7 +9,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 
-enum { OPTION_BYTES = 4096, KEY_BYTES = 65, LOG_BYTES = 1500 /* an error text has 2048 */ };
+enum { OPTION_BYTES = 4096, LOG_BYTES = 1500 /* an error text has 2048 */ };
 
 static const struct {
   const char *name;
@@ -35,26 +35,24 @@ void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t 
            device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu);
 }
 
-/* The name of a binary: everything that it depends on. */
-static ern_status cache_key(const struct ern_cl_backend *backend, ern_cl_source source, const char *options,
-                            char key[KEY_BYTES]) {
-  const struct ern_cl_device *device = &backend->device;
+ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,
+                              const char *options, char key[ERN_CL_KEY_BYTES]) {
   char head[OPTION_BYTES];
   void *room = NULL;
   const int length = snprintf(head, sizeof head, "libernerf %s|%s|%s|%s|%s|%s|", ern_version(), device->name,
                               device->version, device->driver, device->platform_version, options);
   if (length < 0 || (size_t)length >= sizeof head)
-    return ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
+    return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
   const char *text[TEXTS];
   size_t bytes[TEXTS], at = (size_t)length;
   texts_of(source, text, bytes);
-  const ern_status status = ern_allocate(backend->table.context, at + bytes[0] + bytes[1] + bytes[2], 1, &room);
+  const ern_status status = ern_allocate(context, at + bytes[0] + bytes[1] + bytes[2], 1, &room);
   if (status != ERN_OK) return status;
   char *all = room;
   memcpy(all, head, at);
   for (size_t i = 0; i < TEXTS; at += bytes[i++]) memcpy(all + at, text[i], bytes[i]);
   ern_sha256_hex(all, at, key);
-  ern_release(backend->table.context, room);
+  ern_release(context, room);
   return ERN_OK;
 }
 
@@ -85,7 +83,8 @@ static cl_program from_cache(struct ern_cl_backend *backend, const char *key, co
   uint8_t *bytes = NULL;
   size_t count = 0;
   cl_int code = CL_SUCCESS, fit = CL_SUCCESS;
-  if (ern_cl_cache_read(backend->table.context, key, &bytes, &count) != ERN_OK || bytes == NULL) return NULL;
+  ern_cl_cache_read(backend->table.context, key, &bytes, &count);
+  if (bytes == NULL) return NULL;
   const unsigned char *binary = bytes;
   cl_program program =
       clCreateProgramWithBinary(backend->context, 1, &backend->device.id, &count, &binary, &fit, &code);
@@ -151,7 +150,7 @@ static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, con
 }
 
 static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
-  char all[OPTION_BYTES], key[KEY_BYTES];
+  char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
   ern_cl_base_options(&backend->device, all, sizeof all);
   const size_t base = strlen(all);
@@ -159,7 +158,7 @@ static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, con
   if (more < 0 || (size_t)more >= sizeof all - base)
     ERN_TRY(
         ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
-  ERN_TRY(cache_key(backend, source, all, key));
+  ERN_TRY(ern_cl_program_key(backend->table.context, &backend->device, source, all, key));
   *program = from_cache(backend, key, all);
   if (*program == NULL) {
     ern_log(backend->table.context, ERN_LOG_DEBUG, "OpenCL: building %s", sources[source].name);

@@ -52,7 +52,8 @@ struct ern_cl_head {
   size_t at[PARTS]; /* in net */
   size_t net_count;
   struct ern_buffer *net, *dense, *levels, *counter; /* reals, reals, bytes, one int32 */
-  uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES] */
+  uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES], of the last frame */
+  size_t bits_written, bits_at;                      /* the buffer's number then; 0: none yet */
   float *nearest;                                    /* host: a distance a block of pixels */
   size_t nearest_room;
   char options[OPTIONS_BYTES];
@@ -256,11 +257,6 @@ static ern_status fold(struct ern_stream *stream, const struct ern_cl_head *p, c
                          p->colour, ERN_CODE_WIDTH, 1);
 }
 
-static struct ern_cl_form form_of(const struct ern_cl_device *device) {
-  if (device->width > 1) return (struct ern_cl_form){3, device->width == 8 ? 4 : 8, 1};
-  return (struct ern_cl_form){1, WIDEST, 64};
-}
-
 ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_prepare_args *a,
                             struct ern_cl_head **head) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
@@ -273,8 +269,9 @@ ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_p
   struct ern_cl_head *p = *head = room;
   ERN_TRY(ern_allocate(table->context, ERN_OCCUPANCY_BYTES, 1, &room));
   p->bits = room;
-  p->form = form_of(&own->owner->device);
+  p->form.outputs = ern_cl_outputs(&own->owner->device, WIDEST);
   measure(p, a->field);
+  p->form = ern_cl_form_for(own->owner, ERN_CL_SIZE_rays_tile, p->form.outputs, column_of(p).rows);
   ERN_TRY(write_options(table->context, p, a->field));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, p->net_count, &p->net));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 1, &p->counter));
@@ -332,7 +329,12 @@ static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p,
     ERN_TRY(ern_allocate(table->context, blocks, sizeof *p->nearest, &room));
     p->nearest = room, p->nearest_room = blocks;
   }
-  ERN_TRY(table->download_bytes(stream, p->bits, a->bits, ERN_OCCUPANCY_BYTES));
+  const size_t written = atomic_load(&a->bits.buffer->written);
+  if (p->bits_written != written || p->bits_at != a->bits.at) {
+    p->bits_written = 0;
+    ERN_TRY(table->download_bytes(stream, p->bits, a->bits, ERN_OCCUPANCY_BYTES));
+    p->bits_written = written, p->bits_at = a->bits.at;
+  }
   ern_visible_blocks(p->nearest, p->bits, &a->view, a->settings.bound);
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, nearest));
   ERN_TRY(table->upload_reals(stream, *nearest, p->nearest, blocks));
@@ -342,7 +344,7 @@ fail:
 
 static ern_status launch(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
                          ern_span nearest) {
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
   const struct frame frame = frame_of(a);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_rays", p->options);
   ern_cl_rows(&call, a->pixel);
@@ -360,7 +362,7 @@ static ern_status launch(struct ern_stream *stream, struct ern_cl_head *p, const
   ern_cl_span(&call, ern_cl_whole(p->levels));
   ern_cl_span(&call, ern_cl_whole(p->counter));
   ern_cl_value(&call, &frame, sizeof frame);
-  return ern_cl_run(&call, ern_cl_groups(device), (size_t)p->form.group);
+  return ern_cl_run(&call, ern_cl_groups(backend, ERN_CL_SIZE_rays_groups), (size_t)p->form.group);
 }
 
 ern_status ern_cl_head_render(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a) {

@@ -101,16 +101,14 @@ static struct matrix shape_of(const struct ern_cl_torso *p, matrix_name name) {
   return shape[name];
 }
 
-static struct ern_cl_form form_of(const struct ern_cl_device *device) {
-  if (device->width > 1) return (struct ern_cl_form){3, device->width == 8 ? 4 : 8, 1};
-  return (struct ern_cl_form){1, HIDDEN, 64};
-}
-
 /* A tile: inputs of a layer; outputs, where they may not be written over the inputs (all of them are one block); what
  * the network's first layer begins with. */
-static ern_status write_options(ern_context *context, struct ern_cl_torso *p) {
+static ern_status write_options(const struct ern_cl_backend *backend, struct ern_cl_torso *p) {
+  ern_context *context = backend->table.context;
+  const int outputs = ern_cl_outputs(&backend->device, HIDDEN);
   const size_t inputs = p->features > HIDDEN ? p->features : HIDDEN;
-  const size_t second = p->form.outputs < HIDDEN ? inputs : 0, begin = second > 0 ? second + HIDDEN : inputs;
+  const size_t second = outputs < HIDDEN ? inputs : 0, begin = second > 0 ? second + HIDDEN : inputs;
+  p->form = ern_cl_form_for(backend, ERN_CL_SIZE_torso_tile, outputs, begin + HIDDEN);
   const int length =
       snprintf(p->options, sizeof p->options,
                "-D GROUP=%d -D VECTORS=%d -D OUTPUTS=%d -D LEVELS=%zu -D AT_DEFORM1=%zu -D AT_DEFORM2=%zu "
@@ -157,14 +155,13 @@ ern_status ern_cl_torso_make(struct ern_stream *stream, const struct ern_render_
   const size_t levels = (size_t)a->field->torso_grid.levels;
   ERN_TRY(ern_allocate(table->context, 1, sizeof **torso, &room));
   struct ern_cl_torso *p = *torso = room;
-  p->form = form_of(&own->owner->device);
   p->features = 2 * levels;
   for (int i = 0; i < PARTS; i++) {
     const struct matrix shape = shape_of(p, (matrix_name)i);
     p->at[i] = p->net_count;
     p->net_count += (shape.outputs * shape.inputs + ERN_CL_ALIGN - 1) / ERN_CL_ALIGN * ERN_CL_ALIGN;
   }
-  ERN_TRY(write_options(table->context, p));
+  ERN_TRY(write_options(own->owner, p));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, p->net_count, &p->net));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_BYTE, levels * sizeof *level, &p->levels));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 1, &p->counter));
@@ -277,7 +274,7 @@ ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *p
   ern_cl_span(&call, ern_cl_from(a->parameters, a->field->torso_table));
   ern_cl_span(&call, ern_cl_whole(p->counter));
   ern_cl_value(&call, &frame, sizeof frame);
-  status = ern_cl_run(&call, ern_cl_groups(device), (size_t)p->form.group);
+  status = ern_cl_run(&call, ern_cl_groups(ern_cl_backend_of(stream), ERN_CL_SIZE_torso_groups), (size_t)p->form.group);
 fail:
   ern_arena_release(stream, mark);
   return status;

@@ -7,7 +7,7 @@
 
 #include "backend_opencl/opencl.h"
 
-enum { GROUP = 64, VECTORS = 64 /* as in kernels/hashgrid.cl */, OWNERS = 512, OPTION_BYTES = 128 };
+enum { OWNERS = 512, OPTION_BYTES = 128 };
 
 /* As kernels/hashgrid.cl has them. */
 struct level {
@@ -50,10 +50,12 @@ struct plan {
   size_t group, groups, table_groups;
 };
 
-static struct plan plan_grid(struct ern_stream *stream, const struct ern_grid *grid, size_t n) {
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
-  struct plan plan = {.group = device->cpu ? 1 : GROUP};
-  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP, blocks = n / block + (n % block != 0);
+static struct plan plan_grid(struct ern_stream *stream, ern_cl_knob knob, const struct ern_grid *grid, size_t n) {
+  const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
+  const struct ern_cl_device *device = &backend->device;
+  const size_t size = (size_t)backend->size[knob];
+  struct plan plan = {.group = device->cpu ? 1 : size};
+  const size_t block = size * (size_t)device->width, blocks = n / block + (n % block != 0);
   bool divide = false;
   int exponent = 0;
   plan.grid = (struct grid){.bound = grid->bound,
@@ -63,10 +65,11 @@ static struct plan plan_grid(struct ern_stream *stream, const struct ern_grid *g
   for (int l = 0; l < grid->levels; l++) plan.grid.level[l] = plan_level(grid, l, &divide);
   /* The inverse of a power of two is exact, and so the product is the quotient. */
   const bool inverse = frexpf(grid->bound, &exponent) == 0.5f && abs(exponent) < 100;
-  snprintf(plan.options, OPTION_BYTES, "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d", grid->dims,
-           grid->features, inverse, divide, OWNERS);
+  snprintf(plan.options, OPTION_BYTES,
+           "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d -D GROUP=%zu -D VECTORS=%zu", grid->dims,
+           grid->features, inverse, divide, OWNERS, plan.group, device->cpu ? size : 1);
   plan.groups = blocks * (size_t)grid->levels;
-  plan.table_groups = (size_t)grid->levels * (size_t)(device->cpu ? 1 : OWNERS / GROUP);
+  plan.table_groups = (size_t)grid->levels * (device->cpu ? 1 : OWNERS / size);
   return plan;
 }
 
@@ -76,7 +79,7 @@ static void positions(struct ern_cl_call *call, const struct ern_grid_args *a) {
 
 static ern_status grid_fwd(struct ern_stream *stream, struct ern_grid_args *a) {
   if (a->n == 0) return ERN_OK;
-  const struct plan plan = plan_grid(stream, a->grid, a->n);
+  const struct plan plan = plan_grid(stream, ERN_CL_SIZE_grid_fwd, a->grid, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_fwd", plan.options);
   ern_cl_rows(&call, a->f);
   positions(&call, a);
@@ -112,7 +115,7 @@ static ern_status bwd_x(struct ern_stream *stream, const struct ern_grid_bwd_arg
 static ern_status grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *a) {
   ern_status status = ERN_OK;
   if (a->forward.n == 0) return ERN_OK;
-  const struct plan plan = plan_grid(stream, a->forward.grid, a->forward.n);
+  const struct plan plan = plan_grid(stream, ERN_CL_SIZE_grid_bwd, a->forward.grid, a->forward.n);
   if (a->dtable.buffer != NULL) ERN_TRY(bwd_table(stream, a, &plan));
   if (a->dx[0].buffer != NULL) ERN_TRY(bwd_x(stream, a, &plan));
 fail:

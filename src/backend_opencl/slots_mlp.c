@@ -7,9 +7,7 @@
 
 enum {
   OPTION_BYTES = 2048,
-  MOST_VECTORS = 3, /* of a work-item on a CPU: with 8 rows of sums they fill its registers */
-  MOST_GROUP = 64,  /* work-items on a GPU */
-  PARTS_CPU = 64,   /* of the samples at most, each with sums of its own; a part has LEAST_TILES or more */
+  PARTS_CPU = 64, /* of the samples at most, each with sums of its own; a part has LEAST_TILES or more */
   PARTS_GPU = 512,
   LEAST_TILES = 8,
   SUMS_MOST = 1 << 24,      /* floats of all parts' sums: 64 MiB */
@@ -48,12 +46,14 @@ static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, si
   return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
 }
 
-/* The largest tile that fits. */
-static void plan_tile(struct plan *plan, const struct ern_cl_device *device, size_t channels, size_t turned) {
+/* The largest tile that fits, of the knob's size at most. */
+static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_knob knob, size_t channels,
+                      size_t turned) {
+  const struct ern_cl_device *device = &backend->device;
   *plan = (struct plan){.group = 1, .vectors = 1, .lanes = 1};
   if (device->cpu) {
     plan->lanes = device->width;
-    plan->vectors = MOST_VECTORS;
+    plan->vectors = backend->size[knob];
     while (local_bytes(plan, true, channels, turned) > device->local_bytes && plan->vectors * plan->lanes > 1) {
       if (plan->vectors > 1)
         plan->vectors--;
@@ -61,7 +61,7 @@ static void plan_tile(struct plan *plan, const struct ern_cl_device *device, siz
         plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
     }
   } else {
-    plan->group = MOST_GROUP;
+    plan->group = backend->size[knob];
     while (((size_t)plan->group > device->group_most ||
             local_bytes(plan, false, channels, turned) > device->local_bytes) &&
            plan->group > 1)
@@ -95,7 +95,7 @@ static ern_status mlp_fwd(struct ern_stream *stream, struct ern_mlp_args *a) {
   for (int l = 0; l <= a->mlp.layers; l++)
     if (a->mlp.width[l] > widest[l % 2]) widest[l % 2] = a->mlp.width[l];
   struct plan plan;
-  plan_tile(&plan, &ern_cl_backend_of(stream)->device, (size_t)(widest[0] + widest[1]), 0);
+  plan_tile(&plan, ern_cl_backend_of(stream), ERN_CL_SIZE_mlp_fwd, (size_t)(widest[0] + widest[1]), 0);
   say_shape(&plan, a);
   say(&plan, " -D EVEN=%d -D ODD=%d", widest[0], widest[1]);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_fwd", plan.options);
@@ -150,14 +150,16 @@ static void give_gradients(struct ern_cl_call *call, const struct ern_mlp_bwd_ar
 
 static ern_status mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a) {
   const struct ern_mlp *mlp = &a->forward.mlp;
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
+  const struct ern_cl_device *device = &backend->device;
   const size_t n = a->forward.n, first = mlp->weight[0];
   if (n == 0) return ERN_OK;
   int values = 0, widest = 0;
   for (int l = 0; l <= mlp->layers; values += mlp->width[l++])
     if (l < mlp->layers && mlp->width[l] > widest) widest = mlp->width[l];
   struct plan plan;
-  plan_tile(&plan, device, (size_t)(values + (device->cpu ? device->width - 1 : 0)), (size_t)widest);
+  plan_tile(&plan, backend, ERN_CL_SIZE_mlp_bwd, (size_t)(values + (device->cpu ? device->width - 1 : 0)),
+            (size_t)widest);
   say_shape(&plan, &a->forward);
   const size_t part = say_sums(&plan, a, device->cpu);
   const size_t tiles = n / plan.tile + (n % plan.tile != 0), room = SUMS_MOST / part;

@@ -130,6 +130,7 @@ static ern_status occupancy_update(struct ern_stream *stream, struct ern_occupan
   ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
   ERN_TRY(ern_cl_read(stream, part, parts, 2 * ERN_CL_SUMS));
   a->mean = sum_of(part) / ERN_OCCUPANCY_CELLS;
+  ern_cl_touch(ern_cl_backend_of(stream), a->bits.buffer);
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_bits", "");
   ern_cl_span(&call, a->bits);
   ern_cl_span(&call, a->grid);

@@ -37,8 +37,14 @@ ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place 
   return ern_cl_each(&call, rows * columns);
 }
 
-/* A CPU's threads take a share of the groups each, a GPU's units several groups at a time. */
-size_t ern_cl_groups(const struct ern_cl_device *device) { return device->units * (device->width > 1 ? 2 : 16); }
+struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows) {
+  const struct ern_cl_device *device = &backend->device;
+  const size_t column = rows * (size_t)device->width * sizeof(float);
+  const bool vectors = device->width > 1;
+  size_t size = (size_t)backend->size[knob];
+  while (size > 1 && (size * column > device->local_bytes || (!vectors && size > device->group_most))) size /= 2;
+  return vectors ? (struct ern_cl_form){(int)size, outputs, 1} : (struct ern_cl_form){1, outputs, (int)size};
+}
 
 /* ---- a model ----------------------------------------------------------------------------------------------------- */
 
@@ -53,13 +59,23 @@ void ern_cl_portrait_free(struct ern_cl_stream *stream) {
 
 static ern_status render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  ern_context *context = own->owner->table.context;
+  char last_error[ERN_ERROR_BYTES];
   void *room = NULL;
   ern_status status = ERN_OK;
+  ern_error_keep(context, last_error);
   ern_cl_portrait_free(own);
-  ERN_TRY(ern_allocate(own->owner->table.context, 1, sizeof *own->portrait, &room));
+  ERN_TRY(ern_allocate(context, 1, sizeof *own->portrait, &room));
   own->portrait = room;
-  ERN_TRY(ern_cl_head_make(stream, a, &own->portrait->head));
-  ERN_TRY(ern_cl_torso_make(stream, a, &own->portrait->torso));
+  status = ern_cl_clean_up(stream, ern_cl_head_make(stream, a, &own->portrait->head));
+  if (status == ERN_OK) status = ern_cl_clean_up(stream, ern_cl_torso_make(stream, a, &own->portrait->torso));
+  if (status == ERN_E_NO_MEMORY) {
+    ern_log(context, ERN_LOG_INFO,
+            "OpenCL: too little memory to prepare a model; rendering by stages, which is slower");
+    ern_error_restore(context, last_error);
+    status = ERN_OK;
+  }
+  ERN_TRY(status);
   own->portrait->of = a->parameters;
   return ERN_OK;
 fail:
@@ -86,7 +102,10 @@ static ern_span span_part(ern_span span, size_t first, size_t count) {
 
 /* Rays do not know of each other: where memory is too little for all of them at once, it goes by parts. */
 static ern_status by_stages(struct ern_stream *stream, const struct ern_render_rays_args *all) {
+  ern_context *context = stream->backend->context;
+  char last_error[ERN_ERROR_BYTES];
   size_t most = all->n;
+  ern_error_keep(context, last_error);
   for (size_t first = 0; first < all->n;) {
     const size_t n = all->n - first < most ? all->n - first : most;
     struct ern_render_rays_args part = *all;
@@ -99,7 +118,7 @@ static ern_status by_stages(struct ern_stream *stream, const struct ern_render_r
     part.attention = span_part(all->attention, first, n);
     part.eye = span_part(all->eye, first, n);
     part.pixel_number = span_part(all->pixel_number, first, n);
-    const ern_status status = ern_render_rays_stages(stream, &part);
+    const ern_status status = ern_cl_clean_up(stream, ern_render_rays_stages(stream, &part));
     if (status == ERN_OK) {
       first += n;
     } else if (status == ERN_E_NO_MEMORY && n > 1) {
@@ -108,6 +127,7 @@ static ern_status by_stages(struct ern_stream *stream, const struct ern_render_r
       return status;
     }
   }
+  ern_error_restore(context, last_error);
   return ERN_OK;
 }
 
@@ -115,7 +135,14 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
   const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
   const bool fused = portrait != NULL && portrait->head != NULL && a->settings.bound == a->field->config.bound &&
                      a->n <= INT32_MAX / 2;
-  return fused && a->n > 0 ? ern_cl_head_render(stream, portrait->head, a) : by_stages(stream, a);
+  char last_error[ERN_ERROR_BYTES];
+  if (!fused || a->n == 0) return by_stages(stream, a);
+  ern_error_keep(stream->backend->context, last_error);
+  ern_status status = ern_cl_clean_up(stream, ern_cl_head_render(stream, portrait->head, a));
+  if (status != ERN_E_NO_MEMORY) return status;
+  status = by_stages(stream, a);
+  if (status == ERN_OK) ern_error_restore(stream->backend->context, last_error);
+  return status;
 }
 
 static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {

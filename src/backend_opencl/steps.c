@@ -5,9 +5,7 @@
 
 #include "backend_opencl/opencl.h"
 
-/* What a failed step left for `settle` would be written to arguments that are gone. The arena's blocks above what is
- * in use are given back: the next try may need them to be of other sizes. */
-static ern_status clean_up(struct ern_stream *stream, ern_status status) {
+ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   if (status == ERN_OK) return ERN_OK;
   own->pending_count = own->figures_used = 0;
@@ -29,16 +27,19 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   const struct ern_backend *backend = stream->backend;
   size_t at_once = own->rays_at_once > 0 && own->rays_at_once < a->n ? own->rays_at_once : a->n;
   ern_status status = ERN_OK;
+  char last_error[ERN_ERROR_BYTES];
   ern_span before;
+  ern_error_keep(backend->context, last_error);
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->dparameters.count, &before));
   ERN_TRY(backend->copy(stream, before, a->dparameters, before.count));
   for (;;) {
-    status = clean_up(stream, ern_head_step_parts(stream, a, at_once));
+    status = ern_cl_clean_up(stream, ern_head_step_parts(stream, a, at_once));
     if (status != ERN_E_NO_MEMORY) break;
     if (at_once <= 1) ERN_TRY(too_little(stream, "a training step", "ray"));
     at_once /= 2;
     ERN_TRY(backend->copy(stream, a->dparameters, before, before.count));
   }
+  if (status == ERN_OK) ern_error_restore(backend->context, last_error);
   if (status == ERN_OK && at_once < a->n && own->rays_at_once != at_once) {
     own->rays_at_once = at_once;
     ern_log(backend->context, ERN_LOG_INFO,
@@ -52,21 +53,24 @@ fail:
 }
 
 static ern_status torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
-  return clean_up(stream, ern_torso_step_stages(stream, a));
+  return ern_cl_clean_up(stream, ern_torso_step_stages(stream, a));
 }
 
 static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
   struct ern_head_density_args part = *a;
   ern_status status = ERN_OK;
+  char last_error[ERN_ERROR_BYTES];
+  ern_error_keep(stream->backend->context, last_error);
   for (size_t begin = 0; begin < a->n; begin += part.n) {
     part.x.span = ern_span_part(a->x.span, begin, a->x.span.count - begin);
     part.sigma = ern_span_part(a->sigma, begin, a->sigma.count - begin);
     if (part.n > a->n - begin) part.n = a->n - begin;
-    while ((status = clean_up(stream, ern_head_density_stages(stream, &part))) == ERN_E_NO_MEMORY && part.n > 1)
+    while ((status = ern_cl_clean_up(stream, ern_head_density_stages(stream, &part))) == ERN_E_NO_MEMORY && part.n > 1)
       part.n /= 2;
     if (status == ERN_E_NO_MEMORY) return too_little(stream, "the density of points", "point");
     if (status != ERN_OK) return status;
   }
+  ern_error_restore(stream->backend->context, last_error);
   return status;
 }
 

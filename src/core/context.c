@@ -8,12 +8,12 @@
 #include "core/memory.h"
 #include "core/status.h"
 
-enum { CONFIG_COOKIE = 0x45524e31, ERROR_TEXT_BYTES = 2048 };
+enum { CONFIG_COOKIE = 0x45524e31 };
 
 struct ern_context {
   ern_context_config config;
   pthread_mutex_t mutex; /* guards error_text */
-  char error_text[ERROR_TEXT_BYTES];
+  char error_text[ERN_ERROR_BYTES];
 };
 
 static void *libc_allocate(void *user, size_t bytes, size_t alignment) {
@@ -66,7 +66,7 @@ const char *ern_last_error(const ern_context *context) { return context != NULL 
 
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) {
   if (context == NULL) return code;
-  char text[ERROR_TEXT_BYTES];
+  char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(text, sizeof text, format, arguments);
@@ -78,9 +78,24 @@ ern_status ern_fail(ern_context *context, ern_status code, const char *format, .
   return code;
 }
 
+void ern_error_keep(ern_context *context, char text[ERN_ERROR_BYTES]) {
+  text[0] = 0;
+  if (context == NULL) return;
+  pthread_mutex_lock(&context->mutex);
+  memcpy(text, context->error_text, ERN_ERROR_BYTES);
+  pthread_mutex_unlock(&context->mutex);
+}
+
+void ern_error_restore(ern_context *context, const char text[ERN_ERROR_BYTES]) {
+  if (context == NULL) return;
+  pthread_mutex_lock(&context->mutex);
+  memcpy(context->error_text, text, ERN_ERROR_BYTES);
+  pthread_mutex_unlock(&context->mutex);
+}
+
 void ern_log(ern_context *context, ern_log_level level, const char *format, ...) {
   if (context == NULL || context->config.log == NULL) return;
-  char text[ERROR_TEXT_BYTES];
+  char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(text, sizeof text, format, arguments);

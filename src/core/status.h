@@ -16,6 +16,11 @@
  * well. */
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) ERN_PRINTF(3, 4);
 
+/* Around work whose failure does not make its caller fail: the last error from before it is kept, and put back. */
+enum { ERN_ERROR_BYTES = 2048 };
+void ern_error_keep(ern_context *context, char text[ERN_ERROR_BYTES]);
+void ern_error_restore(ern_context *context, const char text[ERN_ERROR_BYTES]);
+
 /* Sends one line to the context's log hook, if it has one. */
 void ern_log(ern_context *context, ern_log_level level, const char *format, ...) ERN_PRINTF(3, 4);
 

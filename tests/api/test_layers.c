@@ -33,7 +33,7 @@ static const struct rule rules[] = {
     {"render", {BELOW_MODEL, "model/*"}},
     {"train", {BELOW_MODEL, "model/*", "render/*"}},
     {"backend_cpu", {FILLS}},
-    {"backend_opencl", {FILLS, "io/file.h"}},
+    {"backend_opencl", {FILLS, "io/file.h", "model/parameters.h"}},
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
     {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},

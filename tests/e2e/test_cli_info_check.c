@@ -64,7 +64,10 @@ static void test_devices(void **state) {
   if (device != NULL) {
     assert_true(count_of(device, "buffer_bytes") > 0 && count_of(device, "local_bytes") > 0);
     assert_true(strlen(text_of(device, "driver")) > 0 && json_is_boolean(json_object_get(device, "half")) &&
-                json_is_boolean(json_object_get(device, "subgroups")));
+                json_is_boolean(json_object_get(device, "subgroups")) &&
+                json_is_boolean(json_object_get(device, "tuned")));
+    cli_run(&cli, "info devices --tune --device 99");
+    cli_expect(&cli, 1, "no device 99", NULL);
   }
   json_decref(object);
 }

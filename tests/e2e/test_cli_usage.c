@@ -37,6 +37,8 @@ static void test_verbs(void **state) {
 
 /* A line, and two words that its refusal holds. */
 static const char *const refused[][3] = {
+    {"info a.npy --tune", "--tune", "info devices"},
+    {"info devices --device 1", "--device", "--tune"},
     {"train", "CLIP is missing", "--help"},
     {"train clip", "-o", "missing"},
     {"train clip -o x.pth", "x.pth", ".safetensors"},

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * A training step on a device that has too little memory, fails for a moment, or is lost: the same gradient with fewer
- * rays at a time, or an error in words; nothing is left behind, and the stream goes on afterwards. */
+ * A training step or a frame on a device that has too little memory, fails for a moment, or is lost: the same gradient
+ * or picture with fewer rays at a time, or an error in words; nothing is left behind, and the stream goes on
+ * afterwards. */
 #include "support.h"
 
 #if defined(ERN_OPENCL)
@@ -354,6 +355,105 @@ static void test_density(void **state) {
   bench_close(&b);
 }
 
+/* ---- a frame ----------------------------------------------------------------------------------------------------- */
+
+enum { PIXELS = SIDE * SIDE };
+
+static struct ern_render_rays_args frame_of(struct bench *b) {
+  int32_t number[PIXELS];
+  struct ern_render_rays_args args = {.pixel = take_rows(b, 3, PIXELS, 20),
+                                      .background = take_rows(b, 3, PIXELS, 21),
+                                      .view = b->view,
+                                      .bits = b->args.bits,
+                                      .parameters = b->args.parameters,
+                                      .field = &b->field,
+                                      .code = take(b, ERN_AUDIO_CODE, -1, 1, 22),
+                                      .eye_value = 0.4f,
+                                      .settings = b->settings,
+                                      .transmittance_stop = 1e-4f,
+                                      .n = PIXELS};
+  for (int i = 0; i < PIXELS; i++) number[i] = i;
+  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_INT32, PIXELS, &args.pixel_number));
+  support_ok(b->context, b->backend->upload_int32(b->stream, args.pixel_number, number, PIXELS));
+  return args;
+}
+
+/* Renders with the faults during it alone; the picture before is gone. */
+static ern_status render(struct bench *b, struct ern_render_rays_args *args, struct faults faults,
+                         float picture[3 * PIXELS]) {
+  support_ok(b->context, b->backend->zero(b->stream, args->pixel.span));
+  set_faults(faults);
+  const ern_status status = b->backend->render_rays(b->stream, args);
+  set_faults((struct faults){0});
+  support_ok(b->context, b->backend->download_reals(b->stream, picture, args->pixel.span, 3 * PIXELS));
+  return status;
+}
+
+/* Through the stages, all rays at once and then by parts: the same picture to the bit, and no error is left. */
+static void test_picture_by_parts(void **state) {
+  static float expected[3 * PIXELS], found[3 * PIXELS];
+  static const double shares[] = {0.6, 0.3, 0.1};
+  struct bench b;
+  (void)state;
+  bench_open(&b);
+  struct ern_render_rays_args args = frame_of(&b);
+  ern_arena_trim(b.stream);
+  const long long before = taken(&b);
+  support_ok(b.context, render(&b, &args, (struct faults){0}, expected));
+  const long long most = taken(&b);
+  assert_true(most > before);
+  for (size_t i = 0; i < sizeof shares / sizeof *shares; i++) {
+    ern_arena_trim(b.stream);
+    support_ok(
+        b.context,
+        render(&b, &args, (struct faults){.memory = before + (long long)(shares[i] * (double)(most - before))}, found));
+    assert_true(taken(&b) < most);
+    assert_memory_equal(found, expected, sizeof found);
+    assert_string_equal(ern_last_error(b.context), "");
+  }
+  ern_arena_trim(b.stream);
+  const struct ern_arena_mark mark = ern_arena_mark(b.stream);
+  const struct faults nothing_more = {.memory = 1};
+  ern_span rest;
+  set_faults(nothing_more);
+  while (ern_take(b.stream, ERN_ELEMENT_REAL, 64, &rest) == ERN_OK) {
+  }
+  support_expect(b.context, render(&b, &args, nothing_more, found), ERN_E_NO_MEMORY, "OpenCL", "bytes", "is needed",
+                 NULL);
+  ern_arena_release(b.stream, mark);
+  support_ok(b.context, render(&b, &args, (struct faults){0}, found));
+  assert_memory_equal(found, expected, sizeof found);
+  bench_close(&b);
+}
+
+/* No room for what a model lays out, or for its kernel's launch: the picture of the stages. */
+static void test_picture_unprepared(void **state) {
+  static float expected[3 * PIXELS], fused[3 * PIXELS], found[3 * PIXELS];
+  struct bench b;
+  (void)state;
+  bench_open(&b);
+  struct ern_render_rays_args args = frame_of(&b);
+  struct ern_render_prepare_args prepare = {args.parameters, &b.field};
+  support_ok(b.context, render(&b, &args, (struct faults){0}, expected));
+  set_faults((struct faults){.memory = taken(&b) + 20000}); /* the net alone has 80,000 bytes */
+  support_ok(b.context, b.backend->render_prepare(b.stream, &prepare));
+  set_faults((struct faults){0});
+  support_ok(b.context, render(&b, &args, (struct faults){0}, found));
+  assert_memory_equal(found, expected, sizeof found);
+  support_ok(b.context, b.backend->render_prepare(b.stream, &prepare));
+  support_ok(b.context, render(&b, &args, (struct faults){0}, fused));
+  assert_memory_not_equal(fused, expected, sizeof fused); /* in the last places, or it is not another way */
+  for (int launch = 1; launch < 4; launch++) {
+    const struct faults faults = {.launch = launch, .count = 1, .code = CL_OUT_OF_RESOURCES};
+    support_ok(b.context, render(&b, &args, faults, found));
+    assert_memory_equal(found, expected, sizeof found);
+  }
+  support_ok(b.context, render(&b, &args, (struct faults){0}, found));
+  assert_memory_equal(found, fused, sizeof found);
+  assert_string_equal(ern_last_error(b.context), "");
+  bench_close(&b);
+}
+
 /* Scratch grows by doubling; where there is no room for that, by what is needed. */
 static void test_scratch(void **state) {
   enum { MANY = 1 << 20 };
@@ -397,10 +497,11 @@ static void test_deterministic(void **state) {
 int main(void) {
   const char *layer = getenv("ERNERF_FAULTS");
   if (layer == NULL || setenv("OPENCL_LAYERS", layer, 1) != 0) return 1;
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_too_little),   cmocka_unit_test(test_far_too_little),
-                                     cmocka_unit_test(test_each_launch),  cmocka_unit_test(test_lost),
-                                     cmocka_unit_test(test_density),      cmocka_unit_test(test_scratch),
-                                     cmocka_unit_test(test_deterministic)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_too_little),        cmocka_unit_test(test_far_too_little),
+                                     cmocka_unit_test(test_each_launch),       cmocka_unit_test(test_lost),
+                                     cmocka_unit_test(test_density),           cmocka_unit_test(test_scratch),
+                                     cmocka_unit_test(test_deterministic),     cmocka_unit_test(test_picture_by_parts),
+                                     cmocka_unit_test(test_picture_unprepared)};
   return cmocka_run_group_tests_name("opencl step", tests, NULL, NULL);
 }
 #else

@@ -27,18 +27,20 @@ static void take_device(void *user, const ern_device_info *device) {
            device->version);
     if (device->instruction_sets[0] != 0) printf("           instruction sets: %s\n", device->instruction_sets);
     if (strcmp(device->kind, "opencl") == 0)
-      printf("           driver %s, %.1f GiB a buffer, %.0f KiB local memory, half precision: %s, subgroups: %s\n",
-             device->driver, (double)device->buffer_bytes / GIB, (double)device->local_bytes / 1024,
-             device->half ? "yes" : "no", device->subgroups ? "yes" : "no");
+      printf(
+          "           driver %s, %.1f GiB a buffer, %.0f KiB local memory, half precision: %s, subgroups: %s, tuned: "
+          "%s\n",
+          device->driver, (double)device->buffer_bytes / GIB, (double)device->local_bytes / 1024,
+          device->half ? "yes" : "no", device->subgroups ? "yes" : "no", device->tuned ? "yes" : "no");
   }
   json_array_append_new(
       devices->list,
-      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I, s:s, s:I, s:I, s:b, s:b}", "kind", device->kind, "number",
+      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I, s:s, s:I, s:I, s:b, s:b, s:b}", "kind", device->kind, "number",
                 device->number, "name", device->name, "version", device->version, "instruction_sets",
                 device->instruction_sets, "compute_units", (json_int_t)device->compute_units, "memory_bytes",
                 (json_int_t)device->memory_bytes, "driver", device->driver, "buffer_bytes",
                 (json_int_t)device->buffer_bytes, "local_bytes", (json_int_t)device->local_bytes, "half", device->half,
-                "subgroups", device->subgroups));
+                "subgroups", device->subgroups, "tuned", device->tuned));
 }
 
 static int list_devices(struct session *session) {
@@ -50,6 +52,35 @@ static int list_devices(struct session *session) {
   if (!session_json_on_stdout(session)) printf("\nbackends: auto (the CPU), cpu, opencl (with --device N)\n");
   return session_report(session,
                         json_pack("{s:[s, s, s], s:o}", "backends", "auto", "cpu", "opencl", "devices", devices.list));
+}
+
+static void take_tuning(void *user, const ern_tuning *tuning) {
+  struct device_list *devices = user;
+  const bool known = tuning->best > 0;
+  const double ratio = known ? tuning->standard_seconds / tuning->best_seconds : 0;
+  if (!session_json_on_stdout(devices->session)) {
+    if (known)
+      printf("  %-14s %8d %10.3f ms %8d %10.3f ms %7.2f %6d\n", tuning->name, tuning->standard,
+             tuning->standard_seconds * 1e3, tuning->best, tuning->best_seconds * 1e3, ratio, tuning->used);
+    else
+      printf("  %-14s %8d     not measured, the time was over %15d\n", tuning->name, tuning->standard, tuning->used);
+  }
+  json_array_append_new(devices->list,
+                        json_pack("{s:s, s:b, s:i, s:i, s:i, s:f, s:f}", "name", tuning->name, "measured", known,
+                                  "standard", tuning->standard, "best", tuning->best, "used", tuning->used,
+                                  "standard_seconds", tuning->standard_seconds, "best_seconds", tuning->best_seconds));
+}
+
+static int tune_device(struct session *session) {
+  struct device_list devices = {.session = session};
+  if (session_backend(session) != ERN_OK) return session_fail(session);
+  devices.list = json_array();
+  if (!session_json_on_stdout(session))
+    printf("device %d: %s\n  size           standard                   best            times     used\n",
+           session->device, session->backend_info.isa);
+  ern_backend_tuning(session->backend, take_tuning, &devices);
+  return session_report(session, json_pack("{s:i, s:s, s:o}", "device", session->device, "name",
+                                           session->backend_info.isa, "sizes", devices.list));
 }
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
@@ -263,18 +294,33 @@ int cmd_info(int argc, char **argv) {
   struct session session = {0};
   const char *path = NULL;
   struct option output[SESSION_OUTPUT_OPTIONS];
+  struct option tuning[] = {{.name = "tune",
+                             .kind = OPTION_FLAG,
+                             .target = &session.tune,
+                             .help = "measure which sizes of work-groups and tiles suit the device, for two minutes at "
+                                     "most, and keep that for later runs; GPUs are measured when first used"},
+                            {.name = "device",
+                             .kind = OPTION_INT,
+                             .target = &session.device,
+                             .low = 0,
+                             .high = 255,
+                             .help = "number of the OpenCL device (default 0)"}};
   struct word words[] = {{"FILE", &path, "a .safetensors, .pth, .npy or .json file, or the word devices"}};
-  struct args args = {.verb = "info",
-                      .summary = "Lists what is in a model, a feature or a pose file, or the devices that can compute.",
-                      .usage = "info FILE\ninfo devices",
-                      .words = words,
-                      .word_count = 1,
-                      .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  struct args args = {
+      .verb = "info",
+      .summary = "Lists what is in a model, a feature or a pose file, or the devices that can compute.",
+      .usage = "info FILE\ninfo devices [--tune [--device N]]",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"Devices:", tuning, sizeof tuning / sizeof *tuning}, {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
+  if (status < 0 && strcmp(path, "devices") != 0) status = args_forbid(&args, "tune device", "is for `info devices`");
+  if (status < 0 && !session.tune) status = args_forbid(&args, "device", "goes with --tune");
+  if (session.tune) session.backend_choice = SESSION_OPENCL;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
-  status = describe(&session, path);
+  status = session.tune ? tune_device(&session) : describe(&session, path);
   session_close(&session);
   return status;
 }

@@ -152,6 +152,7 @@ ern_status session_backend(struct session *session) {
   config.isa = session->isa;
   config.device = session->device;
   config.deterministic = session->deterministic;
+  config.tune = session->tune;
   const ern_status status = ern_backend_create(&session->backend, session->context, &config);
   if (status == ERN_OK) ern_backend_describe(session->backend, &session->backend_info);
   return status;

@@ -23,7 +23,7 @@ struct session {
   int device, threads;
   const char *isa;
   uint64_t seed;
-  bool quiet, deterministic;
+  bool quiet, deterministic, tune;
   const char *json; /* NULL: none, "-": standard output, else a file */
   bool line_open;   /* the progress line stands on the terminal without its newline */
 };

@@ -5,19 +5,12 @@
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)]
  *
  * Built with DIMS, FEATURES, INVERSE (1 where the quotient is that exact product), DIVIDE (1 where the modulo of some
- * level is no power of two) and OWNERS (see grid_bwd_table). A group works on one level, whose table stays in the
+ * level is no power of two), OWNERS (see grid_bwd_table), GROUP (items) and VECTORS (an item's). A group works on one level, whose table stays in the
  * cache: on a CPU an item takes a block of samples, WIDTH at a time, elsewhere neighbouring items neighbouring samples.
  * Every product is rounded by itself and every sum is taken in the order of the reference, so the results are the
  * reference's to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-#if CPU
-#define GROUP 1
-#define VECTORS 64
-#else
-#define GROUP 64
-#define VECTORS 1
-#endif
 #define ITEM (VECTORS * WIDTH) /* samples an item */
 #define CORNERS (1 << DIMS)
 #define UNROLL _Pragma("unroll")
