@@ -97,8 +97,8 @@ INLINE void gather(local vf *tile, global const float *x, const ulong stride, co
     for (int v = 0; v < VECTORS; v++) {
       const int column = v * GROUP + item;
       const ulong sample = first + (ulong)(column * LANES);
-      if (per == PER_SAMPLE && first + TILE <= n) {
-        tile[column] = LOAD(x + sample);
+      if (per != PER_RAY && first + TILE <= n) {
+        tile[column] = per == PER_SAMPLE ? LOAD(x + sample) : (vf)*x;
         continue;
       }
       local float *to = (local float *)(tile + column);
