@@ -118,6 +118,30 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip_thin(ern_renderer *renderer, 
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
 
+/* Keeps from frame to frame what stays the same, from now on: background and torso that are handed in again, a torso of
+ * the model's own under the same pose, and, while camera, head_pose and size are those of the frame before, rays of the
+ * head. Those without samples cannot change. Those with samples are rendered at up to 16 moments of the speech to come,
+ * once a view has stood for four frames, which takes as long as so many frames; where each moment is what the others
+ * say, a ray is interpolated between them from then on, else it is rendered anew. No pixel over a background is off by
+ * more than `bound` (0..1; 0.5/255 is half a grey level), as measured at the moments with a margin; a frame that lies
+ * farther from them than they do from each other is rendered whole. Bound 0 keeps what cannot change alone; below 0
+ * nothing is kept, as in the beginning.
+ * windows: [count][8][window_length][width] (ern_audio_windows), moments spread over the speech, the more the better;
+ * eyes: [count], 0..1; count 0 will do for a bound of 0 or less. What was kept before is forgotten. Errors:
+ * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+ERN_API ERN_NODISCARD ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows,
+                                                         int window_length, const float *eyes, size_t count,
+                                                         float bound);
+
+/* What the frames since ern_renderer_keep_still have taken: of each frame, the share of the rays with samples that was
+ * rendered anew, and the share of their samples in occupied cells, 0..1, summed over the frames; the moments that were
+ * rendered are counted as frames of 1. */
+typedef struct ern_still_work {
+  uint64_t frames;
+  double rays, samples;
+} ern_still_work;
+ERN_API ern_still_work ern_renderer_still_work(const ern_renderer *renderer);
+
 typedef struct ern_frame_input {
   ern_camera camera;
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */

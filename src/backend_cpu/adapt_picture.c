@@ -61,8 +61,65 @@ static ern_status enlarge(struct ern_stream *stream, struct ern_enlarge_args *a)
   return ERN_OK;
 }
 
+static void pick_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_pick_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->pick(reals(a->to.span) + r.begin, a->to.stride, reals(a->from.span), a->from.stride, a->from.rows,
+                     int32s(a->pixel) + r.begin, r.end - r.begin);
+}
+static ern_status pick(struct ern_stream *stream, struct ern_pick_args *a) {
+  run(stream, a, ERN_SHARDS, pick_task);
+  return ERN_OK;
+}
+
+static void place_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_pick_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->place(reals(a->to.span), a->to.stride, reals(a->from.span) + r.begin, a->from.stride, a->from.rows,
+                      int32s(a->pixel) + r.begin, r.end - r.begin);
+}
+static ern_status place(struct ern_stream *stream, struct ern_pick_args *a) {
+  run(stream, a, ERN_SHARDS, place_task);
+  return ERN_OK;
+}
+
+static void blend_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_blend_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->blend(reals(a->to), reals(a->from.span) + r.begin, a->from.stride, reals(a->weight), a->weight.count,
+                      int32s(a->pixel) + r.begin, r.end - r.begin);
+}
+static ern_status blend(struct ern_stream *stream, struct ern_blend_args *a) {
+  run(stream, a, ERN_SHARDS, blend_task);
+  return ERN_OK;
+}
+
+static void overlay_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_overlay_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->overlay(reals(a->pixel.span) + r.begin, a->pixel.stride, reals(a->colour.span) + r.begin,
+                        a->colour.stride, reals(a->opacity) + r.begin, reals(a->background.span) + r.begin,
+                        a->background.stride, r.end - r.begin);
+}
+static ern_status overlay(struct ern_stream *stream, struct ern_overlay_args *a) {
+  run(stream, a, ERN_SHARDS, overlay_task);
+  return ERN_OK;
+}
+
 void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend) {
   backend->backdrop = backdrop;
   backend->picture = picture;
   backend->enlarge = enlarge;
+  backend->pick = pick;
+  backend->place = place;
+  backend->blend = blend;
+  backend->overlay = overlay;
 }

@@ -57,6 +57,10 @@
   KERNEL(backdrop, ern_backdrop_kernel)                       \
   KERNEL(picture, ern_picture_kernel)                         \
   KERNEL(enlarge, ern_enlarge_kernel)                         \
+  KERNEL(pick, ern_pick_kernel)                               \
+  KERNEL(place, ern_pick_kernel)                              \
+  KERNEL(blend, ern_blend_kernel)                             \
+  KERNEL(overlay, ern_overlay_kernel)                         \
   KERNEL(ema, ern_ema_kernel)                                 \
   KERNEL(finite, ern_finite_kernel)
 

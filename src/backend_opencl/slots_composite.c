@@ -104,10 +104,52 @@ static ern_status enlarge(struct ern_stream *stream, struct ern_enlarge_args *a)
   return ern_cl_each(&call, (size_t)a->width * (size_t)a->height);
 }
 
+static ern_status pick_or_place(struct ern_stream *stream, const char *kernel, const struct ern_pick_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, kernel, "");
+  ern_cl_rows(&call, a->to);
+  ern_cl_rows(&call, a->from);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_int(&call, a->from.rows);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+static ern_status pick(struct ern_stream *stream, struct ern_pick_args *a) { return pick_or_place(stream, "pick", a); }
+static ern_status place(struct ern_stream *stream, struct ern_pick_args *a) {
+  return pick_or_place(stream, "place", a);
+}
+
+static ern_status blend(struct ern_stream *stream, struct ern_blend_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "blend", "");
+  ern_cl_span(&call, a->to);
+  ern_cl_rows(&call, a->from);
+  ern_cl_span(&call, a->weight);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_size(&call, a->weight.count);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+static ern_status overlay(struct ern_stream *stream, struct ern_overlay_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "overlay", "");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_rows(&call, a->colour);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_rows(&call, a->background);
+  ern_cl_size(&call, a->n);
+  return run_vectors(&call, a->n);
+}
+
 void ern_cl_fill_composite(struct ern_backend *table) {
   table->composite_fwd = composite_fwd;
   table->composite_bwd = composite_bwd;
   table->backdrop = backdrop;
   table->picture = picture;
   table->enlarge = enlarge;
+  table->pick = pick;
+  table->place = place;
+  table->blend = blend;
+  table->overlay = overlay;
 }

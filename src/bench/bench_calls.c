@@ -230,6 +230,13 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
     case ERN_BENCH_SLOT_enlarge: /* 7 products and sums a channel and column that is made, 7 across */
       return cost_each("enlarge", "pixel", (size_t)a->enlarge.width * (size_t)a->enlarge.height,
                        14 * (double)a->enlarge.large.rows, 2 * (double)a->enlarge.large.rows, 0, real);
+    case ERN_BENCH_SLOT_pick: return cost_each("pick", "pixel", a->pick.n, 0, 2 * (double)a->pick.from.rows, 1, real);
+    case ERN_BENCH_SLOT_place:
+      return cost_each("place", "pixel", a->place.n, 0, 2 * (double)a->place.from.rows, 1, real);
+    case ERN_BENCH_SLOT_blend:
+      return cost_each("blend", "pixel", a->blend.n, 2 * (double)a->blend.from.rows, 1 + (double)a->blend.from.rows, 1,
+                       real);
+    case ERN_BENCH_SLOT_overlay: return cost_each("overlay", "pixel", a->overlay.n, 7, 10, 0, real);
     case ERN_BENCH_SLOT_torso_points: return (cost){"torso_points", "cell", ERN_TORSO_CELLS, 0, 0, 0, 0};
     case ERN_BENCH_SLOT_torso_update: return cost_each("torso_update", "cell", ERN_TORSO_CELLS, 1, 3, 0, real);
     default: return (cost){0};

@@ -65,6 +65,10 @@
   SLOT(backdrop, ern_backdrop_args)                       \
   SLOT(picture, ern_picture_args)                         \
   SLOT(enlarge, ern_enlarge_args)                         \
+  SLOT(pick, ern_pick_args)                               \
+  SLOT(place, ern_pick_args)                              \
+  SLOT(blend, ern_blend_args)                             \
+  SLOT(overlay, ern_overlay_args)                         \
   SLOT(render_prepare, ern_render_prepare_args)           \
   SLOT(render_rays, ern_render_rays_args)                 \
   SLOT(render_torso, ern_render_torso_args)               \

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Between the caller's pictures and the rows that rendering works on: bytes in before the layers, bytes out after, and
- * a layer that was drawn small in between. */
+ * in between a layer that was drawn small, or of which only some pixels were drawn. */
 #ifndef ERN_PICTURE_OPS_H
 #define ERN_PICTURE_OPS_H
 
@@ -60,5 +60,42 @@ struct ern_enlarge_view {
 };
 /* Rows [begin, end) of the large picture. */
 typedef void ern_enlarge_kernel(const struct ern_enlarge_view *view, int begin, int end);
+
+/* Some pixels of a picture as rows in the order of a list: pick takes them out, place puts them back.
+ *   pick:  to(c, i) = from(c, pixel[i])
+ *   place: to(c, pixel[i]) = from(c, i); no pixel is listed twice */
+struct ern_pick_args {
+  ern_rows to; /* out: [C] */
+  ern_rows from;
+  ern_span pixel; /* int32 [n] */
+  size_t n;
+};
+typedef void ern_pick_kernel(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                             const int32_t *pixel, size_t n);
+
+/* Pixels between pictures that are known: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No pixel
+ * is listed twice. */
+struct ern_blend_args {
+  ern_span to;     /* out: real, one a pixel */
+  ern_rows from;   /* [count], in the order of the list */
+  ern_span weight; /* real [count] */
+  ern_span pixel;  /* int32 [n] */
+  size_t n;
+};
+typedef void ern_blend_kernel(ern_real *to, const ern_real *from, size_t from_stride, const ern_real *weight,
+                              size_t count, const int32_t *pixel, size_t n);
+
+/* The last step of compositing once more, over another background: pixel = clamp(colour + (1 - opacity) background, 0,
+ * 1). */
+struct ern_overlay_args {
+  ern_rows pixel;   /* out: [3] per pixel */
+  ern_rows colour;  /* [3], sum w rgb */
+  ern_span opacity; /* real [n], sum w */
+  ern_rows background;
+  size_t n;
+};
+typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_real *colour, size_t colour_stride,
+                                const ern_real *opacity, const ern_real *background, size_t background_stride,
+                                size_t n);
 
 #endif

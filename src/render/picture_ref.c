@@ -33,3 +33,38 @@ void ERN_REF(ern_picture)(const struct ern_picture_view *v, size_t n) {
     if (v->alpha != NULL) v->alpha[i] = alpha;
   }
 }
+
+void ERN_REF(ern_pick)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                       const int32_t *pixel, size_t n) {
+  for (size_t c = 0; c < (size_t)channels; c++)
+    for (size_t i = 0; i < n; i++) to[c * to_stride + i] = from[c * from_stride + (size_t)pixel[i]];
+}
+
+void ERN_REF(ern_place)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                        const int32_t *pixel, size_t n) {
+  for (size_t c = 0; c < (size_t)channels; c++)
+    for (size_t i = 0; i < n; i++) to[c * to_stride + (size_t)pixel[i]] = from[c * from_stride + i];
+}
+
+/* By blocks that stay in the cache while the pictures are added. */
+void ERN_REF(ern_blend)(ern_real *to, const ern_real *from, size_t from_stride, const ern_real *weight, size_t count,
+                        const int32_t *pixel, size_t n) {
+  enum { BLOCK = 256 };
+  ern_real sum[BLOCK];
+  for (size_t begin = 0; begin < n; begin += BLOCK) {
+    const size_t some = n - begin < BLOCK ? n - begin : BLOCK;
+    for (size_t i = 0; i < some; i++) sum[i] = 0;
+    for (size_t k = 0; k < count; k++)
+      for (size_t i = 0; i < some; i++) sum[i] += weight[k] * from[k * from_stride + begin + i];
+    for (size_t i = 0; i < some; i++) to[pixel[begin + i]] = sum[i];
+  }
+}
+
+void ERN_REF(ern_overlay)(ern_real *pixel, size_t pixel_stride, const ern_real *colour, size_t colour_stride,
+                          const ern_real *opacity, const ern_real *background, size_t background_stride, size_t n) {
+  for (size_t c = 0; c < 3; c++)
+    for (size_t i = 0; i < n; i++) {
+      const ern_real value = colour[c * colour_stride + i] + (1 - opacity[i]) * background[c * background_stride + i];
+      pixel[c * pixel_stride + i] = value < 0 ? 0 : value > 1 ? 1 : value;
+    }
+}

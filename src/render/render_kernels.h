@@ -20,5 +20,9 @@ ern_occupancy_pack_kernel ERN_REF(ern_occupancy_pack);
 ern_backdrop_kernel ERN_REF(ern_backdrop);
 ern_picture_kernel ERN_REF(ern_picture);
 ern_enlarge_kernel ERN_REF(ern_enlarge);
+ern_pick_kernel ERN_REF(ern_pick);
+ern_pick_kernel ERN_REF(ern_place);
+ern_blend_kernel ERN_REF(ern_blend);
+ern_overlay_kernel ERN_REF(ern_overlay);
 
 #endif

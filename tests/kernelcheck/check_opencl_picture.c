@@ -155,6 +155,53 @@ static void test_enlarge(void **state) {
       for (int over = 0; over < 2; over++) check_enlarge(sides[i][0], sides[i][1], ratios[k], over != 0);
 }
 
+/* Every second pixel, and all of them; sums of five products that a compiler may contract. */
+static void check_some_pixels(size_t all, size_t step) {
+  enum { CHANNELS = 3, COUNT = 5 };
+  const size_t n = (all + step - 1) / step;
+  float *values = malloc((2 * CHANNELS + COUNT) * all * sizeof *values), *back = values + CHANNELS * all;
+  float *known = back + CHANNELS * all, weight[COUNT];
+  int32_t *number = malloc(n * sizeof *number);
+  assert_true(values != NULL && number != NULL);
+  twin_fill(values, (2 * CHANNELS + COUNT) * all, 41, 1);
+  twin_fill(weight, COUNT, 42, 2);
+  for (size_t i = 0; i < n; i++) number[i] = (int32_t)(step * (n - 1 - i));
+  const struct twin_rows from = twin_rows_of(&twin, values, CHANNELS, all, ERN_PER_SAMPLE);
+  const struct twin_rows behind = twin_rows_of(&twin, back, CHANNELS, all, ERN_PER_SAMPLE);
+  const struct twin_rows moments = twin_rows_of(&twin, known, COUNT, all, ERN_PER_SAMPLE);
+  const struct twin_rows list = twin_rows_of(&twin, NULL, CHANNELS, n, ERN_PER_SAMPLE);
+  const struct twin_rows to = twin_rows_of(&twin, values, CHANNELS, all, ERN_PER_SAMPLE);
+  const struct twin_rows over = twin_rows_of(&twin, NULL, CHANNELS, all, ERN_PER_SAMPLE);
+  const struct twin_span sum = twin_reals(&twin, values, all), share = twin_reals(&twin, weight, COUNT);
+  const struct twin_span opacity = twin_reals(&twin, back, all), pixel = twin_int32s(&twin, number, n);
+  struct ern_pick_args pick[2], place[2];
+  struct ern_blend_args blend[2];
+  struct ern_overlay_args overlay[2];
+  for (int k = 0; k < 2; k++) {
+    pick[k] = (struct ern_pick_args){list.on[k], behind.on[k], pixel.on[k], n};
+    place[k] = (struct ern_pick_args){to.on[k], list.on[k], pixel.on[k], n};
+    blend[k] = (struct ern_blend_args){sum.on[k], moments.on[k], share.on[k], pixel.on[k], n};
+    overlay[k] = (struct ern_overlay_args){over.on[k], from.on[k], opacity.on[k], behind.on[k], all};
+  }
+  TWIN_RUN(&twin, pick, pick)
+  twin_same_rows(&twin, "pick", list, 0, 0);
+  TWIN_RUN(&twin, place, place)
+  twin_same_rows(&twin, "place", to, 0, 0);
+  TWIN_RUN(&twin, blend, blend)
+  twin_same(&twin, "blend", sum, 0, 2e-6); /* five products of values up to 2 */
+  TWIN_RUN(&twin, overlay, overlay)
+  twin_same_rows(&twin, "overlay", over, 0, 5e-7);
+  twin_clear(&twin);
+  free(values);
+  free(number);
+}
+
+static void test_some_pixels(void **state) {
+  (void)state;
+  for (size_t s = 0; s < TWIN_SIZES; s++)
+    for (size_t step = 1; step < 3; step++) check_some_pixels(twin_sizes[s], step);
+}
+
 static int set_up(void **state) {
   (void)state;
   context = support_context();
@@ -170,7 +217,7 @@ static int tear_down(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture),
-                                     cmocka_unit_test(test_enlarge)};
+                                     cmocka_unit_test(test_enlarge), cmocka_unit_test(test_some_pixels)};
   return cmocka_run_group_tests_name("opencl picture", tests, set_up, tear_down);
 }
 #else

@@ -212,6 +212,45 @@ static void measure(void) {
   }
 }
 
+/* The reference of rows in the order of a list, against what they are. */
+static void test_some_pixels(void **state) {
+  (void)state;
+  enum { ALL = 700, SOME = 300, CHANNELS = 3, COUNT = 5, STRIDE = ALL + 9, NONE = -7 };
+  static float from[CHANNELS * STRIDE], list[CHANNELS * STRIDE], known[COUNT * STRIDE];
+  static float placed[CHANNELS * STRIDE], blended[ALL];
+  static int32_t pixel[SOME];
+  const float weight[COUNT] = {0.5f, -1, 2, 0.25f, -0.75f};
+  for (size_t i = 0; i < CHANNELS * STRIDE; i++) from[i] = sinf((float)i), placed[i] = NONE;
+  for (size_t i = 0; i < COUNT * STRIDE; i++) known[i] = cosf((float)(3 * i));
+  for (size_t i = 0; i < SOME; i++) pixel[i] = (int32_t)((i * 11 + 3) % ALL); /* 11 and 700 share nothing: each once */
+  for (size_t i = 0; i < ALL; i++) blended[i] = NONE;
+  struct guarded picked = guarded_make(CHANNELS * STRIDE), laid = guarded_make(CHANNELS * STRIDE);
+  ern_pick_ref(picked.data, STRIDE, from, STRIDE, CHANNELS, pixel, SOME);
+  guarded_check(&picked, CHANNELS, STRIDE, SOME, "pick");
+  for (size_t c = 0; c < CHANNELS; c++) memcpy(list + c * STRIDE, picked.data + c * STRIDE, SOME * sizeof *list);
+  ern_place_ref(placed, STRIDE, list, STRIDE, CHANNELS, pixel, SOME);
+  ern_blend_ref(blended, known, STRIDE, weight, COUNT, pixel, SOME);
+  ern_overlay_ref(laid.data, STRIDE, from, STRIDE, from + 2 * STRIDE, known, STRIDE, ALL);
+  guarded_check(&laid, CHANNELS, STRIDE, ALL, "overlay");
+  for (size_t i = 0; i < ALL; i++) {
+    size_t at = 0;
+    while (at < SOME && (size_t)pixel[at] != i) at++;
+    double sum = NONE;
+    for (size_t k = 0; k < COUNT && at < SOME; k++)
+      sum = (k > 0 ? sum : 0) + (double)weight[k] * (double)known[k * STRIDE + at];
+    assert_true(fabs((double)blended[i] - sum) <= 1e-6); /* five products of values up to 2 */
+    for (size_t c = 0; c < CHANNELS; c++) {
+      const float here = from[c * STRIDE + i];
+      if (at < SOME) assert_true(memcmp(&list[c * STRIDE + at], &here, sizeof here) == 0);
+      const float expected = at < SOME ? here : NONE;
+      assert_true(memcmp(&placed[c * STRIDE + i], &expected, sizeof expected) == 0);
+      const double over = (double)here + (1 - (double)from[2 * STRIDE + i]) * (double)known[c * STRIDE + i];
+      assert_true(fabs((double)laid.data[c * STRIDE + i] - fmin(fmax(over, 0), 1)) <= 1e-6);
+    }
+  }
+  guarded_free(&picked), guarded_free(&laid);
+}
+
 int main(int argc, char **argv) {
   if (argc == 2 && strcmp(argv[1], "--bench") == 0) {
     measure();
@@ -219,6 +258,7 @@ int main(int argc, char **argv) {
   }
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_backdrop),
+      cmocka_unit_test(test_some_pixels),
       cmocka_unit_test(test_picture),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -97,3 +97,56 @@ kernel void picture(SPAN(uchar, rgba), SPAN(float, rgb), SPAN(float, alpha), ROW
   if (rgba) store_rgba(rgba + 4 * i, to_byte(x) | to_byte(y) << 8 | to_byte(z) << 16 | to_byte(a) << 24, count);
   if (alpha) storew_first(alpha + i, a, count);
 }
+
+/* ---- some pixels ---- */
+
+/* to(c, i) = from(c, pixel[i]): an item takes a pixel */
+kernel void pick(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
+  OPEN(float, to);
+  OPEN(const float, from);
+  OPEN(const int, pixel);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  for (int c = 0; c < channels; c++) to[c * to_stride + i] = from[c * from_stride + pixel[i]];
+}
+
+/* to(c, pixel[i]) = from(c, i) */
+kernel void place(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
+  OPEN(float, to);
+  OPEN(const float, from);
+  OPEN(const int, pixel);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  for (int c = 0; c < channels; c++) to[c * to_stride + pixel[i]] = from[c * from_stride + i];
+}
+
+/* to(pixel[i]) = sum_k weight[k] from(k, i) */
+kernel void blend(SPAN(float, to), ROWS(const float, from), SPAN(const float, weight), SPAN(const int, pixel),
+                  ulong count, ulong n) {
+  OPEN(float, to);
+  OPEN(const float, from);
+  OPEN(const float, weight);
+  OPEN(const int, pixel);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  float sum = 0;
+  for (ulong k = 0; k < count; k++) sum += weight[k] * from[k * from_stride + i];
+  to[pixel[i]] = sum;
+}
+
+/* pixel = clamp(colour + (1 - opacity) background, 0, 1) */
+kernel void overlay(ROWS(float, pixel), ROWS(const float, colour), SPAN(const float, opacity),
+                    ROWS(const float, background), ulong n) {
+  OPEN(float, pixel);
+  OPEN(const float, colour);
+  OPEN(const float, opacity);
+  OPEN(const float, background);
+  const ulong i = get_global_id(0) * WIDTH, count = count_of(i, n);
+  if (count == 0) return;
+  const floatw through = 1 - loadw_first(opacity + i, count);
+  for (uint c = 0; c < 3; c++) {
+    const floatw value = loadw_first(colour + c * colour_stride + i, count) +
+                         through * loadw_first(background + c * background_stride + i, count);
+    storew_first(pixel + c * pixel_stride + i, WHERE(value < 0, 0, WHERE(value > 1, 1, value)), count);
+  }
+}

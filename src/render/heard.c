@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT
+ * The audio code of a frame: windows that the frame before had too are not heard twice. */
+#include <string.h>
+
+#include "render/renderer.h"
+
+/* The codes of windows that the last frame had too go to their new places: bit t of *known for window t. Consecutive
+ * frames share seven of eight, each one place earlier. */
+static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsigned *known) {
+  struct heard *heard = &r->heard;
+  const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  ern_status status = ERN_OK;
+  *known = 0;
+  for (size_t t = 0; t < ERN_AUDIO_WINDOWS && heard->length == input->window_length; t++) {
+    for (size_t k = 1; k <= ERN_AUDIO_WINDOWS && (*known >> t & 1) == 0; k++) {
+      const size_t was = (t + k) % ERN_AUDIO_WINDOWS;
+      if (memcmp(input->windows + t * values, heard->windows + was * values, values * sizeof(float)) != 0) continue;
+      const ern_span to = {heard->codes[1], t * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      const ern_span from = {heard->codes[0], was * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      ERN_TRY(r->backend->copy(r->stream, to, from, ERN_AUDIO_CODE));
+      *known |= 1u << t;
+    }
+  }
+  struct ern_buffer *moved = heard->codes[1];
+  heard->codes[1] = heard->codes[0];
+  heard->codes[0] = moved;
+fail:
+  heard->length = 0; /* until the frame's own are there */
+  return status;
+}
+
+static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
+  const size_t most = (size_t)ERN_AUDIO_WINDOWS * MAX_WINDOW_LENGTH * (size_t)r->field.config.feature_width;
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  void *room = r->heard.windows;
+  if (room == NULL) {
+    const ern_status status = ern_allocate(r->context, most, sizeof(float), &room);
+    if (status != ERN_OK) return status;
+  }
+  r->heard.windows = room;
+  memcpy(r->heard.windows, input->windows, values * sizeof(float));
+  r->heard.length = input->window_length;
+  return ERN_OK;
+}
+
+ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input) {
+  const size_t values =
+      (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  const ern_span code = ern_whole(r->code, ERN_AUDIO_CODE);
+  struct ern_audio_frame_args args = {
+      .audio = {.code = code, .parameters = ern_whole(r->parameters, r->field.parameters), .net = r->field.audio}};
+  ern_status status = ERN_OK;
+  args.audio.net.window_length = input->window_length;
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.audio.windows));
+  ERN_TRY(r->backend->upload_reals(r->stream, args.audio.windows, input->windows, values));
+  ERN_TRY(remember(r, input, &args.known));
+  args.codes = ern_whole(r->heard.codes[0], HEARD_VALUES);
+  ERN_TRY(r->backend->audio_frame(r->stream, &args));
+  ERN_TRY(keep_windows(r, input));
+fail:
+  return status;
+}
+
+ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
+  const ern_span code = ern_whole(r->code, ERN_AUDIO_CODE);
+  float now[ERN_AUDIO_CODE];
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_renderer_hear_alone(r, input));
+  if (!r->options.smooth_lips && !(input->rest > 0)) return ERN_OK;
+  ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
+  if (r->options.smooth_lips) {
+    for (int c = 0; c < ERN_AUDIO_CODE && r->has_last_code; c++) now[c] = 0.35f * r->last_code[c] + 0.65f * now[c];
+    memcpy(r->last_code, now, sizeof now);
+    r->has_last_code = true;
+  }
+  for (int c = 0; c < ERN_AUDIO_CODE && input->rest > 0; c++)
+    now[c] = (1 - input->rest) * now[c] + input->rest * input->rest_code[c];
+  ERN_TRY(r->backend->upload_reals(r->stream, code, now, ERN_AUDIO_CODE));
+fail:
+  return status;
+}

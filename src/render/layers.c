@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: MIT
+ * The layers of a frame: what stands behind the head, and the head. */
+#include <math.h>
+#include <string.h>
+
+#include "render/renderer.h"
+
+/* The background rows: the caller's background, the caller's torso image over it; premultiplied. */
+static ern_status upload_background(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
+  struct ern_backdrop_args args = {.pixel = f->background, .opacity = f->torso_opacity.span, .n = f->pixels};
+  ern_status status = ERN_OK;
+  if (input->background != NULL) {
+    ERN_TRY(ern_renderer_room(r, BACKGROUND_BYTES, ERN_ELEMENT_BYTE, 3 * f->pixels, &args.background));
+    ERN_TRY(r->backend->upload_bytes(r->stream, args.background, input->background, 3 * f->pixels));
+  }
+  if (input->torso != NULL) {
+    ERN_TRY(ern_renderer_room(r, TORSO_BYTES, ERN_ELEMENT_BYTE, 4 * f->pixels, &args.torso));
+    ERN_TRY(r->backend->upload_bytes(r->stream, args.torso, input->torso, 4 * f->pixels));
+  }
+  ERN_TRY(r->backend->backdrop(r->stream, &args));
+fail:
+  return status;
+}
+
+/* The model's own torso over the background rows, in place. */
+static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
+  struct ern_render_torso_args args = {.pixel = f->background,
+                                       .opacity = f->torso_opacity.span,
+                                       .grid = ern_whole(r->torso_grid, ERN_TORSO_CELLS),
+                                       .threshold = r->torso_threshold,
+                                       .width = input->camera.width,
+                                       .height = input->camera.height,
+                                       .shrink = r->options.torso_shrink,
+                                       .individual = input->individual,
+                                       .parameters = ern_whole(r->parameters, r->field.parameters),
+                                       .field = &r->field};
+  memcpy(args.pose, input->camera.pose, sizeof args.pose);
+  return r->backend->render_torso(r->stream, &args);
+}
+
+ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input) {
+  ern_status status = ERN_OK;
+  if (r->still.on) {
+    ERN_TRY(ern_still_look_behind(r, input));
+    if (!r->still.behind_changed) return ERN_OK;
+  }
+  ERN_TRY(upload_background(r, input, &r->frame));
+  if (r->field.config.torso) ERN_TRY(torso_layer(r, input, &r->frame));
+  r->still.behind.known = r->still.on;
+fail:
+  return status;
+}
+
+static struct ern_view view_of(const ern_frame_input *input) {
+  const ern_camera *camera = &input->camera;
+  struct ern_view view = {
+      .focal = camera->focal, .cx = camera->cx, .cy = camera->cy, .width = camera->width, .height = camera->height};
+  memcpy(view.pose, input->head_pose != NULL ? input->head_pose : camera->pose, sizeof view.pose);
+  return view;
+}
+
+/* The head over the background rows of `to`, as a picture of the view's size. over: they are the frame's. */
+static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const struct ern_view *view,
+                            const struct frame *to, bool over) {
+  struct ern_render_rays_args args = {
+      .pixel = to->pixel,
+      .opacity = to->opacity.span,
+      .depth = to->depth.span,
+      .attention = to->attention.span,
+      .eye = to->eye.span,
+      .pixel_number = to->number,
+      .view = *view,
+      .background = to->background,
+      .bits = ern_whole(r->bits, ERN_OCCUPANCY_BYTES),
+      .parameters = ern_whole(r->parameters, r->field.parameters),
+      .field = &r->field,
+      .code = ern_whole(r->code, ERN_AUDIO_CODE),
+      .eye_value = input->eye,
+      .individual = input->individual,
+      .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, 0.05f},
+      .transmittance_stop = r->options.transmittance_stop,
+      .n = to->pixels};
+  ern_status status = ERN_OK;
+  if (!r->still.on) return r->backend->render_rays(r->stream, &args);
+  if (over) {
+    args.colour = (ern_rows){.stride = to->pixel.stride, .rows = 3, .per = ERN_PER_SAMPLE};
+    ERN_TRY(ern_renderer_room(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));
+  }
+  status = ern_still_head(r, &args, over);
+fail:
+  return status;
+}
+
+/* The same view in fewer pixels: those that cover the picture, and part of the last ones may be beside it. */
+static struct ern_view small_view_of(const struct ern_view *view, float ratio) {
+  struct ern_view small = *view;
+  small.focal *= ratio;
+  small.cx *= ratio;
+  small.cy *= ratio;
+  small.width = (int)ceilf((float)view->width * ratio);
+  small.height = (int)ceilf((float)view->height * ratio);
+  return small;
+}
+
+/* Room for the layer that is drawn small, over nothing: its background stays zeros. */
+static ern_status small_frame(ern_renderer *r, const struct frame *f, size_t pixels, struct frame *small) {
+  enum { LAYER = 4, BACKGROUND = 3, EXTRAS = 3 };
+  const size_t stride = f->opacity.stride; /* the larger one's: the numbers of pixels too are shared */
+  const struct {
+    ern_rows *rows;
+    const ern_rows *wanted;
+  } extras[EXTRAS] = {{&small->depth, &f->depth}, {&small->attention, &f->attention}, {&small->eye, &f->eye}};
+  ern_span planes;
+  const ern_status status =
+      ern_renderer_room(r, SMALL, ERN_ELEMENT_REAL, (LAYER + BACKGROUND + EXTRAS) * stride, &planes);
+  const ern_rows all = {planes, stride, LAYER + BACKGROUND + EXTRAS, ERN_PER_SAMPLE};
+  *small = (struct frame){.pixels = pixels,
+                          .number = ern_span_part(f->number, 0, pixels),
+                          .layer = ern_rows_part(all, 0, LAYER),
+                          .pixel = ern_rows_part(all, 0, 3),
+                          .opacity = ern_rows_part(all, 3, 1),
+                          .background = ern_rows_part(all, LAYER, BACKGROUND)};
+  for (int i = 0; i < EXTRAS; i++)
+    if (extras[i].wanted->span.buffer != NULL) *extras[i].rows = ern_rows_part(all, LAYER + BACKGROUND + i, 1);
+  return status;
+}
+
+static ern_status enlarge_head(ern_renderer *r, const struct ern_view *view, const struct ern_view *small_view,
+                               const struct frame *f, const struct frame *small) {
+  const struct {
+    ern_rows large, small, background;
+  } planes[] = {{f->layer, small->layer, f->background},
+                {f->depth, small->depth, {{0}, 0, 0, ERN_PER_SAMPLE}},
+                {f->attention, small->attention, {{0}, 0, 0, ERN_PER_SAMPLE}},
+                {f->eye, small->eye, {{0}, 0, 0, ERN_PER_SAMPLE}}};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) {
+    if (planes[i].large.span.buffer == NULL) continue;
+    struct ern_enlarge_args args = {.large = planes[i].large,
+                                    .small = planes[i].small,
+                                    .background = planes[i].background,
+                                    .width = view->width,
+                                    .height = view->height,
+                                    .small_width = small_view->width,
+                                    .small_height = small_view->height,
+                                    .ratio = r->options.image_scale};
+    ERN_TRY(r->backend->enlarge(r->stream, &args));
+  }
+fail:
+  return status;
+}
+
+ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input) {
+  struct frame *f = &r->frame;
+  const struct ern_view view = view_of(input);
+  struct frame small;
+  ern_status status = ERN_OK;
+  if (r->options.image_scale >= 1) return draw_head(r, input, &view, f, true);
+  const struct ern_view small_view = small_view_of(&view, r->options.image_scale);
+  ERN_TRY(small_frame(r, f, (size_t)small_view.width * (size_t)small_view.height, &small));
+  ERN_TRY(draw_head(r, input, &small_view, &small, false));
+  ERN_TRY(enlarge_head(r, &view, &small_view, f, &small));
+fail:
+  return status;
+}

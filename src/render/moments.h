@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ * Moments of a speech that are far from each other, and what lies between them.
+ *
+ * A ray's light is a smooth function of audio code and eye value nearly everywhere, so it is interpolated: between the
+ * moments z_k = (code/width of the speech, eye) with a kernel K_kj = k(|z_k - z_j|) and a constant (ordinary kriging;
+ * Matern's kernel 5/2, as wide as three times the speech). At z the weights w of the moments solve
+ *   [K 1; 1' 0] [w; m] = [k(|z - z_k|); 1].
+ * With B the first rows and columns of the inverse, moment k itself is predicted from the others with the error
+ *   e_k = sum_j B_kj y_j / B_kk (Dubrule 1983),
+ * of the variance 1/B_kk: so it is known, ray by ray, how well it goes, and frame by frame, whether z is any farther
+ * from the moments than they are from each other. */
+#ifndef ERN_RENDER_MOMENTS_H
+#define ERN_RENDER_MOMENTS_H
+
+#include "core/backend.h"
+#include "model/field.h"
+
+enum { ERN_MOMENTS = 16 };
+
+/* One of the moments of a speech. */
+struct ern_moment {
+  const float *windows; /* [ERN_AUDIO_WINDOWS][window_length][width], on the host, finite */
+  int window_length;
+  float eye;
+};
+
+struct ern_moments {
+  size_t count;
+  float code[ERN_MOMENTS][ERN_AUDIO_CODE], eye[ERN_MOMENTS];
+  double scale;                                     /* of codes: 1/the width of the speech; 0 where it has none */
+  double inverse[ERN_MOMENTS + 1][ERN_MOMENTS + 1]; /* of the matrix above */
+  double variance;                                  /* the largest 1/B_kk */
+};
+
+/* *code = room in the stream's scratch with what the moment sounds like to the field, real [A]. */
+ERN_NODISCARD ern_status ern_moment_hear(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
+                                         const struct ern_moment *moment, ern_span *code);
+
+/* The first moment, then always the one that is farthest from those that were chosen. moment: [count], >= 1. */
+ERN_NODISCARD ern_status ern_moments_choose(struct ern_moments *moments, struct ern_stream *stream,
+                                            const struct ern_field *field, ern_span parameters,
+                                            const struct ern_moment *moment, size_t count);
+
+/* weight[k] of moment k, which sum to 1. False where nothing is known of what is heard and seen. */
+bool ern_moments_weigh(float weight[ERN_MOMENTS], const struct ern_moments *moments, const float code[ERN_AUDIO_CODE],
+                       float eye);
+
+/* error[k] = what value[k * stride] differs by from what the other moments say; fewer than 3 moments say nothing. */
+void ern_moments_doubt(float error[ERN_MOMENTS], const struct ern_moments *moments, const float *value, size_t stride);
+
+#endif

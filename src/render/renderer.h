@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT
+ * A renderer from the inside: what it keeps on its backend, and the parts that make a frame. */
+#ifndef ERN_RENDERER_H
+#define ERN_RENDERER_H
+
+#include "core/memory.h"
+#include "model/model.h"
+#include "render/stages.h"
+#include "render/still.h"
+
+#include "ernerf/render.h"
+
+/* What a frame needs on the device while it is rendered. It stays for the next one of the same size. */
+struct frame {
+  size_t pixels;
+  ern_span number;                                        /* int32: all pixels in order */
+  ern_rows background, pixel;                             /* [3] per pixel */
+  ern_rows torso_opacity, opacity, depth, attention, eye; /* [1]; the last three zeroed: not wanted */
+  ern_rows layer;                                         /* [4]: pixel and opacity */
+};
+
+/* Rooms that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
+enum room {
+  NUMBER,
+  PLANES,
+  SMALL,
+  DEPTH,
+  ATTENTION,
+  EYE,
+  BACKGROUND_BYTES,
+  TORSO_BYTES,
+  RGBA,
+  RGB,
+  ALPHA,
+  COLOUR,
+  ROOMS
+};
+
+enum { MAX_WINDOW_LENGTH = 16, HEARD_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
+
+/* Codes of the windows of the last frame: most of the next one's are among them. */
+struct heard {
+  struct ern_buffer *codes[2]; /* [8][A]; the second is where they change places */
+  float *windows;              /* [8][length][width], on the host */
+  int length;                  /* of a window; 0: nothing is known */
+};
+
+struct ern_renderer {
+  ern_context *context;
+  struct ern_backend *backend;
+  const ern_model *model;
+  struct ern_field field; /* the model's; the window length is that of the features at hand */
+  ern_render_options options;
+  struct ern_stream *stream;
+  struct ern_buffer *parameters, *bits, *torso_grid, *code;
+  float torso_threshold;
+  struct frame frame;
+  struct ern_buffer *room[ROOMS];
+  struct heard heard;
+  bool has_last_code;
+  float last_code[ERN_AUDIO_CODE];
+  struct ern_still still;
+};
+
+static inline ern_span ern_whole(struct ern_buffer *buffer, size_t count) { return (ern_span){buffer, 0, count}; }
+
+/* *span = the room, made at its first use. */
+ERN_NODISCARD ern_status ern_renderer_room(ern_renderer *r, enum room room, ern_element element, size_t count,
+                                           ern_span *span);
+
+/* *moment: [count], to be released, around what a caller has handed in, which has been checked. */
+ERN_NODISCARD ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length,
+                                              const float *eyes, size_t count, struct ern_moment **moment);
+
+/* r->code = what is heard in the windows. */
+ERN_NODISCARD ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input);
+
+/* The audio code of the frame: smoothed over frames where that is asked for, and brought to rest. */
+ERN_NODISCARD ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input);
+
+/* What stands behind the head, to the frame's background rows: background, torso picture, the model's own torso. */
+ERN_NODISCARD ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input);
+
+/* The head over that, to the frame's pixels. */
+ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);
+
+#endif

@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: MIT
+ * Frames that keep what the frame before them has. */
+#include "render/still.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "render/renderer.h"
+
+enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
+
+void ern_still_forget(ern_renderer *r) {
+  r->still.known = r->still.behind.known = false;
+  ern_still_rays_free(r);
+}
+
+void ern_still_free(ern_renderer *r) {
+  ern_still_forget(r);
+  ern_release(r->context, r->still.behind.background);
+  ern_release(r->context, r->still.behind.torso);
+  r->still.behind = (struct ern_still_behind){0};
+}
+
+ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
+                                   size_t count, float bound) {
+  struct ern_still *s = &renderer->still;
+  struct ern_moment *moment = NULL;
+  ern_status status = ERN_OK;
+  if (!(bound <= 1))
+    return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound is %g, expected at most 1, or below 0 for off",
+                    (double)bound);
+  if (bound > 0 && count == 0)
+    return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound %g needs moments of the speech, found none",
+                    (double)bound);
+  ern_still_free(renderer);
+  *s = (struct ern_still){.on = bound >= 0, .bound = bound};
+  if (!(bound > 0)) return ERN_OK;
+  ERN_TRY(ern_renderer_moments(renderer, windows, window_length, eyes, count, &moment));
+  for (size_t k = 0; k < count && !renderer->field.config.eye; k++) moment[k].eye = 0;
+  ERN_TRY(ern_moments_choose(&s->moments, renderer->stream, &renderer->field,
+                             ern_whole(renderer->parameters, renderer->field.parameters), moment, count));
+fail:
+  if (status != ERN_OK) s->on = false;
+  ern_release(renderer->context, moment);
+  return status;
+}
+
+ern_still_work ern_renderer_still_work(const ern_renderer *renderer) { return renderer->still.work; }
+
+/* ---- behind the head --------------------------------------------------------------------------------------------- */
+
+/* Whether *kept is a copy of `bytes`; if not, it becomes one. */
+static ern_status same_bytes(ern_renderer *r, uint8_t **kept, const uint8_t *bytes, size_t count, bool *same) {
+  void *room = *kept;
+  ern_status status = ERN_OK;
+  if (room != NULL && bytes != NULL && memcmp(room, bytes, count) == 0) return ERN_OK;
+  if (room == NULL && bytes == NULL) return ERN_OK;
+  *same = false;
+  if (bytes == NULL) {
+    ern_release(r->context, room);
+    room = NULL;
+  } else if (room == NULL) {
+    status = ern_allocate(r->context, count, 1, &room);
+  }
+  if (room != NULL) memcpy(room, bytes, count);
+  *kept = room;
+  return status;
+}
+
+ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) {
+  struct ern_still_behind *b = &r->still.behind;
+  bool same = b->known;
+  const size_t pixels = r->frame.pixels;
+  const bool torso = r->field.config.torso;
+  ern_status status = ERN_OK;
+  if (b->width != input->camera.width || b->height != input->camera.height) {
+    ern_release(r->context, b->background);
+    ern_release(r->context, b->torso);
+    *b = (struct ern_still_behind){.width = input->camera.width, .height = input->camera.height};
+  }
+  b->known = false;
+  ERN_TRY(same_bytes(r, &b->background, input->background, 3 * pixels, &same));
+  ERN_TRY(same_bytes(r, &b->torso, input->torso, 4 * pixels, &same));
+  if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual))
+    same = false;
+  memcpy(b->pose, input->camera.pose, sizeof b->pose);
+  b->individual = input->individual;
+  b->known = same;
+  r->still.behind_changed = !same;
+fail:
+  return status;
+}
+
+/* ---- the head ---------------------------------------------------------------------------------------------------- */
+
+static unsigned wanted_of(const struct ern_render_rays_args *all) {
+  return (unsigned)(all->depth.buffer != NULL) | (unsigned)(all->attention.buffer != NULL) << 1 |
+         (unsigned)(all->eye.buffer != NULL) << 2;
+}
+
+/* Whether the rows that are there are of this view. */
+static bool stands_still(const struct ern_still *s, const struct ern_render_rays_args *all) {
+  return s->known && memcmp(&s->view, &all->view, sizeof s->view) == 0 && s->individual == all->individual &&
+         wanted_of(all) == s->wanted;
+}
+
+static float eye_of(const ern_renderer *r, const struct ern_render_rays_args *all) {
+  return r->field.config.eye ? all->eye_value : 0;
+}
+
+static ern_status render_whole(ern_renderer *r, const struct ern_render_rays_args *all) {
+  struct ern_still *s = &r->still;
+  struct ern_render_rays_args args = *all;
+  s->work.rays += 1;
+  s->work.samples += 1;
+  return r->backend->render_rays(r->stream, &args);
+}
+
+ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list,
+                            struct ern_render_rays_args *some) {
+  const size_t n = list.count;
+  const ern_span *const from[] = {&all->opacity, &all->depth, &all->attention, &all->eye};
+  ern_span *const to[] = {&some->opacity, &some->depth, &some->attention, &some->eye};
+  ern_status status = ERN_OK;
+  *some = *all;
+  some->n = n;
+  some->pixel_number = list;
+  ERN_TRY(ern_take_rows(r->stream, 3, n, &some->pixel));
+  if (all->colour.span.buffer != NULL) ERN_TRY(ern_take_rows(r->stream, 3, n, &some->colour));
+  for (size_t k = 0; k < sizeof from / sizeof *from; k++)
+    if (from[k]->buffer != NULL) ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, n, to[k]));
+  ERN_TRY(ern_take_rows(r->stream, 3, n, &some->background)); /* rows of rays have one stride */
+  struct ern_pick_args pick = {.to = some->background, .from = all->background, .pixel = list, .n = n};
+  ERN_TRY(r->backend->pick(r->stream, &pick));
+  status = r->backend->render_rays(r->stream, some);
+fail:
+  return status;
+}
+
+static ern_rows one_row(ern_span span) { return (ern_rows){span, span.count, 1, ERN_PER_SAMPLE}; }
+
+size_t ern_still_rows(ern_rows rows[ERN_STILL_CHANNELS], const ern_renderer *r,
+                      const struct ern_render_rays_args *args) {
+  const ern_span wanted[] = {args->opacity, args->depth, args->attention,
+                             r->field.config.eye ? args->eye : (ern_span){0}};
+  const ern_rows colour = args->colour.span.buffer != NULL ? args->colour : args->pixel;
+  size_t count = 0;
+  while (count < 3) {
+    rows[count] = ern_rows_part(colour, (int)count, 1);
+    count++;
+  }
+  for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
+    if (wanted[k].buffer != NULL) rows[count++] = one_row(wanted[k]);
+  return count;
+}
+
+/* The rays that are rendered anew, to their places. */
+static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
+  struct ern_still *s = &r->still;
+  const ern_span list = {s->rays.list, s->rays.steady, s->rays.hits - s->rays.steady};
+  struct ern_render_rays_args some;
+  ern_rows to[ERN_STILL_CHANNELS + 1], from[ERN_STILL_CHANNELS + 1];
+  ern_status status = ERN_OK;
+  if (list.count == 0) return ERN_OK;
+  ERN_TRY(ern_still_render(r, all, list, &some));
+  size_t count = ern_still_rows(to, r, all);
+  ern_still_rows(from, r, &some);
+  if (over) {
+    to[count] = all->pixel;
+    from[count++] = some.pixel;
+  }
+  for (size_t i = 0; i < count; i++) {
+    struct ern_pick_args place = {.to = to[i], .from = from[i], .pixel = list, .n = list.count};
+    ERN_TRY(r->backend->place(r->stream, &place));
+  }
+  s->work.rays += (double)list.count / (double)s->rays.hits;
+  s->work.samples += (double)s->rays.samples / (double)s->rays.all_samples;
+fail:
+  return status;
+}
+
+/* The rays that are interpolated, to their places. */
+static ern_status interpolate(ern_renderer *r, const struct ern_render_rays_args *all, const float *weight) {
+  const struct ern_still *s = &r->still;
+  const size_t moments = s->moments.count;
+  ern_rows to[ERN_STILL_CHANNELS];
+  const size_t channels = ern_still_rows(to, r, all);
+  struct ern_blend_args blend = {.pixel = {s->rays.list, 0, s->rays.steady}, .n = s->rays.steady};
+  ern_status status = ERN_OK;
+  if (blend.n == 0) return ERN_OK;
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, moments, &blend.weight));
+  ERN_TRY(r->backend->upload_reals(r->stream, blend.weight, weight, moments));
+  for (size_t c = 0; c < channels; c++) {
+    blend.to = to[c].span;
+    blend.from = ern_rows_part(s->rays.moments, (int)(c * moments), (int)moments);
+    ERN_TRY(r->backend->blend(r->stream, &blend));
+  }
+fail:
+  return status;
+}
+
+/* What was gathered before, over another background. */
+static ern_status lay_over(ern_renderer *r, const struct ern_render_rays_args *all) {
+  struct ern_overlay_args overlay = {
+      .pixel = all->pixel, .colour = all->colour, .opacity = all->opacity, .background = all->background, .n = all->n};
+  return r->backend->overlay(r->stream, &overlay);
+}
+
+/* A frame of the view of the one before, at another moment. */
+static ern_status render_part(ern_renderer *r, const struct ern_render_rays_args *all, bool over, const float *weight) {
+  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
+  ern_status status = ERN_OK;
+  if (!r->still.rays.sorted) ERN_TRY(ern_still_sort(r, all));
+  ERN_TRY(interpolate(r, all, weight));
+  if (over) ERN_TRY(lay_over(r, all));
+  ERN_TRY(render_anew(r, all, over));
+fail:
+  ern_arena_release(r->stream, mark);
+  return status;
+}
+
+ern_status ern_still_head(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
+  struct ern_still *s = &r->still;
+  const float eye = eye_of(r, all);
+  const bool stands = stands_still(s, all), exact = !(s->bound > 0);
+  float code[ERN_AUDIO_CODE], weight[ERN_MOMENTS] = {0};
+  ern_status status = ERN_OK;
+  ERN_TRY(r->backend->download_reals(r->stream, code, all->code, ERN_AUDIO_CODE));
+  const bool same = memcmp(s->code, code, sizeof code) == 0 && memcmp(&s->eye, &eye, sizeof eye) == 0;
+  s->known = false;                                                /* until all is there */
+  if (stands && same && (!exact || !over || !s->behind_changed)) { /* laying over rounds once more */
+    if (over && s->behind_changed) ERN_TRY(lay_over(r, all));
+  } else if (stands && (exact || (s->stood >= PATIENCE && ern_moments_weigh(weight, &s->moments, code, eye)))) {
+    ERN_TRY(render_part(r, all, over, weight));
+  } else {
+    if (!stands) ern_still_rays_free(r);
+    s->stood = stands ? s->stood + 1 : 1;
+    ERN_TRY(render_whole(r, all));
+  }
+  memcpy(s->code, code, sizeof code);
+  s->eye = eye;
+  s->view = all->view;
+  s->individual = all->individual;
+  s->wanted = wanted_of(all);
+  s->known = true;
+  s->work.frames++;
+fail:
+  return status;
+}

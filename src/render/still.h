@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: MIT
+ * What one frame leaves for the next (ern_renderer_keep_still): the layers behind the head, and what its rays gathered.
+ *
+ * A ray keeps its sum w rgb and its opacity, so it can go over another background; depth and attention likewise where
+ * they are wanted. While a view stands still its rays are of three kinds (still_rays.c): without samples; steady, whose
+ * light follows speech and eyes so smoothly that it is interpolated between moments of the speech (moments.h); and
+ * those that are rendered anew. */
+#ifndef ERN_RENDER_STILL_H
+#define ERN_RENDER_STILL_H
+
+#include "render/moments.h"
+#include "render/render_ops.h"
+
+#include "ernerf/render.h"
+
+/* Rays of a view. */
+struct ern_still_rays {
+  bool sorted;
+  size_t hits, steady;           /* rays with samples; and those of them that are interpolated */
+  struct ern_buffer *list;       /* int32 [hits]: pixel numbers, the steady ones first, ascending in each kind */
+  struct ern_buffer *known;      /* real: channels of the steady rays at each moment */
+  ern_rows moments;              /* of it: [moments * channels] per steady ray */
+  uint64_t samples, all_samples; /* in occupied cells: of the rays that are rendered anew; of all */
+};
+
+/* What stands behind the head, as it was handed in. */
+struct ern_still_behind {
+  bool known;                  /* the background rows are those of: */
+  uint8_t *background, *torso; /* copies; NULL: none was handed in */
+  int width, height;
+  float pose[16];
+  size_t individual;
+};
+
+struct ern_still {
+  bool on;
+  float bound;                /* most that a pixel may be off, 0..1 */
+  struct ern_moments moments; /* of the speech to come, where bound > 0 */
+  struct ern_still_behind behind;
+  bool behind_changed; /* since the frame before */
+  bool known;          /* the head's rows are those of: */
+  struct ern_view view;
+  size_t individual;
+  unsigned wanted; /* bit k: depth, attention, eye */
+  float code[ERN_AUDIO_CODE], eye;
+  int stood; /* frames that were rendered whole since the view came to stand */
+  struct ern_still_rays rays;
+  ern_still_work work;
+};
+
+/* What a ray has beside its pixel, each a row of the picture. */
+enum { ERN_STILL_CHANNELS = 7 };
+/* Rows of `args` that are there: colour (the pixel, where nothing is behind), opacity, depth, attention, eye. Returns
+ * how many. */
+size_t ern_still_rows(ern_rows rows[ERN_STILL_CHANNELS], const ern_renderer *r,
+                      const struct ern_render_rays_args *args);
+
+/* Sorts the rays of a view. */
+ERN_NODISCARD ern_status ern_still_sort(ern_renderer *r, const struct ern_render_rays_args *all);
+void ern_still_rays_free(ern_renderer *r);
+
+/* Renders some of the rays of `all`, those of the pixels in `list` (int32), into rows in the order of the list, made in
+ * scratch: what `all` wants of them. */
+ERN_NODISCARD ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list,
+                                          struct ern_render_rays_args *some);
+
+/* Renders all rays of a picture, or only those that have changed since the frame before. over: the background is the
+ * frame's, and may be another one in the next; else there is none. */
+ERN_NODISCARD ern_status ern_still_head(ern_renderer *r, const struct ern_render_rays_args *all, bool over);
+
+/* Whether the background rows have to be made again: behind_changed. Takes note of the input; `known` is then for who
+ * makes them to set. */
+ERN_NODISCARD ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input);
+
+/* The rows were lost, or are no longer what they would be. */
+void ern_still_forget(ern_renderer *r);
+void ern_still_free(ern_renderer *r);
+
+#endif

@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: MIT
+ * The rays of a view that stands still: those that have samples are rendered at each of the speech's moments. Where
+ * each moment is what the others say it would be, the ray is steady, and from then on interpolated; what jumps, such as
+ * an edge of the lips or of the lids, is not. This sees the picture's own samples and what hides them, which no map of
+ * the cells does. */
+#include <math.h>
+#include <string.h>
+
+#include "render/renderer.h"
+#include "render/visible_ops.h"
+
+enum {
+  MARCHED = 1 << 14,    /* rays that are marched at once */
+  MOST_VALUES = 1 << 26 /* that are kept, 256 MiB: a view that has more is rendered anew */
+};
+
+/* Of the pixels of a view: those whose rays have samples. */
+struct sorting {
+  ern_renderer *r;
+  const struct ern_render_rays_args *all;
+  int32_t *pixel, *samples; /* [count]: its number, samples of its ray in occupied cells */
+  size_t count;
+};
+
+/* ---- marching ---------------------------------------------------------------------------------------------------- */
+
+/* samples[i] = samples of pixel[i]'s ray in the cells of `bits`. */
+static ern_status march_some(const struct sorting *s, ern_span bits, const int32_t *pixel, int32_t *samples, size_t n) {
+  const struct ern_renderer *r = s->r;
+  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
+  const struct ern_render_rays_args *all = s->all;
+  struct ern_rays_args rays = {.view = all->view, .n = n};
+  struct ern_march_args march = {.bits = bits,
+                                 .origin = {all->view.pose[3], all->view.pose[7], all->view.pose[11]},
+                                 .settings = all->settings,
+                                 .n = n};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, n, &rays.pixel));
+  ERN_TRY(ern_take_rows(r->stream, 3, n, &rays.dir));
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, n, &march.count));
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, n * (size_t)all->settings.max_steps, &march.t));
+  ERN_TRY(r->backend->upload_int32(r->stream, rays.pixel, pixel, n));
+  ERN_TRY(r->backend->rays(r->stream, &rays));
+  march.dir = rays.dir;
+  ERN_TRY(r->backend->march(r->stream, &march));
+  status = r->backend->download_int32(r->stream, samples, march.count, n);
+fail:
+  ern_arena_release(r->stream, mark);
+  return status;
+}
+
+static ern_status march(const struct sorting *s, ern_span bits, int32_t *samples) {
+  ern_status status = ERN_OK;
+  for (size_t begin = 0; begin < s->count && status == ERN_OK; begin += MARCHED)
+    status =
+        march_some(s, bits, s->pixel + begin, samples + begin, s->count - begin < MARCHED ? s->count - begin : MARCHED);
+  return status;
+}
+
+/* Pixels whose block sees an occupied cell, and of those the ones whose rays have samples. */
+static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
+  const struct ern_view *view = &s->all->view;
+  const size_t across = ern_visible_count(view->width), blocks = across * ern_visible_count(view->height);
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(s->r->context, blocks, sizeof(float), &room));
+  const float *nearest = room;
+  ern_visible_blocks(room, bits, view, s->all->settings.bound);
+  for (size_t i = 0; i < s->all->n; i++) {
+    const size_t row = i / (size_t)view->width, column = i % (size_t)view->width;
+    if (nearest[row / ERN_VISIBLE_SIDE * across + column / ERN_VISIBLE_SIDE] < INFINITY)
+      s->pixel[s->count++] = (int32_t)i;
+  }
+  ERN_TRY(march(s, s->all->bits, s->samples));
+  size_t hits = 0;
+  for (size_t i = 0; i < s->count; i++) {
+    if (s->samples[i] == 0) continue;
+    s->pixel[hits] = s->pixel[i];
+    s->samples[hits++] = s->samples[i];
+  }
+  s->count = hits;
+fail:
+  ern_release(s->r->context, room);
+  return status;
+}
+
+/* ---- measuring --------------------------------------------------------------------------------------------------- */
+
+/* Rows of the hits at each of the moments: channel c at moment k is row c * moments + k. */
+struct measured {
+  float *value; /* [channels * moments][hits] */
+  size_t channels, moments;
+};
+
+static ern_status try_moment(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span code) {
+  ern_renderer *r = s->r;
+  const struct ern_moments *moments = &r->still.moments;
+  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
+  struct ern_render_rays_args all = *s->all, some;
+  ern_rows rows[ERN_STILL_CHANNELS];
+  ern_status status = ERN_OK;
+  all.code = code;
+  all.eye_value = moments->eye[k];
+  ERN_TRY(r->backend->upload_reals(r->stream, code, moments->code[k], ERN_AUDIO_CODE));
+  ERN_TRY(ern_still_render(r, &all, list, &some));
+  ern_still_rows(rows, r, &some);
+  for (size_t c = 0; c < m->channels; c++)
+    ERN_TRY(r->backend->download_reals(r->stream, m->value + (c * m->moments + k) * s->count, rows[c].span, s->count));
+fail:
+  ern_arena_release(r->stream, mark);
+  return status;
+}
+
+/* Whether each moment of a ray is what the others say, up to `most`, over any background: over black the error of a
+ * channel is that of its colour, over white that of colour minus opacity, and between them it lies between. */
+static bool is_steady(const struct ern_moments *moments, const struct measured *m, size_t hits, size_t i, float most) {
+  float error[4][ERN_MOMENTS];
+  for (size_t c = 0; c < 4; c++) ern_moments_doubt(error[c], moments, m->value + c * m->moments * hits + i, hits);
+  for (size_t k = 0; k < m->moments; k++)
+    for (size_t c = 0; c < 3; c++)
+      if (!(fabsf(error[c][k]) <= most && fabsf(error[c][k] - error[3][k]) <= most)) return false;
+  return true;
+}
+
+/* Moves what belongs to the steady ones to the front, pixel by pixel; the order in each kind stays. */
+static ern_status part_hits(struct sorting *s, struct measured *m, const bool *steady, size_t count) {
+  const size_t hits = s->count, rows = m->channels * m->moments;
+  void *room = NULL;
+  size_t front = 0, back = count;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(s->r->context, hits, sizeof(int32_t), &room));
+  for (size_t i = 0; i < hits; i++) ((int32_t *)room)[steady[i] ? front++ : back++] = s->pixel[i];
+  memcpy(s->pixel, room, hits * sizeof(int32_t));
+  for (size_t row = 0; row < rows; row++) {
+    float *value = m->value + row * hits;
+    front = 0;
+    for (size_t i = 0; i < hits; i++)
+      if (steady[i]) value[front++] = value[i];
+  }
+fail:
+  ern_release(s->r->context, room);
+  return status;
+}
+
+/* Keeps what the steady rays have at the moments. */
+static ern_status keep_moments(const struct sorting *s, const struct measured *m, struct ern_still_rays *rays) {
+  const ern_renderer *r = s->r;
+  const size_t rows = m->channels * m->moments, stride = rays->steady;
+  ern_status status = ERN_OK;
+  if (rays->steady == 0) return ERN_OK;
+  ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_REAL, rows * stride, &rays->known));
+  rays->moments = (ern_rows){ern_whole(rays->known, rows * stride), stride, (int)rows, ERN_PER_SAMPLE};
+  for (size_t row = 0; row < rows; row++)
+    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(rays->moments, (int)row, stride),
+                                     m->value + row * s->count, stride));
+fail:
+  return status;
+}
+
+/* Parts the hits by what they are found to be; rays->samples is that of those rendered anew. */
+static ern_status judge(struct sorting *s, struct measured *m, float most, struct ern_still_rays *rays) {
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(s->r->context, s->count, sizeof(bool), &room));
+  bool *steady = room;
+  for (size_t i = 0; i < s->count; i++) {
+    steady[i] = is_steady(&s->r->still.moments, m, s->count, i, most);
+    rays->steady += steady[i];
+    if (steady[i]) rays->samples -= (uint64_t)s->samples[i];
+  }
+  ERN_TRY(part_hits(s, m, steady, rays->steady));
+  status = keep_moments(s, m, rays);
+fail:
+  ern_release(s->r->context, room);
+  return status;
+}
+
+/* A cubic that enlarges has weights whose magnitudes sum to 1.25 an axis. The moments predict each other from fewer and
+ * farther ones than a frame is predicted from, and yet frames err by up to twice as much as the worst of them: hence
+ * the share of the bound. */
+static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
+  const float share = 0.4f, gain = s->r->options.image_scale < 1 ? 1.25f * 1.25f : 1;
+  ern_renderer *r = s->r;
+  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
+  ern_rows rows[ERN_STILL_CHANNELS];
+  struct measured m = {.channels = ern_still_rows(rows, r, s->all), .moments = r->still.moments.count};
+  void *room = NULL;
+  ern_span list, code;
+  ern_status status = ERN_OK;
+  if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.moments)) return ERN_OK;
+  ERN_TRY(ern_allocate(r->context, m.channels * m.moments * s->count, sizeof(float), &room));
+  m.value = room;
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
+  ERN_TRY(r->backend->upload_int32(r->stream, list, s->pixel, s->count));
+  for (size_t k = 0; k < m.moments; k++) ERN_TRY(try_moment(s, &m, k, list, code));
+  r->still.work.rays += (double)m.moments;
+  r->still.work.samples += (double)m.moments;
+  status = judge(s, &m, share / gain * r->still.bound, rays);
+fail:
+  ern_arena_release(r->stream, mark);
+  ern_release(r->context, room);
+  return status;
+}
+
+/* ---- sorting ----------------------------------------------------------------------------------------------------- */
+
+void ern_still_rays_free(ern_renderer *r) {
+  r->backend->buffer_free(r->backend, r->still.rays.list);
+  r->backend->buffer_free(r->backend, r->still.rays.known);
+  r->still.rays = (struct ern_still_rays){0};
+}
+
+static ern_status sort(struct sorting *s, struct ern_still_rays *rays) {
+  ern_renderer *r = s->r;
+  void *bits = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(r->context, ERN_OCCUPANCY_BYTES, 1, &bits));
+  ERN_TRY(r->backend->download_bytes(r->stream, bits, s->all->bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(find_hits(s, bits));
+  rays->hits = s->count;
+  for (size_t i = 0; i < s->count; i++) rays->all_samples += (uint64_t)s->samples[i];
+  rays->samples = rays->all_samples;
+  if (r->still.bound > 0) ERN_TRY(measure(s, rays));
+  ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_INT32, s->count > 0 ? s->count : 1, &rays->list));
+  ERN_TRY(r->backend->upload_int32(r->stream, ern_whole(rays->list, s->count), s->pixel, s->count));
+  rays->sorted = true;
+fail:
+  ern_release(r->context, bits);
+  return status;
+}
+
+ern_status ern_still_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
+  struct sorting s = {.r = r, .all = all};
+  void *room[2] = {NULL};
+  ern_status status = ERN_OK;
+  ern_still_rays_free(r);
+  for (int k = 0; k < 2; k++) ERN_TRY(ern_allocate(r->context, all->n, sizeof(int32_t), &room[k]));
+  s.pixel = room[0];
+  s.samples = room[1];
+  status = sort(&s, &r->still.rays);
+fail:
+  for (int k = 0; k < 2; k++) ern_release(r->context, room[k]);
+  if (status != ERN_OK) ern_still_rays_free(r);
+  return status;
+}
