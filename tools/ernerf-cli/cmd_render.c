@@ -12,6 +12,7 @@
 #include "progress.h"
 #include "rest.h"
 #include "sink.h"
+#include "stillness.h"
 #include "verbs.h"
 
 /* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
@@ -25,6 +26,7 @@ struct render_job {
   struct governor governor;
   struct control control;
   struct rest rest;
+  struct stillness stillness;
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
@@ -97,6 +99,9 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
   if (status < 0) status = control_check(&job->control, args);
+  if (status < 0) status = stillness_check(args);
+  if (status < 0 && governor_asked(&job->governor))
+    status = args_forbid(args, "still no-still", "is not for a budget, whose settings are timed by whole frames");
   if (status < 0) status = governor_check(&job->governor, args);
   if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
@@ -267,6 +272,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = rest_open(&job->rest, session, &job->portrait, job->features);
   if (status == 0) status = open_shots(job, args);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->shots, job->features);
+  if (status == 0) status = stillness_open(&job->stillness, &job->portrait, &job->session, &job->shots, job->features);
   if (status == 0 && job->size.width == 0)
     job->size = (struct dimensions){job->shots.camera.width, job->shots.camera.height};
   if (status == 0) status = open_backdrop(job);
@@ -291,13 +297,14 @@ static json_t *report_stages(const struct render_job *job) {
 static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->shots.count;
   json_t *pace = governor_asked(&job->governor) ? governor_json(&job->governor) : json_null();
-  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o}", "output", job->out,
-                   "model", job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
+  json_t *still = stillness_report(&job->stillness, &job->portrait);
+  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "output",
+                   job->out, "model", job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
                    (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "rest_frames",
                    (json_int_t)rest_count(&job->rest, &job->shots), "seconds", session_number(seconds), "fps",
                    session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames),
                    "ms_by_stage", report_stages(job), "sound", job->sound.data != NULL, "backend",
-                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace);
+                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace, "still", still);
 }
 
 static int draw_all(struct render_job *job) {
@@ -321,8 +328,10 @@ static int draw_all(struct render_job *job) {
   if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
   progress_end(&progress);
   const double seconds = session_seconds() - began;
-  session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing: %s", job->shots.count,
-               seconds, (double)job->shots.count / seconds, job->out);
+  char kept[128];
+  stillness_say(&job->stillness, &job->portrait, kept, sizeof kept);
+  session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing%s: %s", job->shots.count,
+               seconds, (double)job->shots.count / seconds, kept, job->out);
   if (governor_asked(&job->governor)) governor_summary(&job->governor, 1000 * seconds / (double)job->shots.count);
   return session_report(session, report(job, seconds));
 }
@@ -343,7 +352,7 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS + REST_OPTIONS],
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS + STILLNESS_OPTIONS], control[CONTROL_OPTIONS + REST_OPTIONS],
       pace[GOVERNOR_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
@@ -360,13 +369,14 @@ int cmd_render(int argc, char **argv) {
       .word_count = 1,
       .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + REST_OPTIONS},
-                 {"How:", shared, PORTRAIT_OPTIONS},
+                 {"How:", shared, PORTRAIT_OPTIONS + STILLNESS_OPTIONS},
                  {"A budget instead of knobs:", pace, GOVERNOR_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   portrait_options(&job.portrait, SHOTS_ALL, shared);
   control_options(&job.control, control);
   rest_options(&job.rest, control + CONTROL_OPTIONS);
+  stillness_options(&job.stillness, shared + PORTRAIT_OPTIONS);
   governor_options(&job.governor, pace);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
