@@ -54,8 +54,8 @@ static void scene_make(struct scene *scene, const char *kind, const char *isa, b
   support_ok(scene->context, ern_model_make(&scene->model, scene->context, &config));
   for (int part = 0; part < 2; part++) ern_parameters_init(scene->model->block, &scene->model->table, part != 0, 5);
   for (int plane = 0; plane < ERN_PLANES; plane++)
-    for (uint32_t i = 0; i < scene->model->field.plane[plane].entries; i++)
-      scene->model->block[scene->model->field.plane_table[plane] + i] =
+    for (uint32_t i = 0; i < scene->model->field.encoder.grid[plane].entries; i++)
+      scene->model->block[scene->model->field.encoder.table[plane] + i] =
           2 * ern_uniform(ern_random_at(9, 0, i, ERN_RNG_INIT).word[0]) - 1;
   for (size_t i = 0; i < 64; i++) scene->model->block[scene->model->field.density.weight[2] + i] *= 20;
   for (uint32_t number = 0; number < ERN_OCCUPANCY_CELLS; number++) {
