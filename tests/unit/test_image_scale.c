@@ -33,7 +33,7 @@ static void scene_make(struct scene *scene) {
       .levels = 4, .feature_width = WIDTH, .window_length = LENGTH, .head = true, .bound = 1};
   scene->context = support_context();
   support_ok(scene->context, ern_model_make(&scene->model, scene->context, &config));
-  ern_parameters_init(scene->model->block, &scene->model->table, true, 5);
+  ern_parameters_init(scene->model->block, &scene->model->table, false, 5);
   for (uint32_t number = 0; number < ERN_OCCUPANCY_CELLS; number++) {
     const float x = (float)ern_morton_gather(number) / 64 - 1, y = (float)ern_morton_gather(number >> 1) / 64 - 1,
                 z = (float)ern_morton_gather(number >> 2) / 64 - 1;

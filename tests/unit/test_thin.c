@@ -34,7 +34,7 @@ static void scene_make(struct scene *scene) {
       .levels = 4, .feature_width = WIDTH, .window_length = LENGTH, .head = true, .eye = true, .bound = 1};
   scene->context = support_context();
   support_ok(scene->context, ern_model_make(&scene->model, scene->context, &config));
-  ern_parameters_init(scene->model->block, &scene->model->table, true, 5);
+  ern_parameters_init(scene->model->block, &scene->model->table, false, 5);
   /* tables of +-1 make the density vary from cell to cell */
   for (int plane = 0; plane < ERN_PLANES; plane++)
     for (uint32_t i = 0; i < scene->model->field.encoder.grid[plane].entries; i++)
