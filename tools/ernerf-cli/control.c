@@ -67,7 +67,8 @@ int control_check_model(const struct control *control, struct session *session, 
   if (portrait->info.has_eye) return 0;
   if (fixed || control->eye != NULL)
     return session_fail_with(session,
-                             "%s: does not follow the eyes (its clip had no au.csv), so %s has nothing to move",
+                             "%s: does not follow the eyes (it was trained without: no au.csv, or lids that do not "
+                             "move), so %s has nothing to move",
                              portrait->model_path, fixed ? "--fix_eye" : "--eye");
   if (control->smooth_eye)
     session_warn(session, "--smooth_eye changes nothing: %s does not follow the eyes", portrait->model_path);
