@@ -88,27 +88,51 @@ static size_t twin_of(const struct place *places, const struct candidate *c, siz
   return best;
 }
 
-/* Of the points that beat k, the one with the best quality. */
-static void find_beaten(struct place *place, const struct candidate *c, size_t count, size_t frames, size_t k) {
+/* Of the points of such a standing that beat k, the one with the best quality; k where there is none. */
+static size_t beater_of(const struct place *places, enum standing wanted, const struct candidate *c, size_t count,
+                        size_t frames, size_t k) {
   double best = -INFINITY;
-  *place = (struct place){STANDING_FRONT, k};
+  size_t found = k;
   for (size_t i = 0; i < count; i++) {
-    if (!beats(&c[i], &c[k], frames)) continue;
+    if (places[i].standing != wanted || !beats(&c[i], &c[k], frames)) continue;
     const double quality = front_moments(c[i].db, frames).mean;
-    if (quality > best) *place = (struct place){STANDING_BEATEN, i};
-    best = fmax(best, quality);
+    if (found == k || quality > best) found = i, best = quality;
+  }
+  return found;
+}
+
+static size_t best_unknown(const struct place *places, const struct candidate *c, size_t count, size_t frames) {
+  size_t best = count;
+  for (size_t k = 0; k < count; k++)
+    if (places[k].standing == STANDING_UNKNOWN &&
+        (best == count || front_moments(c[k].db, frames).mean > front_moments(c[best].db, frames).mean))
+      best = k;
+  return best;
+}
+
+/* The kernel of "beats": beaten is what a point of the front beats, and nothing else. A point that only beaten ones
+ * beat stands, or a row of neighbours, each a hair better than the next, would take all of its end off the front.
+ * "Measurably better" is not transitive: in a circle the best quality stands. */
+static void find_kernel(struct place *places, const struct candidate *c, size_t count, size_t frames) {
+  for (size_t left = count; left > 0;) {
+    const size_t before = left;
+    for (size_t k = 0; k < count; k++) {
+      if (places[k].standing != STANDING_UNKNOWN) continue;
+      const size_t by = beater_of(places, STANDING_FRONT, c, count, frames, k);
+      if (by == k && beater_of(places, STANDING_UNKNOWN, c, count, frames, k) != k) continue;
+      places[k] = (struct place){by == k ? STANDING_FRONT : STANDING_BEATEN, by};
+      left--;
+    }
+    if (left < before) continue;
+    const size_t best = best_unknown(places, c, count, frames);
+    places[best] = (struct place){STANDING_FRONT, best};
+    left--;
   }
 }
 
 void front_find(struct place *places, const struct candidate *candidates, size_t count, size_t frames) {
-  size_t standing = 0, fastest = 0;
-  for (size_t k = 0; k < count; k++) {
-    find_beaten(&places[k], candidates, count, frames, k);
-    standing += places[k].standing == STANDING_FRONT;
-    if (candidates[k].ms.median < candidates[fastest].ms.median) fastest = k;
-  }
-  /* "measurably better" is not transitive: should all be beaten in a circle, the fastest stands for them */
-  if (standing == 0) places[fastest] = (struct place){STANDING_FRONT, fastest};
+  for (size_t k = 0; k < count; k++) places[k] = (struct place){STANDING_UNKNOWN, k};
+  find_kernel(places, candidates, count, frames);
   /* from the one with the most changes on, so that what is kept has no simpler twin */
   for (size_t done = 0; done < count; done++) {
     size_t k = count;
