@@ -181,8 +181,8 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, cons
 
 /* Chooses, frame by frame, among settings whose cost is known, such as renderers of different options: the most
  * accurate one that holds a budget at the pace that the machine has now. Where frames come late it falls back at once,
- * as far as it takes, and makes up for what was late; it returns a setting at a time, after 20 frames in a row that
- * had the room. Plain data: copy it, drop it. */
+ * as far as it takes, and makes up for what was late, a little less at once where it was ahead; it returns to what
+ * would have fitted in each of 12 frames in a row. Plain data: copy it, drop it. */
 typedef struct ern_pace {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */
@@ -192,6 +192,7 @@ typedef struct ern_pace {
   double slowness;    /* how many times its cost a frame takes now, in the mean of the last few */
   double late;        /* ms behind the budget in all; negative: ahead */
   int calm;           /* frames in a row in which a better setting would have fitted */
+  size_t better;      /* the one that would have fitted in all of them */
 } ern_pace;
 
 ERN_API void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget);

@@ -5,12 +5,11 @@
 #include "ernerf/render.h"
 
 static const double weight_of_newest = 0.2; /* in the mean of how slow the machine is: a load is seen in five frames */
-static const double outlier = 4;            /* a frame so many times slower than the mean counts as one of this */
+static const double outlier = 1.5;          /* a frame so many times slower than the mean counts as one of this */
 static const double debt_frames = 12;       /* over which frames that were late are made up for */
-static const double debt_most = 24, credit_most = 2; /* frames of lateness, and of being early, that are remembered */
+static const double debt_most = 24, credit_most = 8; /* frames of lateness, and of being early, that are remembered */
 static const double room_least = 0.6;                /* of the budget: what making up may squeeze a frame to */
-static const double room_to_return = 0.96;           /* of the budget: a better setting must fit this */
-enum { CALM_FRAMES = 20 };                           /* for so many frames, before it is taken */
+enum { CALM_FRAMES = 12 }; /* for so many frames a better setting must fit, before it is taken */
 
 /* The most accurate setting that takes `room` ms at most at the machine's pace of now; else the fastest. */
 static size_t fitting(const ern_pace *pace, double room) {
@@ -32,16 +31,18 @@ size_t ern_pace_next(ern_pace *pace, double milliseconds) {
   pace->slowness += weight_of_newest * (fmin(ratio, outlier * pace->slowness) - pace->slowness);
   pace->late =
       fmin(fmax(pace->late + milliseconds - pace->budget, -credit_most * pace->budget), debt_most * pace->budget);
-  const double room = pace->budget - fmax(pace->late, 0) / debt_frames;
+  const double room = pace->budget - pace->late / debt_frames;
   const size_t now = fitting(pace, fmax(room, room_least * pace->budget));
+  const size_t better = fitting(pace, pace->budget);
   if (now > pace->at) {
     pace->at = now;
     pace->calm = 0;
-  } else if (pace->at > 0 && pace->late <= 0 && fitting(pace, room_to_return * pace->budget) < pace->at) {
-    if (++pace->calm < CALM_FRAMES) return pace->at;
-    pace->at--;
+  } else if (better >= pace->at || pace->late > 0) {
     pace->calm = 0;
   } else {
+    pace->better = pace->calm == 0 || better > pace->better ? better : pace->better;
+    if (++pace->calm < CALM_FRAMES) return pace->at;
+    pace->at = pace->better;
     pace->calm = 0;
   }
   return pace->at;

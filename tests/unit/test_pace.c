@@ -15,7 +15,8 @@ struct machine {
   double load;
   int from, to;
   double noise;
-  double overhead; /* ms a frame that no setting changes */
+  double disturbed; /* how many times slower one frame in sixteen is, at random; 0: none */
+  double overhead;  /* ms a frame that no setting changes */
 };
 
 struct outcome {
@@ -24,14 +25,16 @@ struct outcome {
   size_t last;
 };
 
-static struct outcome run(const struct machine *machine, double budget, int frames) {
+static struct outcome run_with(const double *costs, size_t count, const struct machine *machine, double budget,
+                               int frames) {
   struct outcome outcome = {0};
   ern_pace pace;
-  ern_pace_begin(&pace, cost, POINTS, budget);
+  ern_pace_begin(&pace, costs, count, budget);
   for (int f = 0; f < frames; f++) {
     const double jitter = machine->noise * (2 * (double)ern_uniform(ern_random_at(3, 0, (uint32_t)f, 0).word[0]) - 1);
-    const double slow = f >= machine->from && f < machine->to ? machine->load : 1;
-    const double took = (cost[pace.at] + machine->overhead) * slow * (1 + jitter);
+    const double other = ern_random_at(4, 0, (uint32_t)f, 0).word[0] < UINT32_MAX / 16 ? machine->disturbed : 0;
+    const double slow = fmax(f >= machine->from && f < machine->to ? machine->load : 1, other);
+    const double took = (costs[pace.at] + machine->overhead) * slow * (1 + jitter);
     const size_t before = pace.at;
     outcome.milliseconds += took;
     outcome.accuracy += (double)pace.at / frames;
@@ -40,6 +43,10 @@ static struct outcome run(const struct machine *machine, double budget, int fram
     if ((int)outcome.last > outcome.worst) outcome.worst = (int)outcome.last;
   }
   return outcome;
+}
+
+static struct outcome run(const struct machine *machine, double budget, int frames) {
+  return run_with(cost, POINTS, machine, budget, frames);
 }
 
 static void test_first_choice(void **state) {
@@ -86,6 +93,25 @@ static void test_load(void **state) {
   assert_true(loaded.accuracy < 4); /* not simply the fastest */
 }
 
+/* Settings a tenth of their time apart: the rate is held from both sides, steady and loaded. */
+static void test_both_sides(void **state) {
+  (void)state;
+  enum { FINE = 26 };
+  double fine[FINE];
+  for (int i = 0; i < FINE; i++) fine[i] = 80 * pow(0.9, i);
+  for (double budget = 14; budget < 60; budget += 1.5)
+    for (int loaded = 0; loaded < 3; loaded++) {
+      /* steady; loaded all the time; a frame in sixteen disturbed by something else */
+      const struct machine machine = {
+          .load = loaded == 1 ? 1.6 : 1, .to = 200, .noise = 0.2, .disturbed = loaded == 2 ? 3.5 : 1};
+      if (machine.load * fine[FINE - 1] > 0.8 * budget) continue;
+      const struct outcome outcome = run_with(fine, FINE, &machine, budget, 200);
+      assert_true(outcome.milliseconds <= 1.05 * budget * 200);
+      assert_true(outcome.milliseconds >= 0.90 * budget * 200);
+      assert_true(outcome.switches <= 12);
+    }
+}
+
 /* What no setting changes, such as encoding, is part of the pace. */
 static void test_overhead(void **state) {
   (void)state;
@@ -123,7 +149,7 @@ static void test_hostile(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_first_choice), cmocka_unit_test(test_steady),
                                      cmocka_unit_test(test_noise),        cmocka_unit_test(test_load),
-                                     cmocka_unit_test(test_overhead),     cmocka_unit_test(test_too_slow),
-                                     cmocka_unit_test(test_hostile)};
+                                     cmocka_unit_test(test_both_sides),   cmocka_unit_test(test_overhead),
+                                     cmocka_unit_test(test_too_slow),     cmocka_unit_test(test_hostile)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

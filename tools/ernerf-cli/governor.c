@@ -246,9 +246,11 @@ int governor_open(struct governor *g, struct session *session, const struct args
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
   ern_pace_begin(&g->pace, g->cost, g->count, budget_of(g));
   if (!ern_pace_holds(&g->pace)) return refuse_budget(g);
-  /* what may be needed while frames are awaited is made before */
+  /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
+   */
   for (size_t i = g->pace.at > 0 ? g->pace.at - 1 : 0; i < g->count; i++)
-    if (governor_make(g, &g->rung[i]) != 0) return EXIT_FAILURE;
+    if ((i == g->pace.at || g->rung[i].settings.occupancy_threshold > 0) && governor_make(g, &g->rung[i]) != 0)
+      return EXIT_FAILURE;
   say_choice(g);
   return 0;
 }

@@ -7,13 +7,13 @@
 #include "front_read.h"
 #include "portrait.h"
 
-enum { GOVERNOR_OPTIONS = 4, GOVERNOR_RUNGS = 10, GOVERNOR_UNITS = 4 };
+enum { GOVERNOR_OPTIONS = 4, GOVERNOR_RUNGS = 48, GOVERNOR_UNITS = 4 };
 
 /* A setting that may be used. */
 struct rung {
   char name[FRONT_NAME_BYTES];
   struct settings settings;
-  double ms;     /* a frame, as measured */
+  double ms;     /* a frame, as measured, or between the rungs that were */
   double db;     /* PSNR against the exact render; of a quick look against the first rung's pictures, 100 at most */
   double price;  /* dB that it loses against the clip's frames to the best rung; NaN after a quick look */
   size_t frames; /* that were drawn so */

@@ -8,43 +8,48 @@
 #include "bytes.h"
 #include "progress.h"
 
-enum { LOOK_FRAMES = 2, LOOK_TURNS = 3 };
+enum { LOOK_FRAMES = 2, LOOK_TURNS = 3, LOOK_RUNGS = 10 };
 
-static const double most_db = 100; /* of pictures that are the same */
+static const double most_db = 100;   /* of pictures that are the same */
+static const double apart = 1 / 0.9; /* what neighbours differ by in time: a rate is held as closely as this */
 
 /* From the most accurate on. Settings that take long to prepare are not among them. */
 static const struct {
   float image_scale, transmittance_stop;
-} ladder[GOVERNOR_RUNGS] = {{1, 1e-4f},   {1, 0.03f},   {0.9f, 0.03f}, {0.8f, 0.03f}, {0.7f, 0.03f},
-                            {0.6f, 0.1f}, {0.5f, 0.1f}, {0.4f, 0.1f},  {0.3f, 0.1f},  {0.25f, 0.1f}};
+} ladder[LOOK_RUNGS] = {{1, 1e-4f},   {1, 0.03f},   {0.9f, 0.03f}, {0.8f, 0.03f}, {0.7f, 0.03f},
+                        {0.6f, 0.1f}, {0.5f, 0.1f}, {0.4f, 0.1f},  {0.3f, 0.1f},  {0.25f, 0.1f}};
 
 struct look {
   float *exact, *rgb; /* [LOOK_FRAMES][height][width][3] of the first rung; [height][width][3] */
   size_t values;      /* of a frame */
-  double db[GOVERNOR_RUNGS][LOOK_FRAMES], readings[GOVERNOR_RUNGS][LOOK_TURNS];
+  double db[LOOK_RUNGS][LOOK_FRAMES], readings[LOOK_RUNGS][LOOK_TURNS];
 };
 
-static void fill_rungs(struct governor *g) {
+static struct settings settings_of(const struct governor *g) {
   const ern_render_options *render = &g->portrait->render;
   const ern_backend_info *info = &g->session->backend_info;
   const bool device = strcmp(info->name, "opencl") == 0;
-  struct settings base = {.max_steps = render->max_steps,
-                          .transmittance_stop = render->transmittance_stop,
-                          .image_scale = 1,
-                          .device = device ? g->session->device : 0,
-                          .threads = device ? 0 : g->session->threads};
-  snprintf(base.backend, sizeof base.backend, "%s", info->name);
-  snprintf(base.isa, sizeof base.isa, "%s", device ? "" : info->isa);
-  for (g->count = 0; g->count < GOVERNOR_RUNGS; g->count++) {
-    struct rung *rung = &g->rung[g->count];
-    struct bytes name = {0};
-    *rung = (struct rung){.settings = base, .price = NAN};
-    rung->settings.image_scale = ladder[g->count].image_scale;
-    rung->settings.transmittance_stop = ladder[g->count].transmittance_stop;
-    settings_name(&rung->settings, &base, "default", &name);
-    snprintf(rung->name, sizeof rung->name, "%s", name.data != NULL ? name.data : "");
-    bytes_free(&name);
-  }
+  struct settings own = {.max_steps = render->max_steps,
+                         .transmittance_stop = render->transmittance_stop,
+                         .image_scale = 1,
+                         .device = device ? g->session->device : 0,
+                         .threads = device ? 0 : g->session->threads};
+  snprintf(own.backend, sizeof own.backend, "%s", info->name);
+  snprintf(own.isa, sizeof own.isa, "%s", device ? "" : info->isa);
+  return own;
+}
+
+/* To digits that are read: hundredths of the size, two digits of the transmittance. */
+static struct rung rung_of(const struct settings *base, double image_scale, double transmittance_stop) {
+  struct rung rung = {.settings = *base, .price = NAN};
+  struct bytes name = {0};
+  const double unit = pow(10, floor(log10(transmittance_stop)) - 1);
+  rung.settings.image_scale = (float)(round(100 * image_scale) / 100);
+  rung.settings.transmittance_stop = (float)(round(transmittance_stop / unit) * unit);
+  settings_name(&rung.settings, base, "default", &name);
+  snprintf(rung.name, sizeof rung.name, "%s", name.data != NULL ? name.data : "");
+  bytes_free(&name);
+  return rung;
 }
 
 static double decibels(const float *a, const float *b, size_t values) {
@@ -98,7 +103,7 @@ static int by_accuracy(const void *left, const void *right) {
 }
 
 static void keep_useful(struct governor *g, struct look *look) {
-  bool out[GOVERNOR_RUNGS];
+  bool out[LOOK_RUNGS];
   size_t kept = 0;
   for (size_t i = 0; i < g->count; i++) {
     g->rung[i].ms = front_spread(look->readings[i], LOOK_TURNS).median;
@@ -117,9 +122,39 @@ static void keep_useful(struct governor *g, struct look *look) {
   qsort(g->rung, g->count, sizeof *g->rung, by_accuracy);
 }
 
+static double between(double from, double to, double share) { return from * pow(to / from, share); }
+
+/* Rungs between neighbours that are further apart than asked: scale, transmittance and time in equal ratios, as the
+ * time goes with a power of the scale; the quality in equal steps. */
+static void fill_gaps(struct governor *g, const struct settings *base) {
+  struct rung measured[LOOK_RUNGS];
+  const size_t count = g->count;
+  memcpy(measured, g->rung, count * sizeof *measured);
+  const double room = (double)(GOVERNOR_RUNGS - count), range = log(measured[0].ms / measured[count - 1].ms);
+  const double step = fmax(log(apart), range / room);
+  g->count = 0;
+  for (size_t i = 0; i < count; i++) {
+    const struct rung *from = &measured[i], *to = from + 1;
+    g->rung[g->count++] = *from;
+    const size_t parts = i + 1 < count ? (size_t)ceil(log(from->ms / to->ms) / step) : 1;
+    for (size_t part = 1; part < parts; part++) {
+      const double share = (double)part / (double)parts;
+      struct rung rung =
+          rung_of(base, between((double)from->settings.image_scale, (double)to->settings.image_scale, share),
+                  between((double)from->settings.transmittance_stop, (double)to->settings.transmittance_stop, share));
+      rung.ms = between(from->ms, to->ms, share);
+      rung.db = from->db + share * (to->db - from->db);
+      g->rung[g->count++] = rung;
+    }
+  }
+}
+
 int governor_look(struct governor *g, struct dimensions size, governor_draw *draw, void *user) {
   struct look look = {.values = 3 * (size_t)size.width * (size_t)size.height};
-  fill_rungs(g);
+  const struct settings base = settings_of(g);
+  for (g->count = 0; g->count < LOOK_RUNGS; g->count++)
+    g->rung[g->count] =
+        rung_of(&base, (double)ladder[g->count].image_scale, (double)ladder[g->count].transmittance_stop);
   session_note(g->session, "render: a quick look at what settings cost; `ernerf tradeoff` measures it better, once");
   look.exact = malloc(LOOK_FRAMES * look.values * sizeof(float));
   look.rgb = malloc(look.values * sizeof(float));
@@ -127,7 +162,10 @@ int governor_look(struct governor *g, struct dimensions size, governor_draw *dra
                    ? compare_all(g, &look, draw, user)
                    : session_fail_with(g->session, "no memory for pictures of %d x %d", size.width, size.height);
   if (status == 0) status = time_all(g, &look, draw, user);
-  if (status == 0) keep_useful(g, &look);
+  if (status == 0) {
+    keep_useful(g, &look);
+    fill_gaps(g, &base);
+  }
   free(look.exact);
   free(look.rgb);
   return status;
