@@ -4,10 +4,9 @@
 #include "io/safetensors.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
-  static ern_context *context;
+  ern_context *context = fuzz_context();
   struct ern_tensor_file file;
   volatile unsigned sum = 0;
-  if (context == NULL && ern_context_create(&context, NULL) != ERN_OK) abort();
   if (ern_safetensors_open(context, "fuzz", fuzz_copy(context, bytes, count), count, &file) == ERN_OK) {
     for (size_t i = 0; i < file.tensor_count; i++)
       sum += fuzz_touch(file.tensors[i].data, file.tensors[i].count * ern_dtype_bytes(file.tensors[i].dtype));

@@ -78,13 +78,12 @@ static size_t make_zip(uint8_t *zip, const uint8_t *pickle, size_t pickle_bytes)
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
-  static ern_context *context;
+  ern_context *context = fuzz_context();
   static uint8_t zip[PICKLE_MOST + 1024];
   struct ern_torch torch;
   struct ern_tensor_file file;
   char *tree = NULL;
   volatile unsigned sum = 0;
-  if (context == NULL && ern_context_create(&context, NULL) != ERN_OK) abort();
   if (!ern_torch_is_zip(bytes, count)) {
     if (count > PICKLE_MOST) return 0;
     count = make_zip(zip, bytes, count);

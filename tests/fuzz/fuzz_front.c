@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: MIT
+ * Any bytes as the tradeoff.json that the command line picks points from. */
+#include <math.h>
+#include <stdarg.h>
+
+#include "front_read.h"
+#include "fuzz.h"
+
+/* The program's words, formatted and not said. */
+int session_fail_with(struct session *session, const char *format, ...) {
+  static const char path[] = "fuzz.json";
+  char text[4096];
+  va_list values;
+  (void)session;
+  va_start(values, format);
+  vsnprintf(text, sizeof text, format, values);
+  va_end(values);
+  FUZZ_REQUIRE(strncmp(text, path, strlen(path)) == 0);
+  return EXIT_FAILURE;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
+  struct session session = {.verb = "fuzz"};
+  struct front front;
+  fuzz_file("fuzz.json", bytes, count);
+  if (front_read(&front, &session, "fuzz.json") == 0) {
+    FUZZ_REQUIRE(front.count > 0 && front.cores >= 1 && front.width >= 1 && front.height >= 1);
+    for (size_t i = 0; i < front.count; i++) {
+      const struct front_point *point = &front.points[i];
+      FUZZ_REQUIRE(point->ms.low > 0 && point->ms.low <= point->ms.median && point->ms.median <= point->ms.high);
+      FUZZ_REQUIRE(isfinite(point->exact_db) && isfinite(point->clip_db));
+      FUZZ_REQUIRE(point->settings.max_steps >= 1 && point->settings.image_scale > 0);
+    }
+  }
+  front_free(&front);
+  return 0;
+}
