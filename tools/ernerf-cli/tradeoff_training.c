@@ -16,7 +16,7 @@
 #include "training_report.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 10, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
+enum { OWN_OPTIONS = 11, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
 
 struct training_job {
   struct session session;
@@ -24,7 +24,7 @@ struct training_job {
   uint64_t memory;
   int rays, levels, seeds;
   float seconds;
-  bool training, opencl;
+  bool training, opencl, twice;
   /* made */
   ern_clip *clip;
   struct training_study study;
@@ -69,6 +69,10 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .high = TRAINING_SEEDS,
        .help = "trainings of each kind: their spread says what a difference means"},
       {.name = "opencl", .kind = OPTION_FLAG, .target = &job->opencl, .help = "OpenCL devices too"},
+      {.name = "double",
+       .kind = OPTION_FLAG,
+       .target = &job->twice,
+       .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
       {.name = "asr_model",
        .kind = OPTION_TEXT,
        .target = &job->asr_model,
@@ -138,6 +142,12 @@ static int choose_kinds(struct training_job *job) {
     kind.levels = job->levels + (k == 0 ? -4 : 4);
     snprintf(kind.name, sizeof kind.name, "%d levels", kind.levels);
     if (kind.levels >= 2) add_kind(study, kind);
+  }
+  if (job->twice) {
+    struct training_kind kind = base;
+    snprintf(kind.isa, sizeof kind.isa, "ref64");
+    snprintf(kind.name, sizeof kind.name, "double precision, ref64");
+    add_kind(study, kind);
   }
   if (ern_devices_list(job->session.context, take_device, job) != ERN_OK) return session_fail(&job->session);
   return 0;
@@ -268,9 +278,10 @@ int tradeoff_training(int argc, char **argv) {
       .summary = "Compares trainings of a clip: what the next decibel costs.",
       .usage = "tradeoff --training CLIP -o DIR [--seconds 30] [--seeds 2]",
       .notes =
-          "One thing is changed at a time: rays a step, levels, instruction set, and with --opencl devices. DIR gets\n"
-          "training.md, .csv, .json and the curves as training_seconds and training_steps, .svg and .png. Training is\n"
-          "in single precision everywhere: there are no kernels that train in bf16.",
+          "One thing is changed at a time: rays a step, levels, instruction set, with --opencl devices, with --double\n"
+          "precision. DIR gets training.md, .csv, .json and the curves as training_seconds and training_steps, .svg "
+          "and\n"
+          ".png. All else is in single precision: there are no kernels that train in bf16.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};
