@@ -46,14 +46,25 @@ LANES_INLINE vf next_moment(vf v, vf g, const struct adamw_scales *s, vf *root) 
   return next;
 }
 
+/* Of a gradient whose square is too large: as the reference, both 2^-64 as large. */
+LANES_INLINE vf far_quotient(vf v, vf g, const struct adamw_scales *s) {
+  const vf less = g * 0x1p-64f, moment = v * 0x1p-64f * 0x1p-64f;
+  const vf next =
+      vf_multiply_rounded(s->beta2, moment) + vf_multiply_rounded(vf_multiply_rounded(s->fresh, less), less);
+  return less / vf_multiply_rounded(vf_sqrt(next), s->unbias);
+}
+
 LANES_INLINE void adamw_some(float *parameters, float *second_moment, const float *gradient,
                              const struct adamw_scales *s, size_t count) {
-  const vf g = vf_load_some(gradient, count);
+  const vf g = vf_load_some(gradient, count), before = vf_load_some(second_moment, count);
   vf root;
-  const vf v = next_moment(vf_load_some(second_moment, count), g, s, &root);
-  const vf step = vf_multiply_rounded(s->rate, g / (vf_multiply_rounded(root, s->unbias) + s->eps));
+  const vf v = next_moment(before, g, s, &root);
+  vf quotient = g / (vf_multiply_rounded(root, s->unbias) + s->eps);
+  const vi far = v > FLT_MAX;
+  if (vi_any(far)) quotient = vf_select(far, far_quotient(before, g, s), quotient);
+  const vf step = vf_multiply_rounded(s->rate, quotient);
   vf_store_some(parameters, vf_multiply_rounded(s->keep, vf_load_some(parameters, count)) - step, count);
-  vf_store_some(second_moment, vf_select(v > FLT_MAX, vf_all(FLT_MAX), v), count);
+  vf_store_some(second_moment, vf_select(far, vf_all(FLT_MAX), v), count);
 }
 
 void ERN_ISA(ern_adamw)(float *parameters, float *second_moment, const float *gradient, float rate, float decay,

@@ -84,8 +84,8 @@ static void test_hard_gradients(void **state) {
     for (int i = 0; i < COUNT; i++) {
       assert_true(isfinite(p[i]) && isfinite(v[i]) && v[i] >= 0);
       assert_true(fabsf(p[i]) <= 0.1001f * (g[i] == 0 ? 0 : 1) && p[i] * (g[i] > 0 ? 1.0f : -1.0f) <= 0);
-      if (steps[k] == 1 && fabsf(g[i]) >= 1e-6f && fabsf(g[i]) < 1e19f) near(fabs((double)p[i]), 0.01, 0.02);
-      if (fabsf(g[i]) >= 1e25f) assert_true(p[i] == 0); /* its square is infinite: no step */
+      if (steps[k] == 1 && fabsf(g[i]) >= 1e-6f) near(fabs((double)p[i]), 0.01, 0.02);
+      if (steps[k] > 1000 && fabsf(g[i]) >= 1e25f) near(fabs((double)p[i]), 0.1, 1e-5); /* its square is infinite */
     }
     if (steps[k] > 1000000) assert_true(bias == 1);
   }

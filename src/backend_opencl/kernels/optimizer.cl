@@ -6,8 +6,9 @@
 
 /* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps), with
  * keep = 1 - rate decay, fresh = 1 - beta2 and unbias = 1/sqrt(bias_correction), made in double by the host.
- * The root is split, so that v/bias_correction cannot overflow. Where the square of a gradient does, the step is 0 (g
- * over infinity), and v is kept at the largest number, from which it comes down again. All [n]. */
+ * The root is split, so that v/bias_correction cannot overflow. Where v does, the quotient is taken of a smaller
+ * gradient and moment (eps is nothing there), and v is kept at the largest number, from which it comes down again. All
+ * [n]. */
 kernel void adamw(SPAN(float, parameters), SPAN(float, second_moment), SPAN(const float, gradient), float rate,
                   float keep, float beta2, float fresh, float unbias, float eps, ulong n) {
   OPEN(float, parameters);
@@ -16,7 +17,12 @@ kernel void adamw(SPAN(float, parameters), SPAN(float, second_moment), SPAN(cons
   const ulong i = get_global_id(0);
   if (i >= n) return;
   const float g = gradient[i], v = beta2 * second_moment[i] + fresh * g * g;
-  parameters[i] = keep * parameters[i] - rate * (g / (sqrt(v) * unbias + eps));
+  float step = g / (sqrt(v) * unbias + eps);
+  if (v > FLT_MAX) {
+    const float less = g * 0x1p-64f, moment = second_moment[i] * 0x1p-64f * 0x1p-64f;
+    step = less / (sqrt(beta2 * moment + fresh * less * less) * unbias);
+  }
+  parameters[i] = keep * parameters[i] - rate * step;
   second_moment[i] = v > FLT_MAX ? FLT_MAX : v;
 }
 
