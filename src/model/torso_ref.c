@@ -53,6 +53,19 @@ static void transform(ern_real moved[4], const double inverse[4][4], const ern_r
   }
 }
 
+/* A key point on the camera's plane has no projection. Nearer to it than `nearest` (scene units; a head is some 3 of
+ * them away) it is taken to be that far off, on its side, and no projection is beyond `farthest`: k is finite, and has
+ * no gradient by what was held. A NaN stays one. */
+static const ern_real nearest = (ern_real)1e-3, farthest = (ern_real)1e6;
+
+static bool is_near_zero(ern_real x) { return x > -nearest && x < nearest; }
+static ern_real off_zero(ern_real x) { return is_near_zero(x) ? (signbit(x) ? -nearest : nearest) : x; }
+static bool is_far(ern_real h) { return h < -farthest || h > farthest; }
+static ern_real projected(const ern_real moved[4], int a) {
+  const ern_real h = moved[a] / off_zero(moved[3]) / off_zero(moved[2]);
+  return is_far(h) ? (h < 0 ? -farthest : farthest) : h;
+}
+
 /* k[2p + a] = gamma X_a/X_3/X_2, a = 0, 1 */
 void ERN_REF(ern_torso_pose_fwd)(ern_real *k, const ern_real *anchors, const ern_real *gamma, const float pose[16]) {
   double inverse[4][4];
@@ -61,7 +74,7 @@ void ERN_REF(ern_torso_pose_fwd)(ern_real *k, const ern_real *anchors, const ern
   for (int p = 0; p < ERN_TORSO_POINTS; p++) {
     ern_real moved[4];
     transform(moved, inverse, &anchors[4 * p]);
-    for (int a = 0; a < 2; a++) k[2 * p + a] = scale * (moved[a] / moved[3] / moved[2]);
+    for (int a = 0; a < 2; a++) k[2 * p + a] = scale * projected(moved, a);
   }
 }
 
@@ -73,14 +86,16 @@ void ERN_REF(ern_torso_pose_bwd)(ern_real *danchors, ern_real *dgamma, const ern
   invert(inverse, pose);
   const ern_real scale = gamma ? *gamma : 1;
   for (int p = 0; p < ERN_TORSO_POINTS; p++) {
-    ern_real moved[4], dmoved[4], along = 0; /* along = sum_a dk_a h_a */
+    ern_real moved[4], dmoved[4], along = 0, free_along = 0; /* along = sum_a dk_a h_a; of those that were not held */
     transform(moved, inverse, &anchors[4 * p]);
     for (int a = 0; a < 2; a++) {
-      along += dk[2 * p + a] * (moved[a] / moved[3] / moved[2]);
-      dmoved[a] = scale * dk[2 * p + a] / moved[3] / moved[2];
+      const ern_real h = projected(moved, a);
+      const bool held = h == farthest || h == -farthest;
+      along += dk[2 * p + a] * h;
+      if (!held) free_along += dk[2 * p + a] * h;
+      dmoved[a] = held ? 0 : scale * dk[2 * p + a] / off_zero(moved[3]) / off_zero(moved[2]);
     }
-    dmoved[2] = -scale * along / moved[2];
-    dmoved[3] = -scale * along / moved[3];
+    for (int i = 2; i < 4; i++) dmoved[i] = is_near_zero(moved[i]) ? 0 : -scale * free_along / moved[i];
     for (int j = 0; j < 4; j++) {
       double sum = 0;
       for (int i = 0; i < 4; i++) sum += (double)dmoved[i] * inverse[i][j];

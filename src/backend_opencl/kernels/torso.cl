@@ -31,6 +31,17 @@ static void transform(float *moved, const struct inverse *inverse, global const 
   for (int i = 0; i < 4; i++) moved[i] = dot4(inverse->high + 4 * i, inverse->low + 4 * i, 1, x);
 }
 
+/* A key point near the camera's plane is taken to be NEAREST off it, and no projection is beyond FARTHEST, as in the
+ * reference. */
+#define NEAREST 1e-3f
+#define FARTHEST 1e6f
+static bool is_near_zero(float x) { return x > -NEAREST && x < NEAREST; }
+static float off_zero(float x) { return is_near_zero(x) ? (signbit(x) ? -NEAREST : NEAREST) : x; }
+static float projected(const float *moved, int a) {
+  const float h = moved[a] / off_zero(moved[3]) / off_zero(moved[2]);
+  return h < -FARTHEST ? -FARTHEST : h > FARTHEST ? FARTHEST : h;
+}
+
 /* k[2p + a] = gamma X_a/X_3/X_2, a = 0, 1; one work-item */
 kernel void torso_pose_fwd(SPAN(float, k), SPAN(const float, anchors), SPAN(const float, gamma),
                            struct inverse inverse) {
@@ -41,7 +52,7 @@ kernel void torso_pose_fwd(SPAN(float, k), SPAN(const float, anchors), SPAN(cons
   for (int p = 0; p < 3; p++) {
     float moved[4];
     transform(moved, &inverse, anchors + 4 * p);
-    for (int a = 0; a < 2; a++) k[2 * p + a] = scale * (moved[a] / moved[3] / moved[2]);
+    for (int a = 0; a < 2; a++) k[2 * p + a] = scale * projected(moved, a);
   }
 }
 
@@ -56,14 +67,16 @@ kernel void torso_pose_bwd(SPAN(float, danchors), SPAN(float, dgamma), SPAN(cons
   OPEN(const float, gamma);
   const float scale = gamma ? *gamma : 1;
   for (int p = 0; p < 3; p++) {
-    float moved[4], dmoved[4], along = 0;
+    float moved[4], dmoved[4], along = 0, free_along = 0;
     transform(moved, &inverse, anchors + 4 * p);
     for (int a = 0; a < 2; a++) {
-      along += dk[2 * p + a] * (moved[a] / moved[3] / moved[2]);
-      dmoved[a] = scale * dk[2 * p + a] / moved[3] / moved[2];
+      const float h = projected(moved, a);
+      const bool held = h == FARTHEST || h == -FARTHEST;
+      along += dk[2 * p + a] * h;
+      if (!held) free_along += dk[2 * p + a] * h;
+      dmoved[a] = held ? 0 : scale * dk[2 * p + a] / off_zero(moved[3]) / off_zero(moved[2]);
     }
-    dmoved[2] = -scale * along / moved[2];
-    dmoved[3] = -scale * along / moved[3];
+    for (int i = 2; i < 4; i++) dmoved[i] = is_near_zero(moved[i]) ? 0 : -scale * free_along / moved[i];
     for (int j = 0; j < 4; j++) danchors[4 * p + j] += dot4(inverse.high + j, inverse.low + j, 4, dmoved);
     if (dgamma) *dgamma += along;
   }
