@@ -144,22 +144,23 @@ static void price_of_shared(const char *model) {
   assert_true(fabs(price_of(file, clip, 6)) < most_allowed());
 }
 
-static void test_head(void **state) {
+static void test_bf16_price_of_a_head(void **state) {
   (void)state;
   price_of_shared("head.safetensors");
 }
-static void test_head_and_torso(void **state) {
+static void test_bf16_price_of_head_and_torso(void **state) {
   (void)state;
   price_of_shared("head_torso.safetensors");
 }
-static void test_given(void **state) {
+static void price_of_given(void **state) {
   (void)state;
   (void)price_of(given[0], given[1], given[2] != NULL ? (size_t)atoi(given[2]) : 6);
 }
 
 int main(int argc, char **argv) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head), cmocka_unit_test(test_head_and_torso)};
-  const struct CMUnitTest one[] = {cmocka_unit_test(test_given)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bf16_price_of_a_head),
+                                     cmocka_unit_test(test_bf16_price_of_head_and_torso)};
+  const struct CMUnitTest one[] = {cmocka_unit_test(price_of_given)};
   for (int k = 1; k < argc && k < 4; k++) given[k - 1] = argv[k];
   return argc > 2 ? cmocka_run_group_tests(one, NULL, NULL) : cmocka_run_group_tests(tests, NULL, NULL);
 }
