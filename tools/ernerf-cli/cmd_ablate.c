@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "ablation.h"
+#include "clip_source.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "front.h"
@@ -15,12 +16,13 @@
 #include "progress.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 9, PATH_BYTES = 4096 };
+enum { OWN_OPTIONS = 8 + CLIP_SOURCE_OPTIONS, PATH_BYTES = 4096 };
 
 struct ablate_job {
   struct session session;
-  const char *clip_path, *folder, *only, *asr_model;
-  uint64_t iters, memory;
+  struct clip_source source;
+  const char *folder, *only;
+  uint64_t iters;
   int rays, seeds, repeats;
   struct range frames;
   bool resume;
@@ -36,7 +38,7 @@ struct ablate_job {
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
 static void own_options(struct ablate_job *job, struct option options[OWN_OPTIONS]) {
-  const struct option rows[OWN_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "o",
        .alias = "output",
        .kind = OPTION_TEXT,
@@ -75,12 +77,9 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .low = 3,
        .high = ABLATION_TIMES,
        .help = "how often each row draws a frame to be timed, in turns with the others"},
-      {.name = "resume", .kind = OPTION_FLAG, .target = &job->resume, .help = "go on with the trainings in DIR"},
-      {.name = "memory",
-       .kind = OPTION_BYTES,
-       .target = &job->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"}};
+      {.name = "resume", .kind = OPTION_FLAG, .target = &job->resume, .help = "go on with the trainings in DIR"}};
   memcpy(options, rows, sizeof rows);
+  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 
 static const struct ablation_kind *kind_named(const char *name, size_t length) {
@@ -119,10 +118,7 @@ static void take_processor(void *user, const ern_device_info *device) {
 
 static int open_all(struct ablate_job *job, const struct args *args) {
   struct session *session = &job->session;
-  ern_clip_options options = ern_clip_options_default();
-  options.memory_bytes = job->memory;
-  options.asr_model = job->asr_model;
-  if (ern_clip_open(session->context, job->clip_path, &options, &job->clip) != ERN_OK) return session_fail(session);
+  if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
   int status = judge_open(&job->judge, session, job->clip, SHOTS_VAL, 4, ERN_AUDIO_PAD_EDGE);
   if (status == 0 && args_given(args, "frames")) status = shots_cut(&job->judge.shots, args, &job->frames);
   if (status == 0) status = session_folder(session, job->folder);
@@ -131,7 +127,7 @@ static int open_all(struct ablate_job *job, const struct args *args) {
   struct ablation *result = &job->result;
   result->threads = session->threads;
   if (ern_devices_list(session->context, take_processor, job) != ERN_OK) return session_fail(session);
-  result->clip = job->clip_path;
+  result->clip = job->source.path;
   result->width = job->judge.info.width;
   result->height = job->judge.info.height;
   result->rays = job->rays;
@@ -356,7 +352,7 @@ static void close_all(struct ablate_job *job) {
 int cmd_ablate(int argc, char **argv) {
   struct ablate_job job = {.iters = 2000, .rays = 4096, .seeds = 1, .repeats = 15};
   struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
-  struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip"}};
+  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "ablate",
       .summary = "Trains the rows of the paper's ablation on a clip, and writes its tables.",

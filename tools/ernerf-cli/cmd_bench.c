@@ -163,7 +163,7 @@ static int scene_of_clip(struct bench_job *job) {
 static int open_scene(struct bench_job *job, const struct args *args) {
   struct session *session = &job->session;
   job->results.model = job->portrait.model_path;
-  job->results.clip = job->portrait.clip_path;
+  job->results.clip = job->portrait.source.path;
   if (job->portrait.model_path == NULL) {
     if (ern_bench_scene_make(&job->scene, session->context, job->size.width, job->size.height, session->seed) != ERN_OK)
       return session_fail(session);
@@ -389,7 +389,7 @@ static int check_words(const struct bench_job *job, const struct args *args) {
   if (job->place == PLACE_OPENCL)
     status = args_forbid(args, "isa threads", "is of the CPU, which --backend opencl leaves out");
   if (status >= 0) return status;
-  if (job->portrait.model_path != NULL && job->portrait.clip_path == NULL)
+  if (job->portrait.model_path != NULL && job->portrait.source.path == NULL)
     return args_refuse(args, "CLIP is missing: a model is measured on a frame of its clip");
   if (job->portrait.model_path != NULL) return args_forbid(args, "size", "is of the made-up frame; a clip has its own");
   status = args_forbid(args, "force", "needs MODEL CLIP");
@@ -406,7 +406,7 @@ int cmd_bench(int argc, char **argv) {
   struct bench_job job = {.size = {SIDE, SIDE}, .frames = 16, .rays = 65536, .seconds = 30};
   struct option own[OWN_OPTIONS], place[PLACE_OPTIONS], unused[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{.name = "MODEL", .target = &job.portrait.model_path, .help = "a .safetensors or .pth file"},
-                         {.name = "CLIP", .target = &job.portrait.clip_path, .help = "the clip it was trained on"}};
+                         {.name = "CLIP", .target = &job.portrait.source.path, .help = "the clip it was trained on"}};
   struct args args = {
       .verb = "bench",
       .summary =

@@ -93,7 +93,7 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.output, n)));
   return json_pack(
       "{s:s, s:s, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}", "model",
-      portrait->model_path, "clip", portrait->clip_path, "kind", portrait_kind(portrait), "split",
+      portrait->model_path, "clip", portrait->source.path, "kind", portrait_kind(portrait), "split",
       splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height, "count",
       (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
       "psnr_head", job->heads > 0 ? session_number(mean(sum->head, job->heads)) : json_null(), "psnr_mouth",
@@ -119,7 +119,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
     return session_fail(session);
   if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
-    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->clip_path);
+    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
   status = portrait_cut(portrait, args, &job->judge.shots);
   return status != 0 ? status : portrait_thin(portrait, session, &job->judge.shots, features);
 }
@@ -155,11 +155,11 @@ int cmd_eval(int argc, char **argv) {
   struct option own[OWN_OPTIONS] = {{.name = "audio",
                                      .alias = "aud",
                                      .kind = OPTION_TEXT,
-                                     .target = &job.portrait.clip_features,
+                                     .target = &job.portrait.source.features,
                                      .help = "features (.npy) of the clip's speech, instead of the clip's own"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
-                         {"CLIP", &job.portrait.clip_path, "folder of the preprocessed clip that it was trained on"}};
+                         {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
       .verb = "eval",
       .summary = "Holds what a model draws against the frames of its clip: PSNR, SSIM, frames a second.",
@@ -177,7 +177,7 @@ int cmd_eval(int argc, char **argv) {
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
-  if (status < 0 && job.portrait.clip_features != NULL)
+  if (status < 0 && job.portrait.source.features != NULL)
     status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

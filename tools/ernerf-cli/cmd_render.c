@@ -49,7 +49,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
   const struct option rows[OWN_OPTIONS] = {
       {.name = "clip",
        .kind = OPTION_TEXT,
-       .target = &job->portrait.clip_path,
+       .target = &job->portrait.source.path,
        .choices = "CLIP",
        .help = "folder of a preprocessed clip: poses, speech, sound, eyes and what stands behind the head"},
       {.name = "poses",
@@ -85,7 +85,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
 
 /* What does not go together. */
 static int check_usage(struct render_job *job, const struct args *args) {
-  const bool clip = job->portrait.clip_path != NULL, poses = job->poses != NULL;
+  const bool clip = job->portrait.source.path != NULL, poses = job->poses != NULL;
   if (clip == poses)
     return args_refuse(args, "expected --clip CLIP or --poses FILE, found %s", clip ? "both" : "neither");
   if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
@@ -157,7 +157,7 @@ static int open_sound(struct render_job *job) {
   const bool own = job->wav == NULL && job->audio == NULL && portrait->clip_info.has_sound;
   char path[4096];
   if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own)) return 0;
-  const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->clip_path)
+  const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->source.path)
                         : snprintf(path, sizeof path, "%s", job->wav);
   if (bytes >= (int)sizeof path) return session_fail_with(session, "%s: the name is too long", path);
   const ern_status status = ern_sound_read(session->context, path, &job->sound);
@@ -193,7 +193,7 @@ static void say_plan(struct render_job *job) {
   const struct portrait *portrait = &job->portrait;
   if (portrait->clip != NULL && !portrait->info.has_torso && !portrait->clip_info.has_torso)
     session_warn(&job->session, "%s: has no torso_imgs, the head is drawn over the background alone",
-                 portrait->clip_path);
+                 portrait->source.path);
   session_note(&job->session, "render: %zu frames of %d x %d, %s, %s, %s (%s) to %s", job->shots.count, job->size.width,
                job->size.height, portrait_kind(portrait),
                job->sink.kind != SINK_VIDEO ? "pictures alone"
@@ -265,7 +265,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(&job->session, "%s: its folder is not there", job->out);
   struct session *session = &job->session;
-  if (!args_given(args, "memory")) job->portrait.memory = PICTURE_BYTES;
+  if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   int status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);

@@ -135,7 +135,7 @@ int cmd_tradeoff(int argc, char **argv) {
                "done in any case"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &t.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
-                         {"CLIP", &t.portrait.clip_path, "folder of the preprocessed clip that it was trained on"}};
+                         {"CLIP", &t.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
       .verb = "tradeoff",
       .summary = "Shows what accuracy costs in time: render settings against the clock and against two truths.",

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "clip_source.h"
 #include "curve.h"
 #include "effects.h"
 #include "ernerf/media.h"
@@ -13,14 +14,21 @@
 #include "session.h"
 #include "verbs.h"
 
-enum { GOAL_OPTIONS = 18, NUMBER_OPTIONS = 19, CLIP_OPTIONS = 3, VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
+enum {
+  GOAL_OPTIONS = 18,
+  NUMBER_OPTIONS = 19,
+  CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
+  VALIDATE_MOST = 1000,
+  VALIDATE_LEAST = 50
+};
 
 struct train_job {
   struct session session;
   ern_train_config config;
-  const char *clip_path, *head_path, *audio, *asr_model, *effects_list;
+  struct clip_source source;
+  const char *head_path, *effects_list;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
-  uint64_t memory, save_every, validate_every, ema_every, iters;
+  uint64_t save_every, validate_every, ema_every, iters;
   struct range data;
   float scale;
   int audio_pad, backbone, attention, eye_attention;
@@ -217,23 +225,16 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
 }
 
 static void clip_options(struct train_job *job, struct option options[CLIP_OPTIONS]) {
-  const struct option rows[CLIP_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "audio",
        .alias = "aud",
        .kind = OPTION_TEXT,
-       .target = &job->audio,
+       .target = &job->source.features,
        .choices = "FILE.npy",
        .help = "features of the clip's speech, instead of the clip's own"},
-      {.name = "asr_model",
-       .kind = OPTION_TEXT,
-       .target = &job->asr_model,
-       .choices = "NAME",
-       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
-      {.name = "memory",
-       .kind = OPTION_BYTES,
-       .target = &job->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"}};
+  };
   memcpy(options, rows, sizeof rows);
+  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 
 static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
@@ -258,7 +259,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && config->torso)
     status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention",
                          "is the head's, and --torso leaves the head alone");
-  if (status < 0 && job->audio != NULL)
+  if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
@@ -297,18 +298,18 @@ static int choose_effects(struct train_job *job) {
       return session_fail_with(&job->session,
                                "%s: %s is the same in every window: a head that does not speak is not what this is "
                                "for (with --effects LIST it is trained all the same)",
-                               job->clip_path, job->clip_info.features_file);
+                               job->source.path, job->clip_info.features_file);
     if (job->config.torso && job->clip_info.has_torso && !effects->has[EFFECT_TORSO])
       return session_fail_with(&job->session, "%s: torso_imgs is transparent everywhere: there is no torso to learn",
-                               job->clip_path);
+                               job->source.path);
     return 0;
   }
   if (effects->has[EFFECT_EYE] && !job->clip_info.has_blink)
     return session_fail_with(&job->session, "%s: --effects has eye, and there is no au.csv to learn it from",
-                             job->clip_path);
+                             job->source.path);
   if (effects->has[EFFECT_TORSO] && !job->clip_info.has_torso)
     return session_fail_with(&job->session, "%s: --effects has torso, and there are no torso_imgs to put behind it",
-                             job->clip_path);
+                             job->source.path);
   return 0;
 }
 
@@ -351,12 +352,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
 }
 
 static int open_clip(struct train_job *job, const struct args *args) {
-  ern_clip_options options = ern_clip_options_default();
-  options.memory_bytes = job->memory;
-  options.features = job->audio;
-  options.asr_model = job->asr_model;
-  if (ern_clip_open(job->session.context, job->clip_path, &options, &job->clip) != ERN_OK)
-    return session_fail(&job->session);
+  if (clip_source_open(&job->source, &job->session, &job->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
   if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
@@ -477,7 +473,7 @@ static json_t *report(const struct train_job *job) {
     if (job->effects.has[e]) json_array_append_new(effects, json_string(effect_name((enum effect)e)));
   return json_pack("{s:o, s:s, s:s, s:s, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "effects",
                    effects, "output", job->config.output, "run", ern_trainer_folder(job->trainer), "clip",
-                   job->clip_path, "torso", job->config.torso, "step",
+                   job->source.path, "torso", job->config.torso, "step",
                    (json_int_t)(job->stepped ? last->step : job->config.iters), "iters", (json_int_t)job->config.iters,
                    "loss", job->stepped ? session_number(last->loss) : json_null(), "psnr",
                    job->stepped ? session_number(last->psnr) : json_null(), "seconds",
@@ -531,7 +527,7 @@ static void set_defaults(struct train_job *job) {
 int cmd_train(int argc, char **argv) {
   struct train_job job;
   struct option goal[GOAL_OPTIONS], numbers[NUMBER_OPTIONS], clip[CLIP_OPTIONS];
-  struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
+  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
   struct args args = {
       .verb = "train",
       .summary = "Learns a head from a preprocessed clip, or the torso under it.",

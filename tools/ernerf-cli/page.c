@@ -129,7 +129,7 @@ static void add_machine(const struct tradeoff *t, struct bytes *page) {
   add_fact(page, "model", t->portrait.model_path);
   add_fact(page, "SHA-256 of the model", t->model_sha256);
   add_fact(page, "it draws", portrait_kind(&t->portrait));
-  add_fact(page, "clip", t->portrait.clip_path);
+  add_fact(page, "clip", t->portrait.source.path);
   snprintf(text, sizeof text, "%d x %d pixels; %zu frames, drawn at every point", t->judge.info.width,
            t->judge.info.height, tradeoff_frames(t));
   add_fact(page, "pictures", text);

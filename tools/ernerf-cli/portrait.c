@@ -17,7 +17,7 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
   portrait->split = split;
   portrait->frames = (struct range){.open_end = true};
   ern_render_options *render = &portrait->render;
-  const struct option rows[PORTRAIT_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "split",
        .kind = OPTION_CHOICE,
        .target = &portrait->split,
@@ -78,22 +78,15 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
        .kind = OPTION_FLAG,
        .target = &render->smooth_lips,
        .help = "calmer lips: 0.35 of the last frame's speech code, 0.65 of this one's"},
-      {.name = "asr_model",
-       .kind = OPTION_TEXT,
-       .target = &portrait->asr_model,
-       .choices = "NAME",
-       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
-      {.name = "memory",
-       .kind = OPTION_BYTES,
-       .target = &portrait->memory,
-       .help = split == SHOTS_ALL
-                   ? "most that frames of the clip may keep, such as 512M (default: none is kept)"
-                   : "most that frames of the clip may take, such as 512M (default half of the machine)"},
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &portrait->force,
        .help = "go on with a model that was trained on another clip"}};
   memcpy(options, rows, sizeof rows);
+  struct option *source = options + sizeof rows / sizeof *rows;
+  clip_source_options(&portrait->source, source);
+  if (split == SHOTS_ALL)
+    source[1].help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
 }
 
 static int open_model(struct portrait *portrait, struct session *session, const struct args *args) {
@@ -109,35 +102,30 @@ static int check_identity(struct portrait *portrait, struct session *session) {
   const char *model = portrait->info.clip, *clip = portrait->clip_info.identity;
   if (model[0] == 0)
     session_note(session, "%s: does not say which clip it was trained on; it is used with %s all the same",
-                 portrait->model_path, portrait->clip_path);
+                 portrait->model_path, portrait->source.path);
   if (model[0] == 0 || clip[0] == 0 || strcmp(model, clip) == 0) return 0;
   if (!portrait->force)
     return session_fail_with(
         session,
         "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force goes "
         "on all the same",
-        portrait->model_path, model, clip, portrait->clip_path);
+        portrait->model_path, model, clip, portrait->source.path);
   session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)", portrait->model_path, model, clip);
   return 0;
 }
 
 static int open_clip(struct portrait *portrait, struct session *session) {
-  ern_clip_options options = ern_clip_options_default();
-  options.memory_bytes = portrait->memory;
-  options.features = portrait->clip_features;
-  options.asr_model = portrait->asr_model;
-  if (ern_clip_open(session->context, portrait->clip_path, &options, &portrait->clip) != ERN_OK)
-    return session_fail(session);
+  if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(portrait->clip, &portrait->clip_info);
-  const bool own = portrait->clip_features == NULL;
-  snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->clip_path : "",
+  const bool own = portrait->source.features == NULL;
+  snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
            own ? "/" : "", portrait->clip_info.features_file);
   return check_identity(portrait, session);
 }
 
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args) {
   int status = open_model(portrait, session, args);
-  if (status == 0 && portrait->clip_path != NULL) status = open_clip(portrait, session);
+  if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   portrait->render.threads = session->threads;
   if (session_backend(session) != ERN_OK) return session_fail(session);

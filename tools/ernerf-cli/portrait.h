@@ -3,6 +3,7 @@
 #ifndef ERN_CLI_PORTRAIT_H
 #define ERN_CLI_PORTRAIT_H
 
+#include "clip_source.h"
 #include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
@@ -10,14 +11,13 @@
 #include "shots.h"
 
 struct portrait {
-  const char *model_path, *clip_path; /* clip_path NULL: no clip */
+  const char *model_path;
   /* from the command line */
   ern_render_options render;
   float scale, occupancy_threshold;
   int audio_pad, split; /* ern_audio_pad, enum shot_split */
   struct range frames;
-  uint64_t memory;
-  const char *asr_model, *clip_features; /* clip_features: a file instead of the clip's own */
+  struct clip_source source; /* its path NULL: no clip */
   bool force;
   /* made */
   ern_model *model;

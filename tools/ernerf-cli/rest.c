@@ -44,7 +44,7 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   char path[4096];
   ern_sound sound = {0};
   float *loudness = NULL;
-  const bool named = snprintf(path, sizeof path, "%s/aud.wav", portrait->clip_path) < (int)sizeof path;
+  const bool named = snprintf(path, sizeof path, "%s/aud.wav", portrait->source.path) < (int)sizeof path;
   if (portrait->clip_info.has_sound && named && ern_sound_read(context, path, &sound) == ERN_OK) {
     loudness = malloc(features->windows * sizeof *loudness);
     if (loudness != NULL) measure(loudness, features->windows, &sound);
@@ -56,7 +56,7 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   if (status == ERN_OK) return 0;
   if (status == ERN_E_NO_MEMORY) return session_fail(session);
   session_note(session, "render: %s: silence cannot be told, so the mouth follows the speech alone: %s",
-               portrait->clip_path, ern_last_error(context));
+               portrait->source.path, ern_last_error(context));
   return 0;
 }
 
@@ -80,7 +80,7 @@ static int mean_code(struct rest *rest, struct session *session, const struct po
   rest->known = used > 0;
   if (!rest->known)
     session_note(session, "render: %s: is silent nowhere for 8 frames, so the mouth follows the speech alone",
-                 portrait->clip_path);
+                 portrait->source.path);
   return 0;
 }
 

@@ -75,7 +75,7 @@ json_t *tradeoff_json(const struct tradeoff *t) {
                               t->instruction_sets, "opencl_device", t->device_name);
   json_t *model = json_pack("{s:s, s:s, s:s, s:s}", "file", t->portrait.model_path, "sha256", t->model_sha256, "kind",
                             portrait_kind(&t->portrait), "clip", t->portrait.info.clip);
-  json_t *clip = json_pack("{s:s, s:s, s:i, s:i, s:s, s:o}", "folder", t->portrait.clip_path, "identity",
+  json_t *clip = json_pack("{s:s, s:s, s:i, s:i, s:s, s:o}", "folder", t->portrait.source.path, "identity",
                            t->judge.info.identity, "width", t->judge.info.width, "height", t->judge.info.height,
                            "split", splits[t->portrait.split], "frames", frames);
   json_t *measured =

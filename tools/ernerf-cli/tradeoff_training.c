@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "clip_source.h"
 #include "curve.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
@@ -16,12 +17,12 @@
 #include "training_report.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 11, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
+enum { OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
 
 struct training_job {
   struct session session;
-  const char *clip_path, *folder, *asr_model;
-  uint64_t memory;
+  struct clip_source source;
+  const char *folder;
   int rays, levels, seeds;
   float seconds;
   bool training, opencl, twice;
@@ -34,7 +35,7 @@ struct training_job {
 };
 
 static void own_options(struct training_job *job, struct option options[OWN_OPTIONS]) {
-  const struct option rows[OWN_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "training", .kind = OPTION_FLAG, .target = &job->training, .help = "compare trainings, not renders"},
       {.name = "o",
        .alias = "output",
@@ -73,17 +74,9 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .kind = OPTION_FLAG,
        .target = &job->twice,
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
-      {.name = "asr_model",
-       .kind = OPTION_TEXT,
-       .target = &job->asr_model,
-       .choices = "NAME",
-       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
-      {.name = "memory",
-       .kind = OPTION_BYTES,
-       .target = &job->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"},
       {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
   memcpy(options, rows, sizeof rows);
+  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 
 /* ---- what is compared -------------------------------------------------------------------------------------------- */
@@ -248,12 +241,9 @@ static int train_kind(struct training_job *job, struct training_kind *kind) {
 
 static int open_all(struct training_job *job) {
   struct session *session = &job->session;
-  ern_clip_options options = ern_clip_options_default();
-  options.memory_bytes = job->memory;
-  options.asr_model = job->asr_model;
-  if (ern_clip_open(session->context, job->clip_path, &options, &job->clip) != ERN_OK) return session_fail(session);
+  if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
   if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
-  job->study.clip = job->clip_path;
+  job->study.clip = job->source.path;
   job->study.seconds = (double)job->seconds;
   job->study.seeds = (size_t)job->seeds;
   return choose_kinds(job);
@@ -272,7 +262,7 @@ static int run(struct training_job *job) {
 int tradeoff_training(int argc, char **argv) {
   struct training_job job = {.rays = 4096, .levels = 14, .seeds = 2, .seconds = 30};
   struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + 1];
-  struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip"}};
+  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "tradeoff",
       .summary = "Compares trainings of a clip: what the next decibel costs.",
