@@ -10,7 +10,7 @@
 #include "io/file.h"
 #include "io/number.h"
 
-enum { FILE_LIMIT = 1 << 30, LISTED_BYTES = 1024 };
+enum { FILE_LIMIT = 1 << 30, LISTED_BYTES = 1024, MOST_COLUMNS = 16384, MOST_ROWS = 1 << 24 };
 
 /* A piece of the file's text, [begin, end). */
 struct piece {
@@ -46,12 +46,13 @@ static bool take_cell(struct piece *line, struct piece *cell) {
   return true;
 }
 
-/* The place of the column called `name`, or -1; `listed` receives the names there are, as far as they fit. */
+/* The place of the column called `name` among the first MOST_COLUMNS, or -1; `listed` receives the names there are, as
+ * far as they fit. */
 static int find_column(struct piece header, const char *name, char listed[LISTED_BYTES]) {
   struct piece cell;
   size_t used = 0;
   listed[0] = 0;
-  for (int column = 0; take_cell(&header, &cell); column++) {
+  for (int column = 0; column < MOST_COLUMNS && take_cell(&header, &cell); column++) {
     const size_t length = (size_t)(cell.end - cell.begin);
     if (length == strlen(name) && memcmp(cell.begin, name, length) == 0) return column;
     if (used + length + 3 > LISTED_BYTES) continue;
@@ -103,6 +104,8 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
   }
   for (const char *at = text.begin; at < text.end; at++) lines += *at == '\n';
   if (text.begin < text.end) lines++;
+  if (lines > MOST_ROWS)
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has %zu rows, expected at most %d", path, lines, MOST_ROWS));
   ERN_TRY(ern_allocate(context, lines, sizeof(float), &room));
   for (size_t row = 0; take_line(&text, &line); row++) {
     ERN_TRY(read_cell(context, path, name, row + 2, line, column, (float *)room + row));

@@ -14,7 +14,7 @@
 #define MOST_INTENSITY 5.0f
 #define CLOSED 2.0f
 
-enum { FILE_LIMIT = 1 << 28, SHOWN = 60 };
+enum { FILE_LIMIT = 1 << 28, MOST_LINES = 1 << 24, SHOWN = 60 };
 
 static ern_status check_value(ern_context *context, const char *path, const char *where, size_t row, float value,
                               float most) {
@@ -72,6 +72,8 @@ static ern_status read_lines(ern_context *context, const char *path, const char 
   void *room = NULL;
   size_t lines = 1;
   for (const char *at = text; at < end; at++) lines += *at == '\n';
+  if (lines > MOST_LINES)
+    return ern_fail(context, ERN_E_SHAPE, "%s: has %zu lines, expected at most %d", path, lines, MOST_LINES);
   ern_status status = ern_allocate(context, lines, sizeof(float), &room);
   eyes->data = room;
   for (const char *at = text; status == ERN_OK && at < end; eyes->count++) {

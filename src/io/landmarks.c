@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "io/landmarks.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -10,20 +9,21 @@
 #include "io/number.h"
 
 enum { FILE_LIMIT = 1 << 20 };
+static const double most_pixels = 1e6; /* from the corner: what lies farther is no point of a face */
 
 static const char *skip_blanks(const char *at, const char *end) {
   while (at < end && (*at == ' ' || *at == '\t' || *at == '\r')) at++;
   return at;
 }
 
-/* "x y" and nothing else, both within the range of float. */
+/* "x y" and nothing else, both in pixels. */
 static bool read_point(const char *at, const char *end, float point[2]) {
   for (int axis = 0; axis < 2; axis++) {
     double value = 0;
     const char *start = skip_blanks(at, end);
     if (axis > 0 && start == at) return false;
     at = start;
-    if (!ern_number_read(&at, end, &value) || !(fabs(value) <= (double)FLT_MAX)) return false;
+    if (!ern_number_read(&at, end, &value) || !(fabs(value) <= most_pixels)) return false;
     point[axis] = (float)value;
   }
   return skip_blanks(at, end) == end;
@@ -41,7 +41,7 @@ ern_status ern_landmarks_read(ern_context *context, const char *path, float poin
     const char *stop = newline != NULL ? newline : end;
     float point[2] = {0, 0};
     if (!read_point(at, stop, point)) {
-      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: line %zu is \"%.*s\", expected two finite numbers \"x y\"", path,
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: line %zu is \"%.*s\", expected two numbers \"x y\" within 1e6", path,
                        lines + 1, (int)(stop - at < 60 ? stop - at : 60), at));
     }
     if (lines < ERN_LANDMARKS) memcpy(points[lines], point, sizeof point);

@@ -8,9 +8,10 @@
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/half.h"
+#include "io/json.h"
 
 static const size_t file_limit = (size_t)1 << 34;
-enum { LENGTH_BYTES = 8, HEADER_LIMIT = 1 << 24 };
+enum { LENGTH_BYTES = 8, HEADER_LIMIT = 1 << 24, JSON_LIMIT = 1 << 27 };
 static const char metadata_key[] = "__metadata__";
 
 static const struct {
@@ -209,18 +210,10 @@ static ern_status read_header(struct reading *reading, const uint8_t *bytes, siz
     return ern_fail(reading->context, ERN_E_FORMAT, "%s: header length is %llu, expected at most %zu", reading->path,
                     (unsigned long long)length, most);
   }
-  json_error_t error;
-  *header = json_loadb((const char *)bytes + LENGTH_BYTES, (size_t)length, JSON_REJECT_DUPLICATES, &error);
-  if (*header == NULL && json_error_code(&error) == json_error_out_of_memory) {
-    return ern_fail(reading->context, ERN_E_NO_MEMORY, "%s: header: no memory", reading->path);
-  }
-  if (*header == NULL) {
-    return ern_fail(reading->context, ERN_E_FORMAT, "%s: header: %s at byte %d", reading->path, error.text,
-                    error.position);
-  }
-  if (!json_is_object(*header)) {
-    return ern_fail(reading->context, ERN_E_FORMAT, "%s: header is no JSON object", reading->path);
-  }
+  const ern_status status =
+      ern_json_parse(reading->context, reading->path, "header: ", (const char *)bytes + LENGTH_BYTES, (size_t)length,
+                     JSON_LIMIT, header);
+  if (status != ERN_OK) return status;
   reading->data = bytes + LENGTH_BYTES + length;
   reading->data_bytes = left - (size_t)length;
   return ERN_OK;

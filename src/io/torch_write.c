@@ -223,14 +223,18 @@ static void put_pairs(struct writing *w, const json_t *array, int depth) {
 
 /* As latin1 text that is encoded, which is how protocol 2 says bytes. */
 static void put_bytes(struct writing *w, const char *hex) {
-  const size_t length = strlen(hex) / 2, mark = w->count + 1;
+  const size_t digits = strlen(hex), length = digits / 2, mark = w->count + 1;
+  if (digits % 2 != 0 || strspn(hex, "0123456789abcdef") != digits) {
+    wrong(w, "bytes that are no hex digits");
+    return;
+  }
   put_global(w, "_codecs", "encode");
   put(w, "(X", 2);
   const size_t at = w->count;
   put_little(w, 0, 4);
   for (size_t i = 0; i < length; i++) {
     unsigned byte = 0;
-    if (sscanf(hex + 2 * i, "%2x", &byte) != 1) wrong(w, "bytes that are no hex digits");
+    sscanf(hex + 2 * i, "%2x", &byte);
     if (byte >= 0x80) put_byte(w, (int)(0xc0 | byte >> 6));
     put_byte(w, byte >= 0x80 ? (int)(0x80 | (byte & 0x3f)) : (int)byte);
   }

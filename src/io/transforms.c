@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Head poses from a transforms_*.json file. */
 #include <float.h>
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -9,8 +8,10 @@
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "io/file.h"
+#include "io/json.h"
 
-enum { FILE_LIMIT = 1 << 26, MAX_SIDE = 8192 };
+/* JSON_LIMIT, bytes of memory, is some 300,000 frames: three hours */
+enum { FILE_LIMIT = 1 << 26, JSON_LIMIT = 1 << 30, MAX_SIDE = 8192, MAX_ID = 999999999 };
 
 /* Where in the file a value stands, for messages. */
 struct place {
@@ -47,10 +48,10 @@ static ern_status read_positive(const struct place *place, const json_t *object,
 }
 
 static ern_status read_id(const struct place *place, const json_t *frame, const char *field, int64_t *id) {
-  static const char expected[] = "a whole number of at least 0";
+  static const char expected[] = "a whole number of at least 0 and at most 999999999";
   const json_t *found = json_object_get(frame, field);
   if (found == NULL) return wrong(place, ERN_E_FORMAT, field, found, expected);
-  if (!json_is_integer(found) || json_integer_value(found) < 0) {
+  if (!json_is_integer(found) || json_integer_value(found) < 0 || json_integer_value(found) > MAX_ID) {
     return wrong(place, ERN_E_FORMAT, field, found, expected);
   }
   *id = json_integer_value(found);
@@ -142,16 +143,9 @@ ern_status ern_pose_list_load(ern_context *context, const char *path, ern_pose_l
   uint8_t *bytes = NULL;
   size_t size = 0;
   json_t *root = NULL;
-  json_error_t error;
   *list = (ern_pose_list){0};
   ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
-  root = json_loadb((const char *)bytes, size, JSON_REJECT_DUPLICATES, &error);
-  if (root == NULL) {
-    const bool memory = json_error_code(&error) == json_error_out_of_memory;
-    ERN_TRY(
-        ern_fail(context, memory ? ERN_E_NO_MEMORY : ERN_E_FORMAT, "%s: line %d: %s", path, error.line, error.text));
-  }
-  if (!json_is_object(root)) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is no JSON object", path));
+  ERN_TRY(ern_json_parse(context, path, "", (const char *)bytes, size, JSON_LIMIT, &root));
   ERN_TRY(read_camera(&place, root, list));
   ERN_TRY(read_frames(&place, root, list));
   goto done;

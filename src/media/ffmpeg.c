@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "media/image.h"
 #include "media/input.h"
 
 /* The codes of FFmpeg's own are far below the operating system's; of those, these four it also uses for its own ends.
@@ -41,6 +42,20 @@ ern_status ern_av_url(ern_context *context, const char *path, char **url) {
   return ERN_OK;
 }
 
+/* A decoder takes memory by what a stream claims, already when it finds out what is in it. */
+static const int64_t most_pixels = (int64_t)ERN_IMAGE_MAX_SIDE * ERN_IMAGE_MAX_SIDE;
+
+static int find_streams(AVFormatContext *container) {
+  const unsigned count = container->nb_streams;
+  AVDictionary **options = av_calloc(count > 0 ? count : 1, sizeof *options);
+  int error = options != NULL ? 0 : AVERROR(ENOMEM);
+  for (unsigned i = 0; i < count && error >= 0; i++) error = av_dict_set_int(&options[i], "max_pixels", most_pixels, 0);
+  if (error >= 0) error = avformat_find_stream_info(container, count > 0 ? options : NULL);
+  for (unsigned i = 0; i < count && options != NULL; i++) av_dict_free(&options[i]);
+  av_freep(&options);
+  return error;
+}
+
 /* Opens the container. Playlists may name files, never addresses. */
 static ern_status open_container(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
@@ -51,7 +66,7 @@ static ern_status open_container(struct ern_decoder *decoder) {
   int error = av_dict_set(&options, "protocol_whitelist", "file", 0);
   if (error >= 0) error = avformat_open_input(&decoder->container, url, NULL, &options);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound or video", error));
-  error = avformat_find_stream_info(decoder->container, NULL);
+  error = find_streams(decoder->container);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));
 fail:
   av_dict_free(&options);
@@ -72,6 +87,9 @@ static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType typ
     if ((int)i != index) decoder->container->streams[i]->discard = AVDISCARD_ALL;
   }
   decoder->stream = decoder->container->streams[index];
+  const AVCodecParameters *claimed = decoder->stream->codecpar;
+  if (type == AVMEDIA_TYPE_VIDEO && (claimed->width > ERN_IMAGE_MAX_SIDE || claimed->height > ERN_IMAGE_MAX_SIDE))
+    return ern_image_check_sides(context, decoder->path, claimed->width, claimed->height);
   decoder->codec = avcodec_alloc_context3(codec);
   decoder->packet = av_packet_alloc();
   decoder->frame = av_frame_alloc();
@@ -81,6 +99,7 @@ static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType typ
   int error = avcodec_parameters_to_context(decoder->codec, decoder->stream->codecpar);
   decoder->codec->pkt_timebase = decoder->stream->time_base;
   decoder->codec->thread_count = threads;
+  decoder->codec->max_pixels = most_pixels;
   if (error >= 0) error = avcodec_open2(decoder->codec, codec, NULL);
   if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, decoder->path, "open a decoder", error);
   return ERN_OK;

@@ -47,9 +47,21 @@ struct still {
   std::unique_ptr<OIIO::ImageInput> input;
 };
 
+/* Of formats that image.h's check of heads does not know: no more than a row of pixels in a byte of the file. */
+ern_status check_claim(ern_context *context, const char *path, const OIIO::ImageSpec &spec) {
+  const uint64_t most_per_byte = 4 * ERN_IMAGE_MAX_SIDE, bytes = OIIO::Filesystem::file_size(path);
+  const uint64_t claimed = static_cast<uint64_t>(spec.width) * static_cast<uint64_t>(spec.height) *
+                           static_cast<uint64_t>(spec.nchannels < 4 ? spec.nchannels : 4);
+  if (claimed / most_per_byte <= bytes) return ERN_OK;
+  return ern_fail(context, ERN_E_FORMAT,
+                  "%s: picture claims %d x %d pixels, found %llu bytes: more than a picture can be compressed", path,
+                  spec.width, spec.height, static_cast<unsigned long long>(bytes));
+}
+
 /* Opens a still and checks what its header says. Alpha stays as stored: not multiplied into the colours. */
 ern_status open_still(ern_context *context, const char *path, still &opened) {
   ern_status status = ern_input_check(context, path);
+  if (status == ERN_OK) status = ern_image_check_head(context, path);
   if (status == ERN_OK) status = ern_image_check_png_whole(context, path);
   if (status != ERN_OK) return status;
   OIIO::ImageSpec config;
@@ -83,7 +95,8 @@ ern_status open_still(ern_context *context, const char *path, still &opened) {
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: has %d channels%s, expected a flat picture", path, spec.nchannels,
                     spec.deep ? " of deep samples" : "");
   }
-  return ern_image_check_sides(context, path, spec.width, spec.height);
+  status = ern_image_check_sides(context, path, spec.width, spec.height);
+  return status == ERN_OK ? check_claim(context, path, spec) : status;
 }
 
 /* Decodes the first `stored` channels into `pixels` [height][width][stored]. */

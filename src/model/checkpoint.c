@@ -264,21 +264,16 @@ fail:
 }
 
 ern_status ern_checkpoint_read(ern_context *context, const char *path, struct ern_tensor_file *file) {
-  uint8_t start[512] = {0}, *bytes = NULL;
+  uint8_t *bytes = NULL;
   size_t count = 0;
   *file = (struct ern_tensor_file){0};
-  FILE *stream = fopen(path, "rb");
-  if (stream != NULL) {
-    count = fread(start, 1, sizeof start, stream);
-    fclose(stream);
-  }
-  if (ern_torch_is_legacy(start, count))
-    return ern_fail(
-        context, ERN_E_UNSUPPORTED,
-        "%s: is in the form that PyTorch wrote before 1.6, expected its zip; load it in PyTorch and save it "
-        "again",
-        path);
-  if (!ern_torch_is_zip(start, count)) return ern_safetensors_read(context, path, file);
   const ern_status status = ern_file_read(context, path, file_limit, &bytes, &count);
-  return status == ERN_OK ? read_torch(context, path, bytes, count, file) : status;
+  if (status != ERN_OK) return status;
+  if (ern_torch_is_zip(bytes, count)) return read_torch(context, path, bytes, count, file);
+  if (!ern_torch_is_legacy(bytes, count)) return ern_safetensors_open(context, path, bytes, count, file);
+  ern_release(context, bytes);
+  return ern_fail(context, ERN_E_UNSUPPORTED,
+                  "%s: is in the form that PyTorch wrote before 1.6, expected its zip; load it in PyTorch and save it "
+                  "again",
+                  path);
 }

@@ -53,10 +53,13 @@ fail:
 static ern_status write_plain(ern_context *context, const struct ern_tensor_file *file, const char *path) {
   char *text = NULL;
   json_t *pairs = json_array();
-  for (size_t i = 0; i < file->tensor_count; i++)
-    json_array_append_new(pairs, json_pack("[s, {s:s}]", file->tensors[i].name, "tensor", file->tensors[i].name));
+  bool whole = true;
+  for (size_t i = 0; i < file->tensor_count; i++) {
+    const char *name = file->tensors[i].name;
+    whole &= json_array_append_new(pairs, json_pack("[s, {s:s}]", name, "tensor", name)) == 0;
+  }
   json_t *root = json_pack("{s:o}", "ordered", pairs);
-  text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
+  text = whole && root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the tree", path);
   const ern_status status = ern_torch_write(context, path, text, file->tensors, file->tensor_count);

@@ -20,6 +20,9 @@ struct ern_model {
   char clip[65];
 };
 
+/* Steps of a training, at most, in a file that is read: whole numbers up to here are exact in a double. */
+#define ERN_MODEL_MOST_STEPS ((int64_t)1 << 53)
+
 /* A model of that configuration with all values 0. */
 ERN_NODISCARD ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config);
 

@@ -89,6 +89,17 @@ static ern_status read_kinds(ern_context *context, const json_t *root, const cha
   return ERN_OK;
 }
 
+/* Missing: 0. */
+static ern_status read_steps(ern_context *context, const json_t *root, const char *path, const char *field,
+                             uint64_t *steps) {
+  const json_t *value = json_object_get(root, field);
+  const json_int_t number = json_integer_value(value);
+  *steps = (uint64_t)number;
+  if (value == NULL || (json_is_integer(value) && number >= 0 && number <= ERN_MODEL_MOST_STEPS)) return ERN_OK;
+  return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s is no whole number from 0 to %lld", path, field,
+                  (long long)ERN_MODEL_MOST_STEPS);
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -129,8 +140,8 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
-  identity->head_steps = (uint64_t)json_integer_value(json_object_get(root, "head_steps"));
-  identity->torso_steps = (uint64_t)json_integer_value(json_object_get(root, "torso_steps"));
+  ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
+  ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
 fail:
   json_decref(root);
   return status;
@@ -245,18 +256,47 @@ fail:
   return status;
 }
 
+/* Whether the file has every tensor of the configuration: asked before memory is taken for what a few words of it
+ * claim. */
+static ern_status check_tensors(ern_context *context, const struct ern_tensor_file *file, const char *path,
+                                const struct ern_model_config *config) {
+  const struct ern_tensor *tensor = NULL;
+  void *room = NULL;
+  ern_status status = ern_allocate(context, 1, sizeof(ern_model), &room);
+  ern_model *planned = room;
+  if (status != ERN_OK) return status;
+  status = ern_parameters_build(context, config, &planned->field, &planned->table);
+  for (int r = 0; r < planned->table.rows && status == ERN_OK; r++) {
+    const struct ern_parameter *row = &planned->table.row[r];
+    status = find_exact(context, file, path, row->name, row->dims, row->shape, &tensor);
+  }
+  ern_release(context, room);
+  return status;
+}
+
+static ern_status read_config(ern_context *context, const struct ern_tensor_file *file, const char *path,
+                              struct ern_model_config *config, ern_model *identity) {
+  const char *text = ern_tensor_file_metadata(file, "ernerf"), *steps = ern_tensor_file_metadata(file, "global_step");
+  if (text != NULL) return read_metadata(context, text, path, config, identity);
+  const ern_status status = config_from_shapes(context, file, path, config);
+  if (status != ERN_OK || steps == NULL) return status;
+  const unsigned long long number = strtoull(steps, NULL, 10);
+  if (number > (unsigned long long)ERN_MODEL_MOST_STEPS)
+    return ern_fail(context, ERN_E_FORMAT, "%s: global_step is %.30s, expected at most %lld", path, steps,
+                    (long long)ERN_MODEL_MOST_STEPS);
+  *(config->torso ? &identity->torso_steps : &identity->head_steps) = number;
+  return ERN_OK;
+}
+
 ern_status ern_model_from_file(ern_model **model, ern_context *context, const struct ern_tensor_file *file,
                                const char *path) {
   struct ern_model_config config = {.head = true};
   ern_model identity = {.head_steps = 0}, *made = NULL;
   ern_status status = ERN_OK;
-  const char *text = ern_tensor_file_metadata(file, "ernerf"), *steps = ern_tensor_file_metadata(file, "global_step");
   *model = NULL;
-  if (text != NULL)
-    ERN_TRY(read_metadata(context, text, path, &config, &identity));
-  else
-    ERN_TRY(config_from_shapes(context, file, path, &config));
-  status = ern_model_make(&made, context, &config);
+  ERN_TRY(read_config(context, file, path, &config, &identity));
+  status = check_tensors(context, file, path, &config);
+  if (status == ERN_OK) status = ern_model_make(&made, context, &config);
   if (status == ERN_E_ARGUMENT) { /* a configuration that there is none of, which the file is to blame for */
     char why[256];
     snprintf(why, sizeof why, "%s", ern_last_error(context));
@@ -270,8 +310,6 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
                      "trihash, channel, sigmoid alone",
                      path, ern_kind_of(&config, ERN_KIND_BACKBONE), ern_kind_of(&config, ERN_KIND_ATTENTION),
                      ern_kind_of(&config, ERN_KIND_EYE_ATTENTION)));
-  if (text == NULL && steps != NULL)
-    *(config.torso ? &identity.torso_steps : &identity.head_steps) = strtoull(steps, NULL, 10);
   made->head_steps = identity.head_steps;
   made->torso_steps = identity.torso_steps;
   memcpy(made->clip, identity.clip, sizeof made->clip);

@@ -178,15 +178,21 @@ struct about_state {
   int64_t step, updates;
 };
 
-static struct about_state read_about(const struct ern_tensor_file *file) {
-  const char *text = ern_tensor_file_metadata(file, "ernerf.state");
+static ern_status read_about(const struct ern_torch_layout *l, struct about_state *about) {
+  const char *text = ern_tensor_file_metadata(l->file, "ernerf.state");
   json_t *root = text != NULL ? json_loads(text, 0, NULL) : NULL;
-  const struct about_state about = {.there = root != NULL,
-                                    .torso = json_is_true(json_object_get(root, "torso")),
-                                    .step = json_integer_value(json_object_get(root, "step")),
-                                    .updates = json_integer_value(json_object_get(root, "ema_updates"))};
+  *about = (struct about_state){.there = root != NULL,
+                                .torso = json_is_true(json_object_get(root, "torso")),
+                                .step = json_integer_value(json_object_get(root, "step")),
+                                .updates = json_integer_value(json_object_get(root, "ema_updates"))};
   json_decref(root);
-  return about;
+  if (about->step >= 0 && about->step <= ERN_MODEL_MOST_STEPS && about->updates >= 0 &&
+      about->updates <= ERN_MODEL_MOST_STEPS)
+    return ERN_OK;
+  return ern_fail(
+      l->context, ERN_E_FORMAT,
+      "%s: metadata \"ernerf.state\" of what is converted: step is %lld, ema_updates %lld, expected 0 to %lld", l->path,
+      (long long)about->step, (long long)about->updates, (long long)ERN_MODEL_MOST_STEPS);
 }
 
 static json_t *tensor_of(const char *name) { return json_pack("{s:s}", "tensor", name); }
@@ -366,12 +372,13 @@ static ern_status put_own(struct ern_torch_layout *l, json_t *root) {
 }
 
 ern_status ern_torch_layout_make(struct ern_torch_layout *l) {
-  const struct about_state about = read_about(l->file);
+  struct about_state about = {0};
   const int64_t step = (int64_t)(l->model->field.config.torso ? l->model->torso_steps : l->model->head_steps);
   double mean[2] = {0};
   char *text = NULL;
   json_t *root = json_array(), *model = json_array();
   ern_status status = ERN_OK;
+  ERN_TRY(read_about(l, &about));
   ERN_TRY(check(l));
   ERN_TRY(add_model(l, mean));
   const size_t model_tensors = l->tensors;

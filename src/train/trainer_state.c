@@ -173,7 +173,10 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
                *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds");
   const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) &&
                      json_is_integer(seed) && json_is_integer(rays) && json_is_number(seconds) &&
-                     json_integer_value(step) >= 0 && json_integer_value(updates) >= 0;
+                     json_integer_value(step) >= 0 && json_integer_value(step) <= ERN_MODEL_MOST_STEPS &&
+                     json_integer_value(updates) >= 0 && json_integer_value(updates) <= ERN_MODEL_MOST_STEPS &&
+                     json_integer_value(rays) >= 0 && json_integer_value(rays) <= INT32_MAX &&
+                     json_number_value(seconds) >= 0;
   *about = (struct state_about){.torso = json_is_true(torso),
                                 .step = (uint64_t)json_integer_value(step),
                                 .ema_updates = (uint64_t)json_integer_value(updates),
@@ -182,8 +185,8 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
                                 .seconds = json_number_value(seconds)};
   json_decref(root);
   if (whole) return ERN_OK;
-  return ern_fail(t->context, ERN_E_FORMAT, "%s: metadata \"ernerf.state\" lacks a field or holds one of another type",
-                  path);
+  return ern_fail(t->context, ERN_E_FORMAT,
+                  "%s: metadata \"ernerf.state\" lacks a field or holds one of another type or range", path);
 }
 
 static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path) {

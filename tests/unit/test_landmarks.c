@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Landmark files: 68 pairs, no more, no less, all finite. */
+ * Landmark files: 68 pairs, no more, no less, all in pixels. */
 #include "../support.h"
 
 #include "io/landmarks.h"
@@ -47,9 +47,10 @@ static void test_bad(void **state) {
   } cases[] = {{67, "1 1", ERN_E_SHAPE, {"has 67 landmarks", "expected 68"}},
                {69, "1 1", ERN_E_SHAPE, {"has 69 landmarks", "expected 68"}},
                {0, "", ERN_E_SHAPE, {"has 0 landmarks", "expected 68"}},
-               {68, "1 nan", ERN_E_FORMAT, {"line 5 is \"1 nan\"", "finite"}},
-               {68, "inf 1", ERN_E_FORMAT, {"line 5 is \"inf 1\"", "finite"}},
+               {68, "1 nan", ERN_E_FORMAT, {"line 5 is \"1 nan\"", "within 1e6"}},
+               {68, "inf 1", ERN_E_FORMAT, {"line 5 is \"inf 1\"", "within 1e6"}},
                {68, "1 1e39", ERN_E_FORMAT, {"line 5", "\"1 1e39\""}},
+               {68, "-2e6 1", ERN_E_FORMAT, {"line 5 is \"-2e6 1\"", "within 1e6"}},
                {68, "1", ERN_E_FORMAT, {"line 5 is \"1\"", "\"x y\""}},
                {68, "1 2 3", ERN_E_FORMAT, {"line 5 is \"1 2 3\"", "two"}},
                {68, "1,2", ERN_E_FORMAT, {"line 5 is \"1,2\"", "two"}},

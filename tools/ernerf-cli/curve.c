@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "plot.h"
 
@@ -39,6 +40,8 @@ int curve_read(struct curve *curve, struct session *session, const char *path) {
   static const char head[] = "step,seconds,psnr\n";
   char line[LINE_BYTES];
   int status = 0;
+  struct stat about;
+  if (stat(path, &about) == 0 && !S_ISREG(about.st_mode)) return session_fail_with(session, "%s: is no file", path);
   FILE *file = fopen(path, "r");
   if (file == NULL && errno == ENOENT) return 0;
   if (file == NULL) return session_fail_with(session, "%s: cannot be opened: %s", path, strerror(errno));
