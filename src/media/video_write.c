@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "ernerf/data.h"
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
@@ -228,6 +229,7 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   made->height = options->height;
   av_reduce(&made->rate.num, &made->rate.den, options->rate_numerator, options->rate_denominator, MAX_RATE_PART);
   ERN_TRY(ern_string_copy(context, path, &made->path));
+  ern_leftovers_remove(path);
   ERN_TRY(ern_file_temporary_name(context, path, &made->temporary));
   made->muxer = (struct ern_muxer){.context = context, .path = made->path, .packet = av_packet_alloc()};
   const int error = avformat_alloc_output_context2(&made->muxer.container, NULL, "mp4", NULL);

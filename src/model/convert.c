@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "ernerf/data.h"
 #include "model/checkpoint.h"
 #include "model/model.h"
 #include "model/torch_layout.h"
@@ -92,6 +93,7 @@ ern_status ern_file_convert(ern_context *context, const char *in, const char *ou
   else
     ern_log(context, ERN_LOG_WARNING, "%s: is no model; its %zu tensors are carried over as they are", in,
             file.tensor_count);
+  ern_leftovers_remove(out);
   status = torch ? write_torch(context, &file, model, out) : write_safetensors(context, &file, model, out);
 fail:
   ern_model_free(&model);

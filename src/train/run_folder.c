@@ -4,12 +4,14 @@
 #include <fcntl.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "ernerf/data.h"
 #include "io/file.h"
 #include "train/trainer.h"
 
@@ -43,6 +45,7 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
 
 ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
   ern_status status = ERN_OK;
+  char *all = NULL;
   *run = (struct ern_run_folder){.lock = -1, .fresh = true};
   ERN_TRY(folder_name(context, output, &run->folder));
   if (mkdir(run->folder, 0777) != 0 && errno != EEXIST)
@@ -53,6 +56,10 @@ ern_status ern_run_folder_open(ern_context *context, const char *output, struct 
   ERN_TRY(ern_path_join(context, run->folder, "log.jsonl", &run->log));
   ERN_TRY(ern_path_join(context, run->folder, "curve.csv", &run->curve));
   ERN_TRY(take_lock(context, run));
+  ERN_TRY(ern_path_join(context, run->folder, "", &all));
+  ern_leftovers_remove(all);
+  ern_leftovers_remove(output);
+  ern_release(context, all);
   return ERN_OK;
 fail:
   ern_run_folder_close(context, run);
@@ -92,34 +99,79 @@ ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const ch
   return ERN_OK;
 }
 
-static ern_status append(ern_context *context, const char *path, struct ern_lines *lines) {
-  size_t done = 0;
-  const int file = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
-  if (file < 0) return ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
-  while (done < lines->used) {
+static bool write_lines(int file, const struct ern_lines *lines) {
+  for (size_t done = 0; done < lines->used;) {
     const ssize_t written = write(file, lines->text + done, lines->used - done);
     if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) break;
+    if (written == 0) errno = EIO;
+    if (written <= 0) return false;
     done += (size_t)written;
   }
-  const int error = errno;
-  const bool failed = done < lines->used || fsync(file) != 0;
-  if (close(file) != 0 || failed)
-    return ern_fail(context, ERN_E_IO, "%s: cannot be written: %s", path, strerror(error));
+  return fsync(file) == 0;
+}
+
+/* All of the lines, or none: half a line would stand before the next one for good. */
+static ern_status append(ern_context *context, const char *path, struct ern_lines *lines) {
+  const int file = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (file < 0) return ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
+  const off_t before = lseek(file, 0, SEEK_END);
+  bool failed = before < 0 || !write_lines(file, lines);
+  int error = errno;
+  if (failed && before >= 0) (void)ftruncate(file, before);
+  if (close(file) != 0 && !failed) {
+    failed = true;
+    error = errno;
+  }
+  if (failed) return ern_fail(context, ERN_E_IO, "%s: cannot be written: %s", path, strerror(error));
   lines->used = 0;
   return ERN_OK;
 }
 
-static ern_status replace(ern_context *context, const char *path, struct ern_lines *lines) {
-  const ern_status status = ern_file_write(context, path, lines->text, lines->used);
-  if (status == ERN_OK) lines->used = 0;
+ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run) {
+  const ern_status status = append(context, run->log, &run->log_lines);
+  return status == ERN_OK ? append(context, run->curve, &run->curve_lines) : status;
+}
+
+/* ---- what was written before ------------------------------------------------------------------------------------- */
+
+/* Makes way for the first save of a new training; its own state is whole by then. */
+void ern_run_folder_clear(struct ern_run_folder *run) {
+  const char *const paths[] = {run->previous, run->state, run->log, run->curve};
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) (void)unlink(paths[i]);
+}
+
+/* The bytes of whole lines up to `step`; lines without a step, such as a header, count too. `mark` is what stands
+ * before the step. */
+static size_t lines_until(const char *text, size_t count, const char *mark, uint64_t step) {
+  size_t kept = 0;
+  while (kept < count) {
+    const char *line = text + kept, *end = memchr(line, '\n', count - kept);
+    if (end == NULL) break; /* torn by a kill */
+    const size_t skip = strlen(mark);
+    if (strncmp(line, mark, skip) == 0 && line[skip] >= '0' && line[skip] <= '9' &&
+        strtoull(line + skip, NULL, 10) > step)
+      break;
+    kept += (size_t)(end - line) + 1;
+  }
+  return kept;
+}
+
+static ern_status trim(ern_context *context, const char *path, const char *mark, uint64_t step) {
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  if (access(path, F_OK) != 0) return ERN_OK;
+  ern_status status = ern_file_read(context, path, SIZE_MAX / 2, &bytes, &count);
+  if (status != ERN_OK) return status;
+  const size_t kept = lines_until((const char *)bytes, count, mark, step);
+  if (kept == 0)
+    (void)unlink(path);
+  else if (kept < count)
+    status = ern_file_write(context, path, bytes, kept);
+  ern_release(context, bytes);
   return status;
 }
 
-ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run) {
-  ern_status (*const put)(ern_context *, const char *, struct ern_lines *) = run->fresh ? replace : append;
-  ern_status status = put(context, run->log, &run->log_lines);
-  if (status == ERN_OK) status = put(context, run->curve, &run->curve_lines);
-  if (status == ERN_OK) run->fresh = false;
-  return status;
+ern_status ern_run_folder_trim(ern_context *context, const struct ern_run_folder *run, uint64_t step) {
+  const ern_status status = trim(context, run->log, "{\"step\": ", step);
+  return status == ERN_OK ? trim(context, run->curve, "", step) : status;
 }

@@ -93,8 +93,12 @@ ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *o
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run);
 ERN_NODISCARD ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...)
     ERN_PRINTF(3, 4);
-/* Appends the kept lines to their files, or replaces the files of an earlier training with them. */
+/* Appends the kept lines to their files. */
 ERN_NODISCARD ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run);
+/* Removes what an earlier training left, but for state.next. */
+void ern_run_folder_clear(struct ern_run_folder *run);
+/* Log and curve back to where they were at `step`: a killed training has written more, perhaps half a line. */
+ERN_NODISCARD ern_status ern_run_folder_trim(ern_context *context, const struct ern_run_folder *run, uint64_t step);
 
 /* trainer_validate.c */
 ERN_NODISCARD ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr);

@@ -4,6 +4,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/memory.h"
 #include "train/trainer.h"
@@ -233,7 +234,8 @@ static ern_status fill(ern_trainer *t) {
       ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   }
   if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
-  if (!resumed && t->output != NULL) ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
+  if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
+    ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
 fail:
   return status;
 }

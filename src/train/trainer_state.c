@@ -109,9 +109,7 @@ static ern_status move(ern_context *context, const char *from, const char *to) {
   return ern_fail(context, ERN_E_IO, "%s: cannot become %s: %s", from, to, strerror(errno));
 }
 
-/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
- * three names that verifies. */
-static ern_status write_state(ern_trainer *t) {
+static ern_status write_next(ern_trainer *t) {
   struct state_tensors *s = NULL;
   char *model_text = NULL, *state_text = NULL;
   void *room = NULL;
@@ -123,14 +121,6 @@ static ern_status write_state(ern_trainer *t) {
   ERN_TRY(about_text(t, &state_text));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
   ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3));
-  if (t->run.fresh) {
-    remove(t->run.previous);
-    remove(t->run.state);
-  } else if (access(t->run.state, F_OK) == 0) {
-    ERN_TRY(move(t->context, t->run.state, t->run.previous));
-  }
-  ERN_TRY(move(t->context, t->run.next, t->run.state));
-  t->saved = t->step;
 fail:
   if (s != NULL) {
     ern_release(t->context, s->moment);
@@ -140,6 +130,25 @@ fail:
   ern_release(t->context, s);
   ern_release(t->context, model_text);
   ern_release(t->context, state_text);
+  return status;
+}
+
+/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
+ * three names that verifies. The log comes first: it can be cut back to the state, not made up. A new training keeps
+ * its own until then, as it would else stand beside the state of the earlier one. */
+static ern_status write_state(ern_trainer *t) {
+  ern_status status = ERN_OK;
+  if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+  ERN_TRY(write_next(t));
+  if (t->run.fresh) {
+    ern_run_folder_clear(&t->run);
+    t->run.fresh = false;
+    ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+  }
+  if (access(t->run.state, F_OK) == 0) ERN_TRY(move(t->context, t->run.state, t->run.previous));
+  ERN_TRY(move(t->context, t->run.next, t->run.state));
+  t->saved = t->step;
+fail:
   return status;
 }
 
@@ -158,7 +167,6 @@ ern_status ern_trainer_save(ern_trainer *t) {
     ERN_TRY(ern_trainer_download(t, t->average));
   }
   ERN_TRY(ern_model_save(t->model, t->output));
-  ERN_TRY(ern_run_folder_flush(t->context, &t->run));
 fail:
   return status;
 }
@@ -342,6 +350,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
                      best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
+  ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
   t->saved = t->step;
   *resumed = true;

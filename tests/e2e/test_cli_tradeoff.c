@@ -194,7 +194,7 @@ static void test_full_disk(void **state) {
   cli_expect(&cli, 1, "full/", "cannot be written", NULL);
   DIR *list = opendir("full");
   for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list))
-    if (strstr(entry->d_name, ".part") != NULL) fail_msg("%s was left", entry->d_name);
+    if (strstr(entry->d_name, ".tmp-") != NULL) fail_msg("%s was left", entry->d_name);
   if (list != NULL) closedir(list);
 }
 

@@ -5,9 +5,11 @@
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "ernerf/data.h"
 #include "io/file.h"
 #include "io/number.h"
 
@@ -261,10 +263,55 @@ static void test_numbers(void **state) {
   assert_true(value > 1e308);
 }
 
+/* What a process that is gone left is removed; what one writes now, and what merely looks like it, stays. */
+static void test_leftovers(void **state) {
+  (void)state;
+  const pid_t gone = fork();
+  assert_true(gone >= 0);
+  if (gone == 0) _exit(0);
+  assert_int_equal(waitpid(gone, NULL, 0), gone);
+  const long dead = (long)gone, alive = (long)getppid();
+  const struct {
+    const char *form;
+    long number;
+    bool stays;
+  } files[] = {{"left/a.safetensors.tmp-%ld", dead, false},
+               {"left/a.safetensors.tmp-%ld", alive, true},
+               {"left/.a.tmp-%ld.safetensors", dead, false},
+               {"left/.a.tmp-%ld.pth.Xy12ab", dead, false},
+               {"left/.a.tmp-%ld.safetensors", alive, true},
+               {"left/b.safetensors.tmp-%ld", dead, true},
+               {"left/.b.tmp-%ld.mp4", dead, true},
+               {"left/a.safetensors.tmp-%ldx", dead, true},
+               {"left/a.tmp-%ld.safetensors", dead, true},
+               {"left/a.safetensors.tmp--%ld", dead, true},
+               {"left/a.safetensors.tmp-9999999%ld", dead, true},
+               {"left/a.safetensors.tmp-%ld.more", dead, true}};
+  char path[64];
+  support_clear("left");
+  assert_int_equal(mkdir("left", 0777), 0);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    snprintf(path, sizeof path, files[i].form, files[i].number);
+    support_write_text(path, "half");
+  }
+  ern_leftovers_remove("left/a.safetensors");
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    snprintf(path, sizeof path, files[i].form, files[i].number);
+    if ((access(path, F_OK) == 0) != files[i].stays) fail_msg("%s: %s", path, files[i].stays ? "is gone" : "stayed");
+  }
+  ern_leftovers_remove("left/"); /* all of them */
+  snprintf(path, sizeof path, "left/b.safetensors.tmp-%ld", dead);
+  assert_int_not_equal(access(path, F_OK), 0);
+  snprintf(path, sizeof path, "left/a.safetensors.tmp-%ld", alive);
+  assert_int_equal(access(path, F_OK), 0);
+  ern_leftovers_remove("no/folder");
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_read),       cmocka_unit_test(test_write),          cmocka_unit_test(test_write_refused),
-      cmocka_unit_test(test_write_full), cmocka_unit_test(test_temporary_name), cmocka_unit_test(test_put_in_place),
-      cmocka_unit_test(test_folders),    cmocka_unit_test(test_sha256),         cmocka_unit_test(test_numbers)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),           cmocka_unit_test(test_write),
+                                     cmocka_unit_test(test_write_refused),  cmocka_unit_test(test_write_full),
+                                     cmocka_unit_test(test_temporary_name), cmocka_unit_test(test_put_in_place),
+                                     cmocka_unit_test(test_folders),        cmocka_unit_test(test_sha256),
+                                     cmocka_unit_test(test_numbers),        cmocka_unit_test(test_leftovers)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,10 +12,15 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "ernerf/data.h"
+
 static volatile sig_atomic_t interrupted;
 
+/* The next signal ends the program at once, whichever of the two it is. */
 static void catch_interrupt(int number) {
   (void)number;
+  signal(SIGINT, SIG_DFL);
+  signal(SIGTERM, SIG_DFL);
   interrupted = 1;
 }
 
@@ -121,7 +126,7 @@ static void log_line(void *user, ern_log_level level, const char *line) {
 /* ---- beginning and end ------------------------------------------------------------------------------------------- */
 
 static void catch_signals(void) {
-  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART | (int)SA_RESETHAND};
+  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART};
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, NULL);
   sigaction(SIGTERM, &action, NULL);
@@ -173,8 +178,9 @@ json_t *session_number(double value) { return isfinite(value) ? json_real(value)
 
 int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
   char beside[4096];
-  if (snprintf(beside, sizeof beside, "%s.%ld.part", path, (long)getpid()) >= (int)sizeof beside)
+  if (snprintf(beside, sizeof beside, "%s.tmp-%ld", path, (long)getpid()) >= (int)sizeof beside)
     return session_fail_with(session, "%s: the name is too long", path);
+  ern_leftovers_remove(path);
   FILE *file = fopen(beside, "wb");
   bool whole = file != NULL && fwrite(bytes, 1, count, file) == count && fflush(file) == 0 && fsync(fileno(file)) == 0;
   int reason = errno;

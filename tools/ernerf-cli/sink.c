@@ -140,6 +140,15 @@ static bool make_rooms(struct sink *sink) {
   return made && sink->channels != NULL;
 }
 
+/* Of all the pictures: names that begin as theirs do. */
+static void remove_leftovers(const char *path) {
+  char *begin = strdup(path);
+  if (begin == NULL) return;
+  begin[strcspn(begin, "%")] = 0;
+  ern_leftovers_remove(begin);
+  free(begin);
+}
+
 int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
               const ern_sound *sound, double sound_start) {
   sink->context = session->context;
@@ -147,6 +156,7 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   sink->height = height;
   sink->has_attention = model->attention != ERN_ATTENTION_CONCAT;
   sink->has_eye = model->has_eye && model->eye_attention == ERN_EYE_ATTENTION_SIGMOID;
+  if (sink->kind == SINK_PNG || sink->kind == SINK_EXR) remove_leftovers(sink->path);
   if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
   if (sink->kind == SINK_VIDEO) {
     ern_video_options options = ern_video_options_default(width, height);
