@@ -79,24 +79,31 @@ static void test_tables(void **state) {
   cli_expect_out(&cli, 0, "hash3d", NULL);
 }
 
-/* All trainings are done: a second call judges them anew and finds the same, also in the seconds behind them. */
+static void ablate_again(const char *folder, const char *more, double *psnr, double *seconds, double *lr_net) {
+  cli_run(&cli,
+          "ablate %s -o %s --iters 6 --rays 128 --seeds 2 --frames 0:1 --repeats 3 --only trihash-channel %s --json "
+          "--quiet",
+          clip(), folder, more);
+  cli_expect(&cli, 0, NULL);
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *row = json_array_get(json_object_get(object, "rows"), 0);
+  check_row(row, 2);
+  *psnr = number(json_object_get(row, "psnr"), "mean");
+  *seconds = number(json_object_get(row, "training_seconds"), "mean");
+  *lr_net = number(object, "lr_net");
+  json_decref(object);
+}
+
+/* All trainings are done: a second call judges them anew and finds the same, also in the seconds behind them. Another
+ * rate is another training. */
 static void test_resume(void **state) {
   (void)state;
-  double psnr[2], seconds[2];
-  for (int call = 0; call < 2; call++) {
-    cli_run(&cli,
-            "ablate %s -o again --iters 6 --rays 128 --seeds 2 --frames 0:1 --repeats 3 --only trihash-channel%s "
-            "--json --quiet",
-            clip(), call == 1 ? " --resume" : "");
-    cli_expect(&cli, 0, NULL);
-    json_t *object = cli_json(&cli, NULL);
-    const json_t *row = json_array_get(json_object_get(object, "rows"), 0);
-    check_row(row, 2);
-    psnr[call] = number(json_object_get(row, "psnr"), "mean");
-    seconds[call] = number(json_object_get(row, "training_seconds"), "mean");
-    json_decref(object);
-  }
-  assert_true(psnr[0] == psnr[1] && seconds[0] == seconds[1]);
+  double psnr[3], seconds[3], lr_net[3];
+  ablate_again("again", "--lr_net 0.004", &psnr[0], &seconds[0], &lr_net[0]);
+  ablate_again("again", "--lr_net 0.004 --resume", &psnr[1], &seconds[1], &lr_net[1]);
+  ablate_again("slower", "", &psnr[2], &seconds[2], &lr_net[2]);
+  assert_true(psnr[0] == psnr[1] && seconds[0] == seconds[1] && psnr[2] != psnr[0]);
+  assert_true((float)lr_net[0] == 0.004f && lr_net[1] == lr_net[0] && (float)lr_net[2] == 0.001f);
   assert_int_equal(access("again/trihash-channel-s0.safetensors", R_OK), 0);
   assert_int_equal(access("again/trihash-channel-s1.safetensors", R_OK), 0);
 }

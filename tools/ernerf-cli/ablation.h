@@ -41,6 +41,7 @@ struct ablation {
   size_t rows;
   const char *clip;
   int width, height, rays, threads;
+  float lr_net;  /* learning rate of the networks */
   size_t frames; /* that were judged */
   uint64_t iters;
   const char *backend, *isa;

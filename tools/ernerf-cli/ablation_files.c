@@ -75,9 +75,10 @@ static json_t *collisions_json(const ern_bench_collision_table *table) {
 json_t *ablation_json(const struct ablation *ablation) {
   json_t *rows = json_array();
   for (size_t i = 0; i < ablation->rows; i++) json_array_append_new(rows, row_json(&ablation->row[i]));
-  return json_pack("{s:s, s:i, s:i, s:I, s:I, s:i, s:s, s:s, s:s, s:i, s:o, s:o}", "clip", ablation->clip, "width",
+  return json_pack("{s:s, s:i, s:i, s:I, s:I, s:i, s:o, s:s, s:s, s:s, s:i, s:o, s:o}", "clip", ablation->clip, "width",
                    ablation->width, "height", ablation->height, "frames", (json_int_t)ablation->frames, "iters",
-                   (json_int_t)ablation->iters, "rays", ablation->rays, "processor", ablation->processor, "backend",
+                   (json_int_t)ablation->iters, "rays", ablation->rays, "lr_net",
+                   session_number((double)ablation->lr_net), "processor", ablation->processor, "backend",
                    ablation->backend, "isa", ablation->isa, "threads", ablation->threads, "rows", rows, "collisions",
                    ablation->counted ? collisions_json(&ablation->collisions) : json_null());
 }
@@ -129,9 +130,10 @@ static void add_collisions(struct bytes *text, const ern_bench_collision_table *
 void ablation_text(const struct ablation *ablation, struct bytes *text) {
   const size_t seeds = ablation->rows > 0 ? ablation->row[0].seeds : 0;
   bytes_print(text,
-              "# Ablation\n\n%s, %d x %d; heads of %llu steps of %d rays each, %zu seed%s; judged on %zu frames.\n",
+              "# Ablation\n\n%s, %d x %d; heads of %llu steps of %d rays each, networks at a rate of %g, %zu seed%s; "
+              "judged on\n%zu frames.\n",
               ablation->clip, ablation->width, ablation->height, (unsigned long long)ablation->iters, ablation->rays,
-              seeds, seeds == 1 ? "" : "s", ablation->frames);
+              (double)ablation->lr_net, seeds, seeds == 1 ? "" : "s", ablation->frames);
   bytes_print(text,
               "%s, %d threads, %s (%s). ± is the standard deviation over %s; frames a second: median and quartiles of\n"
               "frames drawn in turns.\n\n",

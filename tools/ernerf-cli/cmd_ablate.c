@@ -16,7 +16,7 @@
 #include "progress.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 8 + CLIP_SOURCE_OPTIONS, PATH_BYTES = 4096 };
+enum { OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS, PATH_BYTES = 4096 };
 
 struct ablate_job {
   struct session session;
@@ -24,6 +24,7 @@ struct ablate_job {
   const char *folder, *only;
   uint64_t iters;
   int rays, seeds, repeats;
+  float lr_net;
   struct range frames;
   bool resume;
   /* made */
@@ -58,6 +59,13 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .low = 1,
        .high = 1048576,
        .help = "a step"},
+      {.name = "lr_net",
+       .kind = OPTION_FLOAT,
+       .target = &job->lr_net,
+       .low = 1e-9,
+       .high = 10,
+       .help =
+           "learning rate of the networks, as of train; few steps want more, or lips have not learnt to follow speech"},
       {.name = "seeds",
        .kind = OPTION_INT,
        .target = &job->seeds,
@@ -131,6 +139,7 @@ static int open_all(struct ablate_job *job, const struct args *args) {
   result->width = job->judge.info.width;
   result->height = job->judge.info.height;
   result->rays = job->rays;
+  result->lr_net = job->lr_net;
   result->iters = job->iters;
   result->frames = job->judge.shots.count;
   result->backend = session->backend_info.name;
@@ -170,6 +179,8 @@ static ern_status train(struct ablate_job *job, const struct ablation_row *row, 
   config.resume = job->resume;
   config.iters = job->iters;
   config.rays = job->rays;
+  config.lr_net = job->lr_net;
+  config.lr_att = 5 * job->lr_net;
   config.backbone = row->kind->backbone;
   config.attention = row->kind->attention;
   config.seed = seed;
@@ -350,7 +361,8 @@ static void close_all(struct ablate_job *job) {
 }
 
 int cmd_ablate(int argc, char **argv) {
-  struct ablate_job job = {.iters = 2000, .rays = 4096, .seeds = 1, .repeats = 15};
+  struct ablate_job job = {
+      .lr_net = ern_train_config_default().lr_net, .iters = 2000, .rays = 4096, .seeds = 1, .repeats = 15};
   struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
   struct args args = {
