@@ -266,6 +266,12 @@ static ern_status check_tensors(ern_context *context, const struct ern_tensor_fi
   ern_model *planned = room;
   if (status != ERN_OK) return status;
   status = ern_parameters_build(context, config, &planned->field, &planned->table);
+  if (status == ERN_OK && ern_tensor_file_metadata(file, "torch") != NULL && !ern_field_is_standard(&planned->field))
+    status = ern_fail(context, ERN_E_UNSUPPORTED,
+                      "%s: describes a head of backbone %s, attention %s, eye attention %s; a PyTorch file holds "
+                      "trihash, channel, sigmoid alone",
+                      path, ern_kind_of(config, ERN_KIND_BACKBONE), ern_kind_of(config, ERN_KIND_ATTENTION),
+                      ern_kind_of(config, ERN_KIND_EYE_ATTENTION));
   for (int r = 0; r < planned->table.rows && status == ERN_OK; r++) {
     const struct ern_parameter *row = &planned->table.row[r];
     status = find_exact(context, file, path, row->name, row->dims, row->shape, &tensor);
@@ -304,12 +310,6 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
     status = ERN_E_FORMAT;
   }
   if (status != ERN_OK) goto fail;
-  if (ern_tensor_file_metadata(file, "torch") != NULL && !ern_field_is_standard(&made->field))
-    ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
-                     "%s: describes a head of backbone %s, attention %s, eye attention %s; a PyTorch file holds "
-                     "trihash, channel, sigmoid alone",
-                     path, ern_kind_of(&config, ERN_KIND_BACKBONE), ern_kind_of(&config, ERN_KIND_ATTENTION),
-                     ern_kind_of(&config, ERN_KIND_EYE_ATTENTION)));
   made->head_steps = identity.head_steps;
   made->torso_steps = identity.torso_steps;
   memcpy(made->clip, identity.clip, sizeof made->clip);
