@@ -47,6 +47,12 @@ static inline void support_expect(const ern_context *context, ern_status found, 
   va_end(words);
 }
 
+/* Skips the test where ERNERF_SHARED is unset; before anything is made that would be left over. */
+static inline void support_needs_shared(void) {
+  const char *shared = getenv("ERNERF_SHARED");
+  if (shared == NULL || shared[0] == 0) skip();
+}
+
 /* ERNERF_SHARED/NAME in `path`, or the test is skipped where it is unset. */
 static inline void support_shared(const char *name, char path[1024]) {
   const char *shared = getenv("ERNERF_SHARED");

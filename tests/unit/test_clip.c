@@ -543,6 +543,7 @@ static void test_check_suspicious(void **state) {
 
 static void test_real(void **state) {
   (void)state;
+  support_needs_shared();
   static const struct {
     const char *name, *features;
     int side;

@@ -84,6 +84,7 @@ static void test_long_header(void **state) {
 
 static void test_real(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   char path[1024];
   float *values = NULL;

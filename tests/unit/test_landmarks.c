@@ -75,6 +75,7 @@ static void test_bad(void **state) {
 
 static void test_real(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   char path[1024];
   float points[ERN_LANDMARKS][2];

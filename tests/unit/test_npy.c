@@ -269,6 +269,7 @@ static void test_features(void **state) {
 
 static void test_real_features(void **state) {
   (void)state;
+  support_needs_shared();
   static const struct {
     const char *name;
     size_t windows;

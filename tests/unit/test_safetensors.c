@@ -283,6 +283,7 @@ static void test_no_memory(void **state) {
 
 static void test_real(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   static const char *const names[] = {"parity/head.safetensors", "parity/head_torso.safetensors"};
   for (size_t i = 0; i < 2; i++) {

@@ -137,6 +137,7 @@ static void test_deep(void **state) {
 
 static void test_real(void **state) {
   (void)state;
+  support_needs_shared();
   static const struct {
     const char *name;
     size_t count;

@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# The tests once more, built with a sanitizer: all quick ones with `asan` (address, undefined behaviour, leaks); with
+# `tsan` (data races) those that train and render in threads. Builds in WORK, which is kept: half an hour the first time.
+# OpenCL stays out of `tsan`: its driver is not built with it, and each of its locks would be reported.
+# Usage: check_preset.sh SOURCE WORK CMAKE asan|tsan
+set -euo pipefail
+source=$1 work=$2 cmake=$3 preset=$4
+case $preset in
+  asan) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
+  tsan) choice=(-R 'unit/test_(two_renderers|still|trainer|torso|thin|silence)$|e2e/test_cli_train_render|gradcheck/test_grad_model') ;;
+  *) echo "FAIL: no preset $preset"; exit 1 ;;
+esac
+cd "$source"
+"$cmake" --preset "$preset" -B "$work" >/dev/null
+"$cmake" --build "$work" --parallel 2 | tail -n 3
+exec ctest --test-dir "$work" "${choice[@]}" --output-on-failure --no-tests=error --timeout 3600
