@@ -23,8 +23,9 @@ typedef struct ern_image {
   uint8_t *data;               /* [height][width][channels]; owned by the holder (ern_image_free) */
 } ern_image;
 
-/* Reads any still that OpenImageIO knows as 8-bit with 3 or 4 channels: grey is repeated, missing alpha is 255,
- * alpha that was not asked for is dropped (not multiplied in). */
+/* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
+ * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). What its header
+ * claims is refused before memory is taken where a side is above ERN_IMAGE_MAX_SIDE or the file is too short for it. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
 /* Width and height from the header alone. */
 ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);

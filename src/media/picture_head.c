@@ -75,6 +75,72 @@ static ern_status check_jpeg(const struct head *head) {
   return ERN_OK;
 }
 
+/* A text of less than 256 bytes with its 0; -1 where there is none. */
+static int read_text(FILE *file, char text[256]) {
+  for (int i = 0; i < 256; i++) {
+    const int c = fgetc(file);
+    if (c == EOF) return -1;
+    text[i] = (char)c;
+    if (c == 0) return i;
+  }
+  return -1;
+}
+
+static uint32_t little_endian(const uint8_t *bytes) {
+  return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+static ern_status check_window(const struct head *head) {
+  uint8_t window[16];
+  int64_t side[2];
+  if (fread(window, 1, sizeof window, head->file) != sizeof window) return ERN_OK;
+  for (int i = 0; i < 2; i++)
+    side[i] = (int64_t)(int32_t)little_endian(window + 8 + 4 * i) - (int32_t)little_endian(window + 4 * i) + 1;
+  return check_sides(head, side[0] > 0 ? (uint64_t)side[0] : 0, side[1] > 0 ? (uint64_t)side[1] : 0);
+}
+
+/* Names, types and sizes of what the header holds; OpenEXR takes memory of any size that is claimed here. */
+static ern_status check_exr(const struct head *head) {
+  char name[256], type[256];
+  uint8_t size[4];
+  uint64_t at = 8;
+  if (fseek(head->file, 4, SEEK_SET) != 0 || fread(size, 1, 4, head->file) != 4) return ERN_OK;
+  const int ends = (size[1] & 0x10) != 0 ? 2 : 1; /* several pictures: a header each, and an empty one in the end */
+  for (int ended = 0; ended < ends;) {
+    const int name_length = read_text(head->file, name);
+    if (name_length < 0) break;
+    at += (uint64_t)name_length + 1;
+    ended = name_length == 0 ? ended + 1 : 0;
+    if (name_length == 0) continue;
+    const int type_length = read_text(head->file, type);
+    if (type_length < 0 || fread(size, 1, 4, head->file) != 4) break;
+    at += (uint64_t)type_length + 5;
+    if (at > head->bytes || little_endian(size) > head->bytes - at)
+      return ern_fail(head->context, ERN_E_FORMAT, "%s: OpenEXR header: %.40s claims %lu bytes, found %llu", head->path,
+                      name, (unsigned long)little_endian(size),
+                      (unsigned long long)(at > head->bytes ? 0 : head->bytes - at));
+    if (strcmp(name, "dataWindow") == 0 || strcmp(name, "displayWindow") == 0) {
+      const ern_status status = check_window(head);
+      if (status != ERN_OK) return status;
+    }
+    at += little_endian(size);
+    if (fseek(head->file, (long)at, SEEK_SET) != 0) break;
+  }
+  return ERN_OK;
+}
+
+/* What else OpenImageIO is given: formats whose readers take no memory before their header is checked. */
+static bool is_known(const uint8_t *start, size_t count) {
+  static const struct {
+    const char *start;
+    size_t count;
+  } kinds[] = {{"BM", 2}, {"II*\0", 4}, {"MM\0*", 4}, {"RIFF", 4}};
+  if (count >= 3 && start[0] == 'P' && start[1] >= '1' && start[1] <= '7') return true;
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    if (count >= kinds[i].count && memcmp(start, kinds[i].start, kinds[i].count) == 0) return true;
+  return false;
+}
+
 ern_status ern_image_check_head(ern_context *context, const char *path) {
   struct head head = {.context = context, .path = path, .file = fopen(path, "rb")};
   uint8_t start[32] = {0};
@@ -91,6 +157,11 @@ ern_status ern_image_check_head(ern_context *context, const char *path) {
     status = check_jpeg(&head);
   else if (count >= 10 && memcmp(start, "GIF8", 4) == 0)
     status = check_sides(&head, start[6] | (unsigned)start[7] << 8, start[8] | (unsigned)start[9] << 8);
+  else if (count >= 8 && memcmp(start, "\x76\x2f\x31\x01", 4) == 0)
+    status = check_exr(&head);
+  else if (!is_known(start, count))
+    status = ern_fail(context, ERN_E_FORMAT,
+                      "%s: is no picture, expected PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM", path);
   fclose(head.file);
   return status;
 }

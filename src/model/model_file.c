@@ -58,9 +58,11 @@ static ern_status find_exact(ern_context *context, const struct ern_tensor_file 
 ern_status ern_tensor_take(ern_context *context, const struct ern_tensor_file *file, const char *path, const char *name,
                            int dims, const size_t *shape, float *out) {
   const struct ern_tensor *tensor = NULL;
-  ern_status status = find_exact(context, file, path, name, dims, shape, &tensor);
-  if (status == ERN_OK) status = ern_tensor_to_float(context, tensor, out);
+  const ern_status status = find_exact(context, file, path, name, dims, shape, &tensor);
   if (status != ERN_OK) return status;
+  if (ern_tensor_to_float(context, tensor, out) != ERN_OK)
+    return ern_fail(context, ERN_E_MISMATCH, "%s: tensor %s: dtype is %s, expected F32, F16, BF16 or F64", path, name,
+                    ern_dtype_name(tensor->dtype));
   for (size_t i = 0; i < tensor->count; i++)
     if (!isfinite(out[i]))
       return ern_fail(context, ERN_E_NONFINITE, "%s: tensor %s holds %g at %zu, expected finite values", path, name,
