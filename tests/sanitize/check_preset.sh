@@ -14,4 +14,4 @@ esac
 cd "$source"
 "$cmake" --preset "$preset" -B "$work" >/dev/null
 "$cmake" --build "$work" --parallel 2 | tail -n 3
-exec ctest --test-dir "$work" "${choice[@]}" --output-on-failure --no-tests=error --timeout 3600
+exec ctest --test-dir "$work" "${choice[@]}" --output-on-failure --no-tests=error
