@@ -99,34 +99,71 @@ static ern_status check_window(const struct head *head) {
   return check_sides(head, side[0] > 0 ? (uint64_t)side[0] : 0, side[1] > 0 ? (uint64_t)side[1] : 0);
 }
 
-/* Names, types and sizes of what the header holds; OpenEXR takes memory of any size that is claimed here. */
+/* Of the types that OpenEXR reads by itself, whatever size the file gives; -1: of any size, -2: none of these. */
+static int64_t size_of_type(const char *type) {
+  static const struct {
+    const char *name;
+    int bytes;
+  } types[] = {{"box2i", 16},      {"box2f", 16}, {"chromaticities", 32},
+               {"compression", 1}, {"double", 8}, {"envmap", 1},
+               {"float", 4},       {"int", 4},    {"keycode", 28},
+               {"lineOrder", 1},   {"m33f", 36},  {"m33d", 72},
+               {"m44f", 64},       {"m44d", 128}, {"rational", 8},
+               {"timecode", 8},    {"v2i", 8},    {"v2f", 8},
+               {"v2d", 16},        {"v3i", 12},   {"v3f", 12},
+               {"v3d", 24},        {"string", -1}};
+  for (size_t i = 0; i < sizeof types / sizeof *types; i++)
+    if (strcmp(type, types[i].name) == 0) return types[i].bytes;
+  return -2;
+}
+
+/* A list of channels is read up to its end and not by its size. Returns its bytes; 0 where it is cut. */
+static uint64_t channels_bytes(FILE *file) {
+  char name[256];
+  uint64_t bytes = 0;
+  for (;;) {
+    const int length = read_text(file, name);
+    if (length < 0) return 0;
+    bytes += (uint64_t)length + 1;
+    if (length == 0) return bytes;
+    if (fseek(file, 16, SEEK_CUR) != 0) return 0;
+    bytes += 16;
+  }
+}
+
+static ern_status wrong_exr(const struct head *head, const char *what, const char *name) {
+  return ern_fail(head->context, ERN_E_FORMAT, "%s: OpenEXR header: %.40s: %s", head->path, name, what);
+}
+
+/* One flat picture of scan lines. OpenEXR takes memory of any size that its header claims, so each of its attributes is
+ * gone through first: name, type, size, and the bytes themselves. */
 static ern_status check_exr(const struct head *head) {
   char name[256], type[256];
   uint8_t size[4];
   uint64_t at = 8;
-  if (fseek(head->file, 4, SEEK_SET) != 0 || fread(size, 1, 4, head->file) != 4) return ERN_OK;
-  const int ends = (size[1] & 0x10) != 0 ? 2 : 1; /* several pictures: a header each, and an empty one in the end */
-  for (int ended = 0; ended < ends;) {
+  if (fseek(head->file, 4, SEEK_SET) != 0 || fread(size, 1, 4, head->file) != 4 || size[0] != 2 ||
+      (size[1] & ~4) != 0 || size[2] != 0 || size[3] != 0)
+    return wrong_exr(head, "expected version 2 and one flat picture of scan lines", "flags");
+  for (;;) {
     const int name_length = read_text(head->file, name);
-    if (name_length < 0) break;
-    at += (uint64_t)name_length + 1;
-    ended = name_length == 0 ? ended + 1 : 0;
-    if (name_length == 0) continue;
-    const int type_length = read_text(head->file, type);
-    if (type_length < 0 || fread(size, 1, 4, head->file) != 4) break;
-    at += (uint64_t)type_length + 5;
-    if (at > head->bytes || little_endian(size) > head->bytes - at)
-      return ern_fail(head->context, ERN_E_FORMAT, "%s: OpenEXR header: %.40s claims %lu bytes, found %llu", head->path,
-                      name, (unsigned long)little_endian(size),
-                      (unsigned long long)(at > head->bytes ? 0 : head->bytes - at));
-    if (strcmp(name, "dataWindow") == 0 || strcmp(name, "displayWindow") == 0) {
+    if (name_length == 0) return ERN_OK;
+    const int type_length = name_length > 0 ? read_text(head->file, type) : -1;
+    if (type_length < 0 || fread(size, 1, 4, head->file) != 4) return wrong_exr(head, "it is cut short", "attributes");
+    at += (uint64_t)name_length + (uint64_t)type_length + 6;
+    const uint64_t claimed = little_endian(size);
+    const bool channels = strcmp(type, "chlist") == 0;
+    const int64_t bytes = channels ? (int64_t)channels_bytes(head->file) : size_of_type(type);
+    if (bytes == -2) return wrong_exr(head, "is of a type that is not read", name);
+    if (at > head->bytes || claimed > head->bytes - at || (bytes >= 0 && claimed != (uint64_t)bytes))
+      return wrong_exr(head, "its size is not that of its type, or past the end of the file", name);
+    if (fseek(head->file, (long)at, SEEK_SET) != 0) return wrong_exr(head, "it is cut short", name);
+    if (strcmp(type, "box2i") == 0 && strcmp(name, "dataWindow") == 0) {
       const ern_status status = check_window(head);
       if (status != ERN_OK) return status;
     }
-    at += little_endian(size);
-    if (fseek(head->file, (long)at, SEEK_SET) != 0) break;
+    at += claimed;
+    if (fseek(head->file, (long)at, SEEK_SET) != 0) return wrong_exr(head, "it is cut short", name);
   }
-  return ERN_OK;
 }
 
 /* What else OpenImageIO is given: formats whose readers take no memory before their header is checked. */
