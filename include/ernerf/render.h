@@ -173,7 +173,7 @@ typedef struct ern_frame_times {
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
- * is not finite; ERN_E_NO_MEMORY. */
+ * is not finite, or a picture that is not (values too large; never black pixels instead); ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input,
                                                     const ern_frame_output *output, ern_frame_times *times);
 

@@ -80,7 +80,8 @@ typedef struct ern_trainer ern_trainer;
 
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
  * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_MISMATCH: a state or head of
- * another clip or configuration. `dataset` is copied; what it points to is not. */
+ * another clip or configuration. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is copied; what it
+ * points to is not. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,
                                                     const ern_dataset *dataset, const ern_train_config *config);
 ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a pointer to NULL; does not save */

@@ -8,11 +8,28 @@
 
 enum { MAX_SIDE = 8192, MAX_WINDOW_LENGTH = 16 };
 
-/* Determinant of the rotation part: what the torso's inverse needs to be away from 0. */
-static double determinant(const float m[16]) {
-  const double a = (double)m[0], b = (double)m[1], c = (double)m[2], d = (double)m[4], e = (double)m[5],
-               f = (double)m[6], g = (double)m[8], h = (double)m[9], i = (double)m[10];
-  return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+/* Determinant of the columns a, b, c of the first three rows. */
+static double determinant(const float m[16], int a, int b, int c) {
+  const float *x = m, *y = m + 4, *z = m + 8;
+  return (double)x[a] * ((double)y[b] * (double)z[c] - (double)y[c] * (double)z[b]) -
+         (double)x[b] * ((double)y[a] * (double)z[c] - (double)y[c] * (double)z[a]) +
+         (double)x[c] * ((double)y[a] * (double)z[b] - (double)y[b] * (double)z[a]);
+}
+
+/* Rays need the rotation to have an inverse, the torso's key points the whole. */
+static bool can_be_inverted(const float m[16]) {
+  const double rotation = determinant(m, 0, 1, 2);
+  const double whole = (double)m[15] * rotation - (double)m[14] * determinant(m, 0, 1, 3) +
+                       (double)m[13] * determinant(m, 0, 2, 3) - (double)m[12] * determinant(m, 1, 2, 3);
+  return fabs(rotation) > 1e-6 && fabs(whole) > 1e-6;
+}
+
+ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]) {
+  for (int i = 0; i < 16; i++)
+    if (!isfinite(pose[i])) return ern_fail(context, ERN_E_NONFINITE, "%s: value %d is not finite", name, i);
+  if (!can_be_inverted(pose))
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: the matrix, or its rotation, cannot be inverted", name);
+  return ERN_OK;
 }
 
 ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field, const ern_frame_input *input) {
@@ -35,16 +52,11 @@ ern_status ern_frame_input_check(ern_context *context, const struct ern_field *f
     return ern_fail(context, ERN_E_ARGUMENT,
                     "render: camera: focal %g, centre %g, %g, expected finite numbers, focal above 0",
                     (double)camera->focal, (double)camera->cx, (double)camera->cy);
-  for (int i = 0; i < 16; i++)
-    if (!isfinite(camera->pose[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: pose: value %d is not finite", i);
-  if (!(fabs(determinant(camera->pose)) > 1e-6))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: pose: its rotation cannot be inverted");
-  for (int i = 0; i < 16; i++)
-    if (input->head_pose != NULL && !isfinite(input->head_pose[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: head_pose: value %d is not finite", i);
-  const ern_status heard = ern_frame_windows_check(context, field, input);
-  if (heard != ERN_OK) return heard;
+  ern_status status = ern_pose_check(context, "render: pose", camera->pose);
+  if (status == ERN_OK && input->head_pose != NULL)
+    status = ern_pose_check(context, "render: head_pose", input->head_pose);
+  if (status == ERN_OK) status = ern_frame_windows_check(context, field, input);
+  if (status != ERN_OK) return status;
   if (!(input->eye >= 0 && input->eye <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: eye is %g, expected 0 to 1", (double)input->eye);
   if (!(input->rest >= 0 && input->rest <= 1) || (input->rest > 0 && input->rest_code == NULL))

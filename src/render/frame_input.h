@@ -9,6 +9,8 @@
 
 ERN_NODISCARD ern_status ern_frame_input_check(ern_context *context, const struct ern_field *field,
                                                const ern_frame_input *input);
+/* A pose that is finite and can be inverted; `name` begins the message ("render: pose"). */
+ERN_NODISCARD ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]);
 /* Windows and window_length alone. */
 ERN_NODISCARD ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field,
                                                  const ern_frame_input *input);

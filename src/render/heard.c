@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The audio code of a frame: windows that the frame before had too are not heard twice. */
+#include <math.h>
 #include <string.h>
 
 #include "render/renderer.h"
@@ -69,6 +70,10 @@ ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
   ERN_TRY(ern_renderer_hear_alone(r, input));
   if (!r->options.smooth_lips && !(input->rest > 0)) return ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
+  for (int c = 0; c < ERN_AUDIO_CODE; c++) /* before it is kept for the frames to come */
+    if (!isfinite(now[c]))
+      ERN_TRY(ern_fail(r->context, ERN_E_NONFINITE,
+                       "render: the audio code is not finite: the speech is too loud for the model"));
   if (r->options.smooth_lips) {
     for (int c = 0; c < ERN_AUDIO_CODE && r->has_last_code; c++) now[c] = 0.35f * r->last_code[c] + 0.65f * now[c];
     memcpy(r->last_code, now, sizeof now);

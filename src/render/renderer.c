@@ -251,6 +251,15 @@ fail:
 
 /* ---- read-back --------------------------------------------------------------------------------------------------- */
 
+/* A pixel that is no number would be a black one in bytes. Between the rows of the picture are zeros. */
+static ern_status check_picture(ern_renderer *r, const struct frame *f) {
+  struct ern_finite_args args = {.values = f->pixel.span, .n = f->pixel.span.count};
+  const ern_status status = r->backend->finite(r->stream, &args);
+  if (status != ERN_OK || args.finite) return status;
+  return ern_fail(r->context, ERN_E_NONFINITE,
+                  "render: the picture is not finite: values of the model, the speech or the pose are too large");
+}
+
 static ern_status read_back(ern_renderer *r, const struct frame *f, const ern_frame_output *out, bool opaque) {
   const struct {
     float *to;
@@ -308,6 +317,7 @@ ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *inp
   at[2] = milliseconds();
   ERN_TRY(ern_renderer_head(renderer, input));
   at[3] = milliseconds();
+  ERN_TRY(check_picture(renderer, frame));
   ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
   at[4] = milliseconds();
   if (times != NULL) *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};

@@ -3,12 +3,14 @@
  *
  * The rays are handed on patch by patch of the picture: rays of a patch pass through the same cells, so the tables that
  * they read and add to stay in the cache. Which rays they are does not depend on it. */
+#include <stdio.h>
 #include <string.h>
 
 #include "core/memory.h"
 
 #include "core/rng.h"
 #include "core/status.h"
+#include "render/frame_input.h"
 #include "train/trainer.h"
 
 ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
@@ -19,8 +21,11 @@ ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struc
                             .cy = (float)t->data.cy,
                             .width = t->data.width,
                             .height = t->data.height};
-  if (status == ERN_OK) ern_camera_pose(view->pose, about.matrix, t->data.scale);
-  return status;
+  if (status != ERN_OK) return status;
+  char name[64];
+  snprintf(name, sizeof name, "train: pose of %s frame %zu", split == 0 ? "training" : "validation", frame);
+  ern_camera_pose(view->pose, about.matrix, t->data.scale);
+  return ern_pose_check(t->context, name, view->pose);
 }
 
 size_t ern_trainer_pick(const ern_trainer *t, uint32_t word) {

@@ -65,11 +65,20 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   return ERN_OK;
 }
 
+static ern_status check_features(ern_context *context, const ern_features *features) {
+  const size_t each = (size_t)features->window_length * (size_t)features->width, count = features->windows * each;
+  for (size_t i = 0; i < count; i++)
+    if (!isfinite(features->data[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "train: speech features: value %zu of window %zu is not finite",
+                      i % each, i / each);
+  return ERN_OK;
+}
+
 static ern_status check_data(ern_trainer *t) {
   const ern_dataset *d = &t->data;
   ern_train_config *c = &t->config;
   if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
-      d->background == NULL)
+      d->features->data == NULL || d->background == NULL)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
   if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
       !isfinite(d->cx) || !isfinite(d->cy))
@@ -91,7 +100,7 @@ static ern_status check_data(ern_trainer *t) {
     return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
-  return ERN_OK;
+  return check_features(t->context, d->features);
 }
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */

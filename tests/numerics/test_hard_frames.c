@@ -1,0 +1,346 @@
+/* SPDX-License-Identifier: MIT
+ * Frames of input that no camera and no speech gives, through the public functions: refused in words, or finite
+ * pictures (docs/numerics.md). */
+#include "ernerf/render.h"
+#include "machines.h"
+#include "model/model.h"
+#include "render/morton.h"
+
+enum { SIDE = 16, PIXELS = SIDE * SIDE, WIDTH = 5, LENGTH = 16, WINDOWS = 8 * LENGTH * WIDTH };
+
+/* A head with a torso, and a renderer of it on each machine. */
+struct portrait {
+  ern_model *model;
+  ern_renderer *renderer[MACHINES];
+  float windows[WINDOWS];
+  uint8_t background[3 * PIXELS], rgba[4 * PIXELS];
+  float rgb[3 * PIXELS], alpha[PIXELS], opacity[PIXELS], depth[PIXELS], attention[PIXELS];
+};
+static struct portrait portrait;
+static const float facing[16] = {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1};
+
+static void model_make(void) {
+  const struct ern_model_config config = {
+      .levels = 2, .feature_width = WIDTH, .window_length = LENGTH, .head = true, .torso = true, .bound = 1};
+  support_ok(machines.context, ern_model_make(&portrait.model, machines.context, &config));
+  ern_parameters_init(portrait.model->block, &portrait.model->table, false, 5);
+  ern_parameters_init(portrait.model->block, &portrait.model->table, true, 5);
+  for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) { /* a ball of radius 1/4 */
+    const float x = (float)ern_morton_gather(c) / 64 - 1, y = (float)ern_morton_gather(c >> 1) / 64 - 1,
+                z = (float)ern_morton_gather(c >> 2) / 64 - 1;
+    if (x * x + y * y + z * z < 0.0625f) portrait.model->bits[c >> 3] |= (uint8_t)(1u << (c & 7));
+  }
+  const struct ern_field *field = &portrait.model->field;
+  for (size_t i = 0; i < 64; i++) portrait.model->block[field->density.weight[2] + i] *= 100;
+  for (int plane = 0; plane < ERN_PLANES; plane++) /* values of 1 make the density vary from cell to cell */
+    for (uint32_t i = 0; i < field->encoder.grid[plane].entries; i++)
+      portrait.model->block[field->encoder.table[plane] + i] = machines_random(9 + (uint64_t)plane, i, 1);
+  for (size_t i = 0; i < ERN_TORSO_CELLS; i++) portrait.model->torso_grid[i] = i % 2 == 0 ? 1 : 0.001f;
+}
+
+static int open_portrait(void **state) {
+  open_machines(state);
+  model_make();
+  for (int k = 0; k < machines.count; k++)
+    support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], portrait.model, NULL));
+  for (size_t i = 0; i < WINDOWS; i++) portrait.windows[i] = sinf((float)i);
+  memset(portrait.background, 128, sizeof portrait.background);
+  return 0;
+}
+static int close_portrait(void **state) {
+  for (int k = 0; k < machines.count; k++) ern_renderer_free(&portrait.renderer[k]);
+  ern_model_free(&portrait.model);
+  return close_machines(state);
+}
+
+static ern_frame_input usual(void) {
+  ern_frame_input input = {.camera = {.focal = 3 * SIDE, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = portrait.windows,
+                           .window_length = LENGTH,
+                           .background = portrait.background};
+  memcpy(input.camera.pose, facing, sizeof facing);
+  return input;
+}
+
+static ern_status draw(int k, const ern_frame_input *input) {
+  const ern_frame_output output = {.rgba = portrait.rgba,
+                                   .rgb = portrait.rgb,
+                                   .alpha = portrait.alpha,
+                                   .opacity = portrait.opacity,
+                                   .depth = portrait.depth,
+                                   .attention = portrait.attention};
+  return ern_renderer_frame(portrait.renderer[k], input, &output, NULL);
+}
+
+static void all_within(int k, const char *what, const float *values, size_t count, float low, float high) {
+  for (size_t i = 0; i < count; i++)
+    if (!(isfinite(values[i]) && values[i] >= low && values[i] <= high))
+      fail_msg("%s: %s [%zu] is %g", machines.name[k], what, i, (double)values[i]);
+}
+static void expect_picture(int k) {
+  all_within(k, "rgb", portrait.rgb, 3 * PIXELS, 0, 1);
+  all_within(k, "alpha", portrait.alpha, PIXELS, -0.001f, 1.001f);
+  all_within(k, "opacity", portrait.opacity, PIXELS, 0, 1.0001f);
+  all_within(k, "depth", portrait.depth, PIXELS, 0, FLT_MAX);
+  all_within(k, "attention", portrait.attention, PIXELS, 0, FLT_MAX);
+}
+/* On each machine: a picture of finite numbers in their range. */
+static void expect_drawn(const ern_frame_input *input) {
+  for (int k = 0; k < machines.count; k++) {
+    memset(portrait.rgb, 0xFF, sizeof portrait.rgb);
+    const ern_status status = draw(k, input);
+    if (status != ERN_OK) fail_msg("%s: %s", machines.name[k], ern_last_error(machines.context));
+    expect_picture(k);
+  }
+}
+/* On each machine: an error with these words. */
+static void expect_refused(const ern_frame_input *input, ern_status status, const char *word, const char *other) {
+  for (int k = 0; k < machines.count; k++) support_expect(machines.context, draw(k, input), status, word, other, NULL);
+}
+/* Either: what overflows inside has to be said. */
+static void expect_drawn_or_said(const ern_frame_input *input) {
+  for (int k = 0; k < machines.count; k++) {
+    const ern_status status = draw(k, input);
+    if (status == ERN_OK)
+      expect_picture(k);
+    else
+      support_expect(machines.context, status, ERN_E_NONFINITE, "not finite", NULL);
+  }
+}
+
+/* ---- poses ---- */
+
+static void test_frame_of_the_usual(void **state) {
+  (void)state;
+  const ern_frame_input input = usual();
+  expect_drawn(&input);
+  float most = 0;
+  for (size_t i = 0; i < PIXELS; i++) most = fmaxf(most, portrait.opacity[i]);
+  if (!(most > 0.3f)) fail_msg("opacity up to %g", (double)most); /* the other cases have something to draw */
+}
+
+static void test_frame_of_a_singular_pose(void **state) {
+  (void)state;
+  static const float poses[][16] = {{0},
+                                    {0, -1, 0, 0, 0, -1, 0, 3, 1, 0, 0, 0, 0, 0, 0, 1},
+                                    {1, 2, 3, 0, 2, 4, 6, 3, 1, 0, 0, 0, 0, 0, 0, 1},
+                                    {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 0},
+                                    {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, -1, 0, 0}};
+  for (size_t p = 0; p < COUNT_OF(poses); p++) {
+    ern_frame_input input = usual();
+    memcpy(input.camera.pose, poses[p], sizeof poses[p]);
+    expect_refused(&input, ERN_E_ARGUMENT, "pose", "inverted");
+    input = usual();
+    input.head_pose = poses[p];
+    expect_refused(&input, ERN_E_ARGUMENT, "head_pose", "inverted");
+  }
+}
+
+static void test_frame_of_a_pose_that_is_no_number(void **state) {
+  (void)state;
+  for (size_t i = 0; i < 16; i++) {
+    ern_frame_input input = usual();
+    float pose[16];
+    memcpy(pose, facing, sizeof pose);
+    pose[i] = i % 2 == 0 ? NAN : -INFINITY;
+    input.head_pose = pose;
+    expect_refused(&input, ERN_E_NONFINITE, "head_pose", "not finite");
+    input = usual();
+    input.camera.pose[i] = pose[i];
+    expect_refused(&input, ERN_E_NONFINITE, "pose", "not finite");
+  }
+}
+
+static void test_frame_of_mirrored_and_sheared_poses(void **state) {
+  (void)state;
+  static const float poses[][16] = {{0, 1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1},
+                                    {0, -1, 0, 0, 0, 0, 1, -3, 1, 0, 0, 0, 0, 0, 0, 1},
+                                    {0.5f, -1, 0, 0, 0, 0.3f, -1, 3, 1, 0, 0.7f, 0, 0, 0, 0, 1},
+                                    {0, -20, 0, 0, 0, 0, -0.01f, 3, 30, 0, 0, 0, 0, 0, 0, 1},
+                                    {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0.1f, 0.2f, 0.3f, 2}};
+  for (size_t p = 0; p < COUNT_OF(poses); p++) {
+    ern_frame_input input = usual();
+    memcpy(input.camera.pose, poses[p], sizeof poses[p]);
+    expect_drawn(&input);
+    input.head_pose = poses[(p + 1) % COUNT_OF(poses)];
+    expect_drawn(&input);
+  }
+}
+
+/* Rotations of 1e2 to 1e12 times their length, places 1e3 to 1e38 away. */
+static void test_frame_of_huge_poses(void **state) {
+  (void)state;
+  static const float far[] = {1e3f, 1e10f, 1e20f, 1e30f, 1e38f, -1e38f};
+  static const float longer[] = {1e2f, 1e5f, 1e8f, 1e12f, 1e20f, 1e38f};
+  for (size_t i = 0; i < COUNT_OF(far); i++) {
+    ern_frame_input input = usual();
+    for (size_t axis = 0; axis < 3; axis++) input.camera.pose[4 * axis + 3] = far[i];
+    expect_drawn(&input);
+    input = usual();
+    for (size_t axis = 0; axis < 3; axis++)
+      for (size_t c = 0; c < 3; c++) input.camera.pose[4 * axis + c] *= longer[i];
+    expect_drawn_or_said(&input);
+  }
+}
+
+/* The camera in the head, on faces and corners of the box, on the plane of the torso's key points. */
+static void test_frame_from_inside_the_head(void **state) {
+  (void)state;
+  static const float places[][3] = {{0, 0, 0},      {0, 0.2f, 0},        {0, 0.5f, 0},       {1, 0.5f, 1},
+                                    {-1, -0.5f, 0}, {0, 0.50000006f, 0}, {0.1f, 0.1f, 0.1f}, {0, 0.05f, 0}};
+  for (size_t p = 0; p < COUNT_OF(places); p++) {
+    ern_frame_input input = usual();
+    for (size_t axis = 0; axis < 3; axis++) input.camera.pose[4 * axis + 3] = places[p][axis];
+    expect_drawn(&input);
+  }
+  /* key points are at z = 0.1 of the torso's own frame */
+  ern_frame_input input = usual();
+  const float beside[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.1f, 0, 0, 0, 1};
+  memcpy(input.camera.pose, beside, sizeof beside);
+  expect_drawn(&input);
+}
+
+/* ---- speech ---- */
+
+/* A code that is mixed into the next frame's must not ruin all that follow. */
+static void expect_smooth_lips_recover(const ern_frame_input *deafening) {
+  ern_render_options options = ern_render_options_default();
+  options.smooth_lips = true;
+  for (int k = 1; k < machines.count; k++) { /* in double nothing overflows */
+    ern_renderer *own = portrait.renderer[k];
+    const ern_frame_input input = usual();
+    support_ok(machines.context,
+               ern_renderer_create(&portrait.renderer[k], machines.backend[k], portrait.model, &options));
+    support_ok(machines.context, draw(k, &input));
+    support_expect(machines.context, draw(k, deafening), ERN_E_NONFINITE, "audio code", "not finite", NULL);
+    support_ok(machines.context, draw(k, &input));
+    expect_picture(k);
+    ern_renderer_free(&portrait.renderer[k]);
+    portrait.renderer[k] = own;
+  }
+}
+
+static void test_frame_of_silent_and_huge_speech(void **state) {
+  (void)state;
+  static const float loud[] = {0, -0.0f, FLT_TRUE_MIN, 1e5f, -1e10f};
+  static const float deafening[] = {1e20f, 1e30f, -1e30f, 1e38f, FLT_MAX};
+  static float windows[WINDOWS];
+  ern_frame_input input = usual();
+  input.windows = windows;
+  for (size_t s = 0; s < COUNT_OF(loud); s++) {
+    for (size_t i = 0; i < WINDOWS; i++) windows[i] = loud[s];
+    expect_drawn(&input);
+  }
+  for (size_t s = 0; s < COUNT_OF(deafening); s++) {
+    for (size_t i = 0; i < WINDOWS; i++) windows[i] = deafening[s] * (i % 3 == 0 ? -1.0f : 1.0f);
+    expect_drawn_or_said(&input);
+  }
+  for (size_t i = 0; i < WINDOWS; i++) windows[i] = i % 2 == 0 ? FLT_MAX : -FLT_MAX;
+  expect_smooth_lips_recover(&input);
+  input = usual(); /* and the next frame is as ever */
+  expect_drawn(&input);
+}
+
+static void test_frame_of_speech_with_a_nan(void **state) {
+  (void)state;
+  static const size_t places[] = {0, 77, WINDOWS - 1};
+  for (size_t p = 0; p < COUNT_OF(places); p++) {
+    static float windows[WINDOWS];
+    char number[32];
+    memcpy(windows, portrait.windows, sizeof windows);
+    windows[places[p]] = p == 1 ? INFINITY : NAN;
+    snprintf(number, sizeof number, "value %zu", places[p]);
+    ern_frame_input input = usual();
+    input.windows = windows;
+    expect_refused(&input, ERN_E_NONFINITE, "speech", number);
+    for (int k = 0; k < machines.count; k++) {
+      float code[32];
+      support_expect(machines.context, ern_renderer_code(portrait.renderer[k], windows, LENGTH, code), ERN_E_NONFINITE,
+                     number, NULL);
+    }
+  }
+}
+
+static void test_frame_of_odd_eye_and_rest(void **state) {
+  (void)state;
+  static const float odd[] = {NAN, INFINITY, -0.1f, 1.0001f};
+  static float rest[32];
+  for (size_t i = 0; i < COUNT_OF(odd); i++) {
+    ern_frame_input input = usual();
+    input.eye = odd[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "eye", "expected 0 to 1");
+    input = usual();
+    input.rest = odd[i];
+    input.rest_code = rest;
+    expect_refused(&input, ERN_E_ARGUMENT, "rest", "expected 0 to 1");
+  }
+  ern_frame_input input = usual();
+  float broken[32] = {0};
+  broken[31] = NAN;
+  input.rest = 0.5f, input.rest_code = broken;
+  expect_refused(&input, ERN_E_NONFINITE, "rest_code", "31");
+}
+
+/* ---- camera ---- */
+
+static void test_frame_of_odd_intrinsics(void **state) {
+  (void)state;
+  static const float refused[] = {NAN, INFINITY, -INFINITY, 0, -1, -0.0f};
+  static const float drawn[] = {FLT_TRUE_MIN, 1e-30f, 1e-10f, 1e-3f, 1e10f, 1e30f, FLT_MAX};
+  for (size_t i = 0; i < COUNT_OF(refused); i++) {
+    ern_frame_input input = usual();
+    input.camera.focal = refused[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "focal", "camera");
+    input = usual();
+    if (isfinite(refused[i])) continue;
+    input.camera.cx = refused[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "centre", "camera");
+    input = usual();
+    input.camera.cy = refused[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "centre", "camera");
+  }
+  for (size_t i = 0; i < COUNT_OF(drawn); i++) {
+    ern_frame_input input = usual();
+    input.camera.focal = drawn[i];
+    expect_drawn(&input);
+    input = usual();
+    input.camera.cx = i % 2 == 0 ? drawn[i] : -drawn[i];
+    expect_drawn(&input);
+  }
+}
+
+static void test_frame_of_no_size(void **state) {
+  (void)state;
+  static const int sides[] = {0, -1, 8193, INT32_MAX, INT32_MIN};
+  for (size_t i = 0; i < COUNT_OF(sides); i++) {
+    ern_frame_input input = usual();
+    input.camera.width = sides[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "size", "expected 1 to 8192");
+    input = usual();
+    input.camera.height = sides[i];
+    expect_refused(&input, ERN_E_ARGUMENT, "size", "expected 1 to 8192");
+  }
+  ern_frame_input input = usual();
+  input.camera.width = input.camera.height = 1;
+  for (int k = 0; k < machines.count; k++) {
+    support_ok(machines.context, draw(k, &input));
+    all_within(k, "the pixel", portrait.rgb, 3, 0, 1);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_frame_of_the_usual),
+      cmocka_unit_test(test_frame_of_a_singular_pose),
+      cmocka_unit_test(test_frame_of_a_pose_that_is_no_number),
+      cmocka_unit_test(test_frame_of_mirrored_and_sheared_poses),
+      cmocka_unit_test(test_frame_of_huge_poses),
+      cmocka_unit_test(test_frame_from_inside_the_head),
+      cmocka_unit_test(test_frame_of_silent_and_huge_speech),
+      cmocka_unit_test(test_frame_of_speech_with_a_nan),
+      cmocka_unit_test(test_frame_of_odd_eye_and_rest),
+      cmocka_unit_test(test_frame_of_odd_intrinsics),
+      cmocka_unit_test(test_frame_of_no_size),
+  };
+  return cmocka_run_group_tests(tests, open_portrait, close_portrait);
+}
