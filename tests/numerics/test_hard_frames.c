@@ -77,11 +77,14 @@ static void all_within(int k, const char *what, const float *values, size_t coun
     if (!(isfinite(values[i]) && values[i] >= low && values[i] <= high))
       fail_msg("%s: %s [%zu] is %g", machines.name[k], what, i, (double)values[i]);
 }
-static void expect_picture(int k) {
+static void expect_pixels(int k) {
   all_within(k, "rgb", portrait.rgb, 3 * PIXELS, 0, 1);
   all_within(k, "alpha", portrait.alpha, PIXELS, -0.001f, 1.001f);
   all_within(k, "opacity", portrait.opacity, PIXELS, 0, 1.0001f);
   all_within(k, "depth", portrait.depth, PIXELS, 0, FLT_MAX);
+}
+static void expect_picture(int k) {
+  expect_pixels(k);
   all_within(k, "attention", portrait.attention, PIXELS, 0, FLT_MAX);
 }
 /* On each machine: a picture of finite numbers in their range. */
@@ -281,6 +284,63 @@ static void test_frame_of_odd_eye_and_rest(void **state) {
   expect_refused(&input, ERN_E_NONFINITE, "rest_code", "31");
 }
 
+/* ---- networks ---- */
+
+static void scale_last(const struct ern_mlp *net, float times) {
+  const int last = net->layers - 1;
+  const size_t values = (size_t)net->width[last] * (size_t)net->width[last + 1];
+  for (size_t i = 0; i < values; i++) portrait.model->block[net->weight[last] + i] *= times;
+}
+
+/* Each network's last weights `times` as large, alone; then all parameters. `said`: an overflow may be refused in
+ * words. */
+static void draw_times(float times, bool said) {
+  struct ern_model *model = portrait.model;
+  const struct ern_field *f = &model->field;
+  const struct ern_mlp *const nets[] = {&f->density, &f->colour, &f->attention, &f->torso_deform, &f->torso_net};
+  const size_t count = f->parameters;
+  float *kept = malloc(count * sizeof *kept);
+  assert_non_null(kept);
+  memcpy(kept, model->block, count * sizeof *kept);
+  const size_t last =
+      said || times == 0 ? COUNT_OF(nets) : COUNT_OF(nets) - 1; /* a product of twelve layers overflows */
+  for (size_t n = 0; n <= last; n++) {
+    for (size_t i = 0; n == COUNT_OF(nets) && i < count; i++) model->block[i] = kept[i] * times;
+    if (n < COUNT_OF(nets)) scale_last(nets[n], times);
+    const ern_frame_input input = usual();
+    for (int k = 0; k < machines.count; k++) {
+      ern_renderer *own = portrait.renderer[k];
+      support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], model, NULL));
+      const ern_status status = draw(k, &input);
+      if (status == ERN_OK && said)
+        expect_pixels(k); /* norms of 1e19 and more have no square in the fused passes */
+      else if (status == ERN_OK)
+        expect_picture(k);
+      else if (!said || status != ERN_E_NONFINITE)
+        fail_msg("%s: %s", machines.name[k], ern_last_error(machines.context));
+      ern_renderer_free(&portrait.renderer[k]);
+      portrait.renderer[k] = own;
+    }
+    memcpy(model->block, kept, count * sizeof *kept);
+  }
+  free(kept);
+}
+
+/* Exponents of thousands, colours and alphas at both ends, deformations to the border: the fused passes' own
+ * arithmetic. */
+static void test_frame_of_saturated_networks(void **state) {
+  (void)state;
+  draw_times(0, false);
+  draw_times(-1e3f, false);
+  draw_times(1e3f, false);
+  draw_times(1e5f, false);
+}
+static void test_frame_of_overflowing_networks(void **state) {
+  (void)state;
+  draw_times(1e20f, true);
+  draw_times(-1e37f, true);
+}
+
 /* ---- camera ---- */
 
 static void test_frame_of_odd_intrinsics(void **state) {
@@ -339,6 +399,8 @@ int main(void) {
       cmocka_unit_test(test_frame_of_silent_and_huge_speech),
       cmocka_unit_test(test_frame_of_speech_with_a_nan),
       cmocka_unit_test(test_frame_of_odd_eye_and_rest),
+      cmocka_unit_test(test_frame_of_saturated_networks),
+      cmocka_unit_test(test_frame_of_overflowing_networks),
       cmocka_unit_test(test_frame_of_odd_intrinsics),
       cmocka_unit_test(test_frame_of_no_size),
   };
