@@ -102,6 +102,10 @@ ERN_API void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *
  * ERN_E_NONFINITE, names step and term or tensor, and leaves the parameters as they were before the step. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_step(ern_trainer *trainer, ern_train_report *report);
 
+/* Looks at all that is kept from step to step: values, the last gradient, second moments, moving averages and
+ * occupancy. ERN_E_NONFINITE names the first tensor with a NaN or an infinity. Costs less than a step. */
+ERN_API ERN_NODISCARD ern_status ern_trainer_check(ern_trainer *trainer);
+
 /* What ern_trainer_run tells its caller. All may be NULL. */
 typedef struct ern_train_hooks {
   void *user;

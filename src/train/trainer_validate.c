@@ -23,6 +23,7 @@ static void look_free(ern_trainer *t, struct look *look) {
   ern_release(t->context, look->attention);
   ern_release(t->context, look->eye);
   ern_release(t->context, look->picture);
+  *look = (struct look){0};
 }
 
 static ern_status look_make(ern_trainer *t, struct look *look) {

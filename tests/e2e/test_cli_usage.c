@@ -2,14 +2,16 @@
  * The words of the command line: help, names, ranges, what does not go together, exit status. */
 #include "cli.h"
 
-static const char *const verbs[] = {"train", "render", "eval", "check", "info", "synth", "bench", "ablate", "tradeoff"};
+static const char *const verbs[] = {"train", "render", "eval",   "check", "info",
+                                    "synth", "bench",  "ablate", "soak",  "tradeoff"};
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 static struct cli cli;
 
 static void test_help(void **state) {
   (void)state;
   cli_run(&cli, "--help");
-  cli_expect_out(&cli, 0, "train", "render", "eval", "check", "info", "synth", "bench", "ablate", "tradeoff", NULL);
+  cli_expect_out(&cli, 0, "train", "render", "eval", "check", "info", "synth", "bench", "ablate", "soak", "tradeoff",
+                 NULL);
   assert_non_null(strstr(cli.out, "convert"));
   for (int i = 0; i < VERBS; i++) {
     cli_run(&cli, "%s --help", verbs[i]);

@@ -22,6 +22,7 @@ static const struct verb {
     {"synth", "make up a clip to try things on", cmd_synth},
     {"bench", "how fast the machine is, and how much of it kernels, a frame and a step use", cmd_bench},
     {"tradeoff", "what accuracy costs in time: render settings, their front, a page", cmd_tradeoff},
+    {"soak", "thousands of steps under hostile settings, with every intermediate looked at", cmd_soak},
     {"ablate", "the paper's ablation on a clip: trains its rows and writes its tables", cmd_ablate},
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };

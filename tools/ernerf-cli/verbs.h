@@ -11,6 +11,7 @@ int cmd_info(int argc, char **argv);
 int cmd_convert(int argc, char **argv);
 int cmd_synth(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
+int cmd_soak(int argc, char **argv);
 int cmd_ablate(int argc, char **argv);
 int cmd_tradeoff(int argc, char **argv);
 

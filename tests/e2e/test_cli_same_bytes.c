@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ * Same seed, same bytes, of the files that the program writes: for any number of threads, on every run, for every kind
+ * of head, and a torso. */
+#include "cli.h"
+
+static struct cli cli;
+
+static int make_clip(void **state) {
+  (void)state;
+  support_clear("clip");
+  cli_run(&cli, "synth clip --size 64 --frames 8 --seed 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  return 0;
+}
+
+/* Trains twice, with other numbers of threads, and draws with each. */
+static void twice(const char *words, const char *line) {
+  static const char *const old[] = {"a.safetensors", "a.run", "b.safetensors", "b.run", "a.mp4", "b.mp4"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  cli_run(&cli, "train clip -o a.safetensors --rays 64 --seed 9 --threads 1 --quiet %s %s", words, line);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o b.safetensors --rays 64 --seed 9 --threads 4 --quiet %s %s", words, line);
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("a.safetensors", "b.safetensors");
+}
+
+static void test_kinds(void **state) {
+  (void)state;
+  static const char *const kinds[] = {"--backbone trihash --attention concat --levels 3",
+                                      "--backbone hash3d --attention feature --levels 3 --eye-attention concat",
+                                      "--backbone triplane --attention channel --ind_num 0",
+                                      "--backbone mlp --attention channel --effects none"};
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) twice(kinds[i], "--iters 2 --validate-frames 1");
+}
+
+static void test_portrait(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o head.safetensors --iters 2 --rays 64 --levels 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  twice("--torso --head head.safetensors", "--iters 18 --validate-frames 1");
+  cli_run(&cli, "render a.safetensors --clip clip --frames 0:4 --threads 1 -o a.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 4 -o b.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("a.mp4", "b.mp4");
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinds), cmocka_unit_test(test_portrait)};
+  return cmocka_run_group_tests(tests, make_clip, NULL);
+}

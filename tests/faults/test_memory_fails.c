@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: MIT
+ * Each allocation of the context that is refused, in turn, on whole ways: a head trained with saves and a validation,
+ * gone on from, a torso under it, a model loaded, drawn and converted. The answer is ERN_E_NO_MEMORY with its words, or
+ * it does with less; nothing is left over in memory, what lies on the disk is whole, and the next try goes on from it.
+ *
+ *   ERNERF_TEST_CALLS=1   every allocation, not one of many (0)
+ *   ERNERF_TEST_SEED=7    of those that are taken (1) */
+#include <errno.h>
+
+#include "../made_clip.h"
+#include "journey.h"
+
+static struct made data; /* its context and backend are not used */
+
+static ern_status open_made(ern_context *context, ern_backend **backend) {
+  return ern_backend_create(backend, context, NULL);
+}
+
+static ern_status train_with(ern_context *context, ern_train_config *config) {
+  ern_backend *backend = NULL;
+  ern_trainer *trainer = NULL;
+  ern_status status = open_made(context, &backend);
+  if (status == ERN_OK) status = ern_trainer_create(&trainer, backend, &data.data, config);
+  if (status == ERN_OK) status = ern_trainer_run(trainer, NULL);
+  ern_trainer_free(&trainer);
+  ern_backend_free(&backend);
+  return status;
+}
+
+static ern_status way_train(ern_context *context) {
+  ern_train_config config = small_config(3, "short.safetensors");
+  config.save_every = 1;
+  config.validate_every = 2;
+  return train_with(context, &config);
+}
+
+static ern_status way_resume(ern_context *context) {
+  ern_train_config config = small_config(5, "short.safetensors");
+  config.save_every = 1;
+  config.resume = true;
+  return train_with(context, &config);
+}
+
+static ern_status way_torso(ern_context *context) {
+  ern_train_config config = small_config(2, "body.safetensors");
+  ern_model *head = NULL;
+  config.torso = true;
+  ern_status status = ern_model_load(&head, context, "kept.safetensors");
+  config.head = head;
+  if (status == ERN_OK) status = train_with(context, &config);
+  ern_model_free(&head);
+  return status;
+}
+
+static ern_status way_from(ern_context *context) {
+  ern_train_config config = small_config(2, NULL);
+  config.from = "kept.pth";
+  config.codes = 10000; /* as many as the public program has */
+  return train_with(context, &config);
+}
+
+static ern_status way_render(ern_context *context) {
+  static float rgb[SIDE * SIDE * 3];
+  ern_backend *backend = NULL;
+  ern_model *model = NULL;
+  ern_renderer *renderer = NULL;
+  ern_dataset_frame frame;
+  ern_camera camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE};
+  static float windows[8 * 16 * WIDTH];
+  (void)made_frame(&data, 0, 1, &frame);
+  ern_camera_pose(camera.pose, frame.matrix, 4);
+  ern_audio_windows(windows, &data.features, 1, ERN_AUDIO_PAD_EDGE);
+  const ern_frame_input input = {
+      .camera = camera, .windows = windows, .window_length = 16, .background = data.background};
+  const ern_frame_output output = {.rgb = rgb};
+  ern_status status = open_made(context, &backend);
+  if (status == ERN_OK) status = ern_model_load(&model, context, "portrait.safetensors");
+  if (status == ERN_OK) status = ern_renderer_create(&renderer, backend, model, NULL);
+  if (status == ERN_OK) status = ern_renderer_skip_thin(renderer, windows, 16, (float[]){0}, 1, 0.01f);
+  if (status == ERN_OK) status = ern_renderer_keep_still(renderer, windows, 16, (float[]){0}, 1, 0);
+  for (int k = 0; k < 2 && status == ERN_OK; k++) status = ern_renderer_frame(renderer, &input, &output, NULL);
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+  ern_backend_free(&backend);
+  return status;
+}
+
+static ern_status way_convert(ern_context *context) {
+  ern_status status = ern_file_convert(context, "portrait.safetensors", "there.pth");
+  if (status == ERN_OK) status = ern_file_convert(context, "there.pth", "back.safetensors");
+  return status;
+}
+
+static const struct {
+  const char *name;
+  ern_status (*go)(ern_context *context);
+  const char *outputs[4]; /* files that are whole whatever happened */
+} ways[] = {{"train", way_train, {"short.safetensors", "short.run/state.safetensors"}},
+            {"resume", way_resume, {"short.safetensors", "short.run/state.safetensors"}},
+            {"torso", way_torso, {"body.safetensors", "body.run/state.safetensors"}},
+            {"from a .pth", way_from, {NULL}},
+            {"render", way_render, {NULL}},
+            {"convert", way_convert, {"there.pth", "back.safetensors"}}};
+
+static void expect_whole(ern_context *context, size_t way, size_t at) {
+  char left[1024];
+  for (const char *const *path = ways[way].outputs; *path != NULL; path++) {
+    ern_model *model = NULL;
+    if (journey_there(*path) && ern_model_load(&model, context, *path) != ERN_OK)
+      fail_msg("%s, allocation %zu: %s", ways[way].name, at, ern_last_error(context));
+    ern_model_free(&model);
+  }
+  if (journey_leftovers(".", "", left) > 0) fail_msg("%s, allocation %zu: %s is left over", ways[way].name, at, left);
+}
+
+/* Starts each try from the same files. */
+static void reset(size_t way) {
+  if (ways[way].go != way_resume) return;
+  clear_run("short");
+  ern_context *context = support_context();
+  support_ok(context, way_train(context));
+  ern_context_free(&context);
+}
+
+static void refuse_each(size_t way, size_t most) {
+  struct support_meter meter = {0};
+  const uint32_t all = journey_number("ERNERF_TEST_CALLS", 0), seed = journey_number("ERNERF_TEST_SEED", 1);
+  ern_context *plain = support_context(), *context = support_metered_context(&meter);
+  const size_t empty = meter.now;
+  size_t refused = 0, without = 0;
+  reset(way);
+  meter.count = 0;
+  support_ok(context, ways[way].go(context));
+  const size_t count = meter.count, stride = all != 0 || count <= most ? 1 : count / most + 1;
+  for (size_t at = 1 + journey_random(seed, (uint32_t)way, (uint32_t)stride); at <= count; at += stride) {
+    if (at % (8 * stride) <= stride) reset(way);
+    meter.count = 0;
+    meter.refuse_at = at;
+    const ern_status status = ways[way].go(context);
+    meter.refuse_at = 0;
+    if (status != ERN_OK && (status != ERN_E_NO_MEMORY || ern_last_error(context)[0] == 0))
+      fail_msg("%s, allocation %zu: %s: %s", ways[way].name, at, ern_status_name(status), ern_last_error(context));
+    if (meter.now != empty) fail_msg("%s, allocation %zu: %zu bytes are left", ways[way].name, at, meter.now - empty);
+    refused += status != ERN_OK;
+    without += status == ERN_OK;
+    expect_whole(plain, way, at);
+  }
+  support_ok(context, ways[way].go(context)); /* and then it works */
+  assert_int_equal(meter.now, empty);
+  assert_true(refused > 0);
+  print_message("%s: %zu allocations, %zu refused: ERN_E_NO_MEMORY; %zu done without\n", ways[way].name, count, refused,
+                without);
+  ern_context_free(&context);
+  ern_context_free(&plain);
+}
+
+static void test_train(void **state) { (void)state, refuse_each(0, 6); }
+static void test_resume(void **state) { (void)state, refuse_each(1, 6); }
+static void test_torso(void **state) { (void)state, refuse_each(2, 8); }
+static void test_from(void **state) { (void)state, refuse_each(3, 5); }
+static void test_render(void **state) { (void)state, refuse_each(4, 12); }
+static void test_convert(void **state) { (void)state, refuse_each(5, 20); }
+
+static int prepare(void **state) {
+  (void)state;
+  static const char *const old[] = {"short", "body", "kept", "portrait"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) clear_run(old[i]);
+  made_open(&data);
+  ern_train_config config = small_config(2, "kept.safetensors");
+  ern_model *head = NULL;
+  support_ok(data.context, train(&data, &config, NULL));
+  support_ok(data.context, ern_model_load(&head, data.context, "kept.safetensors"));
+  config.output = "portrait.safetensors";
+  config.torso = true;
+  config.head = head;
+  support_ok(data.context, train(&data, &config, NULL));
+  ern_model_free(&head);
+  support_ok(data.context, ern_file_convert(data.context, "kept.safetensors", "kept.pth"));
+  return 0;
+}
+
+static int close_all(void **state) {
+  (void)state;
+  made_close(&data);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),  cmocka_unit_test(test_resume),
+                                     cmocka_unit_test(test_torso),  cmocka_unit_test(test_from),
+                                     cmocka_unit_test(test_render), cmocka_unit_test(test_convert)};
+  return cmocka_run_group_tests(tests, prepare, close_all);
+}

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT
+ * The hostile settings of `ernerf soak`: chosen by a seed and the number of a round, told in words. */
+#ifndef ERN_CLI_SOAK_H
+#define ERN_CLI_SOAK_H
+
+#include "ernerf/media.h"
+#include "ernerf/train.h"
+
+/* Random numbers by seed, round and count: the same on every machine. */
+struct soak_dice {
+  uint64_t state;
+};
+struct soak_dice soak_dice_of(uint64_t seed, uint64_t round);
+uint64_t soak_below(struct soak_dice *dice, uint64_t most); /* 0 .. most - 1 */
+double soak_between(struct soak_dice *dice, double low, double high);
+
+enum soak_lids { SOAK_LIDS_AS_THEY_ARE, SOAK_LIDS_OPEN, SOAK_LIDS_CLOSED, SOAK_LIDS_FLUTTER, SOAK_LIDS };
+
+/* What one round trains with. */
+struct soak_round {
+  uint64_t number, steps;
+  ern_train_config config;
+  bool eye, layer;        /* the head blinks, and lies before the torso's layer */
+  float loud, near, turn; /* factors of the features and of the camera's distance; degrees that the head is turned by */
+  enum soak_lids lids;
+  uint64_t resume_at; /* step after which it is saved, dropped and gone on from; 0: never */
+};
+
+/* A round of at most `most` steps on the clip's data; a torso goes under `head`, NULL: a head. */
+void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, uint64_t most, const ern_dataset *clip,
+                 const ern_model *head);
+/* "rays 3, lr 0.41, ..." */
+void soak_words(const struct soak_round *round, char *text, size_t room);
+
+/* The clip's data as a round bends it. `features` has room for the clip's, loud ones. */
+struct soak_data {
+  ern_dataset clip, bent;
+  const struct soak_round *round;
+  ern_features features;
+};
+void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round, float *room);
+
+#endif
