@@ -102,6 +102,7 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
   config.head = torso ? scene->model : NULL;
   config.rays = rays;
   config.levels = field->config.levels;
+  config.no_view = !torso && field->config.no_view;
   config.seed = seed;
   config.threads = threads;
   config.lr = config.lr_net = config.lr_att = 0;
