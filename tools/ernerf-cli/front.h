@@ -32,8 +32,8 @@ struct candidate {
 
 /* 1: a is measurably better; -1: b is; 0: neither. Compared are pairs: the logarithms of the times of one turn (a
  * machine that slows down slows all points of a turn), the qualities of one frame. The mean of the differences must be
- * further from 0 than its standard error allows at 95 % (Student's t; one pair is never enough), and than a hundredth
- * of the time, which nobody feels, or 0.01 dB, which nobody sees. */
+ * further from 0 than its standard error allows (Student's t at 99 % for times, 95 % for qualities; one pair is never
+ * enough), and than a hundredth of the time, which nobody feels, or 0.01 dB, which nobody sees. */
 int front_compare_ms(const struct candidate *a, const struct candidate *b);
 int front_compare_db(const struct candidate *a, const struct candidate *b, size_t frames);
 

@@ -25,7 +25,7 @@ struct training_job {
   const char *folder;
   int rays, levels, seeds;
   float seconds;
-  bool training, opencl, twice;
+  bool training, opencl, in_double;
   /* made */
   ern_clip *clip;
   struct training_study study;
@@ -72,7 +72,7 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
       {.name = "opencl", .kind = OPTION_FLAG, .target = &job->opencl, .help = "OpenCL devices too"},
       {.name = "double",
        .kind = OPTION_FLAG,
-       .target = &job->twice,
+       .target = &job->in_double,
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
       {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
   memcpy(options, rows, sizeof rows);
@@ -136,7 +136,7 @@ static int choose_kinds(struct training_job *job) {
     snprintf(kind.name, sizeof kind.name, "%d levels", kind.levels);
     if (kind.levels >= 2) add_kind(study, kind);
   }
-  if (job->twice) {
+  if (job->in_double) {
     struct training_kind kind = base;
     snprintf(kind.isa, sizeof kind.isa, "ref64");
     snprintf(kind.name, sizeof kind.name, "double precision, ref64");
