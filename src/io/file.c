@@ -20,30 +20,14 @@ static ern_status refused(ern_context *context, const char *path, const char *ve
   return ern_fail(context, code, "%s: cannot %s: %s", path, verb, reason);
 }
 
-static ern_status read_whole(ern_context *context, const char *path, int descriptor, uint8_t *bytes, size_t count) {
-  for (size_t done = 0; done < count;) {
-    const ssize_t got = read(descriptor, bytes + done, count - done);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return refused(context, path, "read");
-    if (got == 0) {
-      return ern_fail(context, ERN_E_IO, "%s: ended after %zu bytes, expected %zu: it shrank while being read", path,
-                      done, count);
-    }
-    done += (size_t)got;
-  }
-  return ERN_OK;
-}
-
-ern_status ern_file_read(ern_context *context, const char *path, size_t limit, uint8_t **bytes, size_t *count) {
-  *bytes = NULL;
-  *count = 0;
+ern_status ern_file_reader_open(ern_context *context, const char *path, size_t limit, struct ern_file_reader *reader) {
+  *reader = (struct ern_file_reader){.context = context, .path = path, .descriptor = -1};
   ern_status status = ERN_OK;
-  void *room = NULL;
   struct stat about;
   /* O_NONBLOCK: opening a pipe must fail below, not wait for a writer */
-  const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-  if (descriptor < 0) return refused(context, path, "open");
-  if (fstat(descriptor, &about) != 0) ERN_TRY(refused(context, path, "examine"));
+  reader->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+  if (reader->descriptor < 0) return refused(context, path, "open");
+  if (fstat(reader->descriptor, &about) != 0) ERN_TRY(refused(context, path, "examine"));
   if (!S_ISREG(about.st_mode)) {
     ERN_TRY(ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file", path,
                      S_ISDIR(about.st_mode) ? "folder" : "device or pipe"));
@@ -52,18 +36,50 @@ ern_status ern_file_read(ern_context *context, const char *path, size_t limit, u
     ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: size is %jd bytes, expected at most %zu", path, (intmax_t)about.st_size,
                      limit));
   }
-  const size_t size = (size_t)about.st_size;
-  size_t with_end = 0;
-  if (!ern_size_add(size, 1, &with_end)) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: too large", path));
-  ERN_TRY(ern_allocate(context, with_end, 1, &room));
-  ERN_TRY(read_whole(context, path, descriptor, room, size));
-  close(descriptor);
-  *bytes = room;
-  *count = size;
+  reader->size = (size_t)about.st_size;
   return ERN_OK;
 fail:
-  close(descriptor);
-  ern_release(context, room);
+  ern_file_reader_close(reader);
+  return status;
+}
+
+ern_status ern_file_reader_take(const struct ern_file_reader *reader, size_t at, void *bytes, size_t count) {
+  if (lseek(reader->descriptor, (off_t)at, SEEK_SET) < 0) return refused(reader->context, reader->path, "read");
+  for (size_t done = 0; done < count;) {
+    const ssize_t got = read(reader->descriptor, (uint8_t *)bytes + done, count - done);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return refused(reader->context, reader->path, "read");
+    if (got == 0) {
+      return ern_fail(reader->context, ERN_E_IO, "%s: ended after %zu bytes, expected %zu: it shrank while being read",
+                      reader->path, at + done, reader->size);
+    }
+    done += (size_t)got;
+  }
+  return ERN_OK;
+}
+
+void ern_file_reader_close(struct ern_file_reader *reader) {
+  if (reader == NULL || reader->descriptor < 0) return;
+  close(reader->descriptor);
+  reader->descriptor = -1;
+}
+
+ern_status ern_file_read(ern_context *context, const char *path, size_t limit, uint8_t **bytes, size_t *count) {
+  *bytes = NULL;
+  *count = 0;
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  struct ern_file_reader reader;
+  size_t with_end = 0;
+  ERN_TRY(ern_file_reader_open(context, path, limit, &reader));
+  if (!ern_size_add(reader.size, 1, &with_end)) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: too large", path));
+  ERN_TRY(ern_allocate(context, with_end, 1, &room));
+  ERN_TRY(ern_file_reader_take(&reader, 0, room, reader.size));
+  *bytes = room;
+  *count = reader.size;
+fail:
+  ern_file_reader_close(&reader);
+  if (status != ERN_OK) ern_release(context, room);
   return status;
 }
 

@@ -10,6 +10,22 @@
 ERN_NODISCARD ern_status ern_file_read(ern_context *context, const char *path, size_t limit, uint8_t **bytes,
                                        size_t *count);
 
+/* A regular file of at most `limit` bytes that is read in parts, so that what its head claims is held against `size`
+ * before memory is taken for the rest. `path` must outlive it. */
+struct ern_file_reader {
+  ern_context *context;
+  const char *path;
+  int descriptor;
+  size_t size;
+};
+ERN_NODISCARD ern_status ern_file_reader_open(ern_context *context, const char *path, size_t limit,
+                                              struct ern_file_reader *reader);
+/* `count` bytes from byte `at` on; ERN_E_IO where they are not there. */
+ERN_NODISCARD ern_status ern_file_reader_take(const struct ern_file_reader *reader, size_t at, void *bytes,
+                                              size_t count);
+/* Harmless on one that is closed. */
+void ern_file_reader_close(struct ern_file_reader *reader);
+
 /* A file being written beside its final place: PATH.tmp-<pid>, then checked, fsync, rename, fsync of the folder. */
 struct ern_file_writer {
   ern_context *context;

@@ -8,7 +8,8 @@
 #include "io/file.h"
 #include "io/half.h"
 
-static const size_t file_limit = (size_t)1 << 33;
+static const size_t file_limit = (size_t)1 << 31; /* 400,000 frames of [16][44] doubles are 2.2 GB */
+enum { HEADER_LIMIT = 1 << 16 };                  /* bytes, the start included; NumPy reads headers of 10,000 */
 
 static const struct {
   const char *descr; /* as the header names it; all little endian */
@@ -140,8 +141,9 @@ fail:
   return status;
 }
 
-/* Magic, version and the length of the header; on success header->at and ->end bound its text. */
-static ern_status find_header(struct header *header, const uint8_t *bytes, size_t size) {
+/* Magic, version and the length of the header; on success header->at and ->end bound its text. `bytes` are the first
+ * `count` of the file's `size`. */
+static ern_status find_header(struct header *header, const uint8_t *bytes, size_t count, size_t size) {
   if (size < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0) {
     return ern_fail(header->context, ERN_E_FORMAT, "%s: is no .npy file: found %zu bytes without its 10-byte start",
                     header->path, size);
@@ -155,10 +157,9 @@ static ern_status find_header(struct header *header, const uint8_t *bytes, size_
   if (size < start) return ern_fail(header->context, ERN_E_FORMAT, "%s: ends in the header's length", header->path);
   size_t length = (size_t)bytes[8] | (size_t)bytes[9] << 8;
   if (version > 1) length |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
-  if (length > size - start) {
-    return ern_fail(header->context, ERN_E_FORMAT,
-                    "%s: header length is %zu, expected at most %zu, the rest of the file", header->path, length,
-                    size - start);
+  if (length > count - start) {
+    return ern_fail(header->context, ERN_E_FORMAT, "%s: header length is %zu, expected at most %zu, %s", header->path,
+                    length, count - start, count < size ? "for an array of numbers" : "the rest of the file");
   }
   header->at = (const char *)bytes + start;
   header->end = header->at + length;
@@ -192,32 +193,51 @@ static void load_items(void *data, const uint8_t *from, ern_npy_type type, size_
   }
 }
 
-ern_status ern_npy_read(ern_context *context, const char *path, struct ern_npy *array) {
+/* The header, held against the size of the file: *count items of types[*type] are its last `*bytes` bytes. */
+static ern_status read_claims(const struct ern_file_reader *reader, struct header *header, int *type, size_t *count,
+                              size_t *bytes) {
+  const size_t head = reader->size < HEADER_LIMIT ? reader->size : HEADER_LIMIT;
+  ern_context *context = reader->context;
+  const char *path = reader->path;
+  void *start = NULL;
   ern_status status = ERN_OK;
-  struct header header = {.context = context, .path = path};
-  uint8_t *bytes = NULL;
-  size_t size = 0, count = 1, claimed = 0;
-  int type = 0;
-  *array = (struct ern_npy){0};
-  ERN_TRY(ern_file_read(context, path, file_limit, &bytes, &size));
-  ERN_TRY(find_header(&header, bytes, size));
-  const uint8_t *from = (const uint8_t *)header.end;
-  const size_t left = size - (size_t)(from - bytes);
-  ERN_TRY(parse_header(&header));
-  ERN_TRY(find_type(&header, &type));
-  if (header.fortran) {
+  ERN_TRY(ern_allocate(context, head, 1, &start));
+  ERN_TRY(ern_file_reader_take(reader, 0, start, head));
+  ERN_TRY(find_header(header, start, head, reader->size));
+  const size_t left = reader->size - (size_t)(header->end - (const char *)start);
+  ERN_TRY(parse_header(header));
+  ERN_TRY(find_type(header, type));
+  if (header->fortran) {
     ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: fortran_order is True, expected False (numpy.ascontiguousarray)",
                      path));
   }
-  for (int i = 0; i < header.dims; i++) {
-    if (ern_size_multiply(count, header.shape[i], &count)) continue;
-    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: shape: size %zu is past the end of the file", path, header.shape[i]));
+  *count = 1;
+  for (int i = 0; i < header->dims; i++) {
+    if (ern_size_multiply(*count, header->shape[i], count)) continue;
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: shape: size %zu is past the end of the file", path, header->shape[i]));
   }
-  const bool fits = ern_size_multiply(count, types[type].bytes, &claimed);
-  if (!fits || claimed != left) {
-    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: shape claims %zu items of %zu bytes, found %zu bytes", path, count,
-                     types[type].bytes, left));
+  const bool fits = ern_size_multiply(*count, types[*type].bytes, bytes);
+  if (!fits || *bytes != left) {
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: shape claims %zu items of %zu bytes, found %zu bytes", path, *count,
+                     types[*type].bytes, left));
   }
+fail:
+  ern_release(context, start);
+  return status;
+}
+
+ern_status ern_npy_read(ern_context *context, const char *path, struct ern_npy *array) {
+  ern_status status = ERN_OK;
+  struct header header = {.context = context, .path = path};
+  struct ern_file_reader reader;
+  void *from = NULL;
+  size_t count = 0, bytes = 0;
+  int type = 0;
+  *array = (struct ern_npy){0};
+  ERN_TRY(ern_file_reader_open(context, path, file_limit, &reader));
+  ERN_TRY(read_claims(&reader, &header, &type, &count, &bytes));
+  ERN_TRY(ern_allocate(context, bytes, 1, &from));
+  ERN_TRY(ern_file_reader_take(&reader, reader.size - bytes, from, bytes));
   ERN_TRY(ern_allocate(context, count, types[type].loaded_bytes, &array->data));
   load_items(array->data, from, types[type].type, count, types[type].bytes);
   array->type = types[type].type;
@@ -225,7 +245,8 @@ ern_status ern_npy_read(ern_context *context, const char *path, struct ern_npy *
   array->count = count;
   memcpy(array->shape, header.shape, sizeof header.shape);
 fail:
-  ern_release(context, bytes);
+  ern_file_reader_close(&reader);
+  ern_release(context, from);
   return status;
 }
 

@@ -10,7 +10,7 @@
 #include "io/half.h"
 #include "io/json.h"
 
-static const size_t file_limit = (size_t)1 << 34;
+static const size_t file_limit = (size_t)1 << 30; /* the largest model's training state is half of that */
 enum { LENGTH_BYTES = 8, HEADER_LIMIT = 1 << 24, JSON_LIMIT = 1 << 27 };
 static const char metadata_key[] = "__metadata__";
 
@@ -27,17 +27,16 @@ size_t ern_dtype_bytes(ern_dtype dtype) { return (unsigned)dtype < DTYPES ? dtyp
 
 /* What a file in memory holds besides its lists. */
 struct storage {
-  uint8_t *bytes;   /* the whole file */
+  void *bytes;      /* that the tensors lie in: the file, or what comes after its header */
   uint8_t *aligned; /* copies of the tensors that lie unaligned in it; NULL: none do */
   json_t *header;   /* names and metadata point into it */
 };
 
-/* What the readers below share. `data` is the part of the file after the header. */
+/* What the readers below share. */
 struct reading {
   ern_context *context;
   const char *path;
-  const uint8_t *data;
-  size_t data_bytes;
+  size_t data_bytes; /* of the file, after the header */
 };
 
 /* A JSON number as a size; false where it is none. */
@@ -114,7 +113,7 @@ static ern_status read_tensor(const struct reading *reading, const char *name, c
                     "%s: tensor %s: data_offsets hold %zu bytes, expected %zu items of %zu bytes", reading->path, name,
                     end - begin, tensor->count, dtypes[tensor->dtype].bytes);
   }
-  tensor->data = reading->data + begin;
+  tensor->at = begin;
 fail:
   return status;
 }
@@ -124,8 +123,7 @@ static size_t tensor_bytes(const struct ern_tensor *tensor) { return tensor->cou
 /* By place in the file; an empty tensor before the one that starts where it lies. */
 static int compare_places(const void *left, const void *right) {
   const struct ern_tensor *a = left, *b = right;
-  const uintptr_t at_a = (uintptr_t)a->data, at_b = (uintptr_t)b->data;
-  if (at_a != at_b) return at_a < at_b ? -1 : 1;
+  if (a->at != b->at) return a->at < b->at ? -1 : 1;
   const size_t bytes_a = tensor_bytes(a), bytes_b = tensor_bytes(b);
   return bytes_a != bytes_b ? (bytes_a < bytes_b ? -1 : 1) : strcmp(a->name, b->name);
 }
@@ -135,11 +133,10 @@ static ern_status check_places(const struct reading *reading, const struct ern_t
   size_t covered = 0;
   for (size_t i = 0; i < file->tensor_count; i++) {
     const struct ern_tensor *tensor = &file->tensors[i];
-    const size_t begin = (size_t)((const uint8_t *)tensor->data - reading->data);
-    if (begin != covered) {
+    if (tensor->at != covered) {
       return ern_fail(reading->context, ERN_E_FORMAT, "%s: tensor %s: data_offsets begin at %zu, expected %zu: %s",
-                      reading->path, tensor->name, begin, covered,
-                      begin < covered ? "it overlaps the one before" : "there is a gap before it");
+                      reading->path, tensor->name, tensor->at, covered,
+                      tensor->at < covered ? "it overlaps the one before" : "there is a gap before it");
     }
     covered += tensor_bytes(tensor);
   }
@@ -173,11 +170,14 @@ static bool is_aligned(const struct ern_tensor *tensor) {
   return (uintptr_t)tensor->data % dtypes[tensor->dtype].bytes == 0;
 }
 
-/* Files may hold a tensor at any byte; the contract of struct ern_tensor is alignment to its own items. */
-static ern_status align_tensors(const struct reading *reading, struct ern_tensor_file *file, struct storage *storage) {
+/* Points the tensors to their bytes, `data` being those after the header. Files may hold a tensor at any byte; the
+ * contract of struct ern_tensor is alignment to its own items. */
+static ern_status place_tensors(const struct reading *reading, const uint8_t *data, struct ern_tensor_file *file) {
+  struct storage *storage = file->private_data;
   ern_status status = ERN_OK;
   size_t room_bytes = 0;
   void *room = NULL;
+  for (size_t i = 0; i < file->tensor_count; i++) file->tensors[i].data = data + file->tensors[i].at;
   for (size_t i = 0; i < file->tensor_count; i++) {
     if (!is_aligned(&file->tensors[i])) room_bytes += (tensor_bytes(&file->tensors[i]) + 7) / 8 * 8;
   }
@@ -197,63 +197,88 @@ fail:
   return status;
 }
 
-/* The 8-byte length and the JSON text after it. */
-static ern_status read_header(struct reading *reading, const uint8_t *bytes, size_t size, json_t **header) {
+/* The 8 bytes that a file of `size` bytes begins with: how many bytes of JSON text follow. */
+static ern_status read_length(struct reading *reading, const uint8_t *bytes, size_t size, size_t *length) {
   if (size < LENGTH_BYTES) {
     return ern_fail(reading->context, ERN_E_FORMAT, "%s: is no safetensors file: found %zu bytes, expected at least %d",
                     reading->path, size, LENGTH_BYTES);
   }
-  uint64_t length = 0;
-  for (int i = 0; i < LENGTH_BYTES; i++) length |= (uint64_t)bytes[i] << (8 * i);
+  uint64_t claimed = 0;
+  for (int i = 0; i < LENGTH_BYTES; i++) claimed |= (uint64_t)bytes[i] << (8 * i);
   const size_t left = size - LENGTH_BYTES, most = left < HEADER_LIMIT ? left : HEADER_LIMIT;
-  if (length > most) {
+  if (claimed > most) {
     return ern_fail(reading->context, ERN_E_FORMAT, "%s: header length is %llu, expected at most %zu", reading->path,
-                    (unsigned long long)length, most);
+                    (unsigned long long)claimed, most);
   }
-  const ern_status status =
-      ern_json_parse(reading->context, reading->path, "header: ", (const char *)bytes + LENGTH_BYTES, (size_t)length,
-                     JSON_LIMIT, header);
-  if (status != ERN_OK) return status;
-  reading->data = bytes + LENGTH_BYTES + length;
-  reading->data_bytes = left - (size_t)length;
+  *length = (size_t)claimed;
+  reading->data_bytes = left - *length;
   return ERN_OK;
 }
 
+/* Metadata and tensors by the JSON text, all but where their bytes are. */
+static ern_status read_header(const struct reading *reading, const char *text, size_t length,
+                              struct ern_tensor_file *file) {
+  struct storage *storage = file->private_data;
+  ern_status status = ERN_OK;
+  void *room = NULL;
+  const char *name;
+  json_t *entry;
+  ERN_TRY(ern_json_parse(reading->context, reading->path, "header: ", text, length, JSON_LIMIT, &storage->header));
+  ERN_TRY(ern_allocate(reading->context, json_object_size(storage->header), sizeof *file->tensors, &room));
+  file->tensors = room;
+  ERN_TRY(read_metadata(reading, json_object_get(storage->header, metadata_key), file));
+  json_object_foreach(storage->header, name, entry) {
+    if (strcmp(name, metadata_key) == 0) continue;
+    ERN_TRY(read_tensor(reading, name, entry, &file->tensors[file->tensor_count]));
+    file->tensor_count++;
+  }
+  qsort(file->tensors, file->tensor_count, sizeof *file->tensors, compare_places);
+  status = check_places(reading, file);
+fail:
+  return status;
+}
+
 ern_status ern_safetensors_read(ern_context *context, const char *path, struct ern_tensor_file *file) {
-  uint8_t *bytes = NULL;
-  size_t size = 0;
+  struct reading reading = {.context = context, .path = path};
+  struct ern_file_reader reader;
+  uint8_t start[LENGTH_BYTES] = {0};
+  void *text = NULL;
+  size_t length = 0;
   *file = (struct ern_tensor_file){0};
-  const ern_status status = ern_file_read(context, path, file_limit, &bytes, &size);
-  return status == ERN_OK ? ern_safetensors_open(context, path, bytes, size, file) : status;
+  ern_status status = ern_file_reader_open(context, path, file_limit, &reader);
+  if (status != ERN_OK) return status;
+  ERN_TRY(ern_allocate(context, 1, sizeof(struct storage), &file->private_data));
+  struct storage *storage = file->private_data;
+  ERN_TRY(ern_file_reader_take(&reader, 0, start, reader.size < LENGTH_BYTES ? reader.size : LENGTH_BYTES));
+  ERN_TRY(read_length(&reading, start, reader.size, &length));
+  ERN_TRY(ern_allocate(context, length, 1, &text));
+  ERN_TRY(ern_file_reader_take(&reader, LENGTH_BYTES, text, length));
+  ERN_TRY(read_header(&reading, text, length, file));
+  ERN_TRY(ern_allocate(context, reading.data_bytes, 1, &storage->bytes));
+  ERN_TRY(ern_file_reader_take(&reader, LENGTH_BYTES + length, storage->bytes, reading.data_bytes));
+  status = place_tensors(&reading, storage->bytes, file);
+fail:
+  ern_release(context, text);
+  ern_file_reader_close(&reader);
+  if (status != ERN_OK) ern_tensor_file_free(context, file);
+  return status;
 }
 
 ern_status ern_safetensors_open(ern_context *context, const char *path, uint8_t *bytes, size_t size,
                                 struct ern_tensor_file *file) {
-  ern_status status = ERN_OK;
   struct reading reading = {.context = context, .path = path};
-  void *room = NULL;
-  const char *name;
-  json_t *entry;
+  size_t length = 0;
   *file = (struct ern_tensor_file){0};
-  status = ern_allocate(context, 1, sizeof(struct storage), &file->private_data);
+  ern_status status = ern_allocate(context, 1, sizeof(struct storage), &file->private_data);
   if (status != ERN_OK) {
     ern_release(context, bytes);
     return status;
   }
   struct storage *storage = file->private_data;
   storage->bytes = bytes;
-  ERN_TRY(read_header(&reading, storage->bytes, size, &storage->header));
-  ERN_TRY(ern_allocate(context, json_object_size(storage->header), sizeof *file->tensors, &room));
-  file->tensors = room;
-  ERN_TRY(read_metadata(&reading, json_object_get(storage->header, metadata_key), file));
-  json_object_foreach(storage->header, name, entry) {
-    if (strcmp(name, metadata_key) == 0) continue;
-    ERN_TRY(read_tensor(&reading, name, entry, &file->tensors[file->tensor_count]));
-    file->tensor_count++;
-  }
-  qsort(file->tensors, file->tensor_count, sizeof *file->tensors, compare_places);
-  ERN_TRY(check_places(&reading, file));
-  ERN_TRY(align_tensors(&reading, file, storage));
+  ERN_TRY(read_length(&reading, bytes, size, &length));
+  ERN_TRY(read_header(&reading, (const char *)bytes + LENGTH_BYTES, length, file));
+  ERN_TRY(place_tensors(&reading, bytes + LENGTH_BYTES + length, file));
   return ERN_OK;
 fail:
   ern_tensor_file_free(context, file);

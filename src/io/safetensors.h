@@ -28,6 +28,7 @@ struct ern_tensor {
   int dims;
   size_t shape[ERN_TENSOR_MAX_DIMS];
   size_t count;     /* product of shape, 1 for a scalar */
+  size_t at;        /* of a file that was read: first byte after the header */
   const void *data; /* count * ern_dtype_bytes(dtype) bytes, little endian, aligned to its own size */
 };
 
@@ -44,7 +45,8 @@ struct ern_tensor_file {
   void (*release)(ern_context *context, void *private_data); /* of private_data; NULL: this file's own */
 };
 
-/* Checks every size, offset, overlap, gap and name before use. The caller owns the result (ern_tensor_file_free). */
+/* Checks every size, offset, overlap, gap and name before it takes memory for the data. The caller owns the result
+ * (ern_tensor_file_free). */
 ERN_NODISCARD ern_status ern_safetensors_read(ern_context *context, const char *path, struct ern_tensor_file *file);
 /* The same of bytes in memory (made by ern_allocate), which it takes over, also when it fails. `path` is for messages.
  */

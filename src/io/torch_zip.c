@@ -38,6 +38,25 @@ bool ern_torch_is_legacy(const uint8_t *bytes, size_t count) {
   return count >= 512 && memcmp(bytes + 257, "ustar", 5) == 0;
 }
 
+ern_status ern_torch_check_end(const struct ern_file_reader *reader) {
+  static const uint8_t mark[] = {'P', 'K', 5, 6};
+  enum { END_BYTES = 22 + 65535 /* with the longest comment */ };
+  const size_t count = reader->size < END_BYTES ? reader->size : END_BYTES;
+  void *end = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_allocate(reader->context, count, 1, &end));
+  ERN_TRY(ern_file_reader_take(reader, reader->size - count, end, count));
+  const uint8_t *bytes = end;
+  size_t at = 0;
+  while (at + sizeof mark <= count && memcmp(bytes + at, mark, sizeof mark) != 0) at++;
+  if (at + sizeof mark > count)
+    status = ern_fail(reader->context, ERN_E_FORMAT,
+                      "%s: the zip is damaged: no list of entries at its end, so it is cut off", reader->path);
+fail:
+  ern_release(reader->context, end);
+  return status;
+}
+
 static void release_opened(ern_context *context, void *private_data) {
   struct opened *o = private_data;
   if (o == NULL) return;

@@ -4,6 +4,7 @@
 #ifndef ERN_IO_TORCH_ZIP_H
 #define ERN_IO_TORCH_ZIP_H
 
+#include "io/file.h"
 #include "io/pickle.h"
 
 /* An open file. Tensors of the pickle get their bytes, and those without a name one, in ern_torch_tensors. */
@@ -15,6 +16,8 @@ struct ern_torch {
 /* Whether the bytes begin as a zip does, or as what PyTorch wrote before 1.6. */
 bool ern_torch_is_zip(const uint8_t *bytes, size_t count);
 bool ern_torch_is_legacy(const uint8_t *bytes, size_t count);
+/* ERN_E_FORMAT where a zip's list of entries is not at its end: to be known before all of it is read. */
+ERN_NODISCARD ern_status ern_torch_check_end(const struct ern_file_reader *reader);
 
 /* Takes `bytes` (made by ern_allocate) over, also when it fails. `path` is for messages and must outlive the file. */
 ERN_NODISCARD ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes, size_t count,

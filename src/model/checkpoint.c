@@ -10,7 +10,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 
-static const size_t file_limit = (size_t)1 << 34;
+static const size_t file_limit = (size_t)1 << 30; /* as of a safetensors file */
 
 const char *ern_checkpoint_group(bool torso, size_t number) {
   static const char *const head[] = {"audio_net.",  "encoder_xy.", "encoder_yz.",     "encoder_xz.",
@@ -263,17 +263,38 @@ fail:
   return status;
 }
 
+static ern_status read_zip(const struct ern_file_reader *reader, struct ern_tensor_file *file) {
+  void *bytes = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_torch_check_end(reader));
+  ERN_TRY(ern_allocate(reader->context, reader->size, 1, &bytes));
+  ERN_TRY(ern_file_reader_take(reader, 0, bytes, reader->size));
+  return read_torch(reader->context, reader->path, bytes, reader->size, file);
+fail:
+  ern_release(reader->context, bytes);
+  return status;
+}
+
 ern_status ern_checkpoint_read(ern_context *context, const char *path, struct ern_tensor_file *file) {
-  uint8_t *bytes = NULL;
-  size_t count = 0;
+  enum { START = 512 };
+  struct ern_file_reader reader;
+  uint8_t start[START] = {0};
   *file = (struct ern_tensor_file){0};
-  const ern_status status = ern_file_read(context, path, file_limit, &bytes, &count);
+  ern_status status = ern_file_reader_open(context, path, file_limit, &reader);
   if (status != ERN_OK) return status;
-  if (ern_torch_is_zip(bytes, count)) return read_torch(context, path, bytes, count, file);
-  if (!ern_torch_is_legacy(bytes, count)) return ern_safetensors_open(context, path, bytes, count, file);
-  ern_release(context, bytes);
-  return ern_fail(context, ERN_E_UNSUPPORTED,
-                  "%s: is in the form that PyTorch wrote before 1.6, expected its zip; load it in PyTorch and save it "
-                  "again",
-                  path);
+  const size_t there = reader.size < START ? reader.size : START;
+  ERN_TRY(ern_file_reader_take(&reader, 0, start, there));
+  if (ern_torch_is_zip(start, there)) {
+    status = read_zip(&reader, file);
+  } else if (ern_torch_is_legacy(start, there)) {
+    status = ern_fail(context, ERN_E_UNSUPPORTED,
+                      "%s: is in the form that PyTorch wrote before 1.6, expected its zip; load it in PyTorch and save "
+                      "it again",
+                      path);
+  } else {
+    status = ern_safetensors_read(context, path, file);
+  }
+fail:
+  ern_file_reader_close(&reader);
+  return status;
 }

@@ -374,7 +374,7 @@ ern_status ern_file_tensors(ern_context *context, const char *path,
 }
 
 ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]) {
-  const size_t limit = (size_t)1 << 34; /* bytes, as of a model that is read */
+  const size_t limit = (size_t)1 << 30; /* bytes, as of a model that is read */
   uint8_t *bytes = NULL;
   size_t count = 0;
   const ern_status status = ern_file_read(context, path, limit, &bytes, &count);

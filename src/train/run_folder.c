@@ -156,11 +156,13 @@ static size_t lines_until(const char *text, size_t count, const char *mark, uint
   return kept;
 }
 
+enum { LOG_LIMIT = 1 << 30 /* bytes: of a training of millions of steps */ };
+
 static ern_status trim(ern_context *context, const char *path, const char *mark, uint64_t step) {
   uint8_t *bytes = NULL;
   size_t count = 0;
   if (access(path, F_OK) != 0) return ERN_OK;
-  ern_status status = ern_file_read(context, path, SIZE_MAX / 2, &bytes, &count);
+  ern_status status = ern_file_read(context, path, LOG_LIMIT, &bytes, &count);
   if (status != ERN_OK) return status;
   const size_t kept = lines_until((const char *)bytes, count, mark, step);
   if (kept == 0)

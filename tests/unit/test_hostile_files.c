@@ -284,6 +284,53 @@ static void test_absurd_videos(void **state) {
   expect_refused(read_video, "sides.mp4", 64, ERN_E_SHAPE, "16000 x 16000");
 }
 
+/* ---- holes ------------------------------------------------------------------------------------------------------- */
+
+/* `head`, and then zeros that take no room on the disk. */
+static void write_hole(const char *path, const void *head, size_t count, size_t bytes) {
+  support_write(path, head, count);
+  assert_int_equal(truncate(path, (off_t)bytes), 0);
+}
+
+/* Gigabytes that are there and claim nothing, or less than there is: what the head says is looked at first. */
+static void test_holes(void **state) {
+  (void)state;
+  enum { MIB = 32 };
+  const size_t huge = (size_t)8 << 30, large = ((size_t)1 << 30) - 4096;
+  static const char npy[] = "\x93NUMPY\1\0\x40\0{'descr': '<f4', 'fortran_order': False, 'shape': (3, 16, 29), }";
+  static const char numbers[] = "\x93NUMPY\2\0\xff\xff\xff\x0f{";
+  static const char tensors[] = "\x38\0\0\0\0\0\0\0{\"a\":{\"dtype\":\"F32\",\"shape\":[16],\"data_offsets\":[0,64]}}";
+  static const struct {
+    const char *name;
+    read_function *read;
+    ern_status status;
+    const char *word;
+  } kinds[] = {{"hole.npy", read_features, ERN_E_SHAPE, "8589934592 bytes"},
+               {"hole.json", read_poses, ERN_E_SHAPE, "8589934592 bytes"},
+               {"hole.csv", read_table, ERN_E_SHAPE, "8589934592 bytes"},
+               {"hole.csv", read_eyes, ERN_E_SHAPE, "8589934592 bytes"},
+               {"hole.lms", read_landmarks, ERN_E_SHAPE, "8589934592 bytes"},
+               {"hole.safetensors", read_model, ERN_E_SHAPE, "8589934592 bytes"}};
+  for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+    write_hole(kinds[k].name, "", 0, huge);
+    expect_refused(kinds[k].read, kinds[k].name, MIB, kinds[k].status, kinds[k].word);
+    remove(kinds[k].name);
+  }
+  write_hole("hole.npy", npy, sizeof npy - 1, large);
+  expect_refused(read_npy, "hole.npy", MIB, ERN_E_FORMAT, "claims");
+  write_hole("hole.npy", numbers, sizeof numbers - 1, large);
+  expect_refused(read_npy, "hole.npy", MIB, ERN_E_FORMAT, "header length is 268435455");
+  write_hole("hole.npy", "", 0, large);
+  expect_refused(read_npy, "hole.npy", MIB, ERN_E_FORMAT, "is no .npy file");
+  write_hole("hole.safetensors", tensors, sizeof tensors - 1, large);
+  expect_refused(read_model, "hole.safetensors", MIB, ERN_E_FORMAT, "the tensors hold 64 bytes");
+  write_hole("hole.safetensors", "", 0, large);
+  expect_refused(read_model, "hole.safetensors", MIB, ERN_E_FORMAT, "header");
+  write_hole("hole.pth", "PK\3\4", 4, large);
+  expect_refused(read_model, "hole.pth", MIB, ERN_E_FORMAT, "at its end");
+  remove("hole.npy"), remove("hole.safetensors"), remove("hole.pth");
+}
+
 /* ---- JSON -------------------------------------------------------------------------------------------------------- */
 
 /* `head`, then `count` times `part`. */
@@ -357,8 +404,9 @@ static void test_tables(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_files),       cmocka_unit_test(test_absurd_pictures),
-                                     cmocka_unit_test(test_absurd_videos),  cmocka_unit_test(test_json),
-                                     cmocka_unit_test(test_model_of_words), cmocka_unit_test(test_tables)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_files),      cmocka_unit_test(test_absurd_pictures),
+                                     cmocka_unit_test(test_absurd_videos), cmocka_unit_test(test_holes),
+                                     cmocka_unit_test(test_json),          cmocka_unit_test(test_model_of_words),
+                                     cmocka_unit_test(test_tables)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

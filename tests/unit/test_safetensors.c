@@ -34,10 +34,10 @@ static void test_round_trip(void **state) {
   const double truth = 0.1;
   const int32_t ids[2] = {-1, 7};
   const struct ern_tensor tensors[] = {
-      {"z.bits", ERN_U8, 1, {3}, 3, bits},       {"net.0.weight", ERN_F32, 2, {2, 3}, 6, weights},
-      {"step", ERN_I64, 0, {0}, 1, &step},       {"nothing", ERN_F16, 2, {0, 5}, 0, weights},
-      {"truth", ERN_F64, 1, {1}, 1, &truth},     {"ids \"\xc3\xa9\"", ERN_I32, 1, {2}, 2, ids},
-      {"flags", ERN_BOOL, 3, {1, 1, 2}, 2, bits}};
+      {"z.bits", ERN_U8, 1, {3}, 3, 0, bits},       {"net.0.weight", ERN_F32, 2, {2, 3}, 6, 0, weights},
+      {"step", ERN_I64, 0, {0}, 1, 0, &step},       {"nothing", ERN_F16, 2, {0, 5}, 0, 0, weights},
+      {"truth", ERN_F64, 1, {1}, 1, 0, &truth},     {"ids \"\xc3\xa9\"", ERN_I32, 1, {2}, 2, 0, ids},
+      {"flags", ERN_BOOL, 3, {1, 1, 2}, 2, 0, bits}};
   const size_t count = sizeof tensors / sizeof tensors[0];
   const struct ern_metadata metadata[] = {{"format", "pt"}, {"consent", "line one\nline \"two\""}};
   assert_int_equal(ern_safetensors_write(context, "round.safetensors", tensors, count, metadata, 2), ERN_OK);
@@ -77,16 +77,16 @@ static void test_to_float(void **state) {
   const uint16_t halves[2] = {0x3e00, 0xfc00}, brains[2] = {0x3fc0, 0xff80};
   const double doubles[2] = {1.5, -INFINITY};
   const float floats[2] = {1.5f, -INFINITY};
-  const struct ern_tensor tensors[] = {{"a", ERN_F16, 1, {2}, 2, halves},
-                                       {"b", ERN_BF16, 1, {2}, 2, brains},
-                                       {"c", ERN_F64, 1, {2}, 2, doubles},
-                                       {"d", ERN_F32, 1, {2}, 2, floats}};
+  const struct ern_tensor tensors[] = {{"a", ERN_F16, 1, {2}, 2, 0, halves},
+                                       {"b", ERN_BF16, 1, {2}, 2, 0, brains},
+                                       {"c", ERN_F64, 1, {2}, 2, 0, doubles},
+                                       {"d", ERN_F32, 1, {2}, 2, 0, floats}};
   for (int i = 0; i < 4; i++) {
     float out[3] = {0, 0, 42};
     assert_int_equal(ern_tensor_to_float(context, &tensors[i], out), ERN_OK);
     assert_true(out[0] == 1.5f && out[1] == -INFINITY && out[2] == 42);
   }
-  const struct ern_tensor whole = {"bitfield", ERN_U8, 1, {2}, 2, halves};
+  const struct ern_tensor whole = {"bitfield", ERN_U8, 1, {2}, 2, 0, halves};
   float out[2];
   support_expect(context, ern_tensor_to_float(context, &whole, out), ERN_E_MISMATCH, "bitfield", "U8", "F32", NULL);
   assert_string_equal(ern_dtype_name(ERN_BF16), "BF16");
@@ -224,11 +224,11 @@ static void test_write_refused(void **state) {
   (void)state;
   ern_context *context = support_context();
   const float data[2] = {1, 2};
-  const struct ern_tensor good = {"a", ERN_F32, 1, {2}, 2, data};
+  const struct ern_tensor good = {"a", ERN_F32, 1, {2}, 2, 0, data};
   const struct ern_tensor twice[2] = {good, good};
-  const struct ern_tensor wrong = {"w", ERN_F32, 1, {3}, 2, data},
-                          reserved = {"__metadata__", ERN_F32, 1, {2}, 2, data};
-  const struct ern_tensor latin = {"\xe9", ERN_F32, 1, {2}, 2, data};
+  const struct ern_tensor wrong = {"w", ERN_F32, 1, {3}, 2, 0, data},
+                          reserved = {"__metadata__", ERN_F32, 1, {2}, 2, 0, data};
+  const struct ern_tensor latin = {"\xe9", ERN_F32, 1, {2}, 2, 0, data};
   const struct ern_metadata same[2] = {{"k", "1"}, {"k", "2"}};
   support_clear("o.safetensors");
   support_expect(context, ern_safetensors_write(context, "o.safetensors", twice, 2, NULL, 0), ERN_E_ARGUMENT,
@@ -248,7 +248,7 @@ static void test_write_refused(void **state) {
   /* a full disk: the old file stays whole */
   struct ern_tensor_file file;
   static const float many[4096];
-  const struct ern_tensor large = {"a", ERN_F32, 1, {4096}, 4096, many};
+  const struct ern_tensor large = {"a", ERN_F32, 1, {4096}, 4096, 0, many};
   struct rlimit before, tiny;
   assert_int_equal(ern_safetensors_write(context, "o.safetensors", &good, 1, NULL, 0), ERN_OK);
   signal(SIGXFSZ, SIG_IGN);
@@ -268,7 +268,7 @@ static void test_write_refused(void **state) {
 static ern_status write_and_read(ern_context *context) {
   struct ern_tensor_file file = {0};
   const uint8_t data[16] = {1};
-  const struct ern_tensor tensors[] = {{"a", ERN_U8, 1, {3}, 3, data}, {"b", ERN_F32, 1, {2}, 2, data}};
+  const struct ern_tensor tensors[] = {{"a", ERN_U8, 1, {3}, 3, 0, data}, {"b", ERN_F32, 1, {2}, 2, 0, data}};
   const struct ern_metadata metadata = {"k", "v"};
   ern_status status = ern_safetensors_write(context, "refused.safetensors", tensors, 2, &metadata, 1);
   if (status == ERN_OK) status = ern_safetensors_read(context, "refused.safetensors", &file);

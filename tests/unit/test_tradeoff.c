@@ -223,6 +223,25 @@ static void test_hostile_fronts(void **state) {
   assert_int_not_equal(front_read(&front, &session, "."), 0);
 }
 
+/* A member that nobody asks for, of 131,072 values and more: refused before JSON takes memory for each. */
+static void test_many_values(void **state) {
+  (void)state;
+  struct session session = {.verb = "test"};
+  struct front front;
+  for (int many = 0; many < 2; many++) {
+    write_front(good, NULL, NULL);
+    FILE *file = fopen("front.json", "r+b");
+    assert_non_null(file);
+    assert_int_equal(fseek(file, -1, SEEK_END), 0);
+    fputs(",\"more\":[0", file);
+    for (int i = 0; i < (many ? 131072 : 130000); i++) fputs(",0", file);
+    fputs("]}", file);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(front_read(&front, &session, "front.json") != 0, many);
+    front_free(&front);
+  }
+}
+
 /* ---- bytes and plots --------------------------------------------------------------------------------------------- */
 
 static void test_bytes(void **state) {
@@ -302,8 +321,8 @@ int main(void) {
       cmocka_unit_test(test_words),         cmocka_unit_test(test_settings_json),
       cmocka_unit_test(test_combinations),  cmocka_unit_test(test_many_combinations),
       cmocka_unit_test(test_front_is_read), cmocka_unit_test(test_hostile_fronts),
-      cmocka_unit_test(test_bytes),         cmocka_unit_test(test_axes),
-      cmocka_unit_test(test_plots),
+      cmocka_unit_test(test_many_values),   cmocka_unit_test(test_bytes),
+      cmocka_unit_test(test_axes),          cmocka_unit_test(test_plots),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

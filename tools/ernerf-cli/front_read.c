@@ -7,7 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
-enum { FILE_LIMIT = 4 << 20, MOST_POINTS = 256, MOST_SIDE = 8192, HEX = 64 };
+/* a point takes some 60 values, so that a file of ours has 16,000 at most */
+enum { FILE_LIMIT = 4 << 20, MOST_VALUES = 1 << 17, MOST_POINTS = 256, MOST_SIDE = 8192, HEX = 64 };
 static const double most_ms = 1e9, most_db = 100;
 
 void front_free(struct front *front) {
@@ -114,14 +115,46 @@ static int read_object(struct reading *r, const json_t *file, struct front *fron
   return read_points(r, file, front);
 }
 
+/* Values that jansson would keep, each of some 160 bytes, and lists, of up to 480: counted by what begins or parts
+ * them, in strings too, so that there are rather fewer. */
+static size_t count_values(const char *text, size_t count) {
+  size_t values = 0;
+  for (size_t i = 0; i < count; i++) values += text[i] == ',' || text[i] == '[' || text[i] == '{';
+  return values;
+}
+
+/* The bytes of a file of at most FILE_LIMIT, *count of them; NULL where there are none, and says why. */
+static char *read_text(const struct reading *r, size_t *count) {
+  FILE *file = fopen(r->path, "rb");
+  char *text = malloc(FILE_LIMIT + 1);
+  bool whole = file != NULL && text != NULL;
+  if (whole) {
+    *count = fread(text, 1, FILE_LIMIT + 1, file);
+    whole = !ferror(file) && *count <= FILE_LIMIT;
+  }
+  if (!whole) {
+    refuse(r, file == NULL || text == NULL || ferror(file) ? "cannot be read"
+                                                           : "is too long for a front, expected 4 MiB at most");
+    free(text);
+    text = NULL;
+  }
+  if (file != NULL) fclose(file);
+  return text;
+}
+
 int front_read(struct front *front, struct session *session, const char *path) {
   struct reading r = {session, path, ""};
   struct stat about;
   json_error_t error;
+  size_t count = 0;
   *front = (struct front){.count = 0};
   if (stat(path, &about) != 0 || !S_ISREG(about.st_mode)) return refuse(&r, "is not there, or is no file");
-  if (about.st_size > FILE_LIMIT) return refuse(&r, "is too long for a front, expected 4 MiB at most");
-  json_t *file = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
+  char *text = read_text(&r, &count);
+  if (text == NULL) return EXIT_FAILURE;
+  const bool many = count_values(text, count) > MOST_VALUES;
+  json_t *file = many ? NULL : json_loadb(text, count, JSON_REJECT_DUPLICATES, &error);
+  free(text);
+  if (many) return refuse(&r, "has too many values for a front, expected 131072 at most");
   if (file == NULL) return session_fail_with(session, "%s: line %d: is no JSON: %s", path, error.line, error.text);
   const int status = read_object(&r, file, front);
   json_decref(file);
