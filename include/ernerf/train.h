@@ -73,6 +73,7 @@ typedef struct ern_train_config {
   bool force;                  /* take a head of another clip all the same */
   bool ema;                    /* write the moving average as the model; refused below 10 updates */
   uint64_t ema_every;          /* steps between its updates; 1000 */
+  uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0; 16 */
 } ern_train_config;
 ERN_API ern_train_config ern_train_config_default(void);
 

@@ -42,7 +42,7 @@ static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, doubl
                                     .individual = ern_trainer_code(t, batch->frame),
                                     .weights = {(float)progress(t), 1, 1e-3f, 1e-4f, 1e-4f, 1e-4f, 1e-5f, true},
                                     .transmittance_stop = 1e-4f,
-                                    .smooth = t->step % ERN_REFRESH_EVERY == 0,
+                                    .smooth = t->step % ERN_SMOOTH_EVERY == 0,
                                     .seed = t->config.seed,
                                     .step = t->step,
                                     .n = (size_t)t->config.rays};
@@ -140,7 +140,7 @@ ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
-  if (t->step % ERN_REFRESH_EVERY == 0) ERN_TRY(ern_trainer_refresh(t));
+  if (t->step % t->config.refresh_every == 0) ERN_TRY(ern_trainer_refresh(t));
   ERN_TRY(ern_trainer_batch(t, &batch));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
   ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));

@@ -8,7 +8,10 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
-enum { ERN_REFRESH_EVERY = 16 /* steps between occupancy refreshes, and between smoothness terms */ };
+enum {
+  ERN_REFRESH_EVERY = 16, /* steps between occupancy refreshes, unless the configuration says otherwise */
+  ERN_SMOOTH_EVERY = 16   /* steps between smoothness terms */
+};
 
 /* Lines of a text file that are kept until the next save. */
 struct ern_lines {

@@ -28,7 +28,8 @@ ern_train_config ern_train_config_default(void) {
                             .save_every = 1000,
                             .validate_every = 1000,
                             .validate_frames = 16,
-                            .ema_every = 1000};
+                            .ema_every = 1000,
+                            .refresh_every = ERN_REFRESH_EVERY};
 }
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
@@ -53,7 +54,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"dt_gamma", (double)c->dt_gamma, 0, 1},
                 {"torso_shrink", (double)c->torso_shrink, 1e-3, 1},
                 {"validation frames", c->validate_frames, 0, 1e9},
-                {"ema_every", (double)c->ema_every, 1, 1e12}};
+                {"ema_every", (double)c->ema_every, 1, 1e12},
+                {"refresh_every", (double)c->refresh_every, 1, 1e12}};
   if (c->cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "train: the configuration was not made by ern_train_config_default");
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {

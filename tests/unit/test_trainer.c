@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "made_clip.h"
+#include "train/trainer.h"
 
 static int stop_hook(void *user, const ern_train_report *report) {
   (void)user;
@@ -296,6 +297,30 @@ static void test_ema(void **state) {
   made_close(&m);
 }
 
+/* Densities of cells change with the first step of each three, and with no other. */
+static void test_refresh_every(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  const size_t bytes = ERN_OCCUPANCY_CELLS * sizeof(float);
+  float *before = calloc(1, bytes), *after = calloc(1, bytes);
+  assert_true(before != NULL && after != NULL);
+  made_open(&m);
+  ern_train_config config = small_config(7, NULL);
+  config.refresh_every = 3;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  for (int step = 0; step < 7; step++) {
+    support_ok(m.context, ern_trainer_step(trainer, &report));
+    support_ok(m.context, trainer->backend->download_reals(trainer->stream, after, trainer->grid, ERN_OCCUPANCY_CELLS));
+    assert_int_equal(memcmp(before, after, bytes) != 0, step % 3 == 0);
+    memcpy(before, after, bytes);
+  }
+  free(before), free(after);
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
 static void test_bad_configuration(void **state) {
   (void)state;
   struct made m;
@@ -308,6 +333,10 @@ static void test_bad_configuration(void **state) {
   config.rays = 0;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "rays is 0",
                  NULL);
+  config = small_config(5, NULL);
+  config.refresh_every = 0;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT,
+                 "refresh_every is 0", NULL);
   config = small_config(5, NULL);
   config.torso = true;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "needs the head",
@@ -337,6 +366,7 @@ int main(void) {
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_from),
                                      cmocka_unit_test(test_ema),
+                                     cmocka_unit_test(test_refresh_every),
                                      cmocka_unit_test(test_bad_configuration)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

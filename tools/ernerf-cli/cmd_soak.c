@@ -25,7 +25,7 @@ struct soak_job {
   ern_clip *clip;
   ern_dataset data;
   ern_model *head;
-  float *speech; /* room for the clip's features */
+  struct soak_room room;
   struct progress progress;
   double began;
   uint64_t done, rounds, resumes, frames; /* so far */
@@ -116,7 +116,7 @@ static int run_round(struct soak_job *job, struct soak_round *round) {
   struct soak_data data;
   ern_trainer *trainer = NULL;
   char more[64];
-  soak_bend(&data, &job->data, round, job->speech);
+  soak_bend(&data, &job->data, round, &job->room);
   round->config.output = job->output;
   round->config.threads = job->session.threads;
   int status = 0;
@@ -169,7 +169,7 @@ static int run(struct soak_job *job) {
   progress_begin(&job->progress, session, "soak", "steps");
   for (uint64_t number = job->first; status == 0 && !over(job); number++) {
     clear_folder(job);
-    soak_choose(&round, session->seed, number, job->steps - job->done, &job->data, job->head);
+    soak_choose(&round, session->seed, number, &job->data, job->head);
     status = run_round(job, &round);
   }
   progress_end(&job->progress);
@@ -215,8 +215,11 @@ static int open_all(struct soak_job *job) {
   ern_clip_dataset(job->clip, &job->data);
   job->data.scale = 4;
   const ern_features *features = job->data.features;
-  job->speech = malloc(features->windows * (size_t)features->window_length * (size_t)features->width * sizeof(float));
-  if (job->speech == NULL) return session_fail_with(session, "no memory for the speech");
+  const size_t each = (size_t)features->window_length * (size_t)features->width;
+  job->room.speech = malloc(features->windows * each * sizeof(float));
+  job->room.truth = malloc(3 * (size_t)job->data.width * (size_t)job->data.height);
+  if (job->room.speech == NULL || job->room.truth == NULL)
+    return session_fail_with(session, "no memory for speech and pixels");
   if (job->torso && !job->data.has_torso)
     return session_fail_with(session, "%s: has no torso_imgs, so no torso can be learnt", job->clip_path);
   if (session_backend(session) != ERN_OK) return session_fail(session);
@@ -235,7 +238,8 @@ static void close_all(struct soak_job *job) {
   (void)rmdir(job->folder); /* unless something in it is of use */
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
-  free(job->speech);
+  free(job->room.speech);
+  free(job->room.truth);
   session_close(&job->session);
 }
 
@@ -273,7 +277,8 @@ int cmd_soak(int argc, char **argv) {
       .usage = "soak CLIP --steps 100000",
       .notes =
           "Each round draws kinds and effects, rays a step, learning rates up to 100 times the usual, distance and\n"
-          "turn of the head, loudness of the speech and lids; some are saved, dropped and gone on from. Values,\n"
+          "turn of the head, loudness of the speech, lids and pixels; some are saved, dropped and gone on from. "
+          "Values,\n"
           "gradients, the optimizer's moments, averages, occupancy and a drawn frame must be finite. What is not\n"
           "stops it with exit status 1, the tensor's name, and the words that repeat the round.",
       .words = words,

@@ -16,7 +16,7 @@
 
 enum {
   GOAL_OPTIONS = 18,
-  NUMBER_OPTIONS = 19,
+  NUMBER_OPTIONS = 20,
   CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
   VALIDATE_MOST = 1000,
   VALIDATE_LEAST = 50
@@ -28,7 +28,7 @@ struct train_job {
   struct clip_source source;
   const char *head_path, *effects_list;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
-  uint64_t save_every, validate_every, ema_every, iters;
+  uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
   int audio_pad, backbone, attention, eye_attention;
@@ -179,6 +179,13 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .low = 1,
        .high = 1024,
        .help = "samples a ray at most"},
+      {.name = "refresh-every",
+       .alias = "update_extra_interval",
+       .kind = OPTION_COUNT,
+       .target = &job->refresh_every,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps between looks at where the scene is empty; more is faster, and follows what is learnt later"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,
@@ -336,6 +343,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
                            : tenth < VALIDATE_LEAST           ? VALIDATE_LEAST
                                                               : tenth;
   config->ema_every = job->ema_every;
+  config->refresh_every = job->refresh_every;
   config->seed = job->session.seed;
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
@@ -521,6 +529,7 @@ static void set_defaults(struct train_job *job) {
   job->iters = job->config.iters;
   job->save_every = job->config.save_every;
   job->ema_every = job->config.ema_every;
+  job->refresh_every = job->config.refresh_every;
   job->session.seed = job->config.seed;
 }
 

@@ -14,6 +14,7 @@ struct soak_dice soak_dice_of(uint64_t seed, uint64_t round);
 uint64_t soak_below(struct soak_dice *dice, uint64_t most); /* 0 .. most - 1 */
 double soak_between(struct soak_dice *dice, double low, double high);
 
+enum soak_pixels { SOAK_PIXELS_AS_THEY_ARE, SOAK_PIXELS_BLACK, SOAK_PIXELS_WHITE, SOAK_PIXELS_NOISE, SOAK_PIXELS };
 enum soak_lids { SOAK_LIDS_AS_THEY_ARE, SOAK_LIDS_OPEN, SOAK_LIDS_CLOSED, SOAK_LIDS_FLUTTER, SOAK_LIDS };
 
 /* What one round trains with. */
@@ -23,21 +24,30 @@ struct soak_round {
   bool eye, layer;        /* the head blinks, and lies before the torso's layer */
   float loud, near, turn; /* factors of the features and of the camera's distance; degrees that the head is turned by */
   enum soak_lids lids;
+  enum soak_pixels pixels;
   uint64_t resume_at; /* step after which it is saved, dropped and gone on from; 0: never */
 };
 
-/* A round of at most `most` steps on the clip's data; a torso goes under `head`, NULL: a head. */
-void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, uint64_t most, const ern_dataset *clip,
+/* A round on the clip's data; a torso goes under `head`, NULL: a head. */
+void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
                  const ern_model *head);
 /* "rays 3, lr 0.41, ..." */
 void soak_words(const struct soak_round *round, char *text, size_t room);
 
-/* The clip's data as a round bends it. `features` has room for the clip's, loud ones. */
+/* Room for what a round puts in place of the clip's own. */
+struct soak_room {
+  float *speech;  /* the features */
+  uint8_t *truth; /* [height][width][3] */
+};
+
+/* The clip's data as a round bends it. */
 struct soak_data {
   ern_dataset clip, bent;
   const struct soak_round *round;
   ern_features features;
+  const uint8_t *truth; /* of all frames; NULL: each frame's own */
 };
-void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round, float *room);
+void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
+               const struct soak_room *room);
 
 #endif

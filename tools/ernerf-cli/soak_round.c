@@ -2,6 +2,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "soak.h"
 
@@ -48,23 +49,30 @@ static void choose_head(struct soak_dice *dice, struct soak_round *round) {
   config->bound = (float)magnitude(dice, 0.3, 4);
 }
 
-void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, uint64_t most, const ern_dataset *clip,
+/* How many steps, and how often all cells are looked at: as much work for one kind as for another. A look costs as much
+ * as a hundred steps of few rays; that of `mlp`, whose 2 million cells take 1 MFLOP each, as ten thousand. */
+static void choose_length(struct soak_dice *dice, struct soak_round *round) {
+  const bool slow = !round->config.torso && round->config.backbone == ERN_BACKBONE_MLP;
+  round->steps = (uint64_t)magnitude(dice, 20, slow ? 200 : 5000);
+  round->resume_at = coin(dice) ? 1 + soak_below(dice, round->steps - 2) : 0;
+  round->config.iters = round->steps;
+  round->config.refresh_every = (uint64_t)magnitude(dice, slow ? 64 : 16, 4096);
+}
+
+void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
                  const ern_model *head) {
   static const int steps_a_ray[] = {1, 2, 16, 16, 64, 256};
   struct soak_dice dice = soak_dice_of(seed, number);
   ern_train_config *config = &round->config;
   *round = (struct soak_round){.number = number, .config = ern_train_config_default()};
-  const uint64_t wanted = (uint64_t)magnitude(&dice, 20, 2000);
-  round->steps = wanted < most ? wanted : most;
   round->eye = clip->has_eye && !coin(&dice);
   round->layer = clip->has_torso && coin(&dice);
   round->loud = soak_below(&dice, 3) == 0 ? 0 : (float)magnitude(&dice, 1e-6, 1e4);
   round->near = coin(&dice) ? 1 : (float)magnitude(&dice, 0.1, 8);
   round->turn = coin(&dice) ? 0 : (float)soak_between(&dice, -180, 180);
   round->lids = (enum soak_lids)soak_below(&dice, SOAK_LIDS);
-  round->resume_at = coin(&dice) && round->steps > 2 ? 1 + soak_below(&dice, round->steps - 2) : 0;
+  round->pixels = coin(&dice) ? SOAK_PIXELS_AS_THEY_ARE : (enum soak_pixels)soak_below(&dice, SOAK_PIXELS);
   config->seed = soak_below(&dice, UINT32_MAX);
-  config->iters = round->steps;
   config->rays = (int)magnitude(&dice, 1, 300);
   config->lr *= (float)magnitude(&dice, 0.1, 100);
   config->lr_net *= (float)magnitude(&dice, 0.1, 100);
@@ -81,10 +89,12 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, uint6
   } else {
     choose_head(&dice, round);
   }
+  choose_length(&dice, round);
 }
 
 void soak_words(const struct soak_round *round, char *text, size_t room) {
   static const char *const lids[] = {"as they are", "open", "closed", "fluttering"};
+  static const char *const pixels[] = {"as they are", "black", "white", "noise"};
   const ern_train_config *c = &round->config;
   char head[160] = "";
   if (!c->torso)
@@ -97,11 +107,12 @@ void soak_words(const struct soak_round *round, char *text, size_t room) {
              (double)c->torso_shrink);
   snprintf(text, room,
            "%s%d rays, %d samples a ray, dt_gamma %.3g, lr %.3g, lr_net %.3g, lr_att %.3g, speech times %.3g, distance "
-           "times %.3g, turned by %.3g, lids %s, %s, average every %" PRIu64 ", resumed after %" PRIu64
-           ", seed %" PRIu64,
+           "times %.3g, turned by %.3g, lids %s, pixels %s, %s, %" PRIu64 " steps, average every %" PRIu64
+           ", occupancy every %" PRIu64 ", resumed after %" PRIu64 ", seed %" PRIu64,
            head, c->rays, c->max_steps, (double)c->dt_gamma, (double)c->lr, (double)c->lr_net, (double)c->lr_att,
-           (double)round->loud, (double)round->near, (double)round->turn, lids[round->lids],
-           round->layer ? "torso layer" : "no torso layer", c->ema_every, round->resume_at, c->seed);
+           (double)round->loud, (double)round->near, (double)round->turn, lids[round->lids], pixels[round->pixels],
+           round->layer ? "torso layer" : "no torso layer", round->steps, c->ema_every, c->refresh_every,
+           round->resume_at, c->seed);
 }
 
 /* ---- data -------------------------------------------------------------------------------------------------------- */
@@ -117,21 +128,34 @@ static ern_status bent_frame(void *user, int split, size_t index, ern_dataset_fr
   return ERN_OK;
 }
 
-static ern_status same_pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
+static ern_status bent_pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
   const struct soak_data *data = user;
-  return data->clip.pixels(data->clip.user, split, index, truth, torso);
+  const ern_status status = data->clip.pixels(data->clip.user, split, index, truth, torso);
+  if (status == ERN_OK && data->truth != NULL) *truth = data->truth;
+  return status;
 }
 
-void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round, float *room) {
+static void paint(uint8_t *truth, size_t bytes, const struct soak_round *round) {
+  struct soak_dice dice = {round->config.seed};
+  if (round->pixels != SOAK_PIXELS_NOISE) memset(truth, round->pixels == SOAK_PIXELS_WHITE ? 255 : 0, bytes);
+  for (size_t i = 0; i < bytes && round->pixels == SOAK_PIXELS_NOISE; i++) truth[i] = (uint8_t)soak_below(&dice, 256);
+}
+
+void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
+               const struct soak_room *room) {
   const ern_features *from = clip->features;
   const size_t count = from->windows * (size_t)from->window_length * (size_t)from->width;
   *data = (struct soak_data){.clip = *clip, .bent = *clip, .round = round, .features = *from};
-  data->features.data = room;
-  for (size_t i = 0; i < count; i++) room[i] = from->data[i] * round->loud;
+  data->features.data = room->speech;
+  for (size_t i = 0; i < count; i++) room->speech[i] = from->data[i] * round->loud;
+  if (round->pixels != SOAK_PIXELS_AS_THEY_ARE) {
+    paint(room->truth, 3 * (size_t)clip->width * (size_t)clip->height, round);
+    data->truth = room->truth;
+  }
   data->bent.user = data;
   data->bent.features = &data->features;
   data->bent.frame = bent_frame;
-  data->bent.pixels = same_pixels;
+  data->bent.pixels = bent_pixels;
   data->bent.has_eye = round->eye;
   if (!round->config.torso) data->bent.has_torso = round->layer;
 }
