@@ -49,14 +49,15 @@ static void choose_head(struct soak_dice *dice, struct soak_round *round) {
   config->bound = (float)magnitude(dice, 0.3, 4);
 }
 
-/* How many steps, and how often all cells are looked at: as much work for one kind as for another. A look costs as much
- * as a hundred steps of few rays; that of `mlp`, whose 2 million cells take 1 MFLOP each, as ten thousand. */
+/* How many steps, and how often all cells are looked at, which costs as much as a hundred steps of few rays; of `mlp`,
+ * whose 2 million cells take 1 MFLOP each, as thousands. So there are 20 looks at most, of `mlp` one or two. */
 static void choose_length(struct soak_dice *dice, struct soak_round *round) {
   const bool slow = !round->config.torso && round->config.backbone == ERN_BACKBONE_MLP;
-  round->steps = (uint64_t)magnitude(dice, 20, slow ? 200 : 5000);
+  const double every = magnitude(dice, 16, 1024), longest = 20 * every;
+  round->config.refresh_every = (uint64_t)(slow ? 64 * every : every);
+  round->steps = (uint64_t)magnitude(dice, 20, slow ? 200 : longest < 5000 ? longest : 5000);
   round->resume_at = coin(dice) ? 1 + soak_below(dice, round->steps - 2) : 0;
   round->config.iters = round->steps;
-  round->config.refresh_every = (uint64_t)magnitude(dice, slow ? 64 : 16, 4096);
 }
 
 void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
