@@ -24,6 +24,23 @@ struct cli {
   char out[CLI_TEXT_BYTES], err[CLI_TEXT_BYTES]; /* what it said */
 };
 
+#if defined(ERN_CLI_IN_CHILD)
+int ernerf_main(int argc, char **argv); /* of tools/ernerf-cli/main.c */
+
+/* The program's code itself, in the child of a test that starts it hundreds of times. */
+static inline void cli_begin(int count, char **words) {
+  const int status = ernerf_main(count, words);
+  fflush(NULL);
+  _exit(status); /* libraries that were loaded before the fork would wait for threads of theirs in exit() */
+}
+#else
+static inline void cli_begin(int count, char **words) {
+  (void)count;
+  execv(words[0], words);
+  _exit(127);
+}
+#endif
+
 /* Standard output goes to cli_out.txt, or to `out` where that is not NULL; files may have at most `file_bytes` bytes
  * (0: any). Words are split at spaces; a word in single quotes may hold some. */
 static inline void cli_start(struct cli *cli, const char *out, size_t file_bytes) {
@@ -45,6 +62,7 @@ static inline void cli_start(struct cli *cli, const char *out, size_t file_bytes
     if (*at != 0) *at++ = 0;
   }
   words[count] = NULL;
+  fflush(NULL);
   cli->pid = fork();
   assert_true(cli->pid >= 0);
   if (cli->pid > 0) return;
@@ -53,8 +71,7 @@ static inline void cli_start(struct cli *cli, const char *out, size_t file_bytes
   const struct rlimit limit = {.rlim_cur = file_bytes, .rlim_max = file_bytes};
   if (to < 0 || err < 0 || dup2(to, STDOUT_FILENO) < 0 || dup2(err, STDERR_FILENO) < 0) _exit(126);
   if (file_bytes > 0 && setrlimit(RLIMIT_FSIZE, &limit) != 0) _exit(126);
-  execv(words[0], words);
-  _exit(127);
+  cli_begin(count, words);
 }
 
 static inline void cli_read(const char *path, char text[CLI_TEXT_BYTES]) {
