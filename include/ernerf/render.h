@@ -145,7 +145,7 @@ ERN_API ern_still_work ern_renderer_still_work(const ern_renderer *renderer);
 typedef struct ern_frame_input {
   ern_camera camera;
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
-  const float *windows;      /* [8][window_length][width] (ern_audio_windows) */
+  const float *windows;      /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
   int window_length;         /* 1..16 */
   float eye;                 /* 0 open .. 1 closed; ignored by a model without an eye branch */
   size_t individual;         /* row of the individual codes; 0 when rendering */

@@ -79,18 +79,32 @@ LANES_INLINE void dots(float *out, const float *x, size_t x_row, const float *w,
   }
 }
 
+/* sum_c (times x(s, c))^2, lane by lane */
+LANES_INLINE vf squares(const float *x, size_t x_row, const size_t width, const float times) {
+  vf part[LANES];
+#pragma GCC unroll 16
+  for (size_t l = 0; l < LANES; l++) {
+    const float *at = x + l * x_row;
+    const vf first = vf_load(at) * times;
+    part[l] = first * first;
+#pragma GCC unroll 16
+    for (size_t c = LANES; c < width; c += LANES) {
+      const vf value = vf_load(at + c) * times;
+      part[l] += value * value;
+    }
+  }
+  return rows_total(part);
+}
+
 /* |x|_2 of each row */
 LANES_INLINE void norms(float *out, const float *x, size_t x_row, const size_t width) {
   for (size_t s = 0; s < TILE; s += LANES) {
-    vf part[LANES];
-#pragma GCC unroll 16
-    for (size_t l = 0; l < LANES; l++) {
-      const float *at = x + (s + l) * x_row;
-      part[l] = vf_load(at) * vf_load(at);
-#pragma GCC unroll 16
-      for (size_t c = LANES; c < width; c += LANES) part[l] += vf_load(at + c) * vf_load(at + c);
-    }
-    vf_store(out + s, vf_sqrt(rows_total(part)));
+    const float *at = x + s * x_row;
+    const vf sum = squares(at, x_row, width, 1);
+    vf root = vf_sqrt(sum);
+    if (__builtin_expect(vf_squares_leave_float(sum), 0))
+      root = vf_root_of_any(sum, squares(at, x_row, width, VF_OF_HUGE), squares(at, x_row, width, VF_OF_TINY));
+    vf_store(out + s, root);
   }
 }
 
@@ -385,13 +399,14 @@ static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
   layer(t->d_v, CODE, t->d_density0, DENSITY, w + net->v_back, CODE, CODE, DENSITY, ROWS_ADD);
 }
 
-/* d_v(s, .) = dnorm v/|v|, 0 at v = 0 */
+/* d_v(s, .) = dnorm v/|v|, 0 at v = 0; where 1/|v| may be no float, both are scaled up before */
 static void norm_bwd(const struct ern_train_net *net, struct ern_train_tile *t, const float *dnorm) {
   for (size_t s = 0; s < TILE; s++) {
-    const vf factor = vf_all(t->norm[s] > 0 ? dnorm[s] / t->norm[s] : 0);
+    const float scale = t->norm[s] < 0x1p-60f ? 0x1p100f : 1, norm = t->norm[s] * scale;
+    const vf factor = vf_all(t->norm[s] == 0 ? 0 : dnorm[s] / norm);
     const float *v = t->ins + s * net->in_row + net->features;
 #pragma GCC unroll 8
-    for (size_t c = 0; c < CODE; c += LANES) vf_store(t->d_v + s * CODE + c, factor * vf_load(v + c));
+    for (size_t c = 0; c < CODE; c += LANES) vf_store(t->d_v + s * CODE + c, factor * (vf_load(v + c) * scale));
   }
 }
 

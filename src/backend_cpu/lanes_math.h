@@ -94,6 +94,22 @@ LANES_INLINE vf vf_sigmoid_slope(vf x) {
   return e / ((1 + e) * (1 + e));
 }
 
+/* ---- norms ---- */
+
+/* A sum of squares of floats may be infinite, or have lost its digits, where its root is an ordinary number: then it is
+ * to be taken again of values times each of these. 128 values of FLT_MAX stay below the largest float, and those that
+ * count beside the largest above the smallest. */
+#define VF_OF_HUGE 0x1p-70f
+#define VF_OF_TINY 0x1p100f
+
+LANES_INLINE int vf_squares_leave_float(vf sum) { return vi_any((sum < 0x1p-100f) | (sum > FLT_MAX)); }
+
+/* The root, from the sums of squares of values as they are, times VF_OF_HUGE, and times VF_OF_TINY. */
+LANES_INLINE vf vf_root_of_any(vf sum, vf of_huge, vf of_tiny) {
+  const vf large = vf_sqrt(of_huge) * (1 / VF_OF_HUGE), small = vf_sqrt(of_tiny) * (1 / VF_OF_TINY);
+  return vf_select(sum > FLT_MAX, large, vf_select(sum < 0x1p-100f, small, vf_sqrt(sum)));
+}
+
 /* ---- logarithms ---- */
 
 /* log(x) = k log 2 + log(1 + f), 1 + f in [sqrt(1/2), sqrt(2)): log(1 + f) = 2 artanh(s) = f - s (f - q) with

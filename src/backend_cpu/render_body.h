@@ -14,16 +14,26 @@
 
 /* ---- the field --------------------------------------------------------------------------------------------------- */
 
+/* sum_c (times v_c)^2 of a register of samples */
+LANES_INLINE vf squares(const float *v, size_t rows, const float times) {
+  vf sum = {0};
+  for (size_t c = 0; c < rows; c++) {
+    const vf value = vf_load(v + c * TILE) * times;
+    sum += value * value;
+  }
+  return sum;
+}
+
 /* norm = |W_v h|: what the samples' attention is reported by */
 static void attention_norm(float *norm, float *v, const struct ern_frame_net *net, const float *hidden) {
   tile_outputs(v, net->value, hidden, net->value_rows, tile_room(net->attention));
   for (size_t k = 0; k < TILE; k += LANES) {
-    vf sum = {0};
-    for (size_t c = 0; c < net->value_rows; c++) {
-      const vf value = vf_load(v + c * TILE + k);
-      sum += value * value;
-    }
-    vf_store(norm + k, vf_sqrt(sum));
+    const vf sum = squares(v + k, net->value_rows, 1);
+    vf root = vf_sqrt(sum);
+    if (__builtin_expect(vf_squares_leave_float(sum), 0))
+      root =
+          vf_root_of_any(sum, squares(v + k, net->value_rows, VF_OF_HUGE), squares(v + k, net->value_rows, VF_OF_TINY));
+    vf_store(norm + k, root);
   }
 }
 

@@ -7,6 +7,9 @@
 #include "mlp/audio_ops.h"
 
 enum { MAX_SIDE = 8192, MAX_WINDOW_LENGTH = 16 };
+/* Of an entry of a rotation, which is 1 at most where it is one: cubes of a ray's direction, and all that is computed
+ * of them, then stay floats. */
+static const float MAX_ROTATION = 1000;
 
 /* Determinant of the columns a, b, c of the first three rows. */
 static double determinant(const float m[16], int a, int b, int c) {
@@ -27,9 +30,18 @@ static bool can_be_inverted(const float m[16]) {
 ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]) {
   for (int i = 0; i < 16; i++)
     if (!isfinite(pose[i])) return ern_fail(context, ERN_E_NONFINITE, "%s: value %d is not finite", name, i);
+  for (int i = 0; i < 12; i++)
+    if (i % 4 < 3 && fabsf(pose[i]) > MAX_ROTATION)
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: value %d, of the rotation, is %g, expected %g at most", name, i,
+                      (double)pose[i], (double)MAX_ROTATION);
   if (!can_be_inverted(pose))
     return ern_fail(context, ERN_E_ARGUMENT, "%s: the matrix, or its rotation, cannot be inverted", name);
   return ERN_OK;
+}
+
+ern_status ern_feature_refuse(ern_context *context, const char *where, size_t i, float value) {
+  if (!isfinite(value)) return ern_fail(context, ERN_E_NONFINITE, "%s: value %zu is not finite", where, i);
+  return ern_fail(context, ERN_E_ARGUMENT, "%s: value %zu is %g, expected -1e30 to 1e30", where, i, (double)value);
 }
 
 ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field, const ern_frame_input *input) {
@@ -38,8 +50,8 @@ ern_status ern_frame_windows_check(ern_context *context, const struct ern_field 
                     input->window_length);
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)field->config.feature_width;
   for (size_t i = 0; i < values; i++)
-    if (!isfinite(input->windows[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: speech window: value %zu is not finite", i);
+    if (!ern_feature_fits(input->windows[i]))
+      return ern_feature_refuse(context, "render: speech window", i, input->windows[i]);
   return ERN_OK;
 }
 

@@ -18,7 +18,7 @@ double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, c
         count++;
       }
   const double mse = count > 0 ? sum / (double)count : 0;
-  return mse > 1e-10 ? -10 * log10(mse) : 100;
+  return mse <= 1e-10 ? 100 : -10 * log10(mse); /* NaN is no agreement */
 }
 
 enum { SSIM_WINDOW = 11, SSIM_MOMENTS = 5 }; /* of x, y, x^2, y^2, xy */

@@ -3,6 +3,7 @@
 #include "render/renderer.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include <time.h>
 
@@ -132,9 +133,12 @@ ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int windo
     if (!(eyes[k] >= 0 && eyes[k] <= 1))
       ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: moment %zu of the speech: eye is %g, expected 0 to 1", k,
                        (double)eyes[k]));
-    for (size_t i = 0; i < values; i++)
-      if (!isfinite(made[k].windows[i]))
-        ERN_TRY(ern_fail(context, ERN_E_NONFINITE, "render: moment %zu of the speech: value %zu is not finite", k, i));
+    for (size_t i = 0; i < values; i++) {
+      char where[64];
+      if (ern_feature_fits(made[k].windows[i])) continue;
+      snprintf(where, sizeof where, "render: moment %zu of the speech", k);
+      ERN_TRY(ern_feature_refuse(context, where, i, made[k].windows[i]));
+    }
   }
   *moment = made;
   return ERN_OK;
@@ -251,13 +255,27 @@ fail:
 
 /* ---- read-back --------------------------------------------------------------------------------------------------- */
 
-/* A pixel that is no number would be a black one in bytes. Between the rows of the picture are zeros. */
-static ern_status check_picture(ern_renderer *r, const struct frame *f) {
-  struct ern_finite_args args = {.values = f->pixel.span, .n = f->pixel.span.count};
-  const ern_status status = r->backend->finite(r->stream, &args);
-  if (status != ERN_OK || args.finite) return status;
-  return ern_fail(r->context, ERN_E_NONFINITE,
-                  "render: the picture is not finite: values of the model, the speech or the pose are too large");
+/* A pixel that is no number would be a black one in bytes, and what comes with the picture is a picture to others.
+ * Between the rows of the picture are zeros. */
+static ern_status check_outputs(ern_renderer *r, const struct frame *f) {
+  const struct {
+    const char *name;
+    ern_span values;
+    size_t count;
+  } outputs[] = {{"picture", f->pixel.span, f->pixel.span.count},
+                 {"depth", f->depth.span, f->pixels}, /* these where they are wanted */
+                 {"attention map", f->attention.span, f->pixels},
+                 {"eye attention map", f->eye.span, f->pixels}};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs && status == ERN_OK; i++) {
+    struct ern_finite_args args = {.values = outputs[i].values, .n = outputs[i].count, .finite = true};
+    if (args.values.buffer != NULL) status = r->backend->finite(r->stream, &args);
+    if (status == ERN_OK && !args.finite)
+      status = ern_fail(r->context, ERN_E_NONFINITE,
+                        "render: the %s is not finite: values of the model, the speech or the pose are too large",
+                        outputs[i].name);
+  }
+  return status;
 }
 
 static ern_status read_back(ern_renderer *r, const struct frame *f, const ern_frame_output *out, bool opaque) {
@@ -317,7 +335,7 @@ ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *inp
   at[2] = milliseconds();
   ERN_TRY(ern_renderer_head(renderer, input));
   at[3] = milliseconds();
-  ERN_TRY(check_picture(renderer, frame));
+  ERN_TRY(check_outputs(renderer, frame));
   ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
   at[4] = milliseconds();
   if (times != NULL) *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};

@@ -19,7 +19,7 @@ static ern_status look_at(struct ern_stream *stream, struct ern_head_density_arg
   ERN_TRY(ern_cell_points(stream, args->x, cell, n, args->field->config.bound, room));
   ERN_TRY(stream->backend->head_density(stream, args));
   ERN_TRY(stream->backend->download_reals(stream, room, args->sigma, args->n));
-  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= room[i] >= least;
+  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(room[i] < least); /* a NaN is to be seen */
 fail:
   ern_arena_release(stream, mark);
   return status;

@@ -3,10 +3,12 @@
  */
 #include <inttypes.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "render/frame_input.h"
 #include "train/trainer.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
@@ -69,10 +71,12 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
 
 static ern_status check_features(ern_context *context, const ern_features *features) {
   const size_t each = (size_t)features->window_length * (size_t)features->width, count = features->windows * each;
-  for (size_t i = 0; i < count; i++)
-    if (!isfinite(features->data[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "train: speech features: value %zu of window %zu is not finite",
-                      i % each, i / each);
+  for (size_t i = 0; i < count; i++) {
+    char where[64];
+    if (ern_feature_fits(features->data[i])) continue;
+    snprintf(where, sizeof where, "train: window %zu of the speech", i / each);
+    return ern_feature_refuse(context, where, i % each, features->data[i]);
+  }
   return ERN_OK;
 }
 

@@ -49,14 +49,16 @@ static inline void machines_add(const char *name, const char *isa, const char *f
 }
 
 /* Says what it found, so that a log tells what was checked. */
-static inline void machines_open(void) {
+static inline void machines_open_on(bool devices) {
   machines = (struct machines){.context = support_context()};
   static const char *const isas[] = {"ref64", "ref", "avx2", "avx512", "avx512bf16", "neon"};
   for (size_t k = 0; k < sizeof isas / sizeof *isas; k++) machines_add(isas[k], isas[k], NULL);
-  machines_add("opencl", NULL, "cpu");
-  machines_add("opencl_gpu", NULL, "gpu");
+  if (devices) machines_add("opencl", NULL, "cpu");
+  if (devices) machines_add("opencl_gpu", NULL, "gpu");
   for (int k = 0; k < machines.count; k++) printf("%s%s", machines.name[k], k + 1 < machines.count ? " " : "\n");
 }
+
+static inline void machines_open(void) { machines_open_on(true); }
 
 static inline void machines_clear(void) {
   for (size_t i = 0; i < machines.spans; i++)

@@ -266,17 +266,26 @@ PRODUCT(product_three, 3)
 LAYER(eye_layer, EYE_HIDDEN, FEATURES)
 #endif
 
-/* |W_v h| */
+/* |W_v h|. Squares of floats may leave float where the norm does not: they are summed once more of values that are made
+ * smaller, and larger. */
 INLINE void attention_norm(floatw norm[VECTORS], global const float *a, local const floatw *hidden) {
-  floatw total[VECTORS];
-  EACH_VECTOR total[v] = 0;
+  floatw total[VECTORS], of_huge[VECTORS], of_tiny[VECTORS];
+  EACH_VECTOR total[v] = of_huge[v] = of_tiny[v] = 0;
   for (int row = 0; row < VALUES; row += BLOCK(VALUES), a += BLOCK(VALUES) * ATTENTION) {
     floatw sum[BLOCK(VALUES)][VECTORS];
     EACH_ROW(BLOCK(VALUES)) EACH_VECTOR sum[r][v] = 0;
     product_value(sum, a, hidden, ATTENTION);
-    EACH_ROW(BLOCK(VALUES)) EACH_VECTOR total[v] += sum[r][v] * sum[r][v];
+    EACH_ROW(BLOCK(VALUES)) EACH_VECTOR {
+      const floatw less = sum[r][v] * 0x1p-70f, more = sum[r][v] * 0x1p100f;
+      total[v] += sum[r][v] * sum[r][v];
+      of_huge[v] += less * less;
+      of_tiny[v] += more * more;
+    }
   }
-  EACH_VECTOR norm[v] = sqrt(total[v]);
+  EACH_VECTOR {
+    const floatw small = WHERE(total[v] < 0x1p-100f, sqrt(of_tiny[v]) * 0x1p-100f, sqrt(total[v]));
+    norm[v] = WHERE(total[v] > FLT_MAX, sqrt(of_huge[v]) * 0x1p70f, small);
+  }
 }
 
 struct values { /* of a tile's samples */
