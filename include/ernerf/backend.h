@@ -67,6 +67,7 @@ typedef struct ern_device_info {
   uint64_t buffer_bytes, local_bytes; /* one buffer at most; local memory of a work-group */
   bool half, subgroups;               /* half precision; groups that share registers */
   bool tuned;                         /* its sizes were measured (ern_backend_config's `tune`) */
+  bool deterministic; /* the same bytes on every run; false: with ern_backend_config's `deterministic` alone */
 } ern_device_info;
 
 /* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */

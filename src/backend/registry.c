@@ -84,6 +84,7 @@ ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const 
                                .version = "",
                                .driver = "",
                                .instruction_sets = list,
+                               .deterministic = true,
                                .compute_units = cores > 0 ? (unsigned)cores : 0,
                                .memory_bytes = pages > 0 && page > 0 ? (uint64_t)pages * (uint64_t)page : 0};
   say(user, &cpu);

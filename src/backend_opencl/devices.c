@@ -111,7 +111,8 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
                                   .local_bytes = device.local_bytes,
                                   .half = device.half,
                                   .subgroups = device.subgroups,
-                                  .tuned = ern_cl_is_tuned(measured)};
+                                  .tuned = ern_cl_is_tuned(measured),
+                                  .deterministic = device.cpu};
     say(user, &info);
   }
   return ERN_OK;

@@ -83,8 +83,7 @@ fail:
   return status;
 }
 
-/* A device or a folder at `path` must not be replaced by a file. */
-static ern_status check_replaceable(ern_context *context, const char *path) {
+ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
   if (stat(path, &about) != 0 || S_ISREG(about.st_mode)) return ERN_OK;
   return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
@@ -130,7 +129,7 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, struct e
   ern_status status = ERN_OK;
   void *temporary = NULL;
   const size_t room = strlen(path) + 32;
-  ERN_TRY(check_replaceable(context, path));
+  ERN_TRY(ern_file_check_replaceable(context, path));
   ERN_TRY(ern_allocate(context, room, 1, &temporary));
   snprintf(temporary, room, "%s.tmp-%ld", path, (long)getpid());
   unlink(temporary); /* left over by a killed process of the same number */
@@ -220,7 +219,7 @@ ern_status ern_file_put_in_place(ern_context *context, const char *temporary, co
   ern_status status = ERN_OK;
   const int descriptor = open(temporary, O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) return refused(context, temporary, "open");
-  ERN_TRY(check_replaceable(context, path));
+  ERN_TRY(ern_file_check_replaceable(context, path));
   ERN_TRY(sync_descriptor(context, temporary, descriptor));
   if (rename(temporary, path) != 0) ERN_TRY(refused(context, path, "put in place"));
   close(descriptor);

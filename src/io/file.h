@@ -26,6 +26,9 @@ ERN_NODISCARD ern_status ern_file_reader_take(const struct ern_file_reader *read
 /* Harmless on one that is closed. */
 void ern_file_reader_close(struct ern_file_reader *reader);
 
+/* ERN_E_IO where a folder, a device or a pipe is at `path`, which a file must not replace. */
+ERN_NODISCARD ern_status ern_file_check_replaceable(ern_context *context, const char *path);
+
 /* A file being written beside its final place: PATH.tmp-<pid>, then checked, fsync, rename, fsync of the folder. */
 struct ern_file_writer {
   ern_context *context;

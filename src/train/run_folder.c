@@ -43,18 +43,35 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
   return status;
 }
 
+/* What a training writes at its end must not be found to have no place then. */
+static ern_status check_places(ern_context *context, const char *output, const struct ern_run_folder *run) {
+  const char *const files[] = {output, run->state, run->next, run->previous, run->log, run->curve};
+  ern_status status = ERN_OK;
+  for (size_t i = 0; status == ERN_OK && i < sizeof files / sizeof *files; i++)
+    status = ern_file_check_replaceable(context, files[i]);
+  return status;
+}
+
+static ern_status make_folder(ern_context *context, const char *folder) {
+  struct stat about;
+  if (mkdir(folder, 0777) == 0) return ERN_OK;
+  if (errno != EEXIST) return ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", folder, strerror(errno));
+  if (stat(folder, &about) == 0 && S_ISDIR(about.st_mode)) return ERN_OK;
+  return ern_fail(context, ERN_E_IO, "%s: is a file or a link to nothing, expected a folder or nothing", folder);
+}
+
 ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
   ern_status status = ERN_OK;
   char *all = NULL;
   *run = (struct ern_run_folder){.lock = -1, .fresh = true};
   ERN_TRY(folder_name(context, output, &run->folder));
-  if (mkdir(run->folder, 0777) != 0 && errno != EEXIST)
-    ERN_TRY(ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", run->folder, strerror(errno)));
   ERN_TRY(ern_path_join(context, run->folder, "state.safetensors", &run->state));
   ERN_TRY(ern_path_join(context, run->folder, "state.next.safetensors", &run->next));
   ERN_TRY(ern_path_join(context, run->folder, "state.previous.safetensors", &run->previous));
   ERN_TRY(ern_path_join(context, run->folder, "log.jsonl", &run->log));
   ERN_TRY(ern_path_join(context, run->folder, "curve.csv", &run->curve));
+  ERN_TRY(check_places(context, output, run));
+  ERN_TRY(make_folder(context, run->folder));
   ERN_TRY(take_lock(context, run));
   ERN_TRY(ern_path_join(context, run->folder, "", &all));
   ern_leftovers_remove(all);

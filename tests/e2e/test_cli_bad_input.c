@@ -279,6 +279,47 @@ static void test_no_folder(void **state) {
   cli_expect(&cli, 1, "nowhere", NULL);
 }
 
+/* What is read is not written over, under whatever name. */
+static void test_output_is_input(void **state) {
+  (void)state;
+  static const char *const lines[][2] = {
+      {"check base --json base/transforms_train.json", "base/transforms_train.json: is an input"},
+      {"eval m.safetensors base --json base/transforms_val.json", "base/transforms_val.json: is an input"},
+      {"train base --from m.safetensors -o ./m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
+      {"train base --torso --head m.safetensors -o m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
+      {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "lies among the clip's pictures"}};
+  size_t count = 0, after = 0;
+  uint8_t *model = cli_bytes("m.safetensors", &count);
+  cli_copy("base", "broken");
+  for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+    cli_run(&cli, "%s", lines[i][0]);
+    cli_expect(&cli, 1, lines[i][1], "expected another", NULL);
+  }
+  uint8_t *same = cli_bytes("m.safetensors", &after);
+  assert_true(count == after && memcmp(model, same, count) == 0);
+  free(model), free(same);
+  cli_run(&cli, "check base");
+  cli_expect(&cli, 0, NULL);
+}
+
+/* Where a training would find at its end that it has no place. */
+static void test_no_place(void **state) {
+  (void)state;
+  static const char *const taken[] = {"x.safetensors", "x.run/state.safetensors", "x.run/log.jsonl", "x.run"};
+  for (size_t i = 0; i < sizeof taken / sizeof *taken; i++) {
+    const char *name = taken[i];
+    support_clear("x.safetensors"), support_clear("x.run");
+    if (strchr(name, '/') != NULL) assert_int_equal(mkdir("x.run", 0777), 0);
+    if (strcmp(name, "x.run") != 0) assert_int_equal(mkdir(name, 0777), 0);
+    if (i == 3) assert_int_equal(symlink("nowhere", name), 0);
+    cli_run(&cli, "train base " TRAIN_WORDS);
+    cli_expect(&cli, 1, name, "expected a ", NULL);
+    assert_false(cli_there("nowhere") || cli_there("x.run/val_000001.png"));
+    remove("x.run");
+  }
+  support_clear("x.safetensors"), support_clear("x.run");
+}
+
 /* A disk that takes `bytes` bytes a file: the words, exit status 1, and none of the files. */
 static void refuse_full(size_t bytes, const char *line, const char *name) {
   support_clear("full");
@@ -320,10 +361,12 @@ static void test_full_output(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_npy),       cmocka_unit_test(test_json),       cmocka_unit_test(test_poses),
-      cmocka_unit_test(test_pictures),  cmocka_unit_test(test_blink),      cmocka_unit_test(test_landmarks),
-      cmocka_unit_test(test_model),     cmocka_unit_test(test_mismatch),   cmocka_unit_test(test_no_folder),
-      cmocka_unit_test(test_full_disk), cmocka_unit_test(test_full_output)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_npy),        cmocka_unit_test(test_json),
+                                     cmocka_unit_test(test_poses),      cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_blink),      cmocka_unit_test(test_landmarks),
+                                     cmocka_unit_test(test_model),      cmocka_unit_test(test_mismatch),
+                                     cmocka_unit_test(test_no_folder),  cmocka_unit_test(test_output_is_input),
+                                     cmocka_unit_test(test_no_place),   cmocka_unit_test(test_full_disk),
+                                     cmocka_unit_test(test_full_output)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -47,6 +47,21 @@ static bool has_word(const json_t *list, const char *word) {
   return false;
 }
 
+/* A GPU adds up in any order; PoCL is taken for one. */
+static void check_deterministic(const char *form, bool deterministic) {
+  assert_int_equal(setenv("ERNERF_OPENCL_FORM", form, 1), 0);
+  cli_run(&cli, "info devices");
+  cli_expect_out(&cli, 0,
+                 "the same bytes on every run: ", deterministic ? "run: yes" : "run: with --deterministic alone", NULL);
+  cli_run(&cli, "info devices --json");
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *list = json_object_get(object, "devices");
+  assert_true(json_is_true(json_object_get(find(list, "kind", "cpu"), "deterministic")));
+  assert_int_equal(json_is_true(json_object_get(find(list, "kind", "opencl"), "deterministic")), deterministic);
+  json_decref(object);
+  assert_int_equal(unsetenv("ERNERF_OPENCL_FORM"), 0);
+}
+
 /* ---- info ---------------------------------------------------------------------------------------------------------
  */
 
@@ -66,6 +81,8 @@ static void test_devices(void **state) {
     assert_true(strlen(text_of(device, "driver")) > 0 && json_is_boolean(json_object_get(device, "half")) &&
                 json_is_boolean(json_object_get(device, "subgroups")) &&
                 json_is_boolean(json_object_get(device, "tuned")));
+    check_deterministic("gpu", false);
+    check_deterministic("cpu", true);
     cli_run(&cli, "info devices --tune --device 99");
     cli_expect(&cli, 1, "no device 99", NULL);
   }

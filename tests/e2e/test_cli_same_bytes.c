@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Same seed, same bytes, of the files that the program writes: for any number of threads, on every run, for several
- * kinds of head, and a torso. */
+ * kinds of head, and a torso. unit/test_same_bytes has every backbone. */
 #include "cli.h"
 
 static struct cli cli;
@@ -41,6 +41,14 @@ static void test_portrait(void **state) {
   cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 4 -o b.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("a.mp4", "b.mp4");
+  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 2 -o b.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("a.mp4", "b.mp4");
+  for (int threads = 1; threads <= 4; threads += 3) {
+    cli_run(&cli, "render a.safetensors --clip clip --frames 0:1 --threads %d -o %d_%%d.png --quiet", threads, threads);
+    cli_expect(&cli, 0, NULL);
+  }
+  cli_same_bytes("1_0.png", "4_0.png");
 }
 
 int main(void) {

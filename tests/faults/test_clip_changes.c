@@ -4,7 +4,7 @@
  * needed before and is not touched. With the file as it was it goes on to the model of a training that nothing
  * disturbed, byte for byte.
  *
- *   ERNERF_TEST_CALLS=1      every call, not each of a few (0) */
+ *   ERNERF_TEST_CALLS=1      every call, not each of a few (0); 60: 60 of them for each change */
 #include <inttypes.h>
 
 #include "../made_clip.h"
@@ -98,7 +98,7 @@ static void test_changes(void **state) {
   journey_wait(&j);
   assert_int_equal(j.status, 0);
   const size_t calls = atomic_load(&j.seen->calls);
-  const size_t stride = journey_number("ERNERF_TEST_CALLS", 0) != 0 ? 1 : calls / 3 + 1;
+  const size_t all = journey_number("ERNERF_TEST_CALLS", 0), stride = all == 1 ? 1 : calls / (all > 1 ? all : 3) + 1;
   assert_true(calls > 40); /* or the frames were not read through here */
   for (size_t change = 0; change < count; change++)
     for (size_t at = 1 + change * stride / count; at <= calls; at += stride, runs++) ended += change_at(at, change);

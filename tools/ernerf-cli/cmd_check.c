@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "clip_source.h"
 #include "effects.h"
 #include "ernerf/media.h"
 #include "session.h"
@@ -65,7 +66,10 @@ int cmd_check(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
-
+  if (clip_source_keep(&session, clip, session.json) != 0) {
+    session_close(&session);
+    return EXIT_FAILURE;
+  }
   struct findings findings = {.session = &session, .list = json_array(), .effects = json_object()};
   json_t *measures = json_null();
   ern_status found = ern_clip_check(session.context, clip, take_finding, &findings);

@@ -261,12 +261,23 @@ static int draw(struct render_job *job, size_t k) {
   return 0;
 }
 
+/* What is read must not be what is written. */
+static int keep_inputs(struct render_job *job) {
+  struct session *session = &job->session;
+  int status = 0;
+  if (job->portrait.source.path != NULL) status = clip_source_keep(session, job->portrait.source.path, job->out);
+  if (status == 0) status = session_keep(session, job->wav, job->out);
+  if (status == 0) status = session_keep(session, job->background, job->out);
+  return status == 0 ? session_keep(session, job->poses, session->json) : status;
+}
+
 static int open_all(struct render_job *job, const struct args *args) {
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(&job->session, "%s: its folder is not there", job->out);
   struct session *session = &job->session;
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
-  int status = portrait_open(&job->portrait, session, args);
+  int status = keep_inputs(job);
+  if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
   if (status == 0) status = rest_open(&job->rest, session, &job->portrait, job->features);

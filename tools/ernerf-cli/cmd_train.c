@@ -416,6 +416,9 @@ static int open_all(struct train_job *job, const struct args *args) {
   ern_dataset dataset;
   if (!session_folder_there(job->config.output))
     return session_fail_with(session, "%s: its folder is not there", job->config.output);
+  if (session_keep(session, job->head_path, job->config.output) != 0 ||
+      session_keep(session, job->config.from, job->config.output) != 0)
+    return EXIT_FAILURE;
   int status = open_clip(job, args);
   if (status != 0) return status;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)

@@ -241,6 +241,13 @@ int session_report(struct session *session, json_t *object) {
 
 /* ---- small things ------------------------------------------------------------------------------------------------ */
 
+int session_keep(struct session *session, const char *input, const char *output) {
+  struct stat one, other;
+  if (input == NULL || output == NULL || stat(input, &one) != 0 || stat(output, &other) != 0) return 0;
+  if (one.st_dev != other.st_dev || one.st_ino != other.st_ino) return 0;
+  return session_fail_with(session, "%s: is an input (%s), expected another name for the output", output, input);
+}
+
 bool session_folder_there(const char *path) {
   char folder[4096];
   struct stat about;

@@ -69,6 +69,8 @@ int session_folder(struct session *session, const char *path);
 /* A number, or null where it is not finite. */
 json_t *session_number(double value);
 
+/* Fails where `output` is the file `input`, whatever the two are called; NULL is none. */
+int session_keep(struct session *session, const char *input, const char *output);
 /* Whether the folder that `path` lies in is there. */
 bool session_folder_there(const char *path);
 
