@@ -198,6 +198,8 @@ ern_status ern_silence_learn(ern_context *context, const ern_features *features,
   ern_silence *made = NULL;
   ern_status status = ERN_OK;
   *silence = NULL;
+  if (count < 2 * FEWEST)
+    return ern_fail(context, ERN_E_STATE, "silence: %zu frames, expected %d at least", count, 2 * FEWEST);
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
   made = room;
   *made = (ern_silence){.context = context, .width = features->width};

@@ -380,6 +380,24 @@ static void test_frame_of_an_attention_map_without_end(void **state) {
   free(kept);
 }
 
+/* Cells whose density is NaN must not be taken for empty ones. Which cells are left out is found by plain C. */
+static void test_frame_of_a_nan_after_thinning(void **state) {
+  (void)state;
+  struct ern_model *model = portrait.model;
+  const int k = machines.count > 2 ? 2 : 1;
+  float *weight = &model->block[model->field.density.weight[1]];
+  const float kept = *weight, eye = 0;
+  const ern_frame_input input = usual();
+  ern_renderer *own = portrait.renderer[k];
+  *weight = NAN;
+  support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], model, NULL));
+  support_ok(machines.context, ern_renderer_skip_thin(portrait.renderer[k], portrait.windows, LENGTH, &eye, 1, 0.5f));
+  support_expect(machines.context, draw(k, &input), ERN_E_NONFINITE, "the picture is not finite", NULL);
+  ern_renderer_free(&portrait.renderer[k]);
+  portrait.renderer[k] = own;
+  *weight = kept;
+}
+
 /* ---- camera ---- */
 
 static void test_frame_of_odd_intrinsics(void **state) {
@@ -441,6 +459,7 @@ int main(void) {
       cmocka_unit_test(test_frame_of_saturated_networks),
       cmocka_unit_test(test_frame_of_overflowing_networks),
       cmocka_unit_test(test_frame_of_an_attention_map_without_end),
+      cmocka_unit_test(test_frame_of_a_nan_after_thinning),
       cmocka_unit_test(test_frame_of_odd_intrinsics),
       cmocka_unit_test(test_frame_of_no_size),
   };
