@@ -72,11 +72,14 @@ static bool is_size(const struct ern_cl_device *device, ern_cl_knob knob, int si
   return size >= 1 && size <= form_of(device, knob)->most && (!knobs[knob].power_of_two || (size & (size - 1)) == 0);
 }
 
+/* Nanoseconds of a call: within eleven days, so that what is reckoned with them has no overflow. */
+static bool is_time(int64_t ns) { return ns > 0 && ns < (int64_t)1000000000000000; }
+
 static bool is_sound(const struct ern_cl_device *device, const struct ern_cl_measured *measured) {
   for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
     const struct ern_cl_measured *m = &measured[knob];
     if (m->standard_ns == 0) continue;
-    if (m->standard_ns < 0 || m->best_ns <= 0 || m->standard != ern_cl_standard_size(device, knob) ||
+    if (!is_time(m->standard_ns) || !is_time(m->best_ns) || m->standard != ern_cl_standard_size(device, knob) ||
         !is_size(device, knob, m->best))
       return false;
   }
