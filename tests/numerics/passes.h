@@ -42,6 +42,8 @@ static inline void passes_open(bool eye, int codes, bool torso) {
   for (int plane = 0; plane < ERN_PLANES; plane++)
     for (uint32_t i = 0; i < field->encoder.grid[plane].entries; i++)
       passes.usual[field->encoder.table[plane] + i] = machines_random(9 + (uint64_t)plane, i, 1);
+  for (size_t i = 0; torso && i < (size_t)field->torso_grid.entries * 2; i++)
+    passes.usual[field->torso_table + i] = machines_random(8, i, 1);
   for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) { /* of radius 1/4 */
     const float x = (float)ern_morton_gather(c) / 64 - 1, y = (float)ern_morton_gather(c >> 1) / 64 - 1,
                 z = (float)ern_morton_gather(c >> 2) / 64 - 1;
