@@ -150,6 +150,11 @@ static void test_front(void **state) {
   cli_run(&cli, "render m.safetensors --clip '%s' --size 80x80 --fps 1 --front m.tradeoff/tradeoff.json -o x.mp4",
           clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: it was measured at 64 x 64", NULL);
+  cli_run(&cli,
+          "render m.safetensors --clip '%s' --fps 1 --front m.tradeoff/tradeoff.json --json m.tradeoff/tradeoff.json "
+          "-o x.mp4",
+          clip);
+  cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: is an input", NULL);
   cli_run(&cli, "render m.safetensors --clip '%s' --fps 1 --front m.run/log.jsonl -o x.mp4", clip);
   cli_expect(&cli, 1, "m.run/log.jsonl", NULL);
 }

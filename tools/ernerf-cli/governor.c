@@ -176,7 +176,8 @@ static int read_front(struct governor *g, struct dimensions size, bool *found) {
   struct front front = {0};
   char why[256] = "";
   *found = false;
-  int status = front_read(&front, g->session, g->source);
+  int status = session_keep(g->session, g->source, g->session->json);
+  if (status == 0) status = front_read(&front, g->session, g->source);
   if (status == 0) status = compare(g, &front, size, why);
   if (status == 0 && why[0] != 0 && g->front != NULL) status = session_fail_with(g->session, "%s: %s", g->source, why);
   if (status == 0 && why[0] != 0) session_note(g->session, "%s is not used: %s", g->source, why);
