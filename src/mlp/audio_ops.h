@@ -8,9 +8,12 @@
 
 enum {
   ERN_AUDIO_WINDOWS = 8,
-  ERN_AUDIO_CONVS = 4,     /* width -> 32 -> 32 -> 64 -> 64; kernel 3, stride 2, padding 1, LeakyReLU(0.02) */
-  ERN_AUDIO_ATT_CONVS = 5, /* code -> 16 -> 8 -> 4 -> 2 -> 1; kernel 3, stride 1, padding 1, LeakyReLU(0.02) */
-  ERN_AUDIO_MAX_CODE = 256 /* most channels of a code: kernels keep eight of them on the stack */
+  ERN_AUDIO_CONVS = 4,      /* width -> 32 -> 32 -> 64 -> 64; kernel 3, stride 2, padding 1, LeakyReLU(0.02) */
+  ERN_AUDIO_ATT_CONVS = 5,  /* code -> 16 -> 8 -> 4 -> 2 -> 1; kernel 3, stride 1, padding 1, LeakyReLU(0.02) */
+  ERN_AUDIO_MAX_CODE = 256, /* most channels of a code: kernels keep eight of them on the stack */
+  /* Layers and codes are held within this, and have no gradient beyond it. Eleven layers one after the other would
+   * leave float once their weights have grown a hundredfold; what a network of use gives is below 1e3. */
+  ERN_AUDIO_LIMIT = 1000000
 };
 
 /* Offsets count from the start of the parameter block; weights as torch stores them: Conv1d [out][in][3], Linear

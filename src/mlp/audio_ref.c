@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Reference of the audio networks (model.md section 3): AudioNet turns each of eight windows into a code, AudioAttNet
  * weighs the eight codes. */
+#include <stdbool.h>
 #include <tgmath.h>
 
 #include "mlp/conv1d_ref.h"
@@ -26,12 +27,19 @@ struct audio_values {
   ern_real weight[WINDOWS];            /* softmax */
 };
 
+/* NaN stays NaN. */
+static ern_real held(ern_real x) {
+  return x > ERN_AUDIO_LIMIT ? ERN_AUDIO_LIMIT : x < -ERN_AUDIO_LIMIT ? -ERN_AUDIO_LIMIT : x;
+}
+static bool is_held(ern_real x) { return fabs(x) >= ERN_AUDIO_LIMIT; }
+
 static void leaky_relu(ern_real *values, int count) {
-  for (int i = 0; i < count; i++) values[i] = values[i] > 0 ? values[i] : (ern_real)0.02 * values[i];
+  for (int i = 0; i < count; i++) values[i] = held(values[i] > 0 ? values[i] : (ern_real)0.02 * values[i]);
 }
 
 static void leaky_relu_bwd(ern_real *slope, const ern_real *value, int count) {
-  for (int i = 0; i < count; i++) slope[i] = value[i] > 0 ? slope[i] : (ern_real)0.02 * slope[i];
+  for (int i = 0; i < count; i++)
+    slope[i] = is_held(value[i]) ? 0 : value[i] > 0 ? slope[i] : (ern_real)0.02 * slope[i];
 }
 
 /* y [outs] = W [outs][ins] x + b */
@@ -100,6 +108,7 @@ static void window_fwd(ern_real *code, struct window_values *values, const ern_r
              HIDDEN, HIDDEN);
   leaky_relu(values->hidden, HIDDEN);
   linear_fwd(code, values->hidden, parameters + net->fc_weight[1], parameters + net->fc_bias[1], net->code, HIDDEN);
+  for (int a = 0; a < net->code; a++) code[a] = held(code[a]);
 }
 
 /* The gradient by the window itself is not wanted: features are data. */
@@ -217,6 +226,7 @@ void ERN_REF(ern_audio_bwd)(ern_real *dparameters, const ern_real *dcode, const 
   }
   attention_bwd(dparameters, dcodes, dweight, &values, parameters, net);
   for (int t = 0; t < WINDOWS; t++) {
+    for (int a = 0; a < net->code; a++) dcodes[t][a] = is_held(values.code[t][a]) ? 0 : dcodes[t][a];
     window_bwd(dparameters, dcodes[t], &window[t], windows + (size_t)t * window_values, parameters, net);
   }
 }

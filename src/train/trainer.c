@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "core/memory.h"
+#include "train/decline.h"
 #include "train/step.h"
 
 static double seconds_now(void) {
@@ -228,13 +229,23 @@ static ern_status stopped(const ern_trainer *t, ern_status status) {
                   cause, t->step, t->saved, t->run.folder);
 }
 
+static void tell_of_decline(const ern_trainer *t, const struct ern_decline *decline) {
+  ern_log(t->context, ERN_LOG_WARNING,
+          "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
+          ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "
+          "rates (grids %g, networks %g)",
+          decline->best, decline->mean, t->step, (double)t->config.lr, (double)t->config.lr_net);
+}
+
 ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
+  struct ern_decline decline = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
   while (t->step < t->config.iters) {
     ern_train_report report;
     ern_status status = ern_trainer_step(t, &report);
     if (status != ERN_OK) return stopped(t, status);
+    if (t->config.rays >= 64 && ern_decline_step(&decline, report.psnr)) tell_of_decline(t, &decline);
     tally.loss += report.loss;
     tally.psnr += report.psnr;
     tally.samples += report.samples_per_ray;

@@ -217,11 +217,47 @@ static void test_odd_lengths(void **state) {
   check_audio(4, 11);
 }
 
+/* Values beyond the limit stay at it, and nothing before them has a slope: neither by differences nor by backward. */
+static void check_held(bool code) {
+  static struct audio audio;
+  memset(&audio, 0, sizeof audio);
+  audio.net = (struct ern_audio_net){.width = 4, .window_length = 16, .code = CODE};
+  lay_out(&audio);
+  difference_fill(audio.windows, WINDOWS * 16 * 4, 1, 500);
+  difference_fill(audio.dcode, CODE, 1, 501);
+  const struct ern_audio_net *net = &audio.net;
+  const size_t held = code ? net->fc_weight[1] : net->fc_weight[0],
+               end = code ? net->att_conv_weight[0] : net->fc_weight[1];
+  for (size_t i = held; i < end; i++) audio.parameters[i] *= 1e12;
+  for (size_t i = end; !code && i < net->fc_bias[1]; i++) audio.parameters[i] *= 1e-6; /* the code is not held too */
+  ern_audio_bwd_ref64(audio.dparameters, audio.dcode, audio.windows, audio.parameters, net);
+  const double loss = audio_loss(&audio);
+  for (int a = 0; a < CODE; a++) assert_true(fabs(audio.code[a]) <= ERN_AUDIO_LIMIT);
+  for (size_t i = net->first; i < end; i++) {
+    assert_true(audio.dparameters[i] == 0);
+    if (i % 97 != 0) continue;
+    const double kept = audio.parameters[i];
+    audio.parameters[i] += 1e-5 * fmax(1, fabs(kept));
+    assert_true(audio_loss(&audio) == loss);
+    audio.parameters[i] = kept;
+  }
+  double behind = 0;
+  for (size_t i = end; i < net->first + net->count; i++) behind = fmax(behind, fabs(audio.dparameters[i]));
+  assert_true(isfinite(behind) && (code || behind > 0)); /* codes of 1e6 are a choice of one window */
+}
+
+static void test_held(void **state) {
+  (void)state;
+  check_held(true);
+  check_held(false);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_deepspeech),
       cmocka_unit_test(test_two_vectors),
       cmocka_unit_test(test_odd_lengths),
+      cmocka_unit_test(test_held),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

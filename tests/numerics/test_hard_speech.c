@@ -69,8 +69,8 @@ static void test_speech_of_zeros(void **state) {
   }
 }
 
-/* Each layer's values are at most the sums of sizes before it: 1e30 stays a float through all of them, and a softmax of
- * scores of 1e30 is a choice of one. Scores whose order rounding decides may choose another window than in double. */
+/* Each layer's values are at most the sums of sizes before it, which 1e30 leaves in float, and are held at the limit
+ * then. Scores whose order rounding decides may choose another window than in double. */
 static void test_speech_of_1e30(void **state) {
   (void)state;
   static const float loud[] = {1e5f, 1e10f, 1e20f, 1e30f, -1e30f};
@@ -78,12 +78,37 @@ static void test_speech_of_1e30(void **state) {
     float windows[WINDOWS];
     for (size_t i = 0; i < WINDOWS; i++) windows[i] = loud[s] * (0.5f + machines_random(s, i, 0.5f));
     const struct heard h = hear(windows, 1e-6f);
-    const double most = 100 * fabs((double)loud[s]);
+    const double most = fmin(100 * fabs((double)loud[s]), ERN_AUDIO_LIMIT);
     expect_within("code", h.code, -most, most);
     expect_truth("code", h.code, 0, most * speech_rounding);
     expect_truth("code of a frame", h.frame, 0, most * speech_rounding);
     expect_within("gradient", h.dparameters, -(double)FLT_MAX, (double)FLT_MAX);
   }
+}
+
+/* All weights of a training at a hundred times the rates, which push them the same way for a thousand steps: eleven
+ * layers that each enlarge ten thousandfold. The code is at its limit, and AudioNet has no gradient there. */
+static void test_speech_networks_that_have_grown(void **state) {
+  (void)state;
+  static const float grown[] = {10, 120, -120, 1e4f, 1e12f};
+  const size_t first = field.audio.first, count = field.audio.count;
+  float *kept = malloc(count * sizeof *kept), windows[WINDOWS];
+  assert_non_null(kept);
+  memcpy(kept, block + first, count * sizeof *kept);
+  for (size_t i = 0; i < WINDOWS; i++) windows[i] = 0.5f + machines_random(6, i, 0.4f);
+  for (size_t g = 0; g < COUNT_OF(grown); g++) {
+    for (size_t i = 0; i < count; i++) block[first + i] = grown[g];
+    const struct heard h = hear(windows, 1e20f);
+    expect_truth("code", h.code, 0, 0.5);
+    expect_truth("code of a frame", h.frame, 0, 0.5);
+    expect_within("code", h.code, -ERN_AUDIO_LIMIT, ERN_AUDIO_LIMIT);
+    if (grown[g] > 0) expect_at("code", h.code, 0, ERN_AUDIO_LIMIT, 0.5);
+    expect_within("gradient", h.dparameters, -(double)FLT_MAX, (double)FLT_MAX);
+    for (size_t i = field.audio.conv_weight[0]; i < field.audio.att_conv_weight[0]; i += 97)
+      expect_at("gradient of AudioNet", h.dparameters, i, 0, 0);
+  }
+  memcpy(block + first, kept, count * sizeof *kept);
+  free(kept);
 }
 
 static void test_speech_of_denormals(void **state) {
@@ -262,6 +287,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_speech_of_zeros),
       cmocka_unit_test(test_speech_of_1e30),
+      cmocka_unit_test(test_speech_networks_that_have_grown),
       cmocka_unit_test(test_speech_of_denormals),
       cmocka_unit_test(test_speech_with_one_nan),
       cmocka_unit_test(test_attention_norm_of_zero_tiny_and_huge),

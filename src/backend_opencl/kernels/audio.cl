@@ -27,9 +27,15 @@ struct audio_net {
   int width, window_length, code, padding;
 };
 
-static float leaky_relu(float x) { return x > 0 ? x : 0.02f * x; }
+#define LIMIT 1e6f /* ERN_AUDIO_LIMIT; NaN stays NaN */
+static float held(float x) { return x > LIMIT ? LIMIT : x < -LIMIT ? -LIMIT : x; }
+static float8 held_bwd(float8 slope, float8 value) { return select(slope, (float8)0, fabs(value) >= LIMIT); }
+
+static float leaky_relu(float x) { return held(x > 0 ? x : 0.02f * x); }
 /* The slope before the LeakyReLU; the sign of a value after it tells what it was before. */
-static float8 leaky_relu_bwd(float8 slope, float8 value) { return select(0.02f * slope, slope, value > 0); }
+static float8 leaky_relu_bwd(float8 slope, float8 value) {
+  return held_bwd(select(0.02f * slope, slope, value > 0), value);
+}
 
 static float sum_of(float8 v) {
   const float4 four = v.lo + v.hi;
@@ -234,7 +240,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows(
   barrier(CLK_GLOBAL_MEM_FENCE);
   for (int a = item; a < net.code; a += GROUP) {
     codes[window * net.code + a] =
-        fc_fwd(own + HIDDEN_AT, parameters + net.fc_weight[1], parameters + net.fc_bias[1], HIDDEN, a);
+        held(fc_fwd(own + HIDDEN_AT, parameters + net.fc_weight[1], parameters + net.fc_bias[1], HIDDEN, a));
   }
 }
 
@@ -401,7 +407,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_mix_bwd(
       global float *dx = (l > 0 ? slopes + from : dcodes) + to;
       const float8 start = l > 0 ? (float8)0 : block_load(dx, left);
       const float8 sum = conv_dx(start, dy, parameters + net.att_conv_weight[l], conv, i / blocks, c);
-      block_store(dx, l > 0 ? leaky_relu_bwd(sum, block_load(x + to, left)) : sum, left);
+      const float8 value = block_load(x + to, left);
+      block_store(dx, l > 0 ? leaky_relu_bwd(sum, value) : held_bwd(sum, value), left);
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
   }

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: MIT */
+#include "train/decline.h"
+
+#include <math.h>
+
+enum { MEMORY = 32 /* steps */, FIRST_MEAN = 4 /* steps before a mean counts */, FIRST = 64 };
+
+/* dB. A step by itself is 3 dB off its mean at times, and rates too high by far leave only the first one to tell by. */
+static const double fallen = 6, recovered = 3, chance = 3;
+
+bool ern_decline_step(struct ern_decline *d, double psnr) {
+  d->steps++;
+  d->mean += (psnr - d->mean) / (double)(d->steps < MEMORY ? d->steps : MEMORY);
+  if (d->steps == 1) d->best = psnr - chance;
+  if (d->steps >= FIRST_MEAN) d->best = fmax(d->best, d->mean);
+  if (d->told && d->mean > d->best - recovered) d->told = false;
+  if (d->told || d->steps < FIRST || d->mean > d->best - fallen) return false;
+  d->told = true;
+  return true;
+}

@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ * Whether a training goes wrong while all of its values are finite: units that are off for good, colours that saturate.
+ * Internal. */
+#ifndef ERN_TRAIN_DECLINE_H
+#define ERN_TRAIN_DECLINE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Zeros to begin with. */
+struct ern_decline {
+  uint64_t steps;    /* looked at */
+  double mean, best; /* dB: over about the last 32 steps, and the highest that it was */
+  bool told;
+};
+
+/* One more step's PSNR, in dB, over 64 rays or more. True at the step that is the 64th or later and has the mean 6 dB
+ * or more below its best, once until it is within 3 dB of it again. Healthy trainings stay within 1 dB, dead ones fall
+ * by 9 and more. */
+bool ern_decline_step(struct ern_decline *decline, double psnr);
+
+#endif
