@@ -69,11 +69,10 @@ fail:
   return status;
 }
 
-/* The picture, brought to the clip's size, and the clip's identity: transforms_train.json, then bc.jpg, as bytes. */
-static ern_status open_background(ern_clip *clip) {
+/* What tells this clip from another: transforms_train.json, then bc.jpg, as bytes. */
+static ern_status identity_of(ern_clip *clip, char identity[65]) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
-  ern_image read = {0};
   char *transforms_path = NULL, *path = NULL;
   uint8_t *transforms = NULL, *picture = NULL;
   size_t transforms_bytes = 0, picture_bytes = 0;
@@ -85,7 +84,31 @@ static ern_status open_background(ern_clip *clip) {
   ERN_TRY(ern_allocate(context, transforms_bytes + picture_bytes, 1, &both));
   memcpy(both, transforms, transforms_bytes);
   memcpy((uint8_t *)both + transforms_bytes, picture, picture_bytes);
-  ern_sha256_hex(both, transforms_bytes + picture_bytes, clip->info.identity);
+  ern_sha256_hex(both, transforms_bytes + picture_bytes, identity);
+fail:
+  ern_release(context, transforms_path);
+  ern_release(context, path);
+  ern_release(context, transforms);
+  ern_release(context, picture);
+  ern_release(context, both);
+  return status;
+}
+
+/* What was parsed since `before` is what the identity is of. */
+static ern_status settle_identity(ern_clip *clip, const char *before) {
+  const ern_status status = identity_of(clip, clip->info.identity);
+  if (status != ERN_OK || strcmp(before, clip->info.identity) == 0) return status;
+  return ern_fail(clip->context, ERN_E_FORMAT, "%s/: transforms_train.json or bc.jpg changed while they were read",
+                  clip->folder);
+}
+
+/* The picture, brought to the clip's size. */
+static ern_status open_background(ern_clip *clip) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  ern_image read = {0};
+  char *path = NULL;
+  ERN_TRY(ern_path_join(context, clip->folder, "bc.jpg", &path));
   ERN_TRY(ern_image_read(context, path, 3, &read));
   if (read.width == clip->info.width && read.height == clip->info.height) {
     clip->background = read;
@@ -97,11 +120,7 @@ static ern_status open_background(ern_clip *clip) {
   }
 fail:
   ern_image_free(context, &read);
-  ern_release(context, transforms_path);
   ern_release(context, path);
-  ern_release(context, transforms);
-  ern_release(context, picture);
-  ern_release(context, both);
   return status;
 }
 
@@ -174,6 +193,8 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   float *blink = NULL;
   size_t blink_count = 0;
   int64_t img_id = 0, aud_id = 0;
+  char identity[65] = "";
+  ERN_TRY(identity_of(clip, identity));
   ERN_TRY(ern_clip_train_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN]));
   ERN_TRY(ern_clip_val_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN], &lists[ERN_SPLIT_VAL]));
   if (lists[ERN_SPLIT_VAL].count == 0) {
@@ -193,6 +214,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
             clip->features.windows, aud_id);
   }
   ERN_TRY(open_background(clip));
+  ERN_TRY(settle_identity(clip, identity));
   ERN_TRY(ern_clip_blink(context, clip->folder, img_id, &blink, &blink_count));
   clip->info.has_blink = blink != NULL;
   ERN_TRY(find_optional(clip));
