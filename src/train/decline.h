@@ -10,13 +10,13 @@
 /* Zeros to begin with. */
 struct ern_decline {
   uint64_t steps;    /* looked at */
-  double mean, best; /* dB: over about the last 32 steps, and the highest that it was */
+  double mean, best; /* dB: over about the last 32 steps, and the highest that it was, or the first step less 3 */
   bool told;
 };
 
 /* One more step's PSNR, in dB, over 64 rays or more. True at the step that is the 64th or later and has the mean 6 dB
- * or more below its best, once until it is within 3 dB of it again. Healthy trainings stay within 1 dB, dead ones fall
- * by 9 and more. */
+ * or more below its best, once until it is within 3 dB of it again. On data/tiny healthy trainings stay within 1 dB,
+ * dead ones fall by 9. */
 bool ern_decline_step(struct ern_decline *decline, double psnr);
 
 #endif

@@ -57,8 +57,15 @@ static inline void passes_open(bool eye, int codes, bool torso) {
                                   .height = PASS_SIDE};
   passes.settings = (struct ern_march_settings){.bound = 1, .max_steps = 16, .dt_gamma = 1.0f / 256, .near = 0.05f};
 }
-static inline void passes_close(void) {
+static inline int close_passes(void **state) {
   free(passes.usual), free(passes.block), free(passes.ball), free(passes.nothing);
+  return close_machines(state);
+}
+/* The model of test_hard_frames, whose kernels are there then. */
+static inline int open_passes(void **state) {
+  open_machines(state);
+  passes_open(false, 0, true);
+  return 0;
 }
 
 /* The block as it was. */

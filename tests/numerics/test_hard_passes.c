@@ -362,16 +362,6 @@ static void test_fused_one_and_1024_samples(void **state) {
   passes.settings = kept;
 }
 
-static int open_all(void **state) {
-  open_machines(state);
-  passes_open(false, 0, true); /* the model of test_hard_frames: its kernels are there */
-  return 0;
-}
-static int close_all(void **state) {
-  passes_close();
-  return close_machines(state);
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_fused_exponents_of_200),
@@ -388,5 +378,5 @@ int main(void) {
       cmocka_unit_test(test_fused_odd_counts_of_rays),
       cmocka_unit_test(test_fused_one_and_1024_samples),
   };
-  return cmocka_run_group_tests(tests, open_all, close_all);
+  return cmocka_run_group_tests(tests, open_passes, close_passes);
 }

@@ -377,11 +377,6 @@ static int open_all(void **state) {
   passes_open(true, 2, false);
   return 0;
 }
-static int close_all(void **state) {
-  passes_close();
-  return close_machines(state);
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_step_of_the_usual),
@@ -398,5 +393,5 @@ int main(void) {
       cmocka_unit_test(test_step_of_rays_without_samples),
       cmocka_unit_test(test_densities_of_odd_points),
   };
-  return cmocka_run_group_tests(tests, open_all, close_all);
+  return cmocka_run_group_tests(tests, open_all, close_passes);
 }

@@ -235,16 +235,6 @@ static void test_painted_tables_of_huge_and_denormal_values(void **state) {
   }
 }
 
-static int open_all(void **state) {
-  open_machines(state);
-  passes_open(false, 0, true); /* the model of test_hard_frames: its kernels are there */
-  return 0;
-}
-static int close_all(void **state) {
-  passes_close();
-  return close_machines(state);
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_painted_odd_sizes),
@@ -258,5 +248,5 @@ int main(void) {
       cmocka_unit_test(test_painted_key_points_without_a_projection),
       cmocka_unit_test(test_painted_tables_of_huge_and_denormal_values),
   };
-  return cmocka_run_group_tests(tests, open_all, close_all);
+  return cmocka_run_group_tests(tests, open_passes, close_passes);
 }

@@ -277,10 +277,9 @@ int cmd_soak(int argc, char **argv) {
       .usage = "soak CLIP --steps 100000",
       .notes =
           "Each round draws kinds and effects, rays a step, learning rates up to 100 times the usual, distance and\n"
-          "turn of the head, loudness of the speech, lids and pixels; some are saved, dropped and gone on from. "
-          "Values,\n"
-          "gradients, the optimizer's moments, averages, occupancy and a drawn frame must be finite. What is not\n"
-          "stops it with exit status 1, the tensor's name, and the words that repeat the round.",
+          "turn of the head, loudness of the speech, lids and pixels; some are saved, dropped and gone on from.\n"
+          "Values, gradients, the optimizer's moments, averages, occupancy and a drawn frame must be finite. What\n"
+          "is not stops it with exit status 1, the tensor's name, and the words that repeat the round.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is done:", own, OWN_OPTIONS}, {"How:", how, SESSION_COMPUTE_OPTIONS + SESSION_OUTPUT_OPTIONS}}};

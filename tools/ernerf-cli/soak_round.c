@@ -50,7 +50,7 @@ static void choose_head(struct soak_dice *dice, struct soak_round *round) {
 }
 
 /* How many steps, and how often all cells are looked at, which costs as much as a hundred steps of few rays; of `mlp`,
- * whose 2 million cells take 1 MFLOP each, as thousands. So there are 20 looks at most, of `mlp` one or two. */
+ * whose 2 million cells take 1 MFLOP each, as thousands. So there are 20 looks at most, of `mlp` one. */
 static void choose_length(struct soak_dice *dice, struct soak_round *round) {
   const bool slow = !round->config.torso && round->config.backbone == ERN_BACKBONE_MLP;
   const double every = magnitude(dice, 16, 1024), longest = 20 * every;
