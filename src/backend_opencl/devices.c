@@ -66,6 +66,8 @@ static void ask(struct ern_cl_device *device) {
   if (clGetPlatformInfo(device->platform, CL_PLATFORM_VERSION, sizeof device->platform_version,
                         device->platform_version, NULL) != CL_SUCCESS)
     device->platform_version[0] = 0;
+  const char *driver = device->platform_version;
+  device->keeps_kernels = strstr(driver, "pocl") != NULL || strstr(driver, "PoCL") != NULL;
   device->host = (number_of(id, CL_DEVICE_TYPE, sizeof(cl_device_type)) & CL_DEVICE_TYPE_CPU) != 0;
   device->cpu = device->host;
   device->exact_divide = (number_of(id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof(cl_device_fp_config)) &

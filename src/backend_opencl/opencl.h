@@ -75,6 +75,8 @@ struct ern_cl_device {
   bool host; /* a CPU, whatever the form */
   bool cpu;  /* the kernels' form: a work-item carries a vector of samples, as suits a CPU; false: one, as suits a GPU.
                 By the type of the device; ERNERF_OPENCL_FORM=cpu|gpu says otherwise */
+  bool keeps_kernels;    /* the driver has a cache of its own that ours would only slow: PoCL compiles each kernel once
+                            for its launch and, to hand a binary out, once more for any size of work-group */
   bool exact_divide;     /* division and square root can be correctly rounded */
   bool half;             /* cl_khr_fp16 */
   bool subgroups;        /* cl_khr_subgroups or cl_intel_subgroups */

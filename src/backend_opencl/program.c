@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Programs: built from embedded sources for one device, or taken from the user's cache of binaries. */
+ * Programs: built from embedded sources for one device, or taken from the user's cache of binaries; of a driver that
+ * keeps kernels itself (keeps_kernels), always built. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -159,11 +160,12 @@ static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, con
     ERN_TRY(
         ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
   ERN_TRY(ern_cl_program_key(backend->table.context, &backend->device, source, all, key));
-  *program = from_cache(backend, key, all);
+  const bool cached = !backend->device.keeps_kernels;
+  if (cached) *program = from_cache(backend, key, all);
   if (*program == NULL) {
     ern_log(backend->table.context, ERN_LOG_DEBUG, "OpenCL: building %s", sources[source].name);
     ERN_TRY(from_source(backend, source, all, program));
-    to_cache(backend, key, *program);
+    if (cached) to_cache(backend, key, *program);
   }
   ERN_TRY(keep(backend, source, options, *program));
   return ERN_OK;

@@ -17,9 +17,9 @@ static char clip[1024];
 /* ---- faults: for the programs that are started until `clear` (faults/opencl_faults.c) -----------------------------
  */
 
-static const char *const variables[] = {"OPENCL_LAYERS",      "OCL_ICD_VENDORS",     "ERNERF_FAULT_HIDE",
-                                        "ERNERF_FAULT_BUILD", "ERNERF_FAULT_MEMORY", "ERNERF_FAULT_LAUNCH",
-                                        "ERNERF_FAULT_COUNT", "ERNERF_FAULT_FILE",   "ERNERF_FAULT_CODE"};
+static const char *const variables[] = {
+    "OPENCL_LAYERS",       "OCL_ICD_VENDORS",     "ERNERF_FAULT_HIDE",  "ERNERF_FAULT_STRANGER", "ERNERF_FAULT_BUILD",
+    "ERNERF_FAULT_MEMORY", "ERNERF_FAULT_LAUNCH", "ERNERF_FAULT_COUNT", "ERNERF_FAULT_FILE",     "ERNERF_FAULT_CODE"};
 
 static void clear(void) {
   for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) unsetenv(variables[i]);
@@ -282,9 +282,11 @@ static void test_from_cpu(void **state) {
 
 enum { ENTRIES = 64, SUM = 64, HEAD = 2 * SUM /* hex digits of the SHA-256, then of the key, before the binary */ };
 
-/* Draws a frame with the cache in the folder `cache`; exit status. */
+/* Draws a frame on a driver that is not known to have a cache of its own, with ours in the folder `cache`; exit status.
+ */
 static int draw(const char *to) {
   support_clear(to);
+  fault("STRANGER", "1");
   cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -o %s --quiet %s", clip, to, DEVICE);
   return cli.status;
 }
@@ -349,6 +351,24 @@ static void test_cache(void **state) {
     clear();
   }
   nothing_half("cache/libernerf");
+  clear();
+  assert_int_equal(setenv("XDG_CACHE_HOME", before, 1), 0);
+}
+
+/* PoCL has a cache of its own: nothing is put into ours. */
+static void test_driver_with_a_cache(void **state) {
+  static char paths[ENTRIES][512];
+  char before[1024];
+  (void)state;
+  cli_run(&cli, "info devices --json");
+  if (strstr(cli.out, "pocl") == NULL && strstr(cli.out, "PoCL") == NULL) skip();
+  snprintf(before, sizeof before, "%s", getenv("XDG_CACHE_HOME"));
+  place("XDG_CACHE_HOME", "cache");
+  support_clear("cache");
+  cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -o own%%d.png --quiet %s", clip, DEVICE);
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("whole0.png", "own0.png");
+  assert_int_equal(list_entries(paths), 0);
   assert_int_equal(setenv("XDG_CACHE_HOME", before, 1), 0);
 }
 
@@ -369,15 +389,16 @@ static void test_no_cache(void **state) {
   place("XDG_CACHE_HOME", "blocked");
   assert_int_equal(draw("none%d.png"), 0);
   cli_same_bytes("whole0.png", "none0.png");
+  clear();
   assert_int_equal(setenv("XDG_CACHE_HOME", before, 1), 0);
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_driver),       cmocka_unit_test(test_no_device),
-                                     cmocka_unit_test(test_build),           cmocka_unit_test(test_no_memory),
-                                     cmocka_unit_test(test_some_memory),     cmocka_unit_test(test_lost_early),
-                                     cmocka_unit_test(test_lost_after_save), cmocka_unit_test(test_from_cpu),
-                                     cmocka_unit_test(test_cache),           cmocka_unit_test(test_no_cache)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_no_driver),           cmocka_unit_test(test_no_device),   cmocka_unit_test(test_build),
+      cmocka_unit_test(test_no_memory),           cmocka_unit_test(test_some_memory), cmocka_unit_test(test_lost_early),
+      cmocka_unit_test(test_lost_after_save),     cmocka_unit_test(test_from_cpu),    cmocka_unit_test(test_cache),
+      cmocka_unit_test(test_driver_with_a_cache), cmocka_unit_test(test_no_cache)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }
 #else

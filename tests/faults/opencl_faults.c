@@ -3,6 +3,7 @@
  * driver, steered by the environment:
  *
  *   ERNERF_FAULT_HIDE=platforms|devices  none of them is there
+ *   ERNERF_FAULT_STRANGER=1              the platform's version does not tell which driver it is
  *   ERNERF_FAULT_BUILD=N                 no program builds from source; the log has N lines
  *   ERNERF_FAULT_MEMORY=BYTES            all the memory of the device; a buffer may have half of it
  *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1, and since N changed) fails, and then
@@ -75,6 +76,18 @@ static cl_int CL_API_CALL get_devices(cl_platform_id platform, cl_device_type ty
   if (!hides("devices")) return driver->clGetDeviceIDs(platform, type, entries, devices, count);
   if (count != NULL) *count = 0;
   return CL_DEVICE_NOT_FOUND;
+}
+
+static cl_int CL_API_CALL get_platform_info(cl_platform_id platform, cl_platform_info what, size_t bytes, void *value,
+                                            size_t *needed) {
+  static const char stranger[] = "OpenCL 1.2 of a driver that nobody knows";
+  if (what != CL_PLATFORM_VERSION || number_of("ERNERF_FAULT_STRANGER", 0) == 0)
+    return driver->clGetPlatformInfo(platform, what, bytes, value, needed);
+  if (needed != NULL) *needed = sizeof stranger;
+  if (value == NULL) return CL_SUCCESS;
+  if (bytes < sizeof stranger) return CL_INVALID_VALUE;
+  memcpy(value, stranger, sizeof stranger);
+  return CL_SUCCESS;
 }
 
 static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info what, size_t bytes, void *value,
@@ -216,6 +229,7 @@ CL_API_ENTRY cl_int CL_API_CALL clInitLayer(cl_uint entries, const cl_icd_dispat
   driver = target;
   layer.clGetPlatformIDs = get_platforms;
   layer.clGetDeviceIDs = get_devices;
+  layer.clGetPlatformInfo = get_platform_info;
   layer.clGetDeviceInfo = get_device_info;
   layer.clCreateBuffer = create_buffer;
   layer.clReleaseMemObject = release_memory;
