@@ -40,7 +40,8 @@ ERN_API void ern_eyes_free(ern_context *context, ern_eyes *eyes); /* accepts NUL
 typedef struct ern_pose {
   int64_t img_id;   /* names the frame's files, >= 0 */
   int64_t aud_id;   /* its row in the feature file, >= 0 */
-  float matrix[16]; /* camera to world of the tracked head, row-major 4x4, as in the file; finite, last row 0 0 0 1 */
+  float matrix[16]; /* camera to world of the tracked head, row-major 4x4, as in the file; rotation
+                       within 1e3, place within 1e6, last row 0 0 0 1 */
 } ern_pose;
 
 typedef struct ern_pose_list {

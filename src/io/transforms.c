@@ -13,6 +13,10 @@
 /* JSON_LIMIT, bytes of memory, is some 300,000 frames: three hours */
 enum { FILE_LIMIT = 1 << 26, JSON_LIMIT = 1 << 30, MAX_SIDE = 8192, MAX_ID = 999999999 };
 
+/* Of a matrix: entries of the rotation are 1 at most where it is one, and a camera some units from the head. What is
+ * far beyond sees nothing of it and is a mistake of whatever wrote the file. */
+static const double MAX_ROTATION = 1e3, MAX_PLACE = 1e6;
+
 /* Where in the file a value stands, for messages. */
 struct place {
   ern_context *context;
@@ -70,7 +74,9 @@ static ern_status read_matrix(const struct place *place, const json_t *frame, fl
     snprintf(field, sizeof field, "transform_matrix[%zu][%zu]", i / 4, i % 4);
     if (!json_is_number(cell)) return wrong(place, ERN_E_FORMAT, field, cell, "a number");
     const double value = json_number_value(cell);
-    if (!(fabs(value) <= (double)FLT_MAX)) return wrong(place, ERN_E_NONFINITE, field, cell, "a finite float32");
+    const bool turns = i % 4 < 3;
+    if (!(fabs(value) <= (turns ? MAX_ROTATION : MAX_PLACE)))
+      return wrong(place, ERN_E_FORMAT, field, cell, turns ? "a number of at most 1e3" : "a number of at most 1e6");
     matrix[i] = (float)value;
     if (i < 12) continue;
     const float last = i == 15 ? 1.0f : 0.0f; /* the last row is 0 0 0 1; files of float arithmetic may be a hair off */
