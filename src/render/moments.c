@@ -48,7 +48,8 @@ static double kernel(double distance) {
   return (1 + r + r * r / 3) * exp(-r);
 }
 
-/* 1/(twice the way from the middle of the codes to the farthest) */
+/* 1/(twice the way from the middle of the codes to the farthest). A speech that says one thing alone is 1e-6 wide, so
+ * that all else is far from it. */
 static double scale_of(const float *code, size_t count) {
   float middle[ERN_AUDIO_CODE];
   double most = 0;
@@ -58,7 +59,7 @@ static double scale_of(const float *code, size_t count) {
     middle[c] = (float)(sum / (double)count);
   }
   for (size_t k = 0; k < count; k++) most = fmax(most, apart(middle, code + k * ERN_AUDIO_CODE));
-  return most > 1e-12 ? 0.5 / sqrt(most) : 0;
+  return 0.5 / sqrt(fmax(most, 1e-12));
 }
 
 /* ---- the choice -------------------------------------------------------------------------------------------------- */

@@ -27,7 +27,7 @@ struct ern_moment {
 struct ern_moments {
   size_t count;
   float code[ERN_MOMENTS][ERN_AUDIO_CODE], eye[ERN_MOMENTS];
-  double scale;                                     /* of codes: 1/the width of the speech; 0 where it has none */
+  double scale;                                     /* of codes: 1/the width of the speech, 1e-6 at least */
   double inverse[ERN_MOMENTS + 1][ERN_MOMENTS + 1]; /* of the matrix above */
   double variance;                                  /* the largest 1/B_kk */
 };

@@ -6,6 +6,7 @@
 
 static const double weight_of_newest = 0.2; /* in the mean of how slow the machine is: a load is seen in five frames */
 static const double outlier = 1.5;          /* a frame so many times slower than the mean counts as one of this */
+static const double slowness_least = 0.25;  /* of a mean to which that is applied: it comes back from any */
 static const double debt_frames = 12;       /* over which frames that were late are made up for */
 static const double debt_most = 24, credit_most = 8; /* frames of lateness, and of being early, that are remembered */
 static const double room_least = 0.6;                /* of the budget: what making up may squeeze a frame to */
@@ -28,7 +29,7 @@ bool ern_pace_holds(const ern_pace *pace) { return pace->cost[pace->count - 1] *
 size_t ern_pace_next(ern_pace *pace, double milliseconds) {
   if (!(milliseconds > 0) || !isfinite(milliseconds)) return pace->at;
   const double ratio = milliseconds / pace->cost[pace->at];
-  pace->slowness += weight_of_newest * (fmin(ratio, outlier * pace->slowness) - pace->slowness);
+  pace->slowness += weight_of_newest * (fmin(ratio, outlier * fmax(pace->slowness, slowness_least)) - pace->slowness);
   pace->late =
       fmin(fmax(pace->late + milliseconds - pace->budget, -credit_most * pace->budget), debt_most * pace->budget);
   const double room = pace->budget - pace->late / debt_frames;

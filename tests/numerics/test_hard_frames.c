@@ -100,6 +100,37 @@ static void expect_drawn(const ern_frame_input *input) {
 static void expect_refused(const ern_frame_input *input, ern_status status, const char *word, const char *other) {
   for (int k = 0; k < machines.count; k++) support_expect(machines.context, draw(k, input), status, word, other, NULL);
 }
+/* ---- frames that are kept ---- */
+
+/* Each speech twice, so often that the view counts as standing: against the same frames drawn from nothing. */
+static void test_kept_frames_of_silent_and_huge_speech(void **state) {
+  (void)state;
+  enum { SPEECHES = 5, FRAMES = 4 * SPEECHES };
+  static const float size[SPEECHES] = {0, 1, 1e4f, 1e30f, -1e30f}, half_a_level = 0.5f / 255;
+  static float said[SPEECHES][WINDOWS], whole[SPEECHES][3 * PIXELS];
+  const float eyes[SPEECHES] = {0};
+  for (size_t s = 0; s < SPEECHES; s++)
+    for (size_t i = 0; i < WINDOWS; i++) said[s][i] = size[s] * portrait.windows[i];
+  for (int k = 0; k < machines.count; k++) {
+    ern_frame_input input = usual();
+    for (int f = -SPEECHES; f < FRAMES; f++) { /* the first ones keep nothing */
+      const int s = f < 0 ? f + SPEECHES : f / 2 % SPEECHES;
+      if (f == 0)
+        support_ok(machines.context,
+                   ern_renderer_keep_still(portrait.renderer[k], said[0], LENGTH, eyes, SPEECHES, half_a_level));
+      input.windows = said[s];
+      support_ok(machines.context, draw(k, &input));
+      expect_picture(k);
+      if (f < 0) memcpy(whole[s], portrait.rgb, sizeof portrait.rgb);
+      for (size_t i = 0; i < 3 * PIXELS; i++)
+        if (!(fabsf(portrait.rgb[i] - whole[s][i]) <= half_a_level))
+          fail_msg("%s: frame %d, speech times %g: value %zu is %g, expected %g", machines.name[k], f, (double)size[s],
+                   i, (double)portrait.rgb[i], (double)whole[s][i]);
+    }
+    support_ok(machines.context, ern_renderer_keep_still(portrait.renderer[k], NULL, LENGTH, NULL, 0, -1));
+  }
+}
+
 /* ---- poses ---- */
 
 static void test_frame_of_the_usual(void **state) {
@@ -448,6 +479,7 @@ static void test_frame_of_no_size(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_frame_of_the_usual),
+      cmocka_unit_test(test_kept_frames_of_silent_and_huge_speech),
       cmocka_unit_test(test_frame_of_a_singular_pose),
       cmocka_unit_test(test_frame_of_a_pose_that_is_no_number),
       cmocka_unit_test(test_frame_of_mirrored_and_sheared_poses),

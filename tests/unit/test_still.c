@@ -330,6 +330,33 @@ static void test_two_renderers_of_a_model(void **state) {
   scene_free(&scene);
 }
 
+/* Moments of one sound and of lids that move say nothing about other sounds: those frames are rendered whole. */
+static void test_speech_after_moments_of_one_sound(void **state) {
+  (void)state;
+  enum { SAME = 20 };
+  static struct scene scene;
+  static struct drawn kept;
+  static float said[FRAMES * MOMENT];
+  double rays = 0;
+  scene_make(&scene, "cpu", "auto", true, false);
+  memcpy(said, scene.windows, sizeof said);
+  for (int t = 1; t < FRAMES; t++) memcpy(scene.windows + t * MOMENT, scene.windows, MOMENT * sizeof(float));
+  ern_renderer *with = renderer_of(&scene, NULL);
+  keep(&scene, with, half_a_level);
+  for (int t = 0; t < FRAMES; t++) {
+    const struct shot shot = {.moment = t};
+    if (t == SAME) {
+      memcpy(scene.windows, said, sizeof said);
+      rays = ern_renderer_still_work(with).rays;
+      assert_true(rays < SAME - 5);
+    }
+    draw(&scene, with, &shot, &kept);
+  }
+  assert_true(ern_renderer_still_work(with).rays > rays + FRAMES - SAME - 1e-6);
+  ern_renderer_free(&with);
+  scene_free(&scene);
+}
+
 static void test_bad_arguments(void **state) {
   (void)state;
   static struct scene scene;
@@ -355,11 +382,17 @@ static void test_bad_arguments(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_within_the_bound),         cmocka_unit_test(test_something_is_kept),
-      cmocka_unit_test(test_bound_0_changes_nothing),  cmocka_unit_test(test_torso_of_the_model),
-      cmocka_unit_test(test_with_other_options),       cmocka_unit_test(test_on_a_device),
-      cmocka_unit_test(test_what_is_forgotten),        cmocka_unit_test(test_other_speech),
-      cmocka_unit_test(test_two_renderers_of_a_model), cmocka_unit_test(test_bad_arguments),
+      cmocka_unit_test(test_within_the_bound),
+      cmocka_unit_test(test_something_is_kept),
+      cmocka_unit_test(test_bound_0_changes_nothing),
+      cmocka_unit_test(test_torso_of_the_model),
+      cmocka_unit_test(test_with_other_options),
+      cmocka_unit_test(test_on_a_device),
+      cmocka_unit_test(test_what_is_forgotten),
+      cmocka_unit_test(test_other_speech),
+      cmocka_unit_test(test_two_renderers_of_a_model),
+      cmocka_unit_test(test_speech_after_moments_of_one_sound),
+      cmocka_unit_test(test_bad_arguments),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
