@@ -45,7 +45,7 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
 
 /* What a training writes at its end must not be found to have no place then. */
 static ern_status check_places(ern_context *context, const char *output, const struct ern_run_folder *run) {
-  const char *const files[] = {output, run->state, run->next, run->previous, run->log, run->curve};
+  const char *const files[] = {output, run->state, run->next, run->previous, run->good, run->log, run->curve};
   ern_status status = ERN_OK;
   for (size_t i = 0; status == ERN_OK && i < sizeof files / sizeof *files; i++)
     status = ern_file_check_replaceable(context, files[i]);
@@ -68,6 +68,7 @@ ern_status ern_run_folder_open(ern_context *context, const char *output, struct 
   ERN_TRY(ern_path_join(context, run->folder, "state.safetensors", &run->state));
   ERN_TRY(ern_path_join(context, run->folder, "state.next.safetensors", &run->next));
   ERN_TRY(ern_path_join(context, run->folder, "state.previous.safetensors", &run->previous));
+  ERN_TRY(ern_path_join(context, run->folder, "state.good.safetensors", &run->good));
   ERN_TRY(ern_path_join(context, run->folder, "log.jsonl", &run->log));
   ERN_TRY(ern_path_join(context, run->folder, "curve.csv", &run->curve));
   ERN_TRY(check_places(context, output, run));
@@ -89,6 +90,7 @@ void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
   ern_release(context, run->state);
   ern_release(context, run->next);
   ern_release(context, run->previous);
+  ern_release(context, run->good);
   ern_release(context, run->log);
   ern_release(context, run->curve);
   ern_release(context, run->log_lines.text);
@@ -153,7 +155,7 @@ ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run
 
 /* Makes way for the first save of a new training; its own state is whole by then. */
 void ern_run_folder_clear(struct ern_run_folder *run) {
-  const char *const paths[] = {run->previous, run->state, run->log, run->curve};
+  const char *const paths[] = {run->previous, run->good, run->state, run->log, run->curve};
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) (void)unlink(paths[i]);
 }
 

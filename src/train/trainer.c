@@ -229,12 +229,16 @@ static ern_status stopped(const ern_trainer *t, ern_status status) {
                   cause, t->step, t->saved, t->run.folder);
 }
 
-static void tell_of_decline(const ern_trainer *t, const struct ern_decline *decline) {
+static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
+  char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
+  t->declined = t->output != NULL && t->saved > 0;
+  if (t->declined)
+    snprintf(kept, sizeof kept, "; the state of before is kept as %s, which --from goes on from", t->run.good);
   ern_log(t->context, ERN_LOG_WARNING,
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
           ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "
-          "rates (grids %g, networks %g)",
-          decline->best, decline->mean, t->step, (double)t->config.lr, (double)t->config.lr_net);
+          "rates (grids %g, networks %g)%s",
+          decline->best, decline->mean, t->step, (double)t->config.lr, (double)t->config.lr_net, kept);
 }
 
 ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {

@@ -21,7 +21,7 @@ struct ern_lines {
 
 /* X.run: the lock, and the names in it. All NULL without an output. */
 struct ern_run_folder {
-  char *folder, *state, *next, *previous, *log, *curve;
+  char *folder, *state, *next, *previous, *good, *log, *curve;
   int lock;   /* descriptor, -1: none */
   bool fresh; /* nothing of this training has been written yet: what lies there is an earlier one's */
   struct ern_lines log_lines, curve_lines;
@@ -48,6 +48,7 @@ struct ern_trainer {
   double seconds; /* of training, all runs together */
   struct ern_run_folder run;
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
+  bool declined;  /* since the last save, with a state of before in the folder */
 
   struct ern_pool *pool; /* for work on the host */
   int32_t *host_pixels;  /* [rays] */

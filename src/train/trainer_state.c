@@ -133,6 +133,17 @@ fail:
   return status;
 }
 
+/* After a decline the oldest state is kept for good: it is from before, the newer one perhaps not. */
+static ern_status keep_good(ern_trainer *t) {
+  const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
+  if (t->declined && access(oldest, F_OK) == 0) {
+    const ern_status status = move(t->context, oldest, t->run.good);
+    if (status != ERN_OK) return status;
+  }
+  t->declined = false;
+  return ERN_OK;
+}
+
 /* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
  * three names that verifies. The log comes first: it can be cut back to the state, not made up. A new training keeps
  * its own until then, as it would else stand beside the state of the earlier one. */
@@ -145,6 +156,7 @@ static ern_status write_state(ern_trainer *t) {
     t->run.fresh = false;
     ERN_TRY(ern_run_folder_flush(t->context, &t->run));
   }
+  ERN_TRY(keep_good(t));
   if (access(t->run.state, F_OK) == 0) ERN_TRY(move(t->context, t->run.state, t->run.previous));
   ERN_TRY(move(t->context, t->run.next, t->run.state));
   t->saved = t->step;

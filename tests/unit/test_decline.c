@@ -59,6 +59,19 @@ static void open_even(struct made *m) {
   support_ok(m->context, ern_backend_create(&m->backend, m->context, NULL));
 }
 
+/* The state in `path` is of step `step`. */
+static void expect_step(struct made *m, const char *path, uint64_t step) {
+  ern_train_config config = small_config(1000, "another.safetensors");
+  ern_train_report report;
+  ern_trainer *trainer = NULL;
+  config.from = path;
+  clear_run("another");
+  support_ok(m->context, ern_trainer_create(&trainer, m->backend, &m->data, &config));
+  ern_trainer_describe(trainer, &report);
+  assert_int_equal(report.step, step);
+  ern_trainer_free(&trainer);
+}
+
 /* A training at the usual rates, and its resume at three hundred times the networks'. */
 static void test_training(void **state) {
   (void)state;
@@ -73,6 +86,8 @@ static void test_training(void **state) {
   config.lr_net = 0.3f;
   support_ok(m.context, train(&m, &config, NULL));
   assert_int_equal(warnings, 1);
+  expect_step(&m, "decline.run/state.good.safetensors", 80);
+  expect_step(&m, "decline.run/state.safetensors", 160);
   made_close(&m);
 }
 
