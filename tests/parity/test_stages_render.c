@@ -134,6 +134,7 @@ static void test_validation_frames(void **state) {
     size_t samples;
     double depth;
   } expected[3] = {{51003, 144579.9151890278}, {50994, 145013.4892308712}, {50928, 145473.29183888435}};
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head.safetensors", &file);
@@ -177,6 +178,7 @@ static void test_validation_frames(void **state) {
 /* report.json: 3,399 samples for the rays of grad_pixels.npy in training frame 1. */
 static void test_gradient_frame(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
@@ -212,6 +214,7 @@ static json_int_t recorded(const json_t *terms, const char *kind, size_t step, c
 /* The 20 recorded steps, with their start jitters. */
 static void test_recorded_steps(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
@@ -241,6 +244,7 @@ static void test_recorded_steps(void **state) {
  */
 static void test_occupancy_bits(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
@@ -292,6 +296,7 @@ static void network(ern_context *context, const struct ern_tensor_file *file, fl
 
 static void test_attention(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
@@ -318,6 +323,7 @@ static void test_attention(void **state) {
 /* Pose to key points, encodings, deformation, grid, network: alpha and colour of 512 coordinates. */
 static void test_torso(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
@@ -359,6 +365,7 @@ static void test_torso(void **state) {
 /* The 20 recorded torso steps: how many of their pixels the torso's occupancy reaches. */
 static void test_torso_occupancy(void **state) {
   (void)state;
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file;
   open_model(context, "parity/head_torso.safetensors", &file);
