@@ -36,7 +36,7 @@ LANES_INLINE vf vf_exp_reduce(vf x, vi *k) {
 /* value 2^k for k in [-151, 128]: two factors, so that it goes to 0 and to infinity where it should. */
 LANES_INLINE vf vf_times_power(vf value, vi k) {
   const vi half = k >> 1;
-  return value * (vf)((half + 127) << 23) * (vf)((k - half + 127) << 23);
+  return value * (vf)((vu)(half + 127) << 23) * (vf)((vu)(k - half + 127) << 23);
 }
 
 /* (exp(r) - 1 - r)/r^2 for |r| <= log(2)/2, to 2^-26 of exp(r) - 1 */
@@ -73,7 +73,7 @@ LANES_INLINE vf vf_exp_expm1(vf x, vf *expm1) {
   const vf r = vf_exp_reduce(x, &k);
   const vf less_one = (vf_exp_series(r) * r) * r + r;
   const vi least = (vi){0} - 100, bounded = (vi)vf_select(k < least, (vf)least, (vf)k);
-  const vf half_power = (vf)((bounded + 126) << 23);
+  const vf half_power = (vf)((vu)(bounded + 126) << 23);
   *expm1 = 2 * (half_power * less_one + (half_power - 0.5f));
   return vf_times_power(1 + less_one, k);
 }
@@ -117,9 +117,9 @@ LANES_INLINE vf vf_root_of_any(vf sum, vf of_huge, vf of_tiny) {
  * x too; log(0) = -infinity, NaN below. */
 LANES_INLINE vf vf_log(vf x) {
   const vi small = x < FLT_MIN;
-  const vi bits = (vi)vf_select(small, x * 0x1p25f, x);
-  const vi k = (bits - 0x3f3504f3) >> 23; /* the bits of sqrt(1/2) */
-  const vf f = (vf)(bits - (vi)((vu)k << 23)) - 1;
+  const vu bits = (vu)vf_select(small, x * 0x1p25f, x); /* unsigned: below 0 they may wrap, and are not used */
+  const vi k = (vi)(bits - 0x3f3504f3u) >> 23;          /* the bits of sqrt(1/2) */
+  const vf f = (vf)(bits - ((vu)k << 23)) - 1;
   const vf whole = __builtin_convertvector(k, vf) - vf_select(small, vf_all(25), (vf){0});
   const vf s = f / (2 + f), z = s * s;
   const vf q = z * (2.0f / 3 + z * (2.0f / 5 + z * (2.0f / 7 + z * (2.0f / 9))));

@@ -43,6 +43,7 @@ static void test_round_trip(void **state) {
   (void)state;
   static const char *const names[] = {"parity/head.pth", "parity/head_torso.pth", "parity/full/head_full.pth",
                                       "real/audnet.pt", "real/track_params.pt"};
+  support_needs_shared();
   ern_context *context = support_context();
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
     char path[1024];
@@ -67,6 +68,7 @@ static void test_round_trip(void **state) {
 static void test_full(void **state) {
   (void)state;
   char path[1024];
+  support_needs_shared();
   ern_context *context = support_context();
   struct ern_tensor_file file = {0};
   support_shared("parity/full/head_full.pth", path);
