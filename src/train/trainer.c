@@ -233,7 +233,8 @@ static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
   char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
   t->declined = t->output != NULL && t->saved > 0;
   if (t->declined)
-    snprintf(kept, sizeof kept, "; the state of before is kept as %s, which --from goes on from", t->run.good);
+    snprintf(kept, sizeof kept, "; the next save keeps the state of before as %s, which --from goes on from",
+             t->run.good);
   ern_log(t->context, ERN_LOG_WARNING,
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
           ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "

@@ -92,7 +92,7 @@ static void test_silence_of_loudness_without_end(void **state) {
   ern_context_free(&context);
 }
 
-/* After hours of nonsense, a second of usual frames brings back what held before. */
+/* After minutes of nonsense, two seconds of usual frames bring back what held before. */
 static void test_rate_of_a_clock_gone_wrong(void **state) {
   (void)state;
   static const double cost[] = {60, 30, 12};
