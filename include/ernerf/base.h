@@ -56,6 +56,10 @@ typedef enum ern_log_level {
   ERN_LOG_DEBUG = 3
 } ern_log_level;
 
+/* Functions that compute do so in the floating-point environment that C programs start in (to nearest, denormal numbers
+ * kept, nothing trapped), whatever the caller's is, and leave the caller's as it was; hooks of the caller are called in
+ * the former. */
+
 /* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
  * before it. One context may serve several threads; the text of the last error is then that of whoever failed last. */
 typedef struct ern_context ern_context;

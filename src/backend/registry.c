@@ -6,6 +6,7 @@
 
 #include "backend_cpu/backend_cpu.h"
 #include "backend_opencl/devices.h"
+#include "core/floats.h"
 #include "core/status.h"
 #include "ernerf/backend.h"
 
@@ -41,6 +42,7 @@ static ern_status choose_isa(ern_context *context, const char *wanted, ern_isa *
 }
 
 ern_status ern_backend_create(ern_backend **backend, ern_context *context, const ern_backend_config *config) {
+  ERN_PLAIN_FLOATS;
   const ern_backend_config chosen = config != NULL ? *config : ern_backend_config_default();
   ern_isa isa = ERN_ISA_REF;
   *backend = NULL;
@@ -75,6 +77,7 @@ void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, cons
 }
 
 ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const ern_device_info *device), void *user) {
+  ERN_PLAIN_FLOATS;
   char name[TEXT_BYTES], list[TEXT_BYTES];
   ern_cpu_name(name, sizeof name);
   ern_isa_list(list, sizeof list);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "bench/bench.h"
+#include "core/floats.h"
 #include "core/memory.h"
 #include "core/status.h"
 #include "train/trainer.h"
@@ -263,6 +264,7 @@ static struct sizes sizes_of(const ern_bench_options *chosen, bool alone) {
 ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
                              const ern_bench_machine *machine, const ern_bench_options *options,
                              int (*say)(void *user, const ern_bench_kernel *kernel), void *user) {
+  ERN_PLAIN_FLOATS;
   ern_bench_options chosen;
   struct kernels kernels = {.count = count};
   void *room = NULL;

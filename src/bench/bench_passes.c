@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "bench/bench.h"
+#include "core/floats.h"
 #include "core/memory.h"
 #include "core/profile.h"
 #include "core/status.h"
@@ -255,6 +256,7 @@ static ern_status count_frame(struct subject *s) {
 ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
                            const ern_bench_machine *machine, const ern_bench_options *options,
                            ern_bench_pass *results) {
+  ERN_PLAIN_FLOATS;
   ern_bench_options chosen;
   ern_bench_timing timing[ERN_BENCH_TURNS];
   struct passes passes = {.count = count};
@@ -359,6 +361,7 @@ static ern_status take_steps(struct passes *passes, bool sixteenth, double secon
 ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
                           const ern_bench_machine *machine, const ern_bench_options *options, bool torso,
                           ern_bench_pass *results) {
+  ERN_PLAIN_FLOATS;
   ern_bench_options chosen;
   ern_bench_timing timing[ERN_BENCH_TURNS];
   struct passes passes = {.count = count};

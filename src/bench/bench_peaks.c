@@ -8,6 +8,7 @@
 #include "backend_opencl/device_peak.h"
 #include "bench/bench.h"
 #include "core/cpu.h"
+#include "core/floats.h"
 #include "core/memory.h"
 #include "core/rng.h"
 #include "core/status.h"
@@ -360,6 +361,7 @@ fail:
 
 ern_status ern_bench_peaks(ern_backend *const *backends, size_t count, const ern_bench_options *options,
                            ern_bench_machine *machine) {
+  ERN_PLAIN_FLOATS;
   ern_bench_options chosen;
   struct ern_pool *pool = NULL;
   struct device devices[ERN_BENCH_BACKENDS] = {{0}};

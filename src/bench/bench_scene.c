@@ -6,6 +6,7 @@
 
 #include "backend_cpu/backend_cpu.h"
 #include "bench/bench.h"
+#include "core/floats.h"
 #include "core/memory.h"
 #include "core/rng.h"
 #include "core/status.h"
@@ -157,6 +158,7 @@ static ern_status make_frame(struct ern_bench_scene *scene, int width, int heigh
 }
 
 ern_status ern_bench_scene_make(ern_bench_scene **scene, ern_context *context, int width, int height, uint64_t seed) {
+  ERN_PLAIN_FLOATS;
   struct ern_bench_scene *made = NULL;
   void *room = NULL;
   ern_status status = ERN_OK;
@@ -180,6 +182,7 @@ fail:
 
 ern_status ern_bench_scene_of(ern_bench_scene **scene, ern_context *context, const ern_model *model,
                               const ern_frame_input *frame, const uint8_t *truth, const ern_box *face) {
+  ERN_PLAIN_FLOATS;
   void *room = NULL;
   const ern_camera *camera = &frame->camera;
   *scene = NULL;
@@ -316,6 +319,7 @@ fail:
 
 ern_status ern_bench_scene_describe(const ern_bench_scene *scene, ern_backend *backend, int threads,
                                     ern_bench_scene_info *info) {
+  ERN_PLAIN_FLOATS;
   const ern_camera *camera = &scene->frame.camera;
   const struct ern_field *field = &scene->model->field;
   const struct ern_bench_cost written = ern_bench_cost_written(field), folded = ern_bench_cost_folded(field);

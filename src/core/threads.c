@@ -7,6 +7,7 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 
 enum { MAX_THREADS = 256 };
@@ -40,6 +41,7 @@ static void work_through(struct ern_pool *pool, int lane) {
 }
 
 static void *helper_main(void *argument) {
+  ERN_PLAIN_FLOATS;
   const struct lane *lane = argument;
   struct ern_pool *pool = lane->pool;
   uint64_t seen = 0;

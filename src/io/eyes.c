@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "io/csv.h"
@@ -108,6 +109,7 @@ static ern_status read_text(ern_context *context, const char *path, ern_eyes *ey
 /* ------------------------------------------------------------------------------------------------------------------ */
 
 ern_status ern_eyes_load(ern_context *context, const char *path, ern_eyes *eyes) {
+  ERN_PLAIN_FLOATS;
   const size_t length = strlen(path);
   *eyes = (ern_eyes){0};
   ern_status status = length > 4 && strcmp(path + length - 4, ".npy") == 0 ? read_array(context, path, eyes)

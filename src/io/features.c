@@ -2,6 +2,7 @@
  * Speech features from a .npy file. */
 #include <math.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "io/npy.h"
@@ -24,6 +25,7 @@ static ern_status check_shape(ern_context *context, const char *path, const stru
 }
 
 ern_status ern_features_load(ern_context *context, const char *path, ern_features *features) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   struct ern_npy array = {0};
   *features = (ern_features){0};

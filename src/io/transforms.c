@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "io/file.h"
@@ -144,6 +145,7 @@ fail:
 }
 
 ern_status ern_pose_list_load(ern_context *context, const char *path, ern_pose_list *list) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   struct place place = {.context = context, .path = path, .frame = -1};
   uint8_t *bytes = NULL;

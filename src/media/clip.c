@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/landmarks.h"
@@ -228,6 +229,7 @@ fail:
 }
 
 ern_status ern_clip_open(ern_context *context, const char *folder, const ern_clip_options *options, ern_clip **clip) {
+  ERN_PLAIN_FLOATS;
   if (clip == NULL || folder == NULL) return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or clip is NULL");
   *clip = NULL;
   const ern_clip_options chosen = options != NULL ? *options : ern_clip_options_default();
@@ -340,6 +342,7 @@ fail:
 }
 
 ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth, ern_image *torso) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   if (truth != NULL) *truth = (ern_image){0};
   if (torso != NULL) *torso = (ern_image){0};

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "io/landmarks.h"
 #include "media/clip.h"
@@ -334,6 +335,7 @@ static ern_status check_folder(struct report *report) {
 
 ern_status ern_clip_check(ern_context *context, const char *folder,
                           void (*say_sentence)(void *user, int ok, const char *sentence), void *user) {
+  ERN_PLAIN_FLOATS;
   if (folder == NULL || say_sentence == NULL) {
     return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or say is NULL");
   }

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "media/clip.h"
 
@@ -255,6 +256,7 @@ static ern_status measure_pictures(ern_clip *clip, ern_clip_measures *m) {
 }
 
 ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures) {
+  ERN_PLAIN_FLOATS;
   ern_clip_info info;
   ern_clip_describe(clip, &info);
   *measures = (ern_clip_measures){.frames = info.frames[ERN_SPLIT_TRAIN]};

@@ -11,6 +11,7 @@
 #include <vector>
 
 extern "C" {
+#include "core/floats.h"
 #include "io/file.h"
 #include "media/image.h"
 #include "media/input.h"
@@ -200,6 +201,7 @@ ern_status write_floats(ern_context *context, const char *path, const float *dat
 }  // namespace
 
 extern "C" ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image) {
+  ERN_PLAIN_FLOATS;
   if (path == nullptr || image == nullptr) {
     return ern_fail(context, ERN_E_ARGUMENT, "picture: path or image is NULL");
   }
@@ -229,6 +231,7 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
 }
 
 extern "C" ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image, int quality) {
+  ERN_PLAIN_FLOATS;
   if (path == nullptr) return ern_fail(context, ERN_E_ARGUMENT, "picture: path is NULL");
   const ern_status status = ern_image_check(context, path, image);
   if (status != ERN_OK) return status;
@@ -249,6 +252,7 @@ extern "C" ern_status ern_image_write(ern_context *context, const char *path, co
 
 extern "C" ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data, int width,
                                           int height, int channels, const char *const *names) {
+  ERN_PLAIN_FLOATS;
   if (path == nullptr || data == nullptr || names == nullptr) {
     return ern_fail(context, ERN_E_ARGUMENT, "picture: path, data or names is NULL");
   }

@@ -5,6 +5,7 @@
 #include <libswresample/swresample.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/media.h"
 #include "io/file.h"
@@ -99,6 +100,7 @@ fail:
 }
 
 ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound) {
+  ERN_PLAIN_FLOATS;
   if (path == NULL || sound == NULL) return ern_fail(context, ERN_E_ARGUMENT, "sound: path or sound is NULL");
   *sound = (ern_sound){0};
   ern_status status = ERN_OK;
@@ -148,6 +150,7 @@ static void make_header(uint8_t header[WAV_HEADER_BYTES], const ern_sound *sound
 }
 
 ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern_sound *sound) {
+  ERN_PLAIN_FLOATS;
   if (path == NULL || sound == NULL || (sound->data == NULL && sound->frames > 0)) {
     return ern_fail(context, ERN_E_ARGUMENT, "sound: path, sound or its samples are NULL");
   }

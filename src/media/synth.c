@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/media.h"
 #include "io/file.h"
@@ -443,6 +444,7 @@ fail:
 }
 
 ern_status ern_synth_write(ern_context *context, const char *folder, const ern_synth_options *options) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   bool there = false, writing = false;
   struct work work = {.context = context, .folder = folder, .options = options};

@@ -5,6 +5,7 @@
 #include <libswscale/swscale.h>
 #include <stdio.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
@@ -42,6 +43,7 @@ static void describe(ern_video_reader *reader) {
 }
 
 ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
+  ERN_PLAIN_FLOATS;
   if (path == NULL || reader == NULL) return ern_fail(context, ERN_E_ARGUMENT, "video: path or reader is NULL");
   *reader = NULL;
   ern_status status = ERN_OK;
@@ -136,6 +138,7 @@ static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
 }
 
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
+  ERN_PLAIN_FLOATS;
   if (reader == NULL) return ERN_E_ARGUMENT;
   ern_context *context = reader->context;
   const char *path = reader->decoder.path;

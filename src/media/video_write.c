@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "ernerf/media.h"
@@ -212,6 +213,7 @@ fail:
 
 ern_status ern_video_writer_open(ern_context *context, const char *path, const ern_video_options *options,
                                  ern_video_writer **writer) {
+  ERN_PLAIN_FLOATS;
   if (path == NULL || options == NULL || writer == NULL) {
     return ern_fail(context, ERN_E_ARGUMENT, "video: path, options or writer is NULL");
   }
@@ -281,6 +283,7 @@ fail:
 }
 
 ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba) {
+  ERN_PLAIN_FLOATS;
   if (writer == NULL) return ERN_E_ARGUMENT;
   if (rgba == NULL) return ern_fail(writer->context, ERN_E_ARGUMENT, "%s: frame is NULL", writer->path);
   if (writer->broken == ERN_OK) {

@@ -5,11 +5,13 @@
 #include <opencv2/imgproc.hpp>
 
 extern "C" {
+#include "core/floats.h"
 #include "media/image.h"
 }
 
 extern "C" ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                        ern_image *resized) {
+  ERN_PLAIN_FLOATS;
   if (resized == nullptr) return ern_fail(context, ERN_E_ARGUMENT, "resize: no place for the result");
   *resized = ern_image{};
   ern_status status = ern_image_check(context, "resize", image);

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "model/checkpoint.h"
@@ -81,6 +82,7 @@ static ern_status write_torch(ern_context *context, const struct ern_tensor_file
 }
 
 ern_status ern_file_convert(ern_context *context, const char *in, const char *out) {
+  ERN_PLAIN_FLOATS;
   struct ern_tensor_file file = {0};
   ern_model *model = NULL;
   const bool torch = ends_with(out, ".pth") || ends_with(out, ".pt");

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "model/torso_ops.h"
 #include "render/render_ops.h"
@@ -82,6 +83,7 @@ static void euler_matrix(float m[9], const float radians[3]) {
 }
 
 void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
+  ERN_PLAIN_FLOATS;
   const float degree = 3.14159265358979f / 180;
   if (model->cameras == 0) return;
   const size_t row = index < model->cameras ? index : model->cameras - 1;
@@ -138,6 +140,7 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
 }
 
 ern_status ern_model_save(const ern_model *model, const char *path) {
+  ERN_PLAIN_FLOATS;
   void *room = NULL;
   char *json = NULL;
   ern_status status = ern_allocate(model->context, 1, sizeof(struct ern_model_tensors), &room);

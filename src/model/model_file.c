@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/npy.h"
@@ -334,6 +335,7 @@ fail:
 }
 
 ern_status ern_model_load(ern_model **model, ern_context *context, const char *path) {
+  ERN_PLAIN_FLOATS;
   struct ern_tensor_file file = {0};
   *model = NULL;
   ern_status status = ern_checkpoint_read(context, path, &file);

@@ -4,10 +4,12 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/render.h"
 
 void ern_camera_pose(float pose[16], const float m[16], float scale) {
+  ERN_PLAIN_FLOATS;
   static const int row[3] = {1, 2, 0};
   for (int r = 0; r < 3; r++) {
     const float *from = m + 4 * row[r];
@@ -22,6 +24,7 @@ void ern_camera_pose(float pose[16], const float m[16], float scale) {
 /* matrix <- Ry(-yaw) Rx(pitch) matrix. The world of a transforms file has x to the right of the face's picture, y up
  * and z out of the face, so Rx takes a camera before the face below it and Ry then takes it to the picture's left. */
 void ern_pose_turn(float matrix[16], double yaw, double pitch) {
+  ERN_PLAIN_FLOATS;
   const double degree = 3.14159265358979323846 / 180;
   const double cy = cos(yaw * degree), sy = -sin(yaw * degree), cp = cos(pitch * degree), sp = sin(pitch * degree);
   const double turn[3][3] = {{cy, sy * sp, sy * cp}, {0, cp, -sp}, {-sy, cy * sp, cy * cp}};
@@ -36,6 +39,7 @@ void ern_pose_turn(float matrix[16], double yaw, double pitch) {
 }
 
 ern_camera ern_camera_resized(const ern_camera *camera, int width, int height) {
+  ERN_PLAIN_FLOATS;
   ern_camera out = *camera;
   const float scale = (float)height / (float)camera->height;
   out.focal = camera->focal * scale;
@@ -80,6 +84,7 @@ static bool nearest_rotation(double m[9]) {
 }
 
 ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window) {
+  ERN_PLAIN_FLOATS;
   if (window < 1 || window % 2 == 0)
     return ern_fail(context, ERN_E_ARGUMENT, "smooth path: window is %d, expected an odd number from 1", window);
   void *room = NULL;

@@ -2,10 +2,12 @@
  * PSNR and SSIM of a float picture against bytes. */
 #include <math.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/render.h"
 
 double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box) {
+  ERN_PLAIN_FLOATS;
   const ern_box all = {0, height, 0, width}, in = box != NULL ? *box : all;
   double sum = 0;
   size_t count = 0;
@@ -62,6 +64,7 @@ static double ssim_channel(const float *rgb, const uint8_t *truth, int width, in
 }
 
 ern_status ern_ssim(ern_context *context, const float *rgb, const uint8_t *truth, int width, int height, double *ssim) {
+  ERN_PLAIN_FLOATS;
   if (width < SSIM_WINDOW || height < SSIM_WINDOW)
     return ern_fail(context, ERN_E_ARGUMENT, "SSIM: the picture is %d x %d, expected at least %d x %d", width, height,
                     SSIM_WINDOW, SSIM_WINDOW);

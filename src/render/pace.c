@@ -2,6 +2,7 @@
  * Holding a rate: a controller over a list of settings whose cost is known. */
 #include <math.h>
 
+#include "core/floats.h"
 #include "ernerf/render.h"
 
 static const double weight_of_newest = 0.2; /* in the mean of how slow the machine is: a load is seen in five frames */
@@ -20,6 +21,7 @@ static size_t fitting(const ern_pace *pace, double room) {
 }
 
 void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget) {
+  ERN_PLAIN_FLOATS;
   *pace = (ern_pace){.cost = cost, .count = count, .budget = budget, .slowness = 1};
   pace->at = fitting(pace, budget);
 }
@@ -27,6 +29,7 @@ void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double bud
 bool ern_pace_holds(const ern_pace *pace) { return pace->cost[pace->count - 1] * pace->slowness <= pace->budget; }
 
 size_t ern_pace_next(ern_pace *pace, double milliseconds) {
+  ERN_PLAIN_FLOATS;
   if (!(milliseconds > 0) || !isfinite(milliseconds)) return pace->at;
   const double ratio = milliseconds / pace->cost[pace->at];
   pace->slowness += weight_of_newest * (fmin(ratio, outlier * fmax(pace->slowness, slowness_least)) - pace->slowness);

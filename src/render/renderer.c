@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "core/floats.h"
 #include "render/frame_input.h"
 #include "render/thin.h"
 
@@ -69,6 +70,7 @@ fail:
 
 ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, const ern_model *model,
                                const ern_render_options *options) {
+  ERN_PLAIN_FLOATS;
   ern_context *context = backend->context;
   const ern_render_options chosen = options != NULL ? *options : ern_render_options_default();
   void *room = NULL;
@@ -149,6 +151,7 @@ fail:
 
 ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                   size_t count, float density) {
+  ERN_PLAIN_FLOATS;
   ern_context *context = renderer->context;
   struct ern_moment *moment = NULL;
   void *bits = NULL;
@@ -308,6 +311,7 @@ fail:
 
 ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                              float code[ERN_AUDIO_CODE]) {
+  ERN_PLAIN_FLOATS;
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   const ern_frame_input input = {.windows = windows, .window_length = window_length};
   ern_status status = ERN_OK;
@@ -322,6 +326,7 @@ fail:
 
 ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
                               ern_frame_times *times) {
+  ERN_PLAIN_FLOATS;
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   double at[5] = {milliseconds()};
   struct frame *frame = &renderer->frame;

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/render.h"
 
@@ -193,6 +194,7 @@ static ern_status place_borders(ern_silence *s, const double *score, const unsig
 
 ern_status ern_silence_learn(ern_context *context, const ern_features *features, const float *loudness,
                              ern_silence **silence) {
+  ERN_PLAIN_FLOATS;
   const size_t count = features->windows;
   void *room = NULL, *level = NULL, *kind = NULL;
   ern_silence *made = NULL;
@@ -241,6 +243,7 @@ static void rest_in(float *rest, size_t begin, size_t end) {
 }
 
 ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features, float *rest) {
+  ERN_PLAIN_FLOATS;
   const size_t count = features->windows;
   void *room = NULL;
   ern_status status = ERN_OK;

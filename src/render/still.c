@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "render/renderer.h"
 
 enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
@@ -23,6 +24,7 @@ void ern_still_free(ern_renderer *r) {
 
 ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                    size_t count, float bound) {
+  ERN_PLAIN_FLOATS;
   struct ern_still *s = &renderer->still;
   struct ern_moment *moment = NULL;
   ern_status status = ERN_OK;

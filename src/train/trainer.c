@@ -8,6 +8,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "train/decline.h"
 #include "train/step.h"
@@ -133,6 +134,7 @@ static ern_status average(ern_trainer *t) {
 }
 
 ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
+  ERN_PLAIN_FLOATS;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
   double terms[ERN_LOSS_TERMS] = {0};
@@ -243,6 +245,7 @@ static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
 }
 
 ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
+  ERN_PLAIN_FLOATS;
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
   struct ern_decline decline = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
@@ -262,6 +265,7 @@ ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
 }
 
 ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ern_trainer_download(t, t->parameters);
   *model = NULL;
   if (status == ERN_OK) status = ern_model_make(model, t->context, &t->model->field.config);

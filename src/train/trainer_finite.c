@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <math.h>
 
+#include "core/floats.h"
 #include "train/trainer.h"
 
 static ern_status look(ern_trainer *t, ern_span values, bool *finite) {
@@ -35,6 +36,7 @@ static ern_status check_grid(ern_trainer *t, ern_span grid, const char *what) {
 }
 
 ern_status ern_trainer_check(ern_trainer *t) {
+  ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   ERN_TRY(check_rows(t, t->parameters, "value"));
   ERN_TRY(check_rows(t, t->gradient, "gradient"));

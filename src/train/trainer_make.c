@@ -7,6 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "render/frame_input.h"
 #include "train/trainer.h"
@@ -257,6 +258,7 @@ fail:
 
 ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
                               const ern_train_config *config) {
+  ERN_PLAIN_FLOATS;
   ern_context *context = backend->context;
   const ern_train_config chosen = config != NULL ? *config : ern_train_config_default();
   void *room = NULL;

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "model/checkpoint.h"
@@ -165,6 +166,7 @@ fail:
 }
 
 ern_status ern_trainer_save(ern_trainer *t) {
+  ERN_PLAIN_FLOATS;
   enum { LEAST_EMA_UPDATES = 10 };
   ern_status status = ERN_OK;
   if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * ernerf: trains, renders and judges talking portraits. Finds the verb and hands over to it. */
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "args.h"
 #include "ernerf/base.h"
@@ -63,8 +65,19 @@ static int run(int argc, char **argv) {
   return refuse_verb(first);
 }
 
+/* A standard stream that is closed stays so to whoever uses it, but no file of ours gets its number: what is said would
+ * be written into that. False: nothing could take its place. */
+static bool streams_are_taken(void) {
+  for (int stream = STDIN_FILENO; stream <= STDERR_FILENO; stream++) {
+    if (fcntl(stream, F_GETFD) != -1 || errno != EBADF) continue;
+    if (open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY) != stream) return false;
+  }
+  return true;
+}
+
 int main(int argc, char **argv) {
   char expected[32];
+  if (!streams_are_taken()) return EXIT_FAILURE; /* and nothing to say it on */
   snprintf(expected, sizeof expected, "%d.%d.%d", ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH);
   if (strcmp(ern_version(), expected) != 0) {
     fprintf(stderr, "ernerf: the library's version is %s, expected %s\n", ern_version(), expected);

@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: MIT
+ * Programs that link the library and have changed what it computes in: rounding, denormal numbers, traps, the sign of
+ * decimals. A training and a frame have the bytes that they have anywhere, and the program keeps its choice
+ * (docs/numerics.md). */
+#define _GNU_SOURCE /* feenableexcept */
+#include <fenv.h>
+#include <locale.h>
+#include <unistd.h>
+#if defined __x86_64__
+#include <immintrin.h>
+#endif
+
+#include "made_clip.h"
+
+enum { STEPS = 6, PIXELS = SIDE * SIDE, FLUSH = 0x8040 /* of MXCSR: results and operands that are denormal are 0 */ };
+#if defined __GLIBC__
+#define TRAPPED (FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW | FE_UNDERFLOW)
+#endif
+
+struct result {
+  char *model;
+  size_t bytes;
+  float rgb[2][3 * PIXELS];
+};
+
+static struct made made;
+static struct result plain;
+
+/* As usual, and with a focal length that is 0 where denormal numbers are. */
+static void draw(struct result *result) {
+  ern_model *model = NULL;
+  ern_renderer *renderer = NULL;
+  ern_camera camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE};
+  ern_dataset_frame frame;
+  (void)made_frame(&made, 0, 1, &frame);
+  ern_camera_pose(camera.pose, frame.matrix, 4);
+  ern_frame_input input = {
+      .camera = camera, .windows = made.speech, .window_length = WINDOWS, .eye = 0.3f, .background = made.background};
+  support_ok(made.context, ern_model_load(&model, made.context, "host.safetensors"));
+  support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
+  for (size_t k = 0; k < 2; k++) {
+    const ern_frame_output output = {.rgb = result->rgb[k]};
+    if (k == 1) input.camera.focal = 1e-39f;
+    support_ok(made.context, ern_renderer_frame(renderer, &input, &output, NULL));
+  }
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+}
+
+/* With a backend, and threads, of its own. */
+static void learn_and_draw(struct result *result) {
+  ern_train_config config = small_config(STEPS, "host.safetensors");
+  config.validate_every = STEPS;
+  clear_run("host");
+  ern_backend_free(&made.backend);
+  support_ok(made.context, ern_backend_create(&made.backend, made.context, NULL));
+  support_ok(made.context, train(&made, &config, NULL));
+  draw(result);
+  result->model = read_file("host.safetensors", &result->bytes);
+}
+
+static void expect_plain(const char *host) {
+  struct result found = {0};
+  learn_and_draw(&found);
+  const bool same_model = found.bytes == plain.bytes && memcmp(found.model, plain.model, plain.bytes) == 0,
+             same_picture = memcmp(found.rgb, plain.rgb, sizeof plain.rgb) == 0;
+  free(found.model);
+  if (!same_model || !same_picture) {
+    fesetenv(FE_DFL_ENV);
+    fail_msg("%s: the %s differs", host, same_model ? "picture" : "model");
+  }
+}
+
+static void test_host_that_flushes_denormals(void **state) {
+  (void)state;
+  fesetenv(FE_DFL_ENV); /* a failure before may have left another */
+#if defined __x86_64__
+  _mm_setcsr(_mm_getcsr() | FLUSH);
+  expect_plain("denormal numbers are 0");
+  const unsigned after = _mm_getcsr();
+  fesetenv(FE_DFL_ENV);
+  assert_int_equal(after & FLUSH, FLUSH);
+#else
+  skip();
+#endif
+}
+
+static void test_host_that_rounds_otherwise(void **state) {
+  (void)state;
+  fesetenv(FE_DFL_ENV); /* a failure before may have left another */
+  static const struct {
+    int mode;
+    const char *name;
+  } modes[] = {{FE_UPWARD, "rounds up"}, {FE_DOWNWARD, "rounds down"}, {FE_TOWARDZERO, "rounds to zero"}};
+  for (size_t m = 0; m < sizeof modes / sizeof *modes; m++) {
+    assert_int_equal(fesetround(modes[m].mode), 0);
+    expect_plain(modes[m].name);
+    const int after = fegetround();
+    fesetenv(FE_DFL_ENV);
+    assert_int_equal(after, modes[m].mode);
+  }
+}
+
+static void test_host_that_traps(void **state) {
+  (void)state;
+  fesetenv(FE_DFL_ENV); /* a failure before may have left another */
+#if defined __GLIBC__
+  feclearexcept(FE_ALL_EXCEPT);
+  if (feenableexcept(TRAPPED) == -1) skip(); /* processors may have no traps */
+  expect_plain("traps");
+  const int after = fegetexcept();
+  fesetenv(FE_DFL_ENV);
+  assert_int_equal(after, TRAPPED);
+#else
+  skip();
+#endif
+}
+
+/* A locale of one category, made here: few machines have one of their own. */
+static bool comma_is_chosen(void) {
+  char here[512];
+  support_write_text("comma",
+                     "LC_NUMERIC\ndecimal_point \",\"\nthousands_sep \"\"\ngrouping -1\nEND LC_NUMERIC\n"
+                     "LC_CTYPE\nEND LC_CTYPE\n");
+  (void)system("localedef -c -i comma -f ANSI_X3.4-1968 ./comma_XX >comma.log 2>&1");
+  return getcwd(here, sizeof here) != NULL && setenv("LOCPATH", here, 1) == 0 &&
+         setlocale(LC_NUMERIC, "comma_XX") != NULL;
+}
+
+static void expect_no_comma(const char *path, const char *number) {
+  size_t count = 0;
+  char *text = read_file(path, &count);
+  if (strstr(text, number) == NULL) fail_msg("%s has no \"%s\": %s", path, number, text);
+  free(text);
+}
+
+static void test_host_that_writes_commas(void **state) {
+  (void)state;
+  char half[8];
+  if (!comma_is_chosen()) {
+    print_message("skipped: no locale can be made here (Debian's package locales)\n");
+    skip();
+  }
+  snprintf(half, sizeof half, "%.1f", 0.5);
+  assert_string_equal(half, "0,5");
+  expect_plain("commas");
+  expect_no_comma("host.run/log.jsonl", "\"samples_per_ray\": 16.000");
+  expect_no_comma("host.run/curve.csv", "\n6,0.");
+  snprintf(half, sizeof half, "%.1f", 0.5);
+  assert_string_equal(half, "0,5");
+  setlocale(LC_NUMERIC, "C");
+}
+
+static int prepare(void **state) {
+  (void)state;
+  made_open(&made);
+  learn_and_draw(&plain);
+  return 0;
+}
+
+static int close_all(void **state) {
+  (void)state;
+  free(plain.model);
+  made_close(&made);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_host_that_flushes_denormals), cmocka_unit_test(test_host_that_rounds_otherwise),
+      cmocka_unit_test(test_host_that_traps), cmocka_unit_test(test_host_that_writes_commas)};
+  return cmocka_run_group_tests(tests, prepare, close_all);
+}
