@@ -83,8 +83,8 @@ static double sum(const float *values, size_t count) {
 }
 
 /* The reference draws the same picture: it differs by the rounding of its sums alone. Sums of about 1 over some hundred
- * terms, through 3 layers, or 12 of the backbone `mlp`: 1e-5 of a colour by far. Where pairs of bf16 are chosen unasked,
- * a layer is off by 2^-9 of its sums, of which the sigmoid leaves a quarter: 12 * 2^-11 < 2^-7. */
+ * terms, through 3 layers, or 12 of the backbone `mlp`: 1e-5 of a colour by far. Where pairs of bf16 are chosen
+ * unasked, a layer is off by 2^-9 of its sums, of which the sigmoid leaves a quarter: 12 * 2^-11 < 2^-7. */
 static void expect_reference(struct made *m, const ern_model *model, const struct drawn *fast) {
   static struct drawn slow;
   ern_backend *reference = NULL;
