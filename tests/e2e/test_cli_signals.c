@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Ctrl-C, SIGTERM and a second one of either, in the verbs that work for long: what is saved is whole, what is not done
- * has no file under its name, and the next start goes on. */
+ * Ctrl-C, SIGTERM and a second one of either, and a terminal that closes, in the verbs that work for long: what is
+ * saved is whole, what is not done has no file under its name, and the next start goes on. */
 #include "cli.h"
 
 #include <time.h>
@@ -13,8 +13,8 @@ static void rest(long milliseconds) {
 
 static int make_model(void **state) {
   (void)state;
-  static const char *const old[] = {"m.safetensors", "m.run", "t.safetensors", "t.run",
-                                    "table",         "trade", "cut.mp4",       "clip"};
+  static const char *const old[] = {"m.safetensors", "m.run",   "t.safetensors", "t.run",         "table",
+                                    "trade",         "cut.mp4", "clip",          "h.safetensors", "h.run"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size 64 --frames 8 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -83,6 +83,32 @@ static void test_second_of_a_video(void **state) {
   expect_none_begun(".");
 }
 
+#define LONG_TRAINING "train clip -o h.safetensors --iters 100000 --rays 16 --levels 2 --validate-every 0"
+
+/* Said twice, by the system and by the shell. */
+static void test_end_of_the_terminal(void **state) {
+  (void)state;
+  signal(SIGHUP, SIG_DFL); /* of this test, and so of the program: it may have been started with nohup itself */
+  start_and_stop("\"train  ", SIGHUP, LONG_TRAINING);
+  (void)kill(cli.pid, SIGHUP);
+  cli_wait(&cli);
+  cli_expect(&cli, 1, "stopped", NULL);
+  assert_true(cli_there("h.run/state.safetensors") && cli_there("h.safetensors"));
+  expect_none_begun("h.run");
+}
+
+static void test_nohup(void **state) {
+  (void)state;
+  signal(SIGHUP, SIG_IGN);
+  start_and_stop("\"train  ", SIGHUP, LONG_TRAINING);
+  rest(300);
+  assert_int_equal(waitpid(cli.pid, NULL, WNOHANG), 0);
+  assert_int_equal(kill(cli.pid, SIGTERM), 0);
+  cli_wait(&cli);
+  cli_expect(&cli, 1, "stopped", NULL);
+  signal(SIGHUP, SIG_DFL);
+}
+
 static void test_ablate(void **state) {
   (void)state;
   start_and_stop("table/trihash-concat.run/lock", SIGINT,
@@ -104,7 +130,11 @@ static void test_tradeoff(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_second), cmocka_unit_test(test_second_of_a_video),
-                                     cmocka_unit_test(test_ablate), cmocka_unit_test(test_tradeoff)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_second),
+                                     cmocka_unit_test(test_second_of_a_video),
+                                     cmocka_unit_test(test_end_of_the_terminal),
+                                     cmocka_unit_test(test_nohup),
+                                     cmocka_unit_test(test_ablate),
+                                     cmocka_unit_test(test_tradeoff)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -16,11 +16,13 @@
 
 static volatile sig_atomic_t interrupted;
 
-/* The next signal ends the program at once, whichever of the two it is. */
+/* The next SIGINT or SIGTERM ends the program at once. A terminal that closes says so twice, by the system and by its
+ * shell: that is one signal. */
 static void catch_interrupt(int number) {
   (void)number;
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
+  signal(SIGHUP, SIG_IGN);
   interrupted = 1;
 }
 
@@ -126,10 +128,12 @@ static void log_line(void *user, ern_log_level level, const char *line) {
 /* ---- beginning and end ------------------------------------------------------------------------------------------- */
 
 static void catch_signals(void) {
-  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART};
+  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART}, before;
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, NULL);
   sigaction(SIGTERM, &action, NULL);
+  if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) /* which nohup asks for */
+    sigaction(SIGHUP, &action, NULL);
   /* a write that is too large or has no reader then fails with a reason, instead of ending the program */
   action = (struct sigaction){.sa_handler = SIG_IGN};
   sigaction(SIGXFSZ, &action, NULL);

@@ -49,7 +49,7 @@ int session_fail_with(struct session *session, const char *format, ...) ERN_PRIN
 void session_warn(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
 void session_note(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
 
-/* Whether Ctrl-C (or SIGTERM) was caught; the next one kills. */
+/* Whether Ctrl-C, SIGTERM or the end of the terminal (SIGHUP) was caught; the next of the first two kills. */
 bool session_interrupted(void);
 
 /* Whether the object of --json takes standard output, which is then kept free of anything else. */
