@@ -17,7 +17,8 @@ typedef struct ern_features {
   int width;         /* D: 29 DeepSpeech, 44 wav2vec, 1024 HuBERT; any 1..4096 */
 } ern_features;
 
-/* Reads a .npy file of shape [T, window_length, D] in float16, float32 or float64, C order. Values must be finite.
+/* Reads a .npy file of shape [T, window_length, D] in float16, float32 or float64, C order. Values are -1e30 to 1e30;
+ * what is beyond is refused by its place: ERN_E_FORMAT, or ERN_E_NONFINITE for infinity and NaN.
  * On success the caller owns features->data (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */

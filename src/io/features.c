@@ -5,6 +5,7 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
+#include "io/feature_range.h"
 #include "io/npy.h"
 
 enum { MAX_WINDOW = 16, MAX_WIDTH = 4096 };
@@ -33,10 +34,11 @@ ern_status ern_features_load(ern_context *context, const char *path, ern_feature
   ERN_TRY(check_shape(context, path, &array));
   const float *values = array.data;
   for (size_t i = 0; i < array.count; i++) {
-    if (isfinite(values[i])) continue;
+    if (ern_feature_fits(values[i])) continue;
     const size_t width = array.shape[2], window = array.shape[1] * width;
-    ERN_TRY(ern_fail(context, ERN_E_NONFINITE, "%s: value [%zu, %zu, %zu] is %g, expected a finite float32", path,
-                     i / window, i % window / width, i % width, (double)values[i]));
+    ERN_TRY(ern_fail(context, isfinite(values[i]) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                     "%s: value [%zu, %zu, %zu] is %g, expected a finite number, -1e30 to 1e30", path, i / window,
+                     i % window / width, i % width, (double)values[i]));
   }
   *features = (ern_features){.data = array.data,
                              .windows = array.shape[0],

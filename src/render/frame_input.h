@@ -5,15 +5,13 @@
 #define ERN_RENDER_FRAME_INPUT_H
 
 #include "ernerf/render.h"
+#include "io/feature_range.h"
 #include "model/field.h"
 
 ERN_NODISCARD ern_status ern_frame_input_check(ern_context *context, const struct ern_field *field,
                                                const ern_frame_input *input);
 /* A pose that is finite and can be inverted; `name` begins the message ("render: pose"). */
 ERN_NODISCARD ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]);
-/* A feature of speech is a number of 1e30 at most, whose sums in the audio networks stay floats; those of any speech
- * are below 1e3. */
-static inline bool ern_feature_fits(float value) { return value >= -1e30f && value <= 1e30f; }
 /* Says why one is refused; `where` begins the message ("render: speech window"), i is its number there. */
 ERN_NODISCARD ern_status ern_feature_refuse(ern_context *context, const char *where, size_t i, float value);
 /* Windows and window_length alone. */

@@ -32,7 +32,7 @@ static void read_features(ern_context *context) {
   }
   const size_t count = features.windows * (size_t)features.window_length * (size_t)features.width;
   FUZZ_REQUIRE(count > 0);
-  for (size_t i = 0; i < count; i++) FUZZ_REQUIRE(isfinite(features.data[i]));
+  for (size_t i = 0; i < count; i++) FUZZ_REQUIRE(fabsf(features.data[i]) <= 1e30f);
   ern_features_free(context, &features);
 }
 

@@ -257,6 +257,10 @@ static void test_features(void **state) {
   write_npy("features.npy", two, data, sizeof data);
   support_expect(context, ern_features_load(context, "features.npy", &features), ERN_E_NONFINITE, "features.npy",
                  "[1, 1, 3] is nan", NULL);
+  data[8 + 4 + 3] = -1.5e30f; /* a number, of no speech, whose sums would be infinite */
+  write_npy("features.npy", two, data, sizeof data);
+  support_expect(context, ern_features_load(context, "features.npy", &features), ERN_E_FORMAT, "features.npy",
+                 "[1, 1, 3] is -1.5e+30", "-1e30 to 1e30", NULL);
   const double large[2] = {0, 1e300}; /* finite, not a finite float32 */
   write_npy("large.npy", "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 1, 2)}", large, sizeof large);
   support_expect(context, ern_features_load(context, "large.npy", &features), ERN_E_NONFINITE, "large.npy",
