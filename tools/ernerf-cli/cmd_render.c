@@ -228,11 +228,16 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
+static int fail_frame(struct render_job *job, size_t k) {
+  return session_fail_with(&job->session, "%s, frame %zu: %s", job->portrait.model_path, job->shots.shot[k].number,
+                           ern_last_error(job->session.context));
+}
+
 /* For the governor's quick look: without the clip's torso picture, which takes the same time with all settings. */
 static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   struct render_job *job = user;
   const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
-  return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : session_fail(&job->session);
+  return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : fail_frame(job, k);
 }
 
 static int open_governor(struct render_job *job, const struct args *args) {
@@ -252,7 +257,7 @@ static int draw(struct render_job *job, size_t k) {
   if (renderer == NULL) return EXIT_FAILURE;
   if (is_behind(job) && backdrop_next_torso(&job->backdrop, &job->session, &torso) != 0) return EXIT_FAILURE;
   if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
-  if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return session_fail(&job->session);
+  if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
   sink_put(&job->sink, job->shots.shot[k].number);
   job->stages.audio += times.audio;
   job->stages.torso += times.torso;
