@@ -242,6 +242,36 @@ fail:
   return status;
 }
 
+static double value_of(const struct ern_tensor *tensor, size_t i) {
+  int32_t whole;
+  float real;
+  memcpy(&whole, (const char *)tensor->data + i * sizeof whole, sizeof whole);
+  memcpy(&real, &whole, sizeof real);
+  return tensor->dtype == ERN_I32 ? (double)whole : (double)real;
+}
+
+/* Box and offsets follow from the configuration: a file that has others is of another model, whatever its shapes. */
+static ern_status check_derived(const ern_model *model, const struct ern_tensor_file *file, const char *path) {
+  struct ern_model_tensors ours;
+  const struct ern_tensor *theirs = NULL;
+  ern_status status = ERN_OK;
+  ern_model_tensors(model, &ours);
+  for (const struct ern_tensor *own = ours.tensor; own < ours.tensor + ours.count; own++) {
+    if (own->dtype != ERN_I32 && strncmp(own->name, "aabb_", 5) != 0) continue;
+    if (ern_tensor_file_find(file, own->name) == NULL) continue;
+    ERN_TRY(find_exact(model->context, file, path, own->name, own->dims, own->shape, &theirs));
+    if (theirs->dtype != own->dtype)
+      ERN_TRY(ern_fail(model->context, ERN_E_FORMAT, "%s: tensor %s is %s, expected %s", path, own->name,
+                       ern_dtype_name(theirs->dtype), ern_dtype_name(own->dtype)));
+    for (size_t i = 0; i < own->count; i++)
+      if (!(value_of(theirs, i) == value_of(own, i)))
+        ERN_TRY(ern_fail(model->context, ERN_E_MISMATCH, "%s: tensor %s: value %zu is %.9g, expected %.9g", path,
+                         own->name, i, value_of(theirs, i), value_of(own, i)));
+  }
+fail:
+  return status;
+}
+
 /* The camera refinement of the training frames, where one was trained. */
 static ern_status take_camera(ern_model *model, const struct ern_tensor_file *file, const char *path) {
   const size_t rows = side(file, "camera_dR", 0), shape[2] = {rows, 3};
@@ -325,6 +355,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
     if (ern_parameters_find(&made->table, name) == NULL && !is_extra(made, name))
       ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: tensor %s belongs to no model that this version knows", path, name));
   }
+  ERN_TRY(check_derived(made, file, path));
   ERN_TRY(take_occupancy(made, file, path));
   ERN_TRY(take_camera(made, file, path));
   *model = made;

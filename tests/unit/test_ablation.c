@@ -329,6 +329,50 @@ static void test_hostile_metadata(void **state) {
   ern_context_free(&context);
 }
 
+/* Box and offsets of a file that differ from what its configuration gives: not drawn as if they had not been said. */
+static void test_another_box_or_layout(void **state) {
+  (void)state;
+  static const struct {
+    const char *name, *said;
+    size_t at;
+    union {
+      int32_t whole;
+      float real;
+    } value;
+    ern_dtype dtype;
+  } cases[] = {{"aabb_train", "value 1 is -1, expected -0.5", 1, {.real = -1}, ERN_F32},
+               {"aabb_infer", "value 3 is nan, expected 1", 3, {.real = NAN}, ERN_F32},
+               {"encoder_yz.offsets", "value 2 is -1, expected 20616", 2, {.whole = -1}, ERN_I32},
+               {"encoder_xy.offsets", "is F32, expected I32", 0, {.whole = 0}, ERN_F32}};
+  ern_context *context = support_context();
+  ern_model *model = make_model(context, rows[0], 4), *back = NULL;
+  support_ok(context, ern_model_save(model, "good.safetensors"));
+  for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+    struct ern_tensor_file file = {0};
+    unsigned char bytes[4 * 8];
+    support_ok(context, ern_checkpoint_read(context, "good.safetensors", &file));
+    const struct ern_metadata metadata[] = {{"format", "ernerf"},
+                                            {"ernerf", ern_tensor_file_metadata(&file, "ernerf")}};
+    for (size_t t = 0; t < file.tensor_count; t++) {
+      struct ern_tensor *tensor = &file.tensors[t];
+      if (strcmp(tensor->name, cases[k].name) != 0) continue;
+      assert_true(tensor->count * 4 <= sizeof bytes);
+      memcpy(bytes, tensor->data, tensor->count * 4);
+      memcpy(bytes + 4 * cases[k].at, &cases[k].value, 4);
+      tensor->data = bytes;
+      tensor->dtype = cases[k].dtype;
+    }
+    support_ok(context,
+               ern_safetensors_write(context, "bad.safetensors", file.tensors, file.tensor_count, metadata, 2));
+    ern_tensor_file_free(context, &file);
+    const ern_status status = ern_model_load(&back, context, "bad.safetensors");
+    if (status != ERN_E_MISMATCH && status != ERN_E_FORMAT) fail_msg("%s: %s", cases[k].name, ern_status_name(status));
+    support_expect(context, status, status, "bad.safetensors", cases[k].name, cases[k].said, NULL);
+  }
+  ern_model_free(&model);
+  ern_context_free(&context);
+}
+
 /* Files of before there was a choice say nothing of it. */
 static void test_older_file(void **state) {
   (void)state;
@@ -376,9 +420,13 @@ static void test_torch(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_rows),  cmocka_unit_test(test_another_kind),     cmocka_unit_test(test_bad_configuration),
-      cmocka_unit_test(test_torso), cmocka_unit_test(test_hostile_metadata), cmocka_unit_test(test_older_file),
-      cmocka_unit_test(test_torch)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rows),
+                                     cmocka_unit_test(test_another_kind),
+                                     cmocka_unit_test(test_bad_configuration),
+                                     cmocka_unit_test(test_torso),
+                                     cmocka_unit_test(test_hostile_metadata),
+                                     cmocka_unit_test(test_another_box_or_layout),
+                                     cmocka_unit_test(test_older_file),
+                                     cmocka_unit_test(test_torch)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
