@@ -17,7 +17,7 @@ ern_backend_config ern_backend_config_default(void) {
 }
 
 /* bf16 is chosen unasked where it is measured to be faster, and if it costs a rendered frame less than 0.05 dB of its
- * PSNR: it costs 0.001 dB, the most of four models (docs/performance.md; tests/numerics/test_bf16_price.c holds it to
+ * PSNR: it costs 0.01 dB, the most of five models (docs/performance.md; tests/numerics/test_bf16_price.c holds it to
  * that). */
 static ern_isa best_isa(void) {
   static const ern_isa order[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};
