@@ -149,6 +149,15 @@ static bool ends_whole(const char *below, const char *path) {
   return whole;
 }
 
+/* What is appended to: the lines of a flush are there, or none of them. */
+static bool has_whole_lines(const char *path) {
+  size_t count = 0;
+  char *bytes = read_file(path, &count);
+  const bool whole = count == 0 || bytes[count - 1] == '\n';
+  free(bytes);
+  return whole;
+}
+
 /* A file of out/ is whole: it can be read, or is what it was before (was/) or what it should become (new/). */
 static void look_at(const char *below) {
   char path[1024], was[1024], becomes[1024];
@@ -157,7 +166,11 @@ static void look_at(const char *below) {
   snprintf(was, sizeof was, "was/%s", below);
   snprintf(becomes, sizeof becomes, "new/%s", below);
   if (strstr(below, ".tmp-") != NULL) fail_msg("%s: %s is left over\n%s", way->name, path, j.err);
-  if (is_timed(below) || ends_with(below, "/log.jsonl")) return; /* a log ends where the disk did */
+  if (ends_with(below, "/log.jsonl") || ends_with(below, "/curve.csv")) {
+    if (!has_whole_lines(path)) fail_msg("%s: %s ends in half a line", way->name, path);
+    return;
+  }
+  if (is_timed(below)) return;
   if (ends_with(below, ".safetensors")) {
     const ern_status status = ern_safetensors_read(context, path, &file);
     if (status != ERN_OK) fail_msg("%s: %s", way->name, ern_last_error(context));
