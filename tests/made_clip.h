@@ -82,6 +82,7 @@ static inline ern_train_config small_config(uint64_t iters, const char *output) 
   config.rays = 96;
   config.levels = 4;
   config.output = output;
+  config.overwrite = true; /* many tests train to one name again */
   config.threads = 2;
   config.ema_every = 2;
   config.save_every = 0;

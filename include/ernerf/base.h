@@ -3,6 +3,7 @@
 #ifndef ERNERF_BASE_H
 #define ERNERF_BASE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -34,6 +35,7 @@ typedef enum ern_status {
   ERN_E_IO = 10,        /* the operating system refused: open, read, write, rename */
   ERN_E_MISSING = 11,   /* a file or folder is not there */
   ERN_E_BUSY = 12,      /* another process holds the lock */
+  ERN_E_EXISTS = 13,    /* a file is there already, and nobody allowed it to be replaced */
   ERN_E_FORMAT = 20,    /* a file is not what it claims to be */
   ERN_E_SHAPE = 21,     /* right format, wrong sizes */
   ERN_E_MISMATCH = 22,  /* two inputs that do not belong together */
@@ -60,6 +62,12 @@ typedef enum ern_log_level {
  * kept, nothing trapped), whatever the caller's is, and leave the caller's as it was; hooks of the caller are called in
  * the former. */
 
+/* How files are written. A function that writes a file writes a temporary file in the same folder, flushes it to the
+ * disk, and then gives it its name: a reader sees the old file or the new one, never a part. The temporary file of
+ * FOLDER/NAME is FOLDER/NAME.ernerf-tmp. It is locked while it is written, so a second process that writes the same
+ * file gets ERN_E_BUSY. A process that is killed leaves it; the next one that writes FOLDER/NAME reuses it, and no
+ * other file is ever removed. A symbolic link is followed: the file that it names is written. */
+
 /* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
  * before it. One context may serve several threads; the text of the last error is then that of whoever failed last. */
 typedef struct ern_context ern_context;
@@ -72,7 +80,8 @@ typedef struct ern_context_config {
   void (*release)(void *user, void *memory);
   /* Receives one line without a newline; NULL: silence. May be called from several threads. */
   void (*log)(void *user, ern_log_level level, const char *line);
-  void *user; /* handed to the hooks */
+  void *user;      /* handed to the hooks */
+  bool keep_files; /* functions that write a file fail with ERN_E_EXISTS where it exists; false: they replace it */
 } ern_context_config;
 
 ERN_API ern_context_config ern_context_config_default(void);

@@ -57,12 +57,12 @@ typedef struct ern_pose_list {
 ERN_API ERN_NODISCARD ern_status ern_pose_list_load(ern_context *context, const char *path, ern_pose_list *list);
 ERN_API void ern_pose_list_free(ern_context *context, ern_pose_list *list); /* accepts NULL and an empty one */
 
-/* Every file is written beside its place, as PATH.tmp-<process> or .STEM.tmp-<process>.EXTENSION, and renamed when it
- * is whole. What a process that was killed left so is removed by this: of all names in the folder of `path` that begin
- * with what follows its last '/', and whose process is gone. "out/" means all of them. Where that is not allowed, or
- * the folder is not there, nothing happens. A trainer, a video writer and ern_file_convert do it for what they write.
- */
-ERN_API void ern_leftovers_remove(const char *path);
+/* ERN_E_EXISTS where the context keeps files and a file is at `path`, so that a program can ask before it works for
+ * hours; ERN_E_IO where a folder, a device or a pipe is there, or a file that may not be written. Touches nothing. */
+ERN_API ERN_NODISCARD ern_status ern_file_check_output(ern_context *context, const char *path);
+
+/* Writes a file, whole or not at all (base.h, "How files are written"). A device or a pipe at `path` is written to. */
+ERN_API ERN_NODISCARD ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count);
 
 #ifdef __cplusplus
 }

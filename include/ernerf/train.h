@@ -48,6 +48,8 @@ typedef struct ern_train_config {
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
   bool resume;           /* go on from the newest state in X.run that verifies */
+  bool overwrite;        /* without resume: replace an earlier training at X and X.run with the first save; false: where
+                            there is one, ern_trainer_create gives ERN_E_EXISTS */
   const char *from;      /* a model file to take the weights of, NULL: fresh ones. With optimizer state its step too */
   const ern_model *head; /* for the torso: the head it goes under; copied */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
@@ -80,7 +82,8 @@ ERN_API ern_train_config ern_train_config_default(void);
 typedef struct ern_trainer ern_trainer;
 
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
- * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_MISMATCH: a state or head of
+ * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an
+ * earlier training is there, and neither resume nor overwrite is set. ERN_E_MISMATCH: a state or head of
  * another clip or configuration. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is copied; what it
  * points to is not. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,

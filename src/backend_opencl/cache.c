@@ -69,7 +69,7 @@ static ern_status write_entry(ern_context *context, const char *key, const void 
   memcpy(all + HEAD_BYTES, bytes, count);
   ern_sha256_hex(all + SUM_BYTES, SUM_BYTES + count, sum);
   memcpy(all, sum, SUM_BYTES);
-  ERN_TRY(ern_file_write(context, path, all, HEAD_BYTES + count));
+  ERN_TRY(ern_file_write(context, path, all, HEAD_BYTES + count, ERN_EXISTING_REPLACE));
 fail:
   ern_release(context, room);
   return status;

@@ -64,6 +64,8 @@ void ern_context_free(ern_context **context) {
 
 const char *ern_last_error(const ern_context *context) { return context != NULL ? context->error_text : ""; }
 
+bool ern_keeps_files(const ern_context *context) { return context != NULL && context->config.keep_files; }
+
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) {
   if (context == NULL) return code;
   char text[ERN_ERROR_BYTES];
@@ -141,6 +143,7 @@ const char *ern_status_name(ern_status status) {
     case ERN_E_IO: return "ERN_E_IO";
     case ERN_E_MISSING: return "ERN_E_MISSING";
     case ERN_E_BUSY: return "ERN_E_BUSY";
+    case ERN_E_EXISTS: return "ERN_E_EXISTS";
     case ERN_E_FORMAT: return "ERN_E_FORMAT";
     case ERN_E_SHAPE: return "ERN_E_SHAPE";
     case ERN_E_MISMATCH: return "ERN_E_MISMATCH";

@@ -21,6 +21,9 @@ enum { ERN_ERROR_BYTES = 2048 };
 void ern_error_keep(ern_context *context, char text[ERN_ERROR_BYTES]);
 void ern_error_restore(ern_context *context, const char text[ERN_ERROR_BYTES]);
 
+/* The context's keep_files. */
+bool ern_keeps_files(const ern_context *context);
+
 /* Sends one line to the context's log hook, if it has one. */
 void ern_log(ern_context *context, ern_log_level level, const char *format, ...) ERN_PRINTF(3, 4);
 

@@ -26,16 +26,27 @@ ERN_NODISCARD ern_status ern_file_reader_take(const struct ern_file_reader *read
 /* Harmless on one that is closed. */
 void ern_file_reader_close(struct ern_file_reader *reader);
 
-/* ERN_E_IO where a folder, a device or a pipe is at `path`, which a file must not replace. */
+/* Says what the operating system refused; errno is that of the call that failed. */
+ern_status ern_file_refused(ern_context *context, const char *path, const char *verb);
+
+/* ERN_E_IO where `path` is a folder, a device or a pipe, or a file that may not be written. */
 ERN_NODISCARD ern_status ern_file_check_replaceable(ern_context *context, const char *path);
 
-/* A file being written beside its final place: PATH.tmp-<pid>, then checked, fsync, rename, fsync of the folder. */
+/* What happens to a file that is there already: as the context's keep_files says, or one or the other. */
+enum ern_existing { ERN_EXISTING_BY_CONTEXT, ERN_EXISTING_REPLACE, ERN_EXISTING_KEEP };
+
+/* A file being written (base.h, "How files are written"). Zeroed is closed. A library that writes files of its own may
+ * write to `temporary` by that name. */
 struct ern_file_writer {
   ern_context *context;
-  char *path, *temporary;
-  int descriptor;
+  char *path;      /* as the caller named it */
+  char *place;     /* where that leads: symbolic links are followed */
+  char *temporary; /* PLACE.ernerf-tmp */
+  int descriptor;  /* of `temporary`, which it keeps locked */
+  bool keep;       /* a file that is there stays */
 };
-ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, struct ern_file_writer *writer);
+ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,
+                                              struct ern_file_writer *writer);
 ERN_NODISCARD ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count);
 /* Puts the file in its place. Whatever it returns, the writer is closed and nothing of it is left over. */
 ERN_NODISCARD ern_status ern_file_writer_commit(struct ern_file_writer *writer);
@@ -43,13 +54,8 @@ ERN_NODISCARD ern_status ern_file_writer_commit(struct ern_file_writer *writer);
 void ern_file_writer_abandon(struct ern_file_writer *writer);
 
 /* open, write, commit in one. */
-ERN_NODISCARD ern_status ern_file_write(ern_context *context, const char *path, const void *bytes, size_t count);
-
-/* For libraries that write files of their own: the temporary name to give them (owned by the caller, ern_release; it
- * keeps the extension of `path`, which such libraries go by), and then fsync + rename + fsync of the folder, or
- * removal. */
-ERN_NODISCARD ern_status ern_file_temporary_name(ern_context *context, const char *path, char **temporary);
-ERN_NODISCARD ern_status ern_file_put_in_place(ern_context *context, const char *temporary, const char *path);
+ERN_NODISCARD ern_status ern_file_write(ern_context *context, const char *path, const void *bytes, size_t count,
+                                        enum ern_existing existing);
 
 /* The text "DIR/NAME"; owned by the caller (ern_release). */
 ERN_NODISCARD ern_status ern_path_join(ern_context *context, const char *dir, const char *name, char **path);

@@ -283,7 +283,7 @@ ern_status ern_npy_write_f32(ern_context *context, const char *path, const float
   start[9] = (char)((padded - START) >> 8);
   memset(start + START + length, ' ', padded - START - (size_t)length);
   start[padded - 1] = '\n';
-  ERN_TRY(ern_file_writer_open(context, path, &writer));
+  ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &writer));
   ERN_TRY(ern_file_writer_write(&writer, start, padded));
   ERN_TRY(ern_file_writer_write(&writer, data, bytes));
   return ern_file_writer_commit(&writer);

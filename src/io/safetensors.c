@@ -428,7 +428,8 @@ fail:
 }
 
 ern_status ern_safetensors_write(ern_context *context, const char *path, const struct ern_tensor *tensors,
-                                 size_t tensor_count, const struct ern_metadata *metadata, size_t metadata_count) {
+                                 size_t tensor_count, const struct ern_metadata *metadata, size_t metadata_count,
+                                 enum ern_existing existing) {
   ern_status status = ERN_OK;
   struct ern_file_writer writer = {0};
   char *text = NULL;
@@ -438,7 +439,7 @@ ern_status ern_safetensors_write(ern_context *context, const char *path, const s
   for (size_t i = 0; i < tensor_count; i++) ERN_TRY(add_tensor(context, path, &tensors[i], header, &bytes));
   text = json_dumps(header, JSON_COMPACT);
   if (text == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: header: no memory", path));
-  ERN_TRY(ern_file_writer_open(context, path, &writer));
+  ERN_TRY(ern_file_writer_open(context, path, existing, &writer));
   ERN_TRY(write_header(&writer, text));
   for (size_t i = 0; i < tensor_count; i++) {
     ERN_TRY(ern_file_writer_write(&writer, tensors[i].data, tensor_bytes(&tensors[i])));

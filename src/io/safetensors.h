@@ -4,6 +4,7 @@
 #define ERN_IO_SAFETENSORS_H
 
 #include "core/status.h"
+#include "io/file.h"
 
 enum { ERN_TENSOR_MAX_DIMS = 4 };
 
@@ -64,6 +65,6 @@ ERN_NODISCARD ern_status ern_tensor_to_float(ern_context *context, const struct 
 /* Writes tensors in the given order, atomically (io/file.h). The metadata may be empty. */
 ERN_NODISCARD ern_status ern_safetensors_write(ern_context *context, const char *path, const struct ern_tensor *tensors,
                                                size_t tensor_count, const struct ern_metadata *metadata,
-                                               size_t metadata_count);
+                                               size_t metadata_count, enum ern_existing existing);
 
 #endif

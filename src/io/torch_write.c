@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <zip.h>
 
 #include "core/memory.h"
@@ -304,23 +303,67 @@ static ern_status add_entry(struct writing *w, zip_t *zip, const char *name, con
   return ern_fail(w->context, ERN_E_IO, "%s: %s: %s", w->path, name, zip_strerror(zip));
 }
 
-static ern_status write_zip(struct writing *w, const char *temporary) {
-  int code = 0;
-  ern_status status = ERN_OK;
-  zip_t *zip = zip_open(temporary, ZIP_CREATE | ZIP_TRUNCATE, &code);
-  if (zip == NULL) return ern_fail(w->context, ERN_E_IO, "%s: cannot be made: libzip error %d", w->path, code);
-  ERN_TRY(add_entry(w, zip, "archive/data.pkl", w->bytes, w->count));
-  for (size_t i = 0; i < w->used_count; i++) {
+static ern_status fail_zip(const struct writing *w, zip_error_t *error) {
+  const ern_status status =
+      ern_fail(w->context, ERN_E_NO_MEMORY, "%s: cannot be made: %s", w->path, zip_error_strerror(error));
+  zip_error_fini(error);
+  return status;
+}
+
+static ern_status add_entries(struct writing *w, zip_t *zip) {
+  ern_status status = add_entry(w, zip, "archive/data.pkl", w->bytes, w->count);
+  for (size_t i = 0; i < w->used_count && status == ERN_OK; i++) {
     char name[48];
     snprintf(name, sizeof name, "archive/data/%zu", i);
-    ERN_TRY(add_entry(w, zip, name, w->used[i]->data, w->used[i]->count * ern_dtype_bytes(w->used[i]->dtype)));
+    status = add_entry(w, zip, name, w->used[i]->data, w->used[i]->count * ern_dtype_bytes(w->used[i]->dtype));
   }
-  ERN_TRY(add_entry(w, zip, "archive/version", "3\n", 2));
-  if (zip_close(zip) != 0)
-    ERN_TRY(ern_fail(w->context, ERN_E_IO, "%s: cannot be written: %s", w->path, zip_strerror(zip)));
+  return status == ERN_OK ? add_entry(w, zip, "archive/version", "3\n", 2) : status;
+}
+
+/* Writes the zip into memory: libzip would put a file of its own beside the output. */
+static ern_status make_zip(struct writing *w, zip_source_t *memory) {
+  zip_error_t error;
+  zip_error_init(&error);
+  zip_t *zip = zip_open_from_source(memory, ZIP_TRUNCATE, &error);
+  if (zip == NULL) return fail_zip(w, &error);
+  zip_source_keep(memory); /* the archive takes one reference along */
+  const ern_status status = add_entries(w, zip);
+  if (status != ERN_OK)
+    zip_discard(zip);
+  else if (zip_close(zip) != 0) {
+    const ern_status failed = ern_fail(w->context, ERN_E_IO, "%s: cannot be made: %s", w->path, zip_strerror(zip));
+    zip_discard(zip);
+    return failed;
+  }
+  return status;
+}
+
+static ern_status copy_source(struct writing *w, zip_source_t *memory, struct ern_file_writer *writer) {
+  uint8_t chunk[1 << 14];
+  zip_int64_t got = zip_source_open(memory) == 0 ? 1 : -1;
+  while (got > 0) {
+    got = zip_source_read(memory, chunk, sizeof chunk);
+    const ern_status status = got > 0 ? ern_file_writer_write(writer, chunk, (size_t)got) : ERN_OK;
+    if (status != ERN_OK) return status;
+  }
+  if (got < 0) return ern_fail(w->context, ERN_E_IO, "%s: cannot be made: libzip cannot read its own archive", w->path);
   return ERN_OK;
+}
+
+static ern_status write_zip(struct writing *w) {
+  struct ern_file_writer writer = {0};
+  ern_status status = ERN_OK;
+  zip_error_t error;
+  zip_error_init(&error);
+  zip_source_t *memory = zip_source_buffer_create(NULL, 0, 0, &error);
+  if (memory == NULL) return fail_zip(w, &error);
+  ERN_TRY(ern_file_writer_open(w->context, w->path, ERN_EXISTING_BY_CONTEXT, &writer));
+  ERN_TRY(make_zip(w, memory));
+  ERN_TRY(copy_source(w, memory, &writer));
+  status = ern_file_writer_commit(&writer);
 fail:
-  zip_discard(zip);
+  ern_file_writer_abandon(&writer);
+  zip_source_free(memory);
   return status;
 }
 
@@ -338,7 +381,6 @@ static bool has_optimizer(const json_t *tree) {
 ern_status ern_torch_write(ern_context *context, const char *path, const char *tree, const struct ern_tensor *tensors,
                            size_t tensor_count) {
   struct writing w = {.context = context, .path = path, .tensors = tensors, .tensor_count = tensor_count};
-  char *temporary = NULL;
   json_error_t error;
   ern_status status = ERN_OK;
   json_t *json = json_loads(tree, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &error);
@@ -348,15 +390,9 @@ ern_status ern_torch_write(ern_context *context, const char *path, const char *t
   put_value(&w, json, 0);
   put_byte(&w, '.');
   ERN_TRY(w.status);
-  ERN_TRY(ern_file_temporary_name(context, path, &temporary));
-  status = write_zip(&w, temporary);
-  if (status == ERN_OK)
-    status = ern_file_put_in_place(context, temporary, path);
-  else
-    unlink(temporary);
+  status = write_zip(&w);
 fail:
   json_decref(json);
-  ern_release(context, temporary);
   ern_release(context, w.bytes);
   while (w.number != NULL) {
     struct number *before = w.number->before;

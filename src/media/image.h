@@ -17,10 +17,10 @@ ERN_NODISCARD ern_status ern_image_check_sides(ern_context *context, const char 
 /* ERN_E_ARGUMENT where a picture of the caller's cannot be one. */
 ERN_NODISCARD ern_status ern_image_check(ern_context *context, const char *what, const ern_image *image);
 
-/* Reads the header of PNG, JPEG, GIF and OpenEXR files. ERN_E_SHAPE where it claims a side that is not in
- * 1..ERN_IMAGE_MAX_SIDE, ERN_E_FORMAT where the file is empty or too short for what it claims, or begins as no format
- * that is read; anything else is ERN_OK. */
-ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *path);
+/* *format: OpenImageIO's name of the format that the file's first bytes tell, "" on failure. Reads the header of PNG,
+ * JPEG, GIF and OpenEXR files: ERN_E_SHAPE where it claims a side that is not in 1..ERN_IMAGE_MAX_SIDE, ERN_E_FORMAT
+ * where the file is empty or too short for what it claims, or begins as no format that is read. */
+ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *path, const char **format);
 
 /* ERN_E_FORMAT where the file starts as a PNG and does not go on to its last chunk; anything else is ERN_OK. libpng,
  * under OpenImageIO, prints and leaks on such files, so they are kept from it. */

@@ -42,12 +42,6 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   }
 }
 
-/* A picture being read. The file outlives the reader: members go in reverse order. */
-struct still {
-  std::unique_ptr<OIIO::Filesystem::IOFile> file;
-  std::unique_ptr<OIIO::ImageInput> input;
-};
-
 /* Of formats that image.h's check of heads does not know: no more than a row of pixels in a byte of the file. */
 ern_status check_claim(ern_context *context, const char *path, const OIIO::ImageSpec &spec) {
   const uint64_t most_per_byte = 4 * ERN_IMAGE_MAX_SIDE, bytes = OIIO::Filesystem::file_size(path);
@@ -59,34 +53,21 @@ ern_status check_claim(ern_context *context, const char *path, const OIIO::Image
                   spec.width, spec.height, static_cast<unsigned long long>(bytes));
 }
 
-/* Opens a still and checks what its header says. Alpha stays as stored: not multiplied into the colours. */
-ern_status open_still(ern_context *context, const char *path, still &opened) {
+/* Opens a still by its content and checks what its header says. OpenImageIO would take parts of a name for options or
+ * for a video, so the reader is chosen here. Alpha stays as stored: not multiplied into the colours. */
+ern_status open_still(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
+  const char *format = "";
   ern_status status = ern_input_check(context, path);
-  if (status == ERN_OK) status = ern_image_check_head(context, path);
+  if (status == ERN_OK) status = ern_image_check_head(context, path, &format);
   if (status == ERN_OK) status = ern_image_check_png_whole(context, path);
   if (status != ERN_OK) return status;
-  OIIO::ImageSpec config;
+  OIIO::ImageSpec config, opened;
   config.attribute("oiio:UnassociatedAlpha", 1);
-  std::unique_ptr<OIIO::ImageInput> &input = opened.input;
-  OIIO::Filesystem::IOProxy *proxy = nullptr;
-  std::string name = path;
-  if (name.find('?') != std::string::npos) {
-    /* OpenImageIO takes what follows a '?' for options: it gets the file under another name */
-    const char *dot = std::strrchr(path, '.');
-    name = std::string("picture") + (dot != nullptr && std::strpbrk(dot, "?/") == nullptr ? dot : "");
-    opened.file = std::make_unique<OIIO::Filesystem::IOFile>(path, OIIO::Filesystem::IOProxy::Read);
-    proxy = opened.file.get();
-    config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-  }
-  /* its reader of videos leaks when it is closed: what has the name of one is not opened */
-  input = OIIO::ImageInput::create(name, false, &config, proxy);
-  if (input && std::strcmp(input->format_name(), "FFmpeg movie") == 0) {
-    return ern_fail(context, ERN_E_FORMAT, "%s: has the name of a video, expected a still picture", path);
-  }
-  input = OIIO::ImageInput::open(name, &config, proxy);
-  if (!input) {
-    return ern_fail(context, ERN_E_FORMAT, "%s: is not a picture that can be read: %s", path,
-                    one_line(OIIO::geterror()).c_str());
+  input = OIIO::ImageInput::create(format);
+  if (!input || !input->open(path, opened, config)) {
+    const std::string reason = input ? input->geterror() : OIIO::geterror();
+    input.reset();
+    return ern_fail(context, ERN_E_FORMAT, "%s: is not a picture that can be read: %s", path, one_line(reason).c_str());
   }
   const OIIO::ImageSpec &spec = input->spec();
   if (spec.get_int_attribute("oiio:Movie") != 0) {
@@ -120,10 +101,10 @@ void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int chann
 }
 
 ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
-  still opened;
+  std::unique_ptr<OIIO::ImageInput> opened;
   ern_status status = open_still(context, path, opened);
   if (status != ERN_OK) return status;
-  OIIO::ImageInput &input = *opened.input;
+  OIIO::ImageInput &input = *opened;
   const OIIO::ImageSpec spec = input.spec();
   const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
   const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
@@ -169,7 +150,7 @@ ern_status encode(ern_context *context, const char *path, const char *format, co
     return ern_fail(context, ERN_E_MEDIA, "%s: cannot encode %d x %d pixels as %s: %s", path, spec.width, spec.height,
                     format, one_line(output->geterror()).c_str());
   }
-  return ern_file_write(context, path, memory.buffer().data(), memory.buffer().size());
+  return ern_file_write(context, path, memory.buffer().data(), memory.buffer().size(), ERN_EXISTING_BY_CONTEXT);
 }
 
 ern_status write_pixels(ern_context *context, const char *path, const char *format, const ern_image *image,
@@ -220,11 +201,11 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
   }
   *width = *height = 0;
   return guarded(context, path, [&] {
-    still opened;
+    std::unique_ptr<OIIO::ImageInput> opened;
     const ern_status status = open_still(context, path, opened);
     if (status == ERN_OK) {
-      *width = opened.input->spec().width;
-      *height = opened.input->spec().height;
+      *width = opened->spec().width;
+      *height = opened->spec().height;
     }
     return status;
   });

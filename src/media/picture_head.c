@@ -166,39 +166,52 @@ static ern_status check_exr(const struct head *head) {
   }
 }
 
-/* What else OpenImageIO is given: formats whose readers take no memory before their header is checked. */
-static bool is_known(const uint8_t *start, size_t count) {
+/* By the first bytes. Readers of the formats below GIF take no memory before their header is checked. */
+static const char *format_of(const uint8_t *start, size_t count) {
   static const struct {
     const char *start;
-    size_t count;
-  } kinds[] = {{"BM", 2}, {"II*\0", 4}, {"MM\0*", 4}, {"RIFF", 4}};
-  if (count >= 3 && start[0] == 'P' && start[1] >= '1' && start[1] <= '7') return true;
+    size_t bytes, least; /* of `start`, and of a file that is looked into */
+    const char *format;
+  } kinds[] = {{"\x89PNG\r\n\x1a\n", 8, 26, "png"},
+               {"\xff\xd8", 2, 4, "jpeg"},
+               {"\x76\x2f\x31\x01", 4, 8, "openexr"},
+               {"GIF8", 4, 10, "gif"},
+               {"BM", 2, 2, "bmp"},
+               {"II*\0", 4, 4, "tiff"},
+               {"MM\0*", 4, 4, "tiff"},
+               {"RIFF", 4, 4, "webp"}};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
-    if (count >= kinds[i].count && memcmp(start, kinds[i].start, kinds[i].count) == 0) return true;
-  return false;
+    if (count >= kinds[i].least && memcmp(start, kinds[i].start, kinds[i].bytes) == 0) return kinds[i].format;
+  return count >= 3 && start[0] == 'P' && start[1] >= '1' && start[1] <= '7' ? "pnm" : "";
 }
 
-ern_status ern_image_check_head(ern_context *context, const char *path) {
+static ern_status check_by_format(const struct head *head, const uint8_t *start, const char *format) {
+  if (strcmp(format, "png") == 0) return check_png(head, start);
+  if (strcmp(format, "jpeg") == 0) return check_jpeg(head);
+  if (strcmp(format, "openexr") == 0) return check_exr(head);
+  if (strcmp(format, "gif") == 0)
+    return check_sides(head, start[6] | (unsigned)start[7] << 8, start[8] | (unsigned)start[9] << 8);
+  return ERN_OK;
+}
+
+ern_status ern_image_check_head(ern_context *context, const char *path, const char **format) {
   struct head head = {.context = context, .path = path, .file = fopen(path, "rb")};
   uint8_t start[32] = {0};
   struct stat about;
   ern_status status = ERN_OK;
+  *format = "";
   if (head.file == NULL) return ern_fail(context, ERN_E_IO, "%s: cannot open", path);
   const size_t count = fread(start, 1, sizeof start, head.file);
   head.bytes = fstat(fileno(head.file), &about) == 0 ? (uint64_t)about.st_size : 0;
+  const char *found = format_of(start, count);
   if (count == 0)
     status = ern_fail(context, ERN_E_FORMAT, "%s: is empty, expected a picture", path);
-  else if (count >= 26 && memcmp(start, "\x89PNG\r\n\x1a\n", 8) == 0)
-    status = check_png(&head, start);
-  else if (count >= 4 && start[0] == 0xff && start[1] == 0xd8)
-    status = check_jpeg(&head);
-  else if (count >= 10 && memcmp(start, "GIF8", 4) == 0)
-    status = check_sides(&head, start[6] | (unsigned)start[7] << 8, start[8] | (unsigned)start[9] << 8);
-  else if (count >= 8 && memcmp(start, "\x76\x2f\x31\x01", 4) == 0)
-    status = check_exr(&head);
-  else if (!is_known(start, count))
+  else if (found[0] == 0)
     status = ern_fail(context, ERN_E_FORMAT,
                       "%s: is no picture, expected PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM", path);
+  else
+    status = check_by_format(&head, start, found);
   fclose(head.file);
+  if (status == ERN_OK) *format = found;
   return status;
 }

@@ -165,7 +165,7 @@ ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern
   }
   const size_t samples = sound->frames * (size_t)sound->channels;
   make_header(header, sound, (uint32_t)(2 * samples));
-  ERN_TRY(ern_file_writer_open(context, path, &writer));
+  ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &writer));
   ERN_TRY(ern_file_writer_write(&writer, header, sizeof header));
   for (size_t done = 0; done < samples;) {
     const size_t count = samples - done < WRITE_CHUNK_SAMPLES ? samples - done : WRITE_CHUNK_SAMPLES;

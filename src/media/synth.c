@@ -165,7 +165,7 @@ static ern_status write_landmarks(struct work *work, const struct ern_synth_head
     put_number(&text, "", (double)pixel[0], 6, " ");
     put_number(&text, "", (double)pixel[1], 6, "\n");
   }
-  return ern_file_write(work->context, path, text.at, text.length);
+  return ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT);
 }
 
 static ern_status write_frame(struct work *work, size_t frame, struct desk *desk) {
@@ -240,7 +240,7 @@ static ern_status write_transforms(struct work *work, const char *name, size_t f
   if (list != NULL) text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
   if (text == NULL) ERN_TRY(ern_fail(work->context, ERN_E_NO_MEMORY, "%s/%s: no memory for JSON", work->folder, name));
   ERN_TRY(ern_path_join(work->context, work->folder, name, &path));
-  ERN_TRY(ern_file_write(work->context, path, text, strlen(text)));
+  ERN_TRY(ern_file_write(work->context, path, text, strlen(text), ERN_EXISTING_BY_CONTEXT));
 fail:
   ern_release(work->context, path);
   free(text);
@@ -261,7 +261,7 @@ static ern_status write_table(struct work *work, const char *name, const char *h
   text.at = memory;
   memcpy(text.at, header, length);
   for (size_t t = 0; t < work->frames; ++t) line(&text, &work->curves[t], t);
-  ERN_TRY(ern_file_write(work->context, path, text.at, text.length));
+  ERN_TRY(ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT));
 fail:
   ern_release(work->context, path);
   ern_release(work->context, memory);

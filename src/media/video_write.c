@@ -4,12 +4,9 @@
 #include <libswscale/swscale.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
-#include "ernerf/data.h"
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
@@ -24,8 +21,7 @@ static const char *const preset = "veryfast";
 
 struct ern_video_writer {
   ern_context *context;
-  char *path, *temporary;
-  bool opened;       /* the temporary file is there */
+  struct ern_file_writer file;
   ern_status broken; /* what the first frame that failed returned, and its words */
   char broken_text[1024];
   int width, height; /* of the caller's frames */
@@ -70,14 +66,6 @@ fail:
   return status;
 }
 
-/* A folder or a device at `path` is refused now, not when the pictures are made. */
-static ern_status check_place(ern_context *context, const char *path) {
-  struct stat about;
-  if (stat(path, &about) != 0 || S_ISREG(about.st_mode)) return ERN_OK;
-  return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
-                  S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
-}
-
 /* libx264, else any encoder of H.264 that takes yuv420p. */
 static const AVCodec *find_encoder(void) {
   const AVCodec *codec = avcodec_find_encoder_by_name("libx264");
@@ -93,12 +81,12 @@ static ern_status open_encoder(ern_video_writer *writer, int crf) {
   ern_context *context = writer->context;
   const AVCodec *codec = find_encoder();
   if (codec == NULL) {
-    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for H.264 (libx264)", writer->path);
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for H.264 (libx264)", writer->file.path);
   }
   AVCodecContext *made = writer->codec = avcodec_alloc_context3(codec);
   writer->stream = avformat_new_stream(writer->muxer.container, NULL);
   if (made == NULL || writer->stream == NULL) {
-    return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for an encoder", writer->path);
+    return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for an encoder", writer->file.path);
   }
   made->width = writer->width + writer->width % 2;
   made->height = writer->height + writer->height % 2;
@@ -115,23 +103,23 @@ static ern_status open_encoder(ern_video_writer *writer, int crf) {
   int error = av_opt_set_double(made, "crf", crf, AV_OPT_SEARCH_CHILDREN);
   if (error == AVERROR_OPTION_NOT_FOUND) error = av_opt_set_int(made, "qp", crf, AV_OPT_SEARCH_CHILDREN);
   if (error < 0) {
-    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected libx264", writer->path,
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected libx264", writer->file.path,
                     codec->name);
   }
   error = av_opt_set(made, "preset", preset, AV_OPT_SEARCH_CHILDREN);
   if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) {
-    return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
+    return ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "open an encoder of H.264", error);
   }
   /* The same pictures to the same bytes: libx264 164's macroblock tree reads memory that it has not written, and a
    * stream depends on the number of threads. */
   error = av_opt_set_int(made, "mbtree", 0, AV_OPT_SEARCH_CHILDREN);
   if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) {
-    return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
+    return ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "open an encoder of H.264", error);
   }
   made->thread_count = 2;
   error = avcodec_open2(made, codec, NULL);
   if (error >= 0) error = avcodec_parameters_from_context(writer->stream->codecpar, made);
-  if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, writer->path, "open an encoder of H.264", error);
+  if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "open an encoder of H.264", error);
   writer->stream->time_base = made->time_base;
   writer->stream->avg_frame_rate = writer->rate;
   writer->stream->sample_aspect_ratio = made->sample_aspect_ratio;
@@ -164,14 +152,14 @@ static ern_status open_conversion(ern_video_writer *writer) {
   }
   if (error >= 0) error = sws_setColorspaceDetails(made, matrix, 1, matrix, 0, 0, 1 << 16, 1 << 16);
   if (error >= 0) error = sws_init_context(made, NULL, NULL);
-  if (error < 0) return ern_av_fail(writer->context, ERN_E_MEDIA, writer->path, "convert the colours", error);
+  if (error < 0) return ern_av_fail(writer->context, ERN_E_MEDIA, writer->file.path, "convert the colours", error);
   return ERN_OK;
 }
 
 static ern_status open_frame(ern_video_writer *writer) {
   const AVCodecContext *codec = writer->codec;
   AVFrame *frame = writer->frame = av_frame_alloc();
-  if (frame == NULL) return ern_fail(writer->context, ERN_E_NO_MEMORY, "%s: no memory for a frame", writer->path);
+  if (frame == NULL) return ern_fail(writer->context, ERN_E_NO_MEMORY, "%s: no memory for a frame", writer->file.path);
   frame->format = codec->pix_fmt;
   frame->width = codec->width;
   frame->height = codec->height;
@@ -181,7 +169,7 @@ static ern_status open_frame(ern_video_writer *writer) {
   frame->color_range = codec->color_range;
   frame->chroma_location = codec->chroma_sample_location;
   const int error = av_frame_get_buffer(frame, 0);
-  if (error < 0) return ern_av_fail(writer->context, ERN_E_NO_MEMORY, writer->path, "make a frame", error);
+  if (error < 0) return ern_av_fail(writer->context, ERN_E_NO_MEMORY, writer->file.path, "make a frame", error);
   if (codec->width == writer->width && codec->height == writer->height) return ERN_OK;
   void *padded = NULL;
   const ern_status status = ern_allocate(writer->context, (size_t)codec->width * (size_t)codec->height, 4, &padded);
@@ -189,22 +177,21 @@ static ern_status open_frame(ern_video_writer *writer) {
   return status;
 }
 
-/* Makes the temporary file and writes the head of the container. */
+/* FFmpeg opens the temporary file by its name, which `file` has locked, and writes the head of the container. */
 static ern_status open_file(ern_video_writer *writer) {
   ern_context *context = writer->context;
   AVFormatContext *container = writer->muxer.container;
   ern_status status = ERN_OK;
   char *url = NULL;
   AVDictionary *options = NULL;
-  ERN_TRY(ern_av_url(context, writer->temporary, &url));
+  ERN_TRY(ern_av_url(context, writer->file.temporary, &url));
   container->url = av_strdup(url); /* the second pass of faststart reads the file again by this name */
   int error = container->url != NULL ? avio_open(&container->pb, url, AVIO_FLAG_WRITE) : AVERROR(ENOMEM);
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->path, "write", error));
-  writer->opened = true;
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->file.path, "write", error));
   error = av_dict_set(&options, "movflags", "+faststart", 0);
   if (error >= 0) error = avformat_write_header(container, &options);
   if (error >= 0) error = container->pb->error;
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->path, "write the head of an mp4", error));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "write the head of an mp4", error));
 fail:
   av_dict_free(&options);
   ern_release(context, url);
@@ -223,17 +210,15 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ern_video_writer *made = NULL;
   ern_av_hush();
   ERN_TRY(check_options(context, path, options));
-  ERN_TRY(check_place(context, path));
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &memory));
   made = memory;
   made->context = context;
   made->width = options->width;
   made->height = options->height;
   av_reduce(&made->rate.num, &made->rate.den, options->rate_numerator, options->rate_denominator, MAX_RATE_PART);
-  ERN_TRY(ern_string_copy(context, path, &made->path));
-  ern_leftovers_remove(path);
-  ERN_TRY(ern_file_temporary_name(context, path, &made->temporary));
-  made->muxer = (struct ern_muxer){.context = context, .path = made->path, .packet = av_packet_alloc()};
+  made->file.descriptor = -1;
+  ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &made->file));
+  made->muxer = (struct ern_muxer){.context = context, .path = made->file.path, .packet = av_packet_alloc()};
   const int error = avformat_alloc_output_context2(&made->muxer.container, NULL, "mp4", NULL);
   if (error < 0 || made->muxer.packet == NULL) {
     ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "make an mp4", error < 0 ? error : AVERROR(ENOMEM)));
@@ -268,12 +253,12 @@ static ern_status write_frame(ern_video_writer *writer, const uint8_t *rgba) {
   AVFrame *frame = writer->frame;
   ern_status status = ERN_OK;
   int error = av_frame_make_writable(frame); /* the codec may still hold the last one */
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_NO_MEMORY, writer->path, "make a frame", error));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_NO_MEMORY, writer->file.path, "make a frame", error));
   if (writer->padded != NULL) pad(writer, rgba);
   const uint8_t *const from[4] = {writer->padded != NULL ? writer->padded : rgba};
   const int from_bytes[4] = {writer->codec->width * 4};
   error = sws_scale(writer->convert, from, from_bytes, 0, writer->codec->height, frame->data, frame->linesize);
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->path, "convert the colours", error));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "convert the colours", error));
   frame->pts = writer->count;
   ERN_TRY(ern_muxer_encode(&writer->muxer, writer->codec, writer->stream, frame));
   writer->count++;
@@ -285,7 +270,7 @@ fail:
 ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba) {
   ERN_PLAIN_FLOATS;
   if (writer == NULL) return ERN_E_ARGUMENT;
-  if (rgba == NULL) return ern_fail(writer->context, ERN_E_ARGUMENT, "%s: frame is NULL", writer->path);
+  if (rgba == NULL) return ern_fail(writer->context, ERN_E_ARGUMENT, "%s: frame is NULL", writer->file.path);
   if (writer->broken == ERN_OK) {
     writer->broken = write_frame(writer, rgba);
     if (writer->broken == ERN_OK) return ERN_OK;
@@ -301,7 +286,7 @@ static ern_status finish(ern_video_writer *writer) {
   ern_status status = ERN_OK;
   if (writer->broken != ERN_OK) ERN_TRY(ern_fail(context, writer->broken, "%s", writer->broken_text));
   if (writer->count == 0) {
-    ERN_TRY(ern_fail(context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", writer->path));
+    ERN_TRY(ern_fail(context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", writer->file.path));
   }
   ERN_TRY(ern_sound_track_advance(&writer->muxer, &writer->sound, writer->count, writer->rate, true));
   ERN_TRY(ern_muxer_encode(&writer->muxer, writer->codec, writer->stream, NULL));
@@ -312,9 +297,8 @@ static ern_status finish(ern_video_writer *writer) {
   }
   const int closed = avio_closep(&container->pb);
   if (error >= 0) error = closed;
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->path, "write the tail", error));
-  status = ern_file_put_in_place(context, writer->temporary, writer->path);
-  if (status == ERN_OK) writer->opened = false; /* nothing to remove */
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->file.path, "write the tail", error));
+  status = ern_file_writer_commit(&writer->file);
 fail:
   return status;
 }
@@ -338,9 +322,7 @@ void ern_video_writer_abandon(ern_video_writer **writer) {
   av_packet_free(&dying->muxer.packet);
   if (dying->muxer.container != NULL) avio_closep(&dying->muxer.container->pb);
   avformat_free_context(dying->muxer.container);
-  if (dying->opened) unlink(dying->temporary);
+  ern_file_writer_abandon(&dying->file);
   ern_release(context, dying->padded);
-  ern_release(context, dying->temporary);
-  ern_release(context, dying->path);
   ern_release(context, dying);
 }

@@ -43,7 +43,8 @@ static ern_status write_safetensors(ern_context *context, const struct ern_tenso
   }
   if (ern_tensor_file_metadata(file, "format") == NULL)
     metadata[count++] = (struct ern_metadata){"format", model != NULL ? "ernerf" : "pt"};
-  status = ern_safetensors_write(context, path, file->tensors, file->tensor_count, metadata, count);
+  status =
+      ern_safetensors_write(context, path, file->tensors, file->tensor_count, metadata, count, ERN_EXISTING_BY_CONTEXT);
 fail:
   ern_release(context, text);
   ern_release(context, room);
@@ -95,7 +96,6 @@ ern_status ern_file_convert(ern_context *context, const char *in, const char *ou
   else
     ern_log(context, ERN_LOG_WARNING, "%s: is no model; its %zu tensors are carried over as they are", in,
             file.tensor_count);
-  ern_leftovers_remove(out);
   status = torch ? write_torch(context, &file, model, out) : write_safetensors(context, &file, model, out);
 fail:
   ern_model_free(&model);

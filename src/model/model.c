@@ -139,8 +139,7 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
   }
 }
 
-ern_status ern_model_save(const ern_model *model, const char *path) {
-  ERN_PLAIN_FLOATS;
+ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing) {
   void *room = NULL;
   char *json = NULL;
   ern_status status = ern_allocate(model->context, 1, sizeof(struct ern_model_tensors), &room);
@@ -149,9 +148,14 @@ ern_status ern_model_save(const ern_model *model, const char *path) {
   struct ern_model_tensors *tensors = room;
   ERN_TRY(ern_model_metadata(model, &json));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", json}};
-  status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2);
+  status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2, existing);
 fail:
   ern_release(model->context, json);
   ern_release(model->context, room);
   return status;
+}
+
+ern_status ern_model_save(const ern_model *model, const char *path) {
+  ERN_PLAIN_FLOATS;
+  return ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT);
 }

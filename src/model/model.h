@@ -37,6 +37,8 @@ struct ern_model_tensors {
   float box[6];
 };
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out);
+/* ern_model_save; `existing` says what happens to a file at `path`. */
+ERN_NODISCARD ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing);
 ERN_NODISCARD ern_status ern_model_metadata(const ern_model *model, char **json);
 
 /* Makes a model of an open file; tensors whose names begin with `state.` are left to the caller. `path` is for

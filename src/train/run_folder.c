@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * X.run: its lock, its names, its log and curve. */
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <locale.h>
@@ -12,7 +13,6 @@
 #include <unistd.h>
 
 #include "core/memory.h"
-#include "ernerf/data.h"
 #include "io/file.h"
 #include "train/trainer.h"
 
@@ -53,9 +53,10 @@ static ern_status check_places(ern_context *context, const char *output, const s
   return status;
 }
 
-static ern_status make_folder(ern_context *context, const char *folder) {
+static ern_status make_folder(ern_context *context, const char *folder, bool *made) {
   struct stat about;
-  if (mkdir(folder, 0777) == 0) return ERN_OK;
+  *made = mkdir(folder, 0777) == 0;
+  if (*made) return ERN_OK;
   if (errno != EEXIST) return ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", folder, strerror(errno));
   if (stat(folder, &about) == 0 && S_ISDIR(about.st_mode)) return ERN_OK;
   return ern_fail(context, ERN_E_IO, "%s: is a file or a link to nothing, expected a folder or nothing", folder);
@@ -63,7 +64,6 @@ static ern_status make_folder(ern_context *context, const char *folder) {
 
 ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
   ern_status status = ERN_OK;
-  char *all = NULL;
   *run = (struct ern_run_folder){.lock = -1, .fresh = true};
   ERN_TRY(folder_name(context, output, &run->folder));
   ERN_TRY(ern_path_join(context, run->folder, "state.safetensors", &run->state));
@@ -73,16 +73,41 @@ ern_status ern_run_folder_open(ern_context *context, const char *output, struct 
   ERN_TRY(ern_path_join(context, run->folder, "log.jsonl", &run->log));
   ERN_TRY(ern_path_join(context, run->folder, "curve.csv", &run->curve));
   ERN_TRY(check_places(context, output, run));
-  ERN_TRY(make_folder(context, run->folder));
+  ERN_TRY(make_folder(context, run->folder, &run->made));
   ERN_TRY(take_lock(context, run));
-  ERN_TRY(ern_path_join(context, run->folder, "", &all));
-  ern_leftovers_remove(all);
-  ern_leftovers_remove(output);
-  ern_release(context, all);
   return ERN_OK;
 fail:
   ern_run_folder_close(context, run);
   return status;
+}
+
+/* The first name in X.run that is not its lock, in `name`; false: there is none. */
+static bool find_earlier(const char *folder, char name[256]) {
+  DIR *list = opendir(folder);
+  bool found = false;
+  for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL && !found; entry = readdir(list)) {
+    found = strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0 && strcmp(entry->d_name, "lock") != 0;
+    if (found) snprintf(name, 256, "%s", entry->d_name);
+  }
+  if (list != NULL) closedir(list);
+  return found;
+}
+
+ern_status ern_run_folder_check_free(ern_context *context, const char *output, const struct ern_run_folder *run,
+                                     bool resume) {
+  char name[256] = "";
+  const bool model = access(output, F_OK) == 0;
+  if (!model && !find_earlier(run->folder, name)) return ERN_OK;
+  if (run->made) { /* by this call: it leaves nothing */
+    char *lock = NULL;
+    if (ern_path_join(context, run->folder, "lock", &lock) == ERN_OK) (void)unlink(lock);
+    ern_release(context, lock);
+    (void)rmdir(run->folder);
+  }
+  return ern_fail(context, ERN_E_EXISTS,
+                  "%s%s%s: is there already, from an earlier training; %s, --overwrite replaces it",
+                  model ? output : run->folder, model ? "" : "/", name,
+                  resume ? "it has no state that --resume could go on from" : "--resume goes on with it");
 }
 
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
@@ -193,7 +218,7 @@ static ern_status trim(ern_context *context, const char *path, const char *mark,
   if (kept == 0)
     (void)unlink(path);
   else if (kept < count)
-    status = ern_file_write(context, path, bytes, kept);
+    status = ern_file_write(context, path, bytes, kept, ERN_EXISTING_REPLACE);
   ern_release(context, bytes);
   return status;
 }

@@ -23,6 +23,8 @@ struct ern_lines {
 struct ern_run_folder {
   char *folder, *state, *next, *previous, *good, *log, *curve;
   int lock;   /* descriptor, -1: none */
+  bool made;  /* the folder was not there before */
+  bool keep;  /* until the first save: a file at X is not replaced */
   bool fresh; /* nothing of this training has been written yet: what lies there is an earlier one's */
   struct ern_lines log_lines, curve_lines;
 };
@@ -94,6 +96,10 @@ ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path)
 
 /* run_folder.c */
 ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run);
+/* ERN_E_EXISTS where an earlier training is at X or in X.run, whose lock is held. `resume`: it was asked for, in vain.
+ */
+ERN_NODISCARD ern_status ern_run_folder_check_free(ern_context *context, const char *output,
+                                                   const struct ern_run_folder *run, bool resume);
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run);
 ERN_NODISCARD ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...)
     ERN_PRINTF(3, 4);

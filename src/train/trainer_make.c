@@ -228,6 +228,25 @@ fail:
   return status;
 }
 
+/* What is at X before the first save, and may not be replaced: all of an earlier training; with a resume what is no
+ * model of this clip. */
+static ern_status check_output(ern_trainer *t, bool resumed) {
+  char before[ERN_ERROR_BYTES];
+  ern_model *model = NULL;
+  t->run.keep = !resumed && !t->config.overwrite;
+  if (t->config.overwrite) return ERN_OK;
+  if (!resumed) return ern_run_folder_check_free(t->context, t->output, &t->run, t->config.resume);
+  if (access(t->output, F_OK) != 0) return ERN_OK;
+  ern_error_keep(t->context, before);
+  const ern_status loaded = ern_model_load(&model, t->context, t->output);
+  const bool own = loaded == ERN_OK && strcmp(model->clip, t->identity) == 0;
+  ern_model_free(&model);
+  ern_error_restore(t->context, before);
+  if (own || loaded == ERN_E_NO_MEMORY) return loaded;
+  return ern_fail(t->context, ERN_E_EXISTS, "%s: is no model of this clip, and would be replaced; --overwrite does that",
+                  t->output);
+}
+
 /* Fresh values, then what a resume or --from puts in their place. */
 static ern_status fill(ern_trainer *t) {
   const size_t n = t->model->field.parameters;
@@ -249,6 +268,7 @@ static ern_status fill(ern_trainer *t) {
     if (!resumed)
       ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   }
+  if (t->output != NULL) ERN_TRY(check_output(t, resumed));
   if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
   if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
     ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));

@@ -121,7 +121,7 @@ static ern_status write_next(ern_trainer *t) {
   ERN_TRY(ern_model_metadata(t->model, &model_text));
   ERN_TRY(about_text(t, &state_text));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
-  ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3));
+  ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
 fail:
   if (s != NULL) {
     ern_release(t->context, s->moment);
@@ -180,7 +180,8 @@ ern_status ern_trainer_save(ern_trainer *t) {
                    t->output, (unsigned long long)t->ema_updates, LEAST_EMA_UPDATES));
     ERN_TRY(ern_trainer_download(t, t->average));
   }
-  ERN_TRY(ern_model_save(t->model, t->output));
+  ERN_TRY(ern_model_write(t->model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
+  t->run.keep = false;
 fail:
   return status;
 }

@@ -283,8 +283,8 @@ static void test_no_folder(void **state) {
 static void test_output_is_input(void **state) {
   (void)state;
   static const char *const lines[][2] = {
-      {"check base --json base/transforms_train.json", "base/transforms_train.json: is an input"},
-      {"eval m.safetensors base --json base/transforms_val.json", "base/transforms_val.json: is an input"},
+      {"check base -y --json base/transforms_train.json", "base/transforms_train.json: is an input"},
+      {"eval m.safetensors base -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
       {"train base --from m.safetensors -o ./m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
       {"train base --torso --head m.safetensors -o m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
       {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "lies among the clip's pictures"}};

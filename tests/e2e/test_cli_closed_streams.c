@@ -37,7 +37,7 @@ static void test_files_are_as_usual(void **state) {
     cli_same_bytes("closed.safetensors", "usual.safetensors");
     assert_int_equal(stat("closed.run/lock", &lock), 0);
     assert_int_equal(lock.st_size, 0);
-    assert_int_equal(shell("render closed.safetensors --clip clip -o closed.mp4 --frames 0:2", closed[k]), 0);
+    assert_int_equal(shell("render closed.safetensors --clip clip -o closed.mp4 --frames 0:2 -y", closed[k]), 0);
     cli_same_bytes("closed.mp4", "usual.mp4");
   }
 }

@@ -229,12 +229,12 @@ static void test_use(void **state) {
           "train still -o used.safetensors --resume --levels 3 --rays 32 --iters 6 --quiet --effects eye,view,torso");
   cli_expect(&cli, 1, "view dependence is 0, this training expects 1", NULL);
   support_clear("more.run");
-  cli_run(&cli, "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --quiet");
+  cli_run(&cli, "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --quiet");
   cli_expect(&cli, 0, NULL); /* --from says what the head is like */
   cli_run(&cli,
-          "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye --ind_num 0");
+          "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye --ind_num 0");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train whole -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye,view");
+  cli_run(&cli, "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye,view");
   cli_expect(&cli, 1, "view dependence", NULL);
   support_clear("portrait.run");
   cli_run(&cli, "train still --torso --head used.safetensors -o portrait.safetensors --rays 32 --iters 2 --quiet");

@@ -66,7 +66,7 @@ static void nothing_half(const char *folder) {
 /* Trains into `name` on the device and expects the words, exit status 1 and nothing saved. */
 static void refuse_training(const char *first, const char *second, const char *third) {
   forget("x");
-  cli_run(&cli, "train %s -o x.safetensors --iters 2 %s %s", clip, STEPS, DEVICE);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 2 %s %s", clip, STEPS, DEVICE);
   cli_expect(&cli, 1, "ernerf train: ", "OpenCL", first, second, third, NULL);
   if (exists("x", ".safetensors") || exists("x", ".run/state.safetensors")) fail_msg("a file was left behind");
   nothing_half(".");
@@ -130,7 +130,7 @@ static void test_no_device(void **state) {
   json_decref(object);
   clear();
   forget("x");
-  cli_run(&cli, "train %s -o x.safetensors --iters 2 %s --device 99 %s", clip, STEPS, DEVICE);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 2 %s --device 99 %s", clip, STEPS, DEVICE);
   cli_expect(&cli, 1, "found no device 99", "expected 0 to", "ernerf info devices", NULL);
   assert_false(exists("x", ".run"));
 }
@@ -174,7 +174,7 @@ static void test_some_memory(void **state) {
   for (int little = 0; little < 2; little++) {
     if (little == 1) fault("MEMORY", "64000000");
     forget("x");
-    cli_run(&cli, "train %s -o x.safetensors --iters 2 --rays 8192 --levels 4 --seed 3 %s --json -", clip, DEVICE);
+    cli_run(&cli, "train %s -y -o x.safetensors --iters 2 --rays 8192 --levels 4 --seed 3 %s --json -", clip, DEVICE);
     cli_expect(&cli, 0, little == 1 ? "too little memory for a training step of 8192 rays at once" : "", NULL);
     if (little == 0) assert_null(strstr(cli.err, "at a time"));
     report[little] = cli_json(&cli, NULL);
@@ -202,13 +202,13 @@ static void test_lost_early(void **state) {
   /* what an earlier training saved stays as it is */
   clear();
   forget("x");
-  cli_run(&cli, "train %s -o x.safetensors --iters 1 %s --quiet", clip, STEPS);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 1 %s --quiet", clip, STEPS);
   cli_expect(&cli, 0, NULL);
   size_t count[2] = {0}, after = 0;
   static const char *const files[] = {"x.safetensors", "x.run/state.safetensors"};
   uint8_t *before[2] = {cli_bytes(files[0], &count[0]), cli_bytes(files[1], &count[1])};
   fault("LAUNCH", "40");
-  cli_run(&cli, "train %s -o x.safetensors --iters 6 --save-every 2 %s %s", clip, STEPS, DEVICE);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 6 --save-every 2 %s %s", clip, STEPS, DEVICE);
   cli_expect(&cli, 1, "the device is lost", "nothing of this training was saved", NULL);
   for (int i = 0; i < 2; i++) {
     uint8_t *found = cli_bytes(files[i], &after);
@@ -233,7 +233,7 @@ static void test_lost_after_save(void **state) {
   (void)state;
   forget("x");
   fault("FILE", "x.run/state.safetensors");
-  cli_run(&cli, "train %s -o x.safetensors --iters 6 --save-every 2 %s %s", clip, STEPS, DEVICE);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 6 --save-every 2 %s %s", clip, STEPS, DEVICE);
   cli_expect(&cli, 1, "the device is lost", "the state of step 2 is whole in x.run", "on any backend", NULL);
   clear();
   nothing_half("x.run");
@@ -268,7 +268,7 @@ static void test_lost_after_save(void **state) {
 static void test_from_cpu(void **state) {
   (void)state;
   forget("x");
-  cli_run(&cli, "train %s -o x.safetensors --iters 2 %s --quiet", clip, STEPS);
+  cli_run(&cli, "train %s -y -o x.safetensors --iters 2 %s --quiet", clip, STEPS);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train %s -o x.safetensors --iters 4 %s --resume --quiet --json - %s", clip, STEPS, DEVICE);
   cli_expect(&cli, 0, NULL);
@@ -287,7 +287,7 @@ enum { ENTRIES = 64, SUM = 64, HEAD = 2 * SUM /* hex digits of the SHA-256, then
 static int draw(const char *to) {
   support_clear(to);
   fault("STRANGER", "1");
-  cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -o %s --quiet %s", clip, to, DEVICE);
+  cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -y -o %s --quiet %s", clip, to, DEVICE);
   return cli.status;
 }
 
@@ -365,7 +365,7 @@ static void test_driver_with_a_cache(void **state) {
   snprintf(before, sizeof before, "%s", getenv("XDG_CACHE_HOME"));
   place("XDG_CACHE_HOME", "cache");
   support_clear("cache");
-  cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -o own%%d.png --quiet %s", clip, DEVICE);
+  cli_run(&cli, "render m.safetensors --clip %s --frames 0:1 -y -o own%%d.png --quiet %s", clip, DEVICE);
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("whole0.png", "own0.png");
   assert_int_equal(list_entries(paths), 0);

@@ -94,10 +94,10 @@ static void check_pace(const json_t *pace, size_t frames) {
 static void test_quick_look(void **state) {
   (void)state;
   size_t bytes[2];
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png -y --json pace.json", clip);
   cli_expect(&cli, 1, "a/%d.png: its folder is not there", NULL);
   assert_int_equal(mkdir("a", 0777) + mkdir("b", 0777), 0);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png -y --json pace.json", clip);
   cli_expect(&cli, 0, "a quick look", "render: settings", "100.0 dB from the most accurate", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   const json_t *pace = json_object_get(object, "pace");
@@ -126,7 +126,7 @@ static void test_front(void **state) {
   (void)state;
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -o x.mp4 --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -o x.mp4 -y --json pace.json", clip);
   cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB from the exact render", "against the clip's frames", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   check_pace(json_object_get(object, "pace"), 4);
@@ -134,7 +134,7 @@ static void test_front(void **state) {
   static const char *const qualities[] = {"exact", "balanced", "draft"};
   double db[3];
   for (int q = 0; q < 3; q++) {
-    cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --quality %s -o x.mp4 --json pace.json --quiet", clip,
+    cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --quality %s -o x.mp4 -y --json pace.json --quiet", clip,
             qualities[q]);
     cli_expect(&cli, 0, NULL);
     object = cli_json(&cli, "pace.json");

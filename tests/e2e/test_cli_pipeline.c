@@ -214,7 +214,7 @@ static void test_render_memory(void **state) {
     /* more frames than the encoder looks ahead */
     snprintf(cli.line, sizeof cli.line,
              "render %s.safetensors --clip '%s/data/tiny' --backend cpu --threads 2 --size 450x450 --frames 0:20 -o "
-             "tiny.mp4 --quiet",
+             "tiny.mp4 -y --quiet",
              models[i], getenv("ERNERF_SOURCE"));
     cli_start(&cli, NULL, 0);
     const size_t peak = peak_of(cli.pid, "RssAnon");

@@ -61,7 +61,7 @@ static uint8_t *raw(const char *words) {
   assert_non_null(pixels);
   support_clear("raw.bin");
   snprintf(cli.line, sizeof cli.line,
-           "render m.safetensors --clip clip --hold_pose 3 --fix_eye 0 " FRAMES " -o - --quiet --json rest.json %s",
+           "render m.safetensors --clip clip --hold_pose 3 --fix_eye 0 " FRAMES " -o - --quiet -y --json rest.json %s",
            words);
   cli_start(&cli, "raw.bin", 0);
   cli_wait(&cli);
@@ -188,12 +188,12 @@ static void test_words(void **state) {
   (void)state;
   cli_run(&cli,
           "render m.safetensors --clip clip --audio speech.npy --frames 35:80 --size 16x16 -o all.mp4 "
-          "--json rest.json");
+          "-y --json rest.json");
   cli_expect(&cli, 0, "in 12 of 45 frames nothing is said", "--no_rest", NULL);
   expect_resting(12);
   cli_run(&cli,
           "render m.safetensors --poses clip/transforms_val.json --audio speech.npy --frames 58:62 --size 16x16 -o "
-          "all.mp4 --json rest.json");
+          "all.mp4 -y --json rest.json");
   cli_expect(&cli, 0, "without --clip", "follows the speech alone", NULL);
   expect_resting(0);
 }
@@ -210,13 +210,13 @@ static void test_untold(void **state) {
   support_clear("loud/aud_ds.npy");
   support_clear("loud/aud.wav");
   write_features(context, "loud/aud_ds.npy", &said);
-  cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -o x%%d.png");
+  cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -y -o x%%d.png");
   cli_expect(&cli, 0, "loud: silence cannot be told", "follows the speech alone", "differ by", NULL);
   free(said.features.data);
   made_speech(&said, LENGTH, WIDTH + 1, 3, (const int[]){MADE_FRAMES});
   support_clear("loud/aud_ds.npy");
   write_features(context, "loud/aud_ds.npy", &said);
-  cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -o x%%d.png");
+  cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -y -o x%%d.png");
   cli_expect(&cli, 0, "aud_ds.npy: 30 wide", "are 29", "follows the speech alone", NULL);
   free(said.features.data);
   ern_context_free(&context);

@@ -38,10 +38,10 @@ static void test_portrait(void **state) {
   twice("--torso --head head.safetensors", "--iters 2 --validate-frames 1");
   cli_run(&cli, "render a.safetensors --clip clip --frames 0:4 --threads 1 -o a.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 4 -o b.mp4 --quiet");
+  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 4 -y -o b.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("a.mp4", "b.mp4");
-  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 2 -o b.mp4 --quiet");
+  cli_run(&cli, "render b.safetensors --clip clip --frames 0:4 --threads 2 -y -o b.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("a.mp4", "b.mp4");
   for (int threads = 1; threads <= 4; threads += 3) {

@@ -48,7 +48,7 @@ static void expect_none_begun(const char *folder) {
   DIR *list = opendir(folder);
   assert_non_null(list);
   for (struct dirent *entry = readdir(list); entry != NULL; entry = readdir(list))
-    if (strstr(entry->d_name, ".tmp-") != NULL) fail_msg("%s/%s is left over", folder, entry->d_name);
+    if (strstr(entry->d_name, ".ernerf-tmp") != NULL) fail_msg("%s/%s is left over", folder, entry->d_name);
   closedir(list);
 }
 
@@ -68,7 +68,7 @@ static void test_second(void **state) {
   expect_none_begun("t.run");
 }
 
-/* The second comes while a video is written: it has no file under its name, and the next render clears what is left. */
+/* The second comes while a video is written: it has no file under its name, and the next render of the same name clears what is left. */
 static void test_second_of_a_video(void **state) {
   (void)state;
   start_and_stop("\"render: 8 frames", SIGTERM, "render m.safetensors --clip clip --size 512x512 -o cut.mp4");
@@ -83,7 +83,7 @@ static void test_second_of_a_video(void **state) {
   expect_none_begun(".");
 }
 
-#define LONG_TRAINING "train clip -o h.safetensors --iters 100000 --rays 16 --levels 2 --validate-every 0"
+#define LONG_TRAINING "train clip -y -o h.safetensors --iters 100000 --rays 16 --levels 2 --validate-every 0"
 
 /* Said twice, by the system and by the shell. */
 static void test_end_of_the_terminal(void **state) {

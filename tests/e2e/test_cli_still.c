@@ -44,7 +44,7 @@ static uint8_t *raw(const char *words) {
   assert_non_null(pixels);
   support_clear("raw.bin");
   snprintf(cli.line, sizeof cli.line,
-           "render m.safetensors --clip clip --audio speech.npy --frames 0:%d --size %dx%d -o - --json still.json %s",
+           "render m.safetensors --clip clip --audio speech.npy --frames 0:%d --size %dx%d -o - -y --json still.json %s",
            DRAWN, SIZE, SIZE, words);
   cli_start(&cli, "raw.bin", 0);
   cli_wait(&cli);
@@ -121,7 +121,7 @@ static void test_other_bounds(void **state) {
 /* Few frames are not worth it, and a head that moves has nothing to keep. */
 static void test_not_worth_it(void **state) {
   (void)state;
-  cli_run(&cli, "render m.safetensors --clip clip --audio speech.npy --frames 0:30 -o few.mp4 --json still.json");
+  cli_run(&cli, "render m.safetensors --clip clip --audio speech.npy --frames 0:30 -o few.mp4 -y --json still.json");
   cli_expect(&cli, 0, NULL);
   assert_null(strstr(cli.err, "drawn anew"));
   assert_true(report().bound == 0);

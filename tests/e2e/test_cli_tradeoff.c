@@ -191,10 +191,10 @@ static void test_bad_input(void **state) {
 static void test_full_disk(void **state) {
   (void)state;
   cli_run_full(&cli, 3000, "tradeoff m.safetensors '%s' -o full --frames 0:2 --seconds 1 --quiet", clip);
-  cli_expect(&cli, 1, "full/", "cannot be written", NULL);
+  cli_expect(&cli, 1, "full/", "cannot write", NULL);
   DIR *list = opendir("full");
   for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list))
-    if (strstr(entry->d_name, ".tmp-") != NULL) fail_msg("%s was left", entry->d_name);
+    if (strstr(entry->d_name, ".ernerf-tmp") != NULL) fail_msg("%s was left", entry->d_name);
   if (list != NULL) closedir(list);
 }
 

@@ -186,6 +186,11 @@ int rename(const char *from, const char *to) {
   return strike(FAULT_RENAME, to) == FAULT_NONE ? real(from, to) : -1;
 }
 
+int link(const char *from, const char *to) {
+  REAL("link", int, (const char *, const char *))
+  return strike(FAULT_RENAME, to) == FAULT_NONE ? real(from, to) : -1;
+}
+
 int mkdir(const char *name, mode_t mode) {
   REAL("mkdir", int, (const char *, mode_t))
   return strike(FAULT_MKDIR, name) == FAULT_NONE ? real(name, mode) : -1;

@@ -131,7 +131,7 @@ static inline size_t journey_leftovers(const char *folder, const char *part, cha
     if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0) continue;
     assert_true(snprintf(inside, sizeof inside, "%s/%s", folder, entry->d_name) < (int)sizeof inside);
     if (lstat(inside, &about) == 0 && S_ISDIR(about.st_mode)) count += journey_leftovers(inside, part, first);
-    if (strstr(entry->d_name, ".tmp-") == NULL || strstr(inside, part) == NULL) continue;
+    if (strstr(entry->d_name, ".ernerf-tmp") == NULL || strstr(inside, part) == NULL) continue;
     if (count++ == 0) memcpy(first, inside, sizeof inside);
   }
   if (list != NULL) closedir(list);

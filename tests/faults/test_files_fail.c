@@ -24,13 +24,13 @@ static const struct way {
   bool slow;    /* seconds a run: with every call alone, and then 8 of them at most */
 } ways[] = {
     {.name = "resume", .line = TRAIN " -o out/head.safetensors --iters 4 --resume", .resumes = true},
-    {.name = "train anew", .line = TRAIN " -o out/head.safetensors --iters 2"},
+    {.name = "train anew", .line = TRAIN " -y -o out/head.safetensors --iters 2"},
     {.name = "torso", .line = STEPS " --torso --head in/head.safetensors -o out/torso.safetensors --iters 2"},
-    {.name = "video", .line = "render in/head.safetensors --clip in/clip -o out/talk.mp4 --frames 0:3"},
-    {.name = "pictures", .line = "render in/head.safetensors --clip in/clip -o out/p%02d.png --frames 0:2"},
+    {.name = "video", .line = "render in/head.safetensors --clip in/clip -y -o out/talk.mp4 --frames 0:3"},
+    {.name = "pictures", .line = "render in/head.safetensors --clip in/clip -y -o out/p%02d.png --frames 0:2"},
     {.name = "exr", .line = "render in/head.safetensors --clip in/clip -o out/p%02d.exr --frames 0:2"},
-    {.name = "eval", .line = "eval in/head.safetensors in/clip --json out/eval.json"},
-    {.name = "to pth", .line = "convert in/head.safetensors out/head.pth"},
+    {.name = "eval", .line = "eval in/head.safetensors in/clip -y --json out/eval.json"},
+    {.name = "to pth", .line = "convert -y in/head.safetensors out/head.pth"},
     {.name = "from pth", .line = "convert in/head.pth out/new.safetensors"},
     {.name = "synth", .line = "synth out/made --size 64 --frames 8 --seed 3"},
     {.name = "info", .line = "info in/head.safetensors --json out/info.json"},
@@ -165,7 +165,7 @@ static void look_at(const char *below) {
   snprintf(path, sizeof path, "out/%s", below);
   snprintf(was, sizeof was, "was/%s", below);
   snprintf(becomes, sizeof becomes, "new/%s", below);
-  if (strstr(below, ".tmp-") != NULL) fail_msg("%s: %s is left over\n%s", way->name, path, j.err);
+  if (strstr(below, ".ernerf-tmp") != NULL) fail_msg("%s: %s is left over\n%s", way->name, path, j.err);
   if (ends_with(below, "/log.jsonl") || ends_with(below, "/curve.csv")) {
     if (!has_whole_lines(path)) fail_msg("%s: %s ends in half a line", way->name, path);
     return;

@@ -290,7 +290,8 @@ static void write_bad(ern_context *context, const char *from, const char *words,
   support_ok(context, ern_checkpoint_read(context, from, &file));
   char *text = replaced(ern_tensor_file_metadata(&file, "ernerf"), words, others);
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", text}};
-  support_ok(context, ern_safetensors_write(context, "bad.safetensors", file.tensors, file.tensor_count, metadata, 2));
+  support_ok(context, ern_safetensors_write(context, "bad.safetensors", file.tensors, file.tensor_count, metadata, 2,
+                                            ERN_EXISTING_BY_CONTEXT));
   free(text);
   ern_tensor_file_free(context, &file);
 }
@@ -362,8 +363,8 @@ static void test_another_box_or_layout(void **state) {
       tensor->data = bytes;
       tensor->dtype = cases[k].dtype;
     }
-    support_ok(context,
-               ern_safetensors_write(context, "bad.safetensors", file.tensors, file.tensor_count, metadata, 2));
+    support_ok(context, ern_safetensors_write(context, "bad.safetensors", file.tensors, file.tensor_count, metadata, 2,
+                                              ERN_EXISTING_BY_CONTEXT));
     ern_tensor_file_free(context, &file);
     const ern_status status = ern_model_load(&back, context, "bad.safetensors");
     if (status != ERN_E_MISMATCH && status != ERN_E_FORMAT) fail_msg("%s: %s", cases[k].name, ern_status_name(status));

@@ -5,11 +5,9 @@
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "core/memory.h"
-#include "ernerf/data.h"
 #include "io/file.h"
 #include "io/number.h"
 
@@ -62,25 +60,25 @@ static void test_write(void **state) {
   (void)state;
   ern_context *context = support_context();
   struct ern_file_writer writer;
-  assert_int_equal(ern_file_write(context, "out.bin", "old", 3), ERN_OK);
-  assert_int_equal(ern_file_writer_open(context, "out.bin", &writer), ERN_OK);
+  assert_int_equal(ern_file_write(context, "out.bin", "old", 3, ERN_EXISTING_BY_CONTEXT), ERN_OK);
+  assert_int_equal(ern_file_writer_open(context, "out.bin", ERN_EXISTING_BY_CONTEXT, &writer), ERN_OK);
   assert_int_equal(ern_file_writer_write(&writer, "new", 3), ERN_OK);
   assert_int_equal(ern_file_writer_write(&writer, "er", 2), ERN_OK);
   expect_content(context, "out.bin", "old"); /* a reader sees the old file until the commit */
-  assert_int_equal(count_names(".", "out.bin.tmp-"), 1);
+  assert_int_equal(count_names(".", "out.bin.ernerf-tmp"), 1);
   assert_int_equal(ern_file_writer_commit(&writer), ERN_OK);
   expect_content(context, "out.bin", "newer");
-  assert_int_equal(count_names(".", ".tmp-"), 0);
+  assert_int_equal(count_names(".", ".ernerf-tmp"), 0);
   support_expect(context, ern_file_writer_write(&writer, "x", 1), ERN_E_STATE, "closed", NULL);
   support_expect(context, ern_file_writer_commit(&writer), ERN_E_STATE, "closed", NULL);
   ern_file_writer_abandon(&writer);
 
-  assert_int_equal(ern_file_writer_open(context, "out.bin", &writer), ERN_OK);
+  assert_int_equal(ern_file_writer_open(context, "out.bin", ERN_EXISTING_BY_CONTEXT, &writer), ERN_OK);
   assert_int_equal(ern_file_writer_write(&writer, "lost", 4), ERN_OK);
   ern_file_writer_abandon(&writer);
   ern_file_writer_abandon(&writer);
   expect_content(context, "out.bin", "newer");
-  assert_int_equal(count_names(".", ".tmp-"), 0);
+  assert_int_equal(count_names(".", ".ernerf-tmp"), 0);
 
   struct ern_file_writer zeroed = {0};
   ern_file_writer_abandon(&zeroed);
@@ -91,10 +89,11 @@ static void test_write_refused(void **state) {
   (void)state;
   ern_context *context = support_context();
   struct stat about;
-  support_expect(context, ern_file_write(context, "no/such/out.bin", "x", 1), ERN_E_MISSING, "no/such/out.bin", "write",
-                 "No such file", NULL);
-  support_expect(context, ern_file_write(context, ".", "x", 1), ERN_E_IO, ".", "folder", NULL);
-  support_expect(context, ern_file_write(context, "/dev/full", "x", 1), ERN_E_IO, "/dev/full", "device", NULL);
+  support_expect(context, ern_file_write(context, "no/such/out.bin", "x", 1, ERN_EXISTING_BY_CONTEXT), ERN_E_MISSING,
+                 "no/such/out.bin", "write", "No such file", NULL);
+  support_expect(context, ern_file_write(context, ".", "x", 1, ERN_EXISTING_BY_CONTEXT), ERN_E_IO, ".", "folder", NULL);
+  support_expect(context, ern_file_write(context, "/dev/full", "x", 1, ERN_EXISTING_BY_CONTEXT), ERN_E_IO, "/dev/full",
+                 "device", NULL);
   assert_int_equal(stat("/dev/full", &about), 0);
   assert_true(S_ISCHR(about.st_mode));
   ern_context_free(&context);
@@ -107,16 +106,16 @@ static void test_write_full(void **state) {
   static const char block[8192];
   struct rlimit before, tiny;
   struct ern_file_writer writer;
-  assert_int_equal(ern_file_write(context, "full.bin", "old", 3), ERN_OK);
+  assert_int_equal(ern_file_write(context, "full.bin", "old", 3, ERN_EXISTING_BY_CONTEXT), ERN_OK);
   signal(SIGXFSZ, SIG_IGN);
   assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
   tiny = before;
   tiny.rlim_cur = 5000;
   assert_int_equal(setrlimit(RLIMIT_FSIZE, &tiny), 0);
-  const ern_status whole = ern_file_write(context, "full.bin", block, sizeof block);
+  const ern_status whole = ern_file_write(context, "full.bin", block, sizeof block, ERN_EXISTING_BY_CONTEXT);
   char words[512];
   snprintf(words, sizeof words, "%s", ern_last_error(context));
-  assert_int_equal(ern_file_writer_open(context, "full.bin", &writer), ERN_OK);
+  assert_int_equal(ern_file_writer_open(context, "full.bin", ERN_EXISTING_BY_CONTEXT, &writer), ERN_OK);
   const ern_status part = ern_file_writer_write(&writer, block, sizeof block);
   const ern_status after = ern_file_writer_commit(&writer);
   assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
@@ -126,46 +125,7 @@ static void test_write_full(void **state) {
   assert_non_null(strstr(words, "full.bin: cannot write"));
   assert_non_null(strstr(words, "File too large"));
   expect_content(context, "full.bin", "old");
-  assert_int_equal(count_names(".", ".tmp-"), 0);
-  ern_context_free(&context);
-}
-
-static void test_temporary_name(void **state) {
-  (void)state;
-  ern_context *context = support_context();
-  const long process = (long)getpid();
-  const struct {
-    const char *path, *before, *after; /* the process number goes between */
-  } cases[] = {{"a/b.c/frame.png", "a/b.c/.frame.tmp-", ".png"},
-               {"video.mp4", ".video.tmp-", ".mp4"},
-               {"/x.y/plain", "/x.y/.plain.tmp-", ""},
-               {".hidden", "..hidden.tmp-", ""},
-               {"two.parts.exr", ".two.parts.tmp-", ".exr"}};
-  for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-    char expected[256], *name = NULL;
-    snprintf(expected, sizeof expected, "%s%ld%s", cases[i].before, process, cases[i].after);
-    assert_int_equal(ern_file_temporary_name(context, cases[i].path, &name), ERN_OK);
-    assert_string_equal(name, expected);
-    ern_release(context, name);
-  }
-  ern_context_free(&context);
-}
-
-static void test_put_in_place(void **state) {
-  (void)state;
-  ern_context *context = support_context();
-  char *temporary = NULL;
-  assert_int_equal(ern_file_temporary_name(context, "placed.txt", &temporary), ERN_OK);
-  support_write_text(temporary, "made by a library");
-  assert_int_equal(ern_file_put_in_place(context, temporary, "placed.txt"), ERN_OK);
-  expect_content(context, "placed.txt", "made by a library");
-  assert_int_not_equal(access(temporary, F_OK), 0);
-  support_expect(context, ern_file_put_in_place(context, temporary, "placed.txt"), ERN_E_MISSING, temporary, NULL);
-  support_write_text(temporary, "again");
-  support_expect(context, ern_file_put_in_place(context, temporary, "absent/placed.txt"), ERN_E_MISSING,
-                 "absent/placed.txt", NULL);
-  assert_int_not_equal(access(temporary, F_OK), 0); /* removed */
-  ern_release(context, temporary);
+  assert_int_equal(count_names(".", ".ernerf-tmp"), 0);
   ern_context_free(&context);
 }
 
@@ -263,55 +223,10 @@ static void test_numbers(void **state) {
   assert_true(value > 1e308);
 }
 
-/* What a process that is gone left is removed; what one writes now, and what merely looks like it, stays. */
-static void test_leftovers(void **state) {
-  (void)state;
-  const pid_t gone = fork();
-  assert_true(gone >= 0);
-  if (gone == 0) _exit(0);
-  assert_int_equal(waitpid(gone, NULL, 0), gone);
-  const long dead = (long)gone, alive = (long)getppid();
-  const struct {
-    const char *form;
-    long number;
-    bool stays;
-  } files[] = {{"left/a.safetensors.tmp-%ld", dead, false},
-               {"left/a.safetensors.tmp-%ld", alive, true},
-               {"left/.a.tmp-%ld.safetensors", dead, false},
-               {"left/.a.tmp-%ld.pth.Xy12ab", dead, false},
-               {"left/.a.tmp-%ld.safetensors", alive, true},
-               {"left/b.safetensors.tmp-%ld", dead, true},
-               {"left/.b.tmp-%ld.mp4", dead, true},
-               {"left/a.safetensors.tmp-%ldx", dead, true},
-               {"left/a.tmp-%ld.safetensors", dead, true},
-               {"left/a.safetensors.tmp--%ld", dead, true},
-               {"left/a.safetensors.tmp-9999999%ld", dead, true},
-               {"left/a.safetensors.tmp-%ld.more", dead, true}};
-  char path[64];
-  support_clear("left");
-  assert_int_equal(mkdir("left", 0777), 0);
-  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-    snprintf(path, sizeof path, files[i].form, files[i].number);
-    support_write_text(path, "half");
-  }
-  ern_leftovers_remove("left/a.safetensors");
-  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-    snprintf(path, sizeof path, files[i].form, files[i].number);
-    if ((access(path, F_OK) == 0) != files[i].stays) fail_msg("%s: %s", path, files[i].stays ? "is gone" : "stayed");
-  }
-  ern_leftovers_remove("left/"); /* all of them */
-  snprintf(path, sizeof path, "left/b.safetensors.tmp-%ld", dead);
-  assert_int_not_equal(access(path, F_OK), 0);
-  snprintf(path, sizeof path, "left/a.safetensors.tmp-%ld", alive);
-  assert_int_equal(access(path, F_OK), 0);
-  ern_leftovers_remove("no/folder");
-}
-
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),           cmocka_unit_test(test_write),
-                                     cmocka_unit_test(test_write_refused),  cmocka_unit_test(test_write_full),
-                                     cmocka_unit_test(test_temporary_name), cmocka_unit_test(test_put_in_place),
-                                     cmocka_unit_test(test_folders),        cmocka_unit_test(test_sha256),
-                                     cmocka_unit_test(test_numbers),        cmocka_unit_test(test_leftovers)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),          cmocka_unit_test(test_write),
+                                     cmocka_unit_test(test_write_refused), cmocka_unit_test(test_write_full),
+                                     cmocka_unit_test(test_folders),       cmocka_unit_test(test_sha256),
+                                     cmocka_unit_test(test_numbers)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

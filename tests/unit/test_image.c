@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Pictures: what is written comes back, and what is no picture is refused in words. */
 #include <dirent.h>
+#include <errno.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/resource.h>
@@ -278,6 +279,14 @@ static void test_odd_names(void **state) {
     assert_ok(ern_image_write(context, names[i], &made, 90));
     assert_ok(ern_image_read(context, names[i], 3, &read));
     assert_memory_equal(read.data, made.data, bytes_of(&made));
+    ern_image_free(context, &read);
+  }
+  assert_true(mkdir("a?b.c", 0777) == 0 || errno == EEXIST);
+  for (int i = 0; i < 2; i++) {
+    const char *name = i == 0 ? "what?x=1.jpg" : "a?b.c/still.jpg";
+    assert_ok(ern_image_write(context, name, &made, 100));
+    assert_ok(ern_image_read(context, name, 3, &read));
+    assert_true(read.width == made.width && read.height == made.height);
     ern_image_free(context, &read);
   }
   assert_int_equal(rename("a b.png", "png.jpg"), 0);

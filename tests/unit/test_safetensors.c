@@ -40,7 +40,9 @@ static void test_round_trip(void **state) {
       {"flags", ERN_BOOL, 3, {1, 1, 2}, 2, 0, bits}};
   const size_t count = sizeof tensors / sizeof tensors[0];
   const struct ern_metadata metadata[] = {{"format", "pt"}, {"consent", "line one\nline \"two\""}};
-  assert_int_equal(ern_safetensors_write(context, "round.safetensors", tensors, count, metadata, 2), ERN_OK);
+  assert_int_equal(
+      ern_safetensors_write(context, "round.safetensors", tensors, count, metadata, 2, ERN_EXISTING_BY_CONTEXT),
+      ERN_OK);
   support_expect(context, ern_safetensors_read(context, "round.safetensors", &file), ERN_OK, NULL);
   assert_int_equal(file.tensor_count, count);
   assert_int_equal(file.metadata_count, 2);
@@ -63,7 +65,8 @@ static void test_round_trip(void **state) {
   ern_tensor_file_free(context, &file);
   ern_tensor_file_free(context, NULL);
 
-  assert_int_equal(ern_safetensors_write(context, "none.safetensors", NULL, 0, NULL, 0), ERN_OK);
+  assert_int_equal(ern_safetensors_write(context, "none.safetensors", NULL, 0, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                   ERN_OK);
   support_expect(context, ern_safetensors_read(context, "none.safetensors", &file), ERN_OK, NULL);
   assert_int_equal(file.tensor_count, 0);
   assert_int_equal(file.metadata_count, 0);
@@ -231,18 +234,20 @@ static void test_write_refused(void **state) {
   const struct ern_tensor latin = {"\xe9", ERN_F32, 1, {2}, 2, 0, data};
   const struct ern_metadata same[2] = {{"k", "1"}, {"k", "2"}};
   support_clear("o.safetensors");
-  support_expect(context, ern_safetensors_write(context, "o.safetensors", twice, 2, NULL, 0), ERN_E_ARGUMENT,
-                 "o.safetensors", "\"a\"", "twice", NULL);
-  support_expect(context, ern_safetensors_write(context, "o.safetensors", &wrong, 1, NULL, 0), ERN_E_ARGUMENT,
-                 "tensor w", "count is 2, expected 3", NULL);
-  support_expect(context, ern_safetensors_write(context, "o.safetensors", &reserved, 1, NULL, 0), ERN_E_ARGUMENT,
-                 "__metadata__", "reserved", NULL);
-  support_expect(context, ern_safetensors_write(context, "o.safetensors", &latin, 1, NULL, 0), ERN_E_ARGUMENT, "UTF-8",
-                 NULL);
-  support_expect(context, ern_safetensors_write(context, "o.safetensors", &good, 1, same, 2), ERN_E_ARGUMENT,
-                 "__metadata__", "\"k\"", NULL);
-  support_expect(context, ern_safetensors_write(context, "no/o.safetensors", &good, 1, NULL, 0), ERN_E_MISSING,
-                 "no/o.safetensors", NULL);
+  support_expect(context, ern_safetensors_write(context, "o.safetensors", twice, 2, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_ARGUMENT, "o.safetensors", "\"a\"", "twice", NULL);
+  support_expect(context, ern_safetensors_write(context, "o.safetensors", &wrong, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_ARGUMENT, "tensor w", "count is 2, expected 3", NULL);
+  support_expect(context,
+                 ern_safetensors_write(context, "o.safetensors", &reserved, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_ARGUMENT, "__metadata__", "reserved", NULL);
+  support_expect(context, ern_safetensors_write(context, "o.safetensors", &latin, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_ARGUMENT, "UTF-8", NULL);
+  support_expect(context, ern_safetensors_write(context, "o.safetensors", &good, 1, same, 2, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_ARGUMENT, "__metadata__", "\"k\"", NULL);
+  support_expect(context,
+                 ern_safetensors_write(context, "no/o.safetensors", &good, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT),
+                 ERN_E_MISSING, "no/o.safetensors", NULL);
   assert_int_not_equal(access("o.safetensors", F_OK), 0);
 
   /* a full disk: the old file stays whole */
@@ -250,13 +255,14 @@ static void test_write_refused(void **state) {
   static const float many[4096];
   const struct ern_tensor large = {"a", ERN_F32, 1, {4096}, 4096, 0, many};
   struct rlimit before, tiny;
-  assert_int_equal(ern_safetensors_write(context, "o.safetensors", &good, 1, NULL, 0), ERN_OK);
+  assert_int_equal(ern_safetensors_write(context, "o.safetensors", &good, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT), ERN_OK);
   signal(SIGXFSZ, SIG_IGN);
   assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
   tiny = before;
   tiny.rlim_cur = 5000;
   assert_int_equal(setrlimit(RLIMIT_FSIZE, &tiny), 0);
-  const ern_status status = ern_safetensors_write(context, "o.safetensors", &large, 1, NULL, 0);
+  const ern_status status =
+      ern_safetensors_write(context, "o.safetensors", &large, 1, NULL, 0, ERN_EXISTING_BY_CONTEXT);
   assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
   support_expect(context, status, ERN_E_IO, "o.safetensors", "File too large", NULL);
   support_expect(context, ern_safetensors_read(context, "o.safetensors", &file), ERN_OK, NULL);
@@ -270,7 +276,8 @@ static ern_status write_and_read(ern_context *context) {
   const uint8_t data[16] = {1};
   const struct ern_tensor tensors[] = {{"a", ERN_U8, 1, {3}, 3, 0, data}, {"b", ERN_F32, 1, {2}, 2, 0, data}};
   const struct ern_metadata metadata = {"k", "v"};
-  ern_status status = ern_safetensors_write(context, "refused.safetensors", tensors, 2, &metadata, 1);
+  ern_status status =
+      ern_safetensors_write(context, "refused.safetensors", tensors, 2, &metadata, 1, ERN_EXISTING_BY_CONTEXT);
   if (status == ERN_OK) status = ern_safetensors_read(context, "refused.safetensors", &file);
   ern_tensor_file_free(context, &file);
   return status;
@@ -297,7 +304,7 @@ static void test_real(void **state) {
     assert_int_equal(bits->dtype, ERN_U8);
     assert_int_equal(bits->count, 262144);
     assert_int_equal(ern_safetensors_write(context, "copy.safetensors", file.tensors, file.tensor_count, file.metadata,
-                                           file.metadata_count),
+                                           file.metadata_count, ERN_EXISTING_BY_CONTEXT),
                      ERN_OK);
     support_expect(context, ern_safetensors_read(context, "copy.safetensors", &again), ERN_OK, NULL);
     assert_int_equal(again.tensor_count, file.tensor_count);

@@ -2,6 +2,7 @@
  * The trainer as a promise: the same bytes for any number of threads and after any resume; nothing lost when a training
  * fails, is stopped, or meets the wrong files. */
 #include <math.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "made_clip.h"
@@ -222,6 +223,74 @@ static void test_earlier_training_untouched(void **state) {
   made_close(&m);
 }
 
+static void expect_refused(struct made *m, const ern_train_config *config, const char *file, const char *advice) {
+  ern_trainer *trainer = NULL;
+  support_expect(m->context, ern_trainer_create(&trainer, m->backend, &m->data, config), ERN_E_EXISTS, file, advice,
+                 "--overwrite", NULL);
+  assert_null(trainer);
+}
+
+/* Without resume and overwrite an earlier training is not even begun upon. */
+static void test_earlier_is_kept(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("kept"), clear_run("copy"), clear_run("alone");
+  train_to(&m, "kept.safetensors", 3, 2, 1);
+  train_to(&m, "copy.safetensors", 3, 2, 1);
+  ern_train_config config = small_config(6, "kept.safetensors");
+  config.overwrite = false;
+  expect_refused(&m, &config, "kept.safetensors", "--resume");
+  assert_int_equal(rename("kept.safetensors", "moved.safetensors"), 0);
+  expect_refused(&m, &config, "kept.run/", "--resume");
+  expect_same("kept.run/state.safetensors", "copy.run/state.safetensors");
+  expect_same("kept.run/state.previous.safetensors", "copy.run/state.previous.safetensors");
+  /* a model whose X.run is gone: a resume has nothing to go on from, and would replace the model */
+  assert_int_equal(rename("moved.safetensors", "alone.safetensors"), 0);
+  config.output = "alone.safetensors";
+  expect_refused(&m, &config, "alone.safetensors", "--resume");
+  config.resume = true;
+  expect_refused(&m, &config, "alone.safetensors", "no state");
+  assert_int_not_equal(access("alone.run", F_OK), 0);
+  expect_same("alone.safetensors", "copy.safetensors");
+  /* a start that saved nothing left a lock alone */
+  config = small_config(3, "kept.safetensors");
+  config.overwrite = false;
+  clear_run("kept");
+  assert_int_equal(mkdir("kept.run", 0777), 0);
+  support_write_text("kept.run/lock", "");
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("kept.safetensors", "copy.safetensors");
+  made_close(&m);
+}
+
+/* A file that comes to X after the start is somebody's: it stays, and the state is saved. */
+static void test_model_that_came_meanwhile(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  size_t count = 0;
+  made_open(&m);
+  clear_run("soon"), clear_run("copy");
+  train_to(&m, "copy.safetensors", 3, 2, 0);
+  ern_train_config config = small_config(3, "soon.safetensors");
+  config.overwrite = false;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_write_text("soon.safetensors", "somebody's");
+  support_expect(m.context, ern_trainer_run(trainer, NULL), ERN_E_EXISTS, "soon.safetensors", NULL);
+  ern_trainer_free(&trainer);
+  char *text = read_file("soon.safetensors", &count);
+  assert_int_equal(count, strlen("somebody's"));
+  free(text);
+  config.resume = true;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_EXISTS, "soon.safetensors",
+                 "no model of this clip", NULL);
+  assert_int_equal(unlink("soon.safetensors"), 0);
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("soon.safetensors", "copy.safetensors");
+  made_close(&m);
+}
+
 /* iters is the total: a state past it is not quietly written again. */
 static void test_resume_past_the_end(void **state) {
   (void)state;
@@ -362,6 +431,8 @@ int main(void) {
                                      cmocka_unit_test(test_lock),
                                      cmocka_unit_test(test_another_clip_or_configuration),
                                      cmocka_unit_test(test_earlier_training_untouched),
+                                     cmocka_unit_test(test_earlier_is_kept),
+                                     cmocka_unit_test(test_model_that_came_meanwhile),
                                      cmocka_unit_test(test_resume_past_the_end),
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_from),

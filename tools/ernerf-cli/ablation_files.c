@@ -75,9 +75,9 @@ static json_t *collisions_json(const ern_bench_collision_table *table) {
 json_t *ablation_json(const struct ablation *ablation) {
   json_t *rows = json_array();
   for (size_t i = 0; i < ablation->rows; i++) json_array_append_new(rows, row_json(&ablation->row[i]));
-  return json_pack("{s:s, s:i, s:i, s:I, s:I, s:i, s:o, s:s, s:s, s:s, s:i, s:o, s:o}", "clip", ablation->clip, "width",
-                   ablation->width, "height", ablation->height, "frames", (json_int_t)ablation->frames, "iters",
-                   (json_int_t)ablation->iters, "rays", ablation->rays, "lr_net",
+  return json_pack("{s:o, s:i, s:i, s:I, s:I, s:i, s:o, s:s, s:s, s:s, s:i, s:o, s:o}", "clip",
+                   session_text(ablation->clip), "width", ablation->width, "height", ablation->height, "frames",
+                   (json_int_t)ablation->frames, "iters", (json_int_t)ablation->iters, "rays", ablation->rays, "lr_net",
                    session_number((double)ablation->lr_net), "processor", ablation->processor, "backend",
                    ablation->backend, "isa", ablation->isa, "threads", ablation->threads, "rows", rows, "collisions",
                    ablation->counted ? collisions_json(&ablation->collisions) : json_null());

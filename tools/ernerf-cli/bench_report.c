@@ -198,14 +198,16 @@ static json_t *peaks_json(const ern_bench_machine *m) {
                    rate_json(&m->stream_memory), "isas", isas, "devices", devices);
 }
 
+static json_t *text_or_null(const char *text) { return text != NULL ? session_text(text) : json_null(); }
+
 static json_t *scene_json(const struct bench_results *results) {
   const ern_bench_scene_info *s = &results->scene;
-  return json_pack("{s:s?, s:s?, s:i, s:i, s:i, s:o, s:I, s:I, s:I, s:I, s:I, s:o, s:o}", "model", results->model,
-                   "clip", results->clip, "width", s->width, "height", s->height, "levels", s->levels, "occupied",
-                   session_number(s->occupied), "parameters", (json_int_t)s->parameters, "pixels",
-                   (json_int_t)s->pixels, "hits", (json_int_t)s->hits, "marched", (json_int_t)s->marched, "lit",
-                   (json_int_t)s->lit, "sample_flops", session_number(s->sample_flops), "folded_flops",
-                   session_number(s->folded_flops));
+  return json_pack("{s:o, s:o, s:i, s:i, s:i, s:o, s:I, s:I, s:I, s:I, s:I, s:o, s:o}", "model",
+                   text_or_null(results->model), "clip", text_or_null(results->clip), "width", s->width, "height",
+                   s->height, "levels", s->levels, "occupied", session_number(s->occupied), "parameters",
+                   (json_int_t)s->parameters, "pixels", (json_int_t)s->pixels, "hits", (json_int_t)s->hits, "marched",
+                   (json_int_t)s->marched, "lit", (json_int_t)s->lit, "sample_flops", session_number(s->sample_flops),
+                   "folded_flops", session_number(s->folded_flops));
 }
 
 static json_t *kernel_json(const struct bench_results *results, const ern_bench_kernel *k) {

@@ -124,8 +124,31 @@ static void take_processor(void *user, const ern_device_info *device) {
   if (job->result.threads == 0) job->result.threads = (int)device->compute_units;
 }
 
+/* DIR/trihash-channel.safetensors; with several seeds DIR/trihash-channel-s0.safetensors. */
+static int path_of(struct ablate_job *job, const struct ablation_row *row, uint64_t seed, char path[PATH_BYTES]) {
+  const int written =
+      job->seeds > 1 ? snprintf(path, PATH_BYTES, "%s/%s-s%" PRIu64 ".safetensors", job->folder, row->kind->name, seed)
+                     : snprintf(path, PATH_BYTES, "%s/%s.safetensors", job->folder, row->kind->name);
+  return written < PATH_BYTES ? 0 : session_fail_with(&job->session, "%s: the name is too long", job->folder);
+}
+
+/* Nothing of an earlier ablation is replaced without --overwrite; --resume goes on with it. */
+static int check_outputs(struct ablate_job *job) {
+  static const char *const names[] = {"ablation.md", "ablation.csv", "ablation.json"};
+  char path[PATH_BYTES];
+  struct stat about;
+  if (job->resume || stat(job->folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
+  for (size_t r = 0; r < job->result.rows; r++)
+    for (int seed = 0; seed < job->seeds; seed++)
+      if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||
+          session_check_output(&job->session, path) != 0)
+        return EXIT_FAILURE;
+  return session_check_outputs(&job->session, job->folder, names, sizeof names / sizeof *names);
+}
+
 static int open_all(struct ablate_job *job, const struct args *args) {
   struct session *session = &job->session;
+  if (check_outputs(job) != 0) return EXIT_FAILURE;
   if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
   int status = judge_open(&job->judge, session, job->clip, SHOTS_VAL, 4, ERN_AUDIO_PAD_EDGE);
   if (status == 0 && args_given(args, "frames")) status = shots_cut(&job->judge.shots, args, &job->frames);
@@ -149,14 +172,6 @@ static int open_all(struct ablate_job *job, const struct args *args) {
 
 /* ---- training ---------------------------------------------------------------------------------------------------- */
 
-/* DIR/trihash-channel.safetensors; with several seeds DIR/trihash-channel-s0.safetensors. */
-static int path_of(struct ablate_job *job, const struct ablation_row *row, uint64_t seed, char path[PATH_BYTES]) {
-  const int written =
-      job->seeds > 1 ? snprintf(path, PATH_BYTES, "%s/%s-s%" PRIu64 ".safetensors", job->folder, row->kind->name, seed)
-                     : snprintf(path, PATH_BYTES, "%s/%s.safetensors", job->folder, row->kind->name);
-  return written < PATH_BYTES ? 0 : session_fail_with(&job->session, "%s: the name is too long", job->folder);
-}
-
 static int say_progress(void *user, const ern_train_report *report) {
   struct ablate_job *job = user;
   char more[64];
@@ -177,6 +192,7 @@ static ern_status train(struct ablate_job *job, const struct ablation_row *row, 
   ern_clip_dataset(job->clip, &dataset);
   config.output = path;
   config.resume = job->resume;
+  config.overwrite = job->session.overwrite;
   config.iters = job->iters;
   config.rays = job->rays;
   config.lr_net = job->lr_net;
@@ -383,6 +399,7 @@ int cmd_ablate(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
   if (status < 0) status = choose_rows(&job, &args);
+  job.session.rewrites = job.resume;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

@@ -19,7 +19,7 @@ static void take_finding(void *user, int ok, const char *sentence) {
   const char *mark = ok > 0 ? "ok" : ok == 0 ? "missing" : "wrong";
   if (!session_json_on_stdout(findings->session) && (ok <= 0 || !findings->session->quiet))
     printf("%-8s %s\n", mark, sentence);
-  json_array_append_new(findings->list, json_pack("{s:s, s:s}", "mark", mark, "sentence", sentence));
+  json_array_append_new(findings->list, json_pack("{s:s, s:o}", "mark", mark, "sentence", session_text(sentence)));
 }
 
 /* ---- effects ----------------------------------------------------------------------------------------------------- */
@@ -28,7 +28,8 @@ static void take_effect(void *user, const char *name, bool there, const char *se
   struct findings *findings = user;
   if (!session_json_on_stdout(findings->session) && !findings->session->quiet)
     printf("%-8s %-7s %s\n", there ? "holds" : "lacks", name, sentence);
-  json_object_set_new(findings->effects, name, json_pack("{s:b, s:s}", "there", there, "sentence", sentence));
+  json_object_set_new(findings->effects, name,
+                      json_pack("{s:b, s:o}", "there", there, "sentence", session_text(sentence)));
 }
 
 /* What the clip holds; the measures as numbers go to *measures. */
@@ -77,8 +78,8 @@ int cmd_check(int argc, char **argv) {
   fflush(stdout);
   status = found == ERN_OK ? EXIT_SUCCESS : session_fail(&session);
   const int written =
-      session_report(&session, json_pack("{s:s, s:b, s:o, s:o, s:o}", "clip", clip, "ok", found == ERN_OK, "findings",
-                                         findings.list, "effects", findings.effects, "measures", measures));
+      session_report(&session, json_pack("{s:o, s:b, s:o, s:o, s:o}", "clip", session_text(clip), "ok", found == ERN_OK,
+                                         "findings", findings.list, "effects", findings.effects, "measures", measures));
   session_close(&session);
   return status != EXIT_SUCCESS ? status : written;
 }

@@ -18,11 +18,12 @@ static void count_tensor(void *user, const ern_tensor_info *tensor) {
 
 static int convert(struct session *session, const char *in, const char *out) {
   struct tensor_sum sum = {0};
-  if (!session_folder_there(out)) return session_fail_with(session, "%s: its folder is not there", out);
+  if (session_keep(session, in, out) != 0 || session_check_output(session, out) != 0) return EXIT_FAILURE;
   if (ern_file_convert(session->context, in, out) != ERN_OK) return session_fail(session);
   if (ern_file_tensors(session->context, out, count_tensor, &sum) != ERN_OK) return session_fail(session);
   session_note(session, "%s: %zu tensors, from %s", out, sum.count, in);
-  return session_report(session, json_pack("{s:s, s:s, s:I}", "in", in, "out", out, "tensors", (json_int_t)sum.count));
+  return session_report(session, json_pack("{s:o, s:o, s:I}", "in", session_text(in), "out", session_text(out),
+                                           "tensors", (json_int_t)sum.count));
 }
 
 int cmd_convert(int argc, char **argv) {

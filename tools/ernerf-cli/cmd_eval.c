@@ -92,10 +92,10 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:s, s:s, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}", "model",
-      portrait->model_path, "clip", portrait->source.path, "kind", portrait_kind(portrait), "split",
-      splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height, "count",
-      (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}", "model",
+      session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind", portrait_kind(portrait),
+      "split", splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height,
+      "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
       "psnr_head", job->heads > 0 ? session_number(mean(sum->head, job->heads)) : json_null(), "psnr_mouth",
       job->mouths > 0 ? session_number(mean(sum->mouth, job->mouths)) : json_null(), "fps",
       session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",

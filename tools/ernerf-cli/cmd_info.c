@@ -179,8 +179,8 @@ static int describe_tensors(struct session *session, const char *path, json_t *l
     printf("%s: tensors of another program\n  use it for       convert\n", path);
     print_tensors(list);
   }
-  return session_report(session, json_pack("{s:s, s:s, s:[s], s:o}", "file", path, "kind", "tensors", "uses", "convert",
-                                           "tensors", list));
+  return session_report(session, json_pack("{s:o, s:s, s:[s], s:o}", "file", session_text(path), "kind", "tensors",
+                                           "uses", "convert", "tensors", list));
 }
 
 static int describe_model(struct session *session, const char *path) {
@@ -206,16 +206,17 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack("{s:s, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
+      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
                 "s:{s:I, s:I}, s:o}",
-                "file", path, "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
-                "torso_steps", (json_int_t)info.torso_steps, "backbone", ern_backbone_name(info.backbone), "attention",
-                ern_attention_name(info.attention), "eye_attention", ern_eye_attention_name(info.eye_attention),
-                "levels", info.levels, "effects", effects, "feature_width", info.feature_width, "codes", info.codes,
-                "torso_gamma", info.has_gamma, "bound", (double)info.bound, "clip", info.clip, "parameters",
-                (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
-                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
-                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
+                "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
+                (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
+                ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
+                ern_eye_attention_name(info.eye_attention), "levels", info.levels, "effects", effects, "feature_width",
+                info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound,
+                "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
+                (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
+                "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages,
+                "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */
@@ -243,8 +244,8 @@ static int describe_array(struct session *session, const char *path) {
     if (speech) printf("  use it for       render --audio, train --audio\n");
     print_tensors(tensors.list);
   }
-  json_t *object =
-      json_pack("{s:s, s:s, s:o}", "file", path, "kind", speech ? "clip features" : "array", "tensors", tensors.list);
+  json_t *object = json_pack("{s:o, s:s, s:o}", "file", session_text(path), "kind", speech ? "clip features" : "array",
+                             "tensors", tensors.list);
   if (speech && object != NULL) {
     json_object_set_new(object, "windows", json_integer((json_int_t)features.windows));
     json_object_set_new(object, "window_length", json_integer(features.window_length));
@@ -264,9 +265,9 @@ static int describe_poses(struct session *session, const char *path) {
         "%s: poses\n  frames           %zu\n  picture          %d x %d\n  focal length     %g\n  centre           %g, "
         "%g\n",
         path, list.count, list.width, list.height, list.focal, list.cx, list.cy);
-  json_t *object = json_pack("{s:s, s:s, s:I, s:i, s:i, s:f, s:f, s:f}", "file", path, "kind", "poses", "frames",
-                             (json_int_t)list.count, "width", list.width, "height", list.height, "focal", list.focal,
-                             "cx", list.cx, "cy", list.cy);
+  json_t *object = json_pack("{s:o, s:s, s:I, s:i, s:i, s:f, s:f, s:f}", "file", session_text(path), "kind", "poses",
+                             "frames", (json_int_t)list.count, "width", list.width, "height", list.height, "focal",
+                             list.focal, "cx", list.cx, "cy", list.cy);
   ern_pose_list_free(session->context, &list);
   return session_report(session, object);
 }

@@ -277,16 +277,18 @@ static int keep_inputs(struct render_job *job) {
 }
 
 static int open_all(struct render_job *job, const struct args *args) {
-  if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
-    return session_fail_with(&job->session, "%s: its folder is not there", job->out);
   struct session *session = &job->session;
+  if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
+    return session_fail_with(session, "%s: its folder is not there", job->out);
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   int status = keep_inputs(job);
+  if (status == 0 && job->sink.kind == SINK_VIDEO) status = sink_check(&job->sink, session, NULL);
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
   if (status == 0) status = rest_open(&job->rest, session, &job->portrait, job->features);
   if (status == 0) status = open_shots(job, args);
+  if (status == 0) status = sink_check(&job->sink, session, &job->shots);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->shots, job->features);
   if (status == 0) status = stillness_open(&job->stillness, &job->portrait, &job->session, &job->shots, job->features);
   if (status == 0 && job->size.width == 0)
@@ -314,13 +316,14 @@ static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->shots.count;
   json_t *pace = governor_asked(&job->governor) ? governor_json(&job->governor) : json_null();
   json_t *still = stillness_report(&job->stillness, &job->portrait);
-  return json_pack("{s:s, s:s, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "output",
-                   job->out, "model", job->portrait.model_path, "kind", portrait_kind(&job->portrait), "frames",
-                   (json_int_t)job->shots.count, "width", job->size.width, "height", job->size.height, "rest_frames",
-                   (json_int_t)rest_count(&job->rest, &job->shots), "seconds", session_number(seconds), "fps",
-                   session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames),
-                   "ms_by_stage", report_stages(job), "sound", job->sound.data != NULL, "backend",
-                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace, "still", still);
+  return json_pack("{s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "output",
+                   session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
+                   portrait_kind(&job->portrait), "frames", (json_int_t)job->shots.count, "width", job->size.width,
+                   "height", job->size.height, "rest_frames", (json_int_t)rest_count(&job->rest, &job->shots),
+                   "seconds", session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
+                   session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
+                   job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
+                   job->session.backend_info.isa, "pace", pace, "still", still);
 }
 
 static int draw_all(struct render_job *job) {

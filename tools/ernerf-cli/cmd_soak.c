@@ -153,8 +153,8 @@ static void clear_folder(const struct soak_job *job) {
 }
 
 static json_t *report(const struct soak_job *job) {
-  return json_pack("{s:s, s:b, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:s, s:s}", "clip", job->clip_path, "torso",
-                   job->torso, "steps", (json_int_t)job->done, "rounds", (json_int_t)job->rounds, "resumes",
+  return json_pack("{s:o, s:b, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:s, s:s}", "clip", session_text(job->clip_path),
+                   "torso", job->torso, "steps", (json_int_t)job->done, "rounds", (json_int_t)job->rounds, "resumes",
                    (json_int_t)job->resumes, "frames", (json_int_t)job->frames, "seed", (json_int_t)job->session.seed,
                    "first", (json_int_t)job->first, "seconds", session_seconds() - job->began, "backend",
                    job->session.backend_info.name, "isa", job->session.backend_info.isa);

@@ -28,10 +28,10 @@ static int make(struct session *session, ern_synth_options *options, const char 
   session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, options->frames,
                options->size, options->size, folder);
   return session_report(
-      session,
-      json_pack("{s:s, s:i, s:i, s:I, s:b, s:b, s:b, s:o}", "output", folder, "size", options->size, "frames",
-                options->frames, "seed", (json_int_t)session->seed, "blink", options->blink, "torso", options->torso,
-                "moving_camera", options->moving_camera, "seconds", session_number(session_seconds() - began)));
+      session, json_pack("{s:o, s:i, s:i, s:I, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
+                         options->size, "frames", options->frames, "seed", (json_int_t)session->seed, "blink",
+                         options->blink, "torso", options->torso, "moving_camera", options->moving_camera, "seconds",
+                         session_number(session_seconds() - began)));
 }
 
 int cmd_synth(int argc, char **argv) {

@@ -66,9 +66,16 @@ static void print_front(const struct tradeoff *t) {
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
 
+static int check_outputs(struct tradeoff *t) {
+  static const char *const names[] = {"index.html", "tradeoff.csv", "tradeoff.json", "exact.svg",
+                                      "exact.png",  "clip.svg",     "clip.png"};
+  return session_check_outputs(&t->session, t->folder, names, sizeof names / sizeof *names);
+}
+
 static int open_all(struct tradeoff *t, const struct args *args) {
   struct portrait *portrait = &t->portrait;
   struct session *session = &t->session;
+  if (check_outputs(t) != 0) return EXIT_FAILURE;
   int status = portrait_open(portrait, session, args);
   if (status != 0) return status;
   const enum shot_split split = (enum shot_split)portrait->split;
@@ -80,6 +87,7 @@ static int open_all(struct tradeoff *t, const struct args *args) {
   status = judge_open(&t->judge, session, portrait->clip, split, portrait->scale, (ern_audio_pad)portrait->audio_pad);
   if (status == 0) status = shots_of_clip(&t->speech, session, portrait->clip, split);
   if (status == 0) status = measure_open(t, args);
+  t->made_folder = access(t->folder, F_OK) != 0;
   return status == 0 ? session_folder(&t->session, t->folder) : status;
 }
 
@@ -87,7 +95,7 @@ static int measure_and_write(struct tradeoff *t) {
   int status = measure_all(t);
   if (status == 0) status = write_all(t);
   if (status != 0) {
-    (void)rmdir(t->folder); /* stays where there is something in it */
+    if (t->made_folder) (void)rmdir(t->folder); /* stays where there is something in it */
     return status;
   }
   if (!session_json_on_stdout(&t->session)) print_front(t);

@@ -16,7 +16,7 @@
 
 enum {
   GOAL_OPTIONS = 18,
-  NUMBER_OPTIONS = 20,
+  NUMBER_OPTIONS = 21,
   CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
   VALIDATE_MOST = 1000,
   VALIDATE_LEAST = 50
@@ -336,6 +336,7 @@ static void take_effects(struct train_job *job, const struct args *args, ern_dat
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
+  config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
   const uint64_t tenth = job->iters / 10;
   config->validate_every = args_given(args, "validate-every") ? job->validate_every
@@ -482,12 +483,12 @@ static json_t *report(const struct train_job *job) {
   json_t *effects = json_array();
   for (int e = 0; e < EFFECTS && !job->config.torso; e++)
     if (job->effects.has[e]) json_array_append_new(effects, json_string(effect_name((enum effect)e)));
-  return json_pack("{s:o, s:s, s:s, s:s, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "effects",
-                   effects, "output", job->config.output, "run", ern_trainer_folder(job->trainer), "clip",
-                   job->source.path, "torso", job->config.torso, "step",
-                   (json_int_t)(job->stepped ? last->step : job->config.iters), "iters", (json_int_t)job->config.iters,
-                   "loss", job->stepped ? session_number(last->loss) : json_null(), "psnr",
-                   job->stepped ? session_number(last->psnr) : json_null(), "seconds",
+  return json_pack("{s:o, s:o, s:o, s:o, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "effects",
+                   effects, "output", session_text(job->config.output), "run",
+                   session_text(ern_trainer_folder(job->trainer)), "clip", session_text(job->source.path), "torso",
+                   job->config.torso, "step", (json_int_t)(job->stepped ? last->step : job->config.iters), "iters",
+                   (json_int_t)job->config.iters, "loss", job->stepped ? session_number(last->loss) : json_null(),
+                   "psnr", job->stepped ? session_number(last->psnr) : json_null(), "seconds",
                    job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
                    job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
                    job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
@@ -561,6 +562,7 @@ int cmd_train(int argc, char **argv) {
   number_options(&job, numbers);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
+  job.session.rewrites = true; /* X.run; the trainer looks after X */
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

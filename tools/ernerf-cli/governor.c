@@ -293,6 +293,6 @@ json_t *governor_json(const struct governor *g) {
                                     settings_json(&rung->settings), "ms", rung->ms, "psnr_db", rung->db, "price_db",
                                     session_number(rung->price), "frames", (json_int_t)rung->frames));
   }
-  return json_pack("{s:o, s:s, s:I, s:o}", "budget_ms", session_number(budget_of(g)), "front", g->source, "changes",
-                   (json_int_t)g->changes, "settings", rungs);
+  return json_pack("{s:o, s:o, s:I, s:o}", "budget_ms", session_number(budget_of(g)), "front", session_text(g->source),
+                   "changes", (json_int_t)g->changes, "settings", rungs);
 }

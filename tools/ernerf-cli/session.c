@@ -39,7 +39,12 @@ void session_output_options(struct session *session, struct option options[SESSI
       {.name = "json",
        .kind = OPTION_JSON,
        .target = &session->json,
-       .help = "the result as one JSON object, on standard output or in a file"}};
+       .help = "the result as one JSON object, on standard output or in a file"},
+      {.name = "overwrite",
+       .alias = "y",
+       .kind = OPTION_FLAG,
+       .target = &session->overwrite,
+       .help = "replace output files that exist; without it they are refused"}};
   memcpy(options, rows, sizeof rows);
 }
 
@@ -140,18 +145,27 @@ static void catch_signals(void) {
   sigaction(SIGPIPE, &action, NULL);
 }
 
+/* A device or a pipe, such as /dev/stdout. */
+static bool is_device(const char *path) {
+  struct stat about;
+  return stat(path, &about) == 0 && !S_ISREG(about.st_mode) && !S_ISDIR(about.st_mode);
+}
+
 int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
   if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
     return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
-  if (session->json != NULL && !session_json_on_stdout(session) && !session_folder_there(session->json))
-    return session_fail_with(session, "%s: its folder is not there", session->json);
   ern_context_config config = ern_context_config_default();
   config.log = log_line;
   config.user = session;
+  config.keep_files = !session->overwrite && !session->rewrites;
   if (ern_context_create(&session->context, &config) != ERN_OK) return session_fail_with(session, "no memory");
   catch_signals();
-  return -1;
+  if (session->json == NULL || session_json_on_stdout(session) || is_device(session->json) ||
+      session_check_output(session, session->json) == 0)
+    return -1;
+  session_close(session);
+  return EXIT_FAILURE;
 }
 
 ern_status session_backend(struct session *session) {
@@ -178,24 +192,35 @@ bool session_json_on_stdout(const struct session *session) {
   return session->json != NULL && strcmp(session->json, "-") == 0;
 }
 
+/* Bytes of the UTF-8 character at `text`; 0: there is none. Overlong forms and surrogates are none, as in jansson. */
+static size_t character_bytes(const char *text) {
+  size_t bytes = (unsigned char)text[0] < 0x80 ? 1 : 2;
+  for (; bytes <= 4; bytes++) {
+    json_t *one = strnlen(text, bytes) == bytes ? json_stringn(text, bytes) : NULL;
+    json_decref(one);
+    if (one != NULL) return bytes;
+  }
+  return 0;
+}
+
+json_t *session_text(const char *text) {
+  json_t *whole = json_string(text);
+  struct bytes kept = {0};
+  if (whole != NULL) return whole;
+  while (*text != 0) {
+    const size_t bytes = character_bytes(text);
+    bytes_print(&kept, "%.*s", bytes > 0 ? (int)bytes : 3, bytes > 0 ? text : "\xef\xbf\xbd");
+    text += bytes > 0 ? bytes : 1;
+  }
+  whole = kept.failed || kept.data == NULL ? NULL : json_stringn((const char *)kept.data, kept.count);
+  bytes_free(&kept);
+  return whole;
+}
+
 json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
 
 int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
-  char beside[4096];
-  if (snprintf(beside, sizeof beside, "%s.tmp-%ld", path, (long)getpid()) >= (int)sizeof beside)
-    return session_fail_with(session, "%s: the name is too long", path);
-  ern_leftovers_remove(path);
-  FILE *file = fopen(beside, "wb");
-  bool whole = file != NULL && fwrite(bytes, 1, count, file) == count && fflush(file) == 0 && fsync(fileno(file)) == 0;
-  int reason = errno;
-  if (file != NULL && fclose(file) != 0 && whole) {
-    reason = errno;
-    whole = false;
-  }
-  if (whole && rename(beside, path) == 0) return 0;
-  if (whole) reason = errno;
-  if (file != NULL) remove(beside);
-  return session_fail_with(session, "%s: cannot be written: %s", path, strerror(reason));
+  return ern_file_save(session->context, path, bytes, count) == ERN_OK ? 0 : session_fail(session);
 }
 
 int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes) {
@@ -211,7 +236,7 @@ int session_write_in(struct session *session, const char *folder, const char *na
   return status;
 }
 
-/* The object's text, ended by a newline; NULL without memory, or where a name in it is not UTF-8. */
+/* The object's text, ended by a newline; NULL without memory. */
 static char *text_of(json_t *object) {
   char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL, *line = NULL;
   if (text != NULL && (line = malloc(strlen(text) + 2)) != NULL) {
@@ -225,9 +250,7 @@ static char *text_of(json_t *object) {
 int session_write_json(struct session *session, const char *path, json_t *object) {
   char *text = text_of(object);
   json_decref(object);
-  if (text == NULL)
-    return session_fail_with(session,
-                             "the JSON object could not be put together: no memory, or a name that is not UTF-8");
+  if (text == NULL) return session_fail_with(session, "no memory for the JSON object");
   int status = 0;
   if (strcmp(path, "-") != 0)
     status = session_write(session, path, text, strlen(text));
@@ -260,6 +283,26 @@ bool session_folder_there(const char *path) {
   if (slash == path) return true;
   if (snprintf(folder, sizeof folder, "%.*s", (int)(slash - path), path) >= (int)sizeof folder) return false;
   return stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
+}
+
+int session_check_output(struct session *session, const char *path) {
+  struct stat about;
+  if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
+  if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
+    return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
+  return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);
+}
+
+int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count) {
+  char path[4096];
+  struct stat about;
+  if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
+  for (size_t i = 0; i < count; i++) {
+    if (snprintf(path, sizeof path, "%s/%s", folder, names[i]) >= (int)sizeof path)
+      return session_fail_with(session, "%s: the name is too long", folder);
+    if (session_check_output(session, path) != 0) return EXIT_FAILURE;
+  }
+  return 0;
 }
 
 int session_folder(struct session *session, const char *path) {

@@ -24,12 +24,15 @@ struct session {
   const char *isa;
   uint64_t seed;
   bool quiet, deterministic, tune;
+  bool overwrite;   /* files that are there are replaced */
+  bool rewrites;    /* set by a verb before session_open: it writes files of its own again and again, and looks after
+                       those of others itself */
   const char *json; /* NULL: none, "-": standard output, else a file */
   bool line_open;   /* the progress line stands on the terminal without its newline */
 };
 
-enum { SESSION_OUTPUT_OPTIONS = 2, SESSION_COMPUTE_OPTIONS = 6 };
-/* --quiet --json. */
+enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 6 };
+/* --quiet --json --overwrite. */
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]);
 /* --backend --device --deterministic --isa --threads --seed. */
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]);
@@ -64,8 +67,15 @@ int session_write(struct session *session, const char *path, const void *bytes, 
 int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes);
 /* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
 int session_write_json(struct session *session, const char *path, json_t *object);
+/* Fails where a file is at `path` and --overwrite was not given, where a file cannot be, and where the folder of `path`
+ * is not there. To be asked before the work begins. */
+int session_check_output(struct session *session, const char *path);
+/* The same of FOLDER/NAME for each of `count` names; the folder may be missing. */
+int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count);
 /* Makes the folder where it is missing, and finds out whether files can be put there. Returns as above. */
 int session_folder(struct session *session, const char *path);
+/* A text such as a path, in which U+FFFD stands for each byte that is no UTF-8. NULL without memory. */
+json_t *session_text(const char *text);
 /* A number, or null where it is not finite. */
 json_t *session_number(double value);
 

@@ -47,6 +47,26 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path) {
       args, "-o is \"%s\", expected NAME.mp4, numbered pictures such as out/%%05d.png or out/%%05d.exr, or -", path);
 }
 
+/* The path with the number in place of its mark, which sink_choose has checked. */
+static bool numbered_path(const struct sink *sink, size_t number, char path[PATH_BYTES]) {
+  const char *percent = strchr(sink->path, '%'), *rest = strchr(percent, 'd') + 1;
+  const int digits = percent[1] == '0' ? percent[2] - '0' : 1;
+  return snprintf(path, PATH_BYTES, "%.*s%0*zu%s", (int)(percent - sink->path), sink->path, digits, number, rest) <
+         PATH_BYTES;
+}
+
+int sink_check(const struct sink *sink, struct session *session, const struct shots *shots) {
+  char path[PATH_BYTES];
+  if (sink->kind == SINK_RAW) return 0;
+  if (sink->kind == SINK_VIDEO) return session_check_output(session, sink->path);
+  for (size_t k = 0; k < shots->count; k++) {
+    if (!numbered_path(sink, shots->shot[k].number, path))
+      return session_fail_with(session, "%s: the name is too long", sink->path);
+    if (session_check_output(session, path) != 0) return EXIT_FAILURE;
+  }
+  return 0;
+}
+
 /* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
 
 static ern_status write_exr(const struct sink *sink, const struct sink_room *room, const char *path) {
@@ -62,14 +82,6 @@ static ern_status write_exr(const struct sink *sink, const struct sink_room *roo
     for (size_t c = 3; c < channels; c++) to[c] = more[c][i];
   }
   return ern_image_write_exr(sink->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
-}
-
-/* The path with the number in place of its mark, which sink_choose has checked. */
-static bool numbered_path(const struct sink *sink, size_t number, char path[PATH_BYTES]) {
-  const char *percent = strchr(sink->path, '%'), *rest = strchr(percent, 'd') + 1;
-  const int digits = percent[1] == '0' ? percent[2] - '0' : 1;
-  return snprintf(path, PATH_BYTES, "%.*s%0*zu%s", (int)(percent - sink->path), sink->path, digits, number, rest) <
-         PATH_BYTES;
 }
 
 /* Remembers why, for the thread that draws. */
@@ -95,7 +107,7 @@ static bool write_room(struct sink *sink, const struct sink_room *room) {
   if (sink->kind == SINK_VIDEO) {
     status = ern_video_writer_frame(sink->video, room->rgba);
   } else {
-    if (!numbered_path(sink, room->number, path)) return give_up(sink, "%s: the name is too long", sink->path);
+    (void)numbered_path(sink, room->number, path); /* fits: sink_check has tried it */
     const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = room->rgba};
     status = sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, room, path);
   }
@@ -140,15 +152,6 @@ static bool make_rooms(struct sink *sink) {
   return made && sink->channels != NULL;
 }
 
-/* Of all the pictures: names that begin as theirs do. */
-static void remove_leftovers(const char *path) {
-  char *begin = strdup(path);
-  if (begin == NULL) return;
-  begin[strcspn(begin, "%")] = 0;
-  ern_leftovers_remove(begin);
-  free(begin);
-}
-
 int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
               const ern_sound *sound, double sound_start) {
   sink->context = session->context;
@@ -156,7 +159,6 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   sink->height = height;
   sink->has_attention = model->attention != ERN_ATTENTION_CONCAT;
   sink->has_eye = model->has_eye && model->eye_attention == ERN_EYE_ATTENTION_SIGMOID;
-  if (sink->kind == SINK_PNG || sink->kind == SINK_EXR) remove_leftovers(sink->path);
   if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
   if (sink->kind == SINK_VIDEO) {
     ern_video_options options = ern_video_options_default(width, height);

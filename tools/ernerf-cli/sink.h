@@ -8,6 +8,7 @@
 #include "ernerf/media.h"
 #include "ernerf/render.h"
 #include "session.h"
+#include "shots.h"
 
 enum sink_kind {
   SINK_VIDEO, /* NAME.mp4 */
@@ -44,6 +45,10 @@ struct sink {
 
 /* What kind `path` names. Returns -1 to go on, or EXIT_USAGE after a sentence. */
 int sink_choose(struct sink *sink, const struct args *args, const char *path);
+
+/* Fails where a file of the output is there already and --overwrite was not given, or cannot be written. A video needs
+ * no `shots`. Returns 0, or EXIT_FAILURE after a message. */
+int sink_check(const struct sink *sink, struct session *session, const struct shots *shots);
 
 /* Makes room, opens the video and starts the writer, with `sound` from `sound_start` seconds on (NULL: silent).
  * model: what it has attention for is written too. Returns 0, or EXIT_FAILURE after a message, as the next ones. */

@@ -48,6 +48,7 @@ struct tradeoff {
   struct judge judge;
   struct shots speech; /* all frames of the split: what thin cells are looked for in */
   const char *folder;  /* of the results */
+  bool made_folder;    /* it was not there before */
   float seconds;       /* for all of it, about */
   struct settings base;
   const char *base_name; /* "default", or "as asked" */

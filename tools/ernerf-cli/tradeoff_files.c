@@ -73,11 +73,11 @@ json_t *tradeoff_json(const struct tradeoff *t) {
   for (size_t i = 0; i < t->count; i++) json_array_append_new(points, point_json(t, &t->points[i]));
   json_t *machine = json_pack("{s:s, s:i, s:s, s:s}", "cpu", t->cpu, "cores", t->cores, "instruction_sets",
                               t->instruction_sets, "opencl_device", t->device_name);
-  json_t *model = json_pack("{s:s, s:s, s:s, s:s}", "file", t->portrait.model_path, "sha256", t->model_sha256, "kind",
-                            portrait_kind(&t->portrait), "clip", t->portrait.info.clip);
-  json_t *clip = json_pack("{s:s, s:s, s:i, s:i, s:s, s:o}", "folder", t->portrait.source.path, "identity",
-                           t->judge.info.identity, "width", t->judge.info.width, "height", t->judge.info.height,
-                           "split", splits[t->portrait.split], "frames", frames);
+  json_t *model = json_pack("{s:o, s:s, s:s, s:s}", "file", session_text(t->portrait.model_path), "sha256",
+                            t->model_sha256, "kind", portrait_kind(&t->portrait), "clip", t->portrait.info.clip);
+  json_t *clip = json_pack("{s:o, s:s, s:i, s:i, s:s, s:o}", "folder", session_text(t->portrait.source.path),
+                           "identity", t->judge.info.identity, "width", t->judge.info.width, "height",
+                           t->judge.info.height, "split", splits[t->portrait.split], "frames", frames);
   json_t *measured =
       json_pack("{s:f, s:f, s:I, s:I, s:I}", "seconds", t->spent_seconds, "exact_seconds", t->exact_seconds, "turns",
                 (json_int_t)t->turns, "settings_not_reached", (json_int_t)t->not_reached[0], "combinations_not_reached",

@@ -241,6 +241,10 @@ static int train_kind(struct training_job *job, struct training_kind *kind) {
 
 static int open_all(struct training_job *job) {
   struct session *session = &job->session;
+  static const char *const names[] = {"training.md",          "training.csv",         "training.json",
+                                      "training_seconds.svg", "training_seconds.png", "training_steps.svg",
+                                      "training_steps.png"};
+  if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
   if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
   if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
   job->study.clip = job->source.path;

@@ -89,9 +89,9 @@ static json_t *kind_json(const struct training_study *study, const struct traini
 json_t *training_json(const struct training_study *study) {
   json_t *kinds = json_array();
   for (size_t k = 0; k < study->count; k++) json_array_append_new(kinds, kind_json(study, &study->kind[k]));
-  return json_pack("{s:s, s:s, s:i, s:f, s:I, s:I, s:o}", "clip", study->clip, "processor", study->processor, "cores",
-                   study->cores, "seconds", study->seconds, "seeds", (json_int_t)study->seeds, "frames",
-                   (json_int_t)study->frames, "trainings", kinds);
+  return json_pack("{s:o, s:s, s:i, s:f, s:I, s:I, s:o}", "clip", session_text(study->clip), "processor",
+                   study->processor, "cores", study->cores, "seconds", study->seconds, "seeds",
+                   (json_int_t)study->seeds, "frames", (json_int_t)study->frames, "trainings", kinds);
 }
 
 /* ---- table ------------------------------------------------------------------------------------------------------- */

@@ -1,0 +1,266 @@
+/* SPDX-License-Identifier: MIT
+ * Files, written whole: a locked temporary file beside the final place, flushed, and then given its name. */
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "ernerf/data.h"
+#include "io/file.h"
+
+static const char suffix[] = ".ernerf-tmp";
+enum { NAME_BYTES = 255 /* of one name, on the usual file systems */, MOST_LINKS = 40, MOST_TRIES = 100 };
+
+/* ---- the place --------------------------------------------------------------------------------------------------- */
+
+/* The bytes of `path` before its last name: 2 of "a/b", 0 of "b". */
+static size_t folder_length(const char *path) {
+  const char *slash = strrchr(path, '/');
+  return slash != NULL ? (size_t)(slash - path) + 1 : 0;
+}
+
+static ern_status join(ern_context *context, const char *folder, size_t folder_bytes, const char *name, char **path) {
+  const size_t bytes = folder_bytes + strlen(name) + 1;
+  void *room = NULL;
+  const ern_status status = ern_allocate(context, bytes, 1, &room);
+  *path = room;
+  if (status == ERN_OK) snprintf(*path, bytes, "%.*s%s", (int)folder_bytes, folder, name);
+  return status;
+}
+
+/* `path`, or where it leads if it is a symbolic link, even if nothing is there. */
+static ern_status follow_links(ern_context *context, const char *path, char **place) {
+  ern_status status = ern_string_copy(context, path, place);
+  for (int links = 0; status == ERN_OK; links++) {
+    char target[PATH_MAX], *next = NULL;
+    const ssize_t length = readlink(*place, target, sizeof target - 1);
+    if (length < 0) return ERN_OK; /* no link, or nothing; opening says more */
+    target[length] = 0;
+    if (links == MOST_LINKS) status = ern_fail(context, ERN_E_IO, "%s: too many symbolic links", path);
+    if (status == ERN_OK) status = join(context, *place, target[0] == '/' ? 0 : folder_length(*place), target, &next);
+    ern_release(context, *place);
+    *place = next;
+  }
+  return status;
+}
+
+/* PLACE.ernerf-tmp; where that name would be too long, the name's hash stands for it. */
+static ern_status temporary_of(ern_context *context, const char *place, char **temporary) {
+  const size_t folder = folder_length(place), length = strlen(place + folder);
+  char name[NAME_BYTES + 1];
+  if (length + sizeof suffix <= sizeof name) {
+    snprintf(name, sizeof name, "%s%s", place + folder, suffix);
+  } else {
+    char hex[65];
+    ern_sha256_hex(place + folder, length, hex);
+    snprintf(name, sizeof name, "%s%s", hex, suffix);
+  }
+  return join(context, place, folder, name, temporary);
+}
+
+ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
+  struct stat about;
+  if (stat(path, &about) != 0) return ERN_OK;
+  if (!S_ISREG(about.st_mode))
+    return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
+                    S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
+  if (access(path, W_OK) != 0 && errno == EACCES)
+    return ern_fail(context, ERN_E_IO, "%s: cannot write: the file is write-protected", path);
+  return ERN_OK;
+}
+
+static ern_status refuse_existing(ern_context *context, const char *path) {
+  return ern_fail(context, ERN_E_EXISTS, "%s: is there already, expected a name that is free", path);
+}
+
+ern_status ern_file_check_output(ern_context *context, const char *path) {
+  const ern_status status = ern_file_check_replaceable(context, path);
+  if (status != ERN_OK || !ern_keeps_files(context) || access(path, F_OK) != 0) return status;
+  return refuse_existing(context, path);
+}
+
+/* ---- the temporary file ------------------------------------------------------------------------------------------ */
+
+/* Why a file that is open under the temporary name may not be written, in words; NULL: it is locked and may be. `made`:
+ * it was made by this open. *again: it went away while it was being locked. */
+static const char *lock_temporary(const char *temporary, int descriptor, bool made, bool *again) {
+  struct stat opened, named;
+  if (fstat(descriptor, &opened) != 0 || !S_ISREG(opened.st_mode)) return "is no regular file";
+  if (opened.st_uid != geteuid()) return "belongs to another user";
+  if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
+    if (errno == EWOULDBLOCK) return "is being written by another process";
+    if (!made) return "was left over, and this file system has no locks to tell whether a process still writes it";
+  }
+  /* The process that held the lock may have renamed or removed the file in between. */
+  *again = lstat(temporary, &named) != 0 || named.st_dev != opened.st_dev || named.st_ino != opened.st_ino;
+  /* A kill between link() and unlink() leaves a second name of a finished file: only the temporary name goes. */
+  if (!*again && opened.st_nlink > 1) *again = unlink(temporary) == 0;
+  return *again || opened.st_nlink > 1 ? "is made and removed over and over" : NULL;
+}
+
+/* Opens the temporary file, locked and empty. A file that is there is reused only where it is a regular file of this
+ * user that nobody has locked. */
+static ern_status open_temporary(struct ern_file_writer *writer) {
+  const char *wrong = NULL, *name = writer->temporary;
+  const int flags = O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK;
+  bool again = true;
+  for (int tries = 0; again && tries < MOST_TRIES; tries++) {
+    int descriptor = open(name, flags | O_CREAT | O_EXCL, 0666);
+    const bool made = descriptor >= 0;
+    if (!made && errno == EEXIST) {
+      descriptor = open(name, flags);
+      if (descriptor < 0 && errno == ENOENT) continue; /* it was removed in between */
+    }
+    if (descriptor < 0) return ern_file_refused(writer->context, writer->path, "write");
+    again = false;
+    wrong = lock_temporary(name, descriptor, made, &again);
+    if (wrong == NULL) {
+      writer->descriptor = descriptor;
+      if (ftruncate(descriptor, 0) != 0) return ern_file_refused(writer->context, writer->path, "write");
+    } else {
+      close(descriptor);
+    }
+  }
+  if (writer->descriptor >= 0) return ERN_OK;
+  return ern_fail(writer->context, ERN_E_BUSY, "%s: cannot write: %s %s", writer->path, name,
+                  wrong != NULL ? wrong : "is made and removed over and over");
+}
+
+/* ---- the writer -------------------------------------------------------------------------------------------------- */
+
+ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,
+                                struct ern_file_writer *writer) {
+  *writer = (struct ern_file_writer){
+      .context = context,
+      .descriptor = -1,
+      .keep = existing == ERN_EXISTING_KEEP || (existing == ERN_EXISTING_BY_CONTEXT && ern_keeps_files(context))};
+  ern_status status = ERN_OK;
+  struct stat before;
+  ERN_TRY(ern_file_check_replaceable(context, path));
+  if (writer->keep && access(path, F_OK) == 0) ERN_TRY(refuse_existing(context, path));
+  ERN_TRY(ern_string_copy(context, path, &writer->path));
+  ERN_TRY(follow_links(context, path, &writer->place));
+  ERN_TRY(temporary_of(context, writer->place, &writer->temporary));
+  ERN_TRY(open_temporary(writer));
+  /* what others may not read stays so; a file system without modes is no reason to fail */
+  if (stat(writer->place, &before) == 0) (void)fchmod(writer->descriptor, before.st_mode & 0777);
+  return ERN_OK;
+fail:
+  ern_file_writer_abandon(writer);
+  return status;
+}
+
+void ern_file_writer_abandon(struct ern_file_writer *writer) {
+  if (writer == NULL) return;
+  if (writer->temporary != NULL && writer->descriptor >= 0) {
+    unlink(writer->temporary);
+    close(writer->descriptor);
+  }
+  ern_release(writer->context, writer->path);
+  ern_release(writer->context, writer->place);
+  ern_release(writer->context, writer->temporary);
+  writer->path = writer->place = writer->temporary = NULL;
+  writer->descriptor = -1;
+}
+
+static ern_status write_all(ern_context *context, const char *path, int descriptor, const uint8_t *from, size_t count) {
+  for (size_t done = 0; done < count;) {
+    const size_t chunk = count - done < SSIZE_MAX ? count - done : SSIZE_MAX;
+    const ssize_t put = write(descriptor, from + done, chunk);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return ern_file_refused(context, path, "write");
+    done += (size_t)put;
+  }
+  return ERN_OK;
+}
+
+ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count) {
+  if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
+  const ern_status status = write_all(writer->context, writer->path, writer->descriptor, bytes, count);
+  if (status != ERN_OK) ern_file_writer_abandon(writer);
+  return status;
+}
+
+static ern_status sync_descriptor(ern_context *context, const char *path, int descriptor) {
+  while (fsync(descriptor) != 0) {
+    if (errno != EINTR) return ern_file_refused(context, path, "flush to the disk");
+  }
+  return ERN_OK;
+}
+
+/* Makes the new name itself durable. */
+static ern_status sync_folder_of(ern_context *context, const char *path) {
+  ern_status status = ERN_OK;
+  char *folder = NULL;
+  const size_t length = folder_length(path);
+  int descriptor = -1;
+  ERN_TRY(ern_string_copy(context, length > 0 ? path : ".", &folder));
+  if (length > 0) folder[length] = 0;
+  descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  /* a folder that may be written but not read, or a file system without fsync of folders, is no reason to fail */
+  if (descriptor < 0 && errno != EACCES) ERN_TRY(ern_file_refused(context, folder, "open"));
+  while (descriptor >= 0 && fsync(descriptor) != 0) {
+    if (errno == EINVAL || errno == ENOTSUP) break;
+    if (errno != EINTR) ERN_TRY(ern_file_refused(context, folder, "flush to the disk"));
+  }
+fail:
+  if (descriptor >= 0) close(descriptor);
+  ern_release(context, folder);
+  return status;
+}
+
+/* Gives the file its name. link() never replaces; where a file system has no links, a look comes before the rename. */
+static ern_status put_in_place(struct ern_file_writer *writer) {
+  const char *from = writer->temporary, *to = writer->place;
+  if (writer->keep) {
+    if (link(from, to) == 0) return unlink(from) == 0 ? ERN_OK : ern_file_refused(writer->context, from, "remove");
+    if (errno == EEXIST || access(to, F_OK) == 0) return refuse_existing(writer->context, writer->path);
+  }
+  return rename(from, to) == 0 ? ERN_OK : ern_file_refused(writer->context, writer->path, "put in place");
+}
+
+ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
+  ern_status status = ERN_OK;
+  if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
+  ERN_TRY(sync_descriptor(writer->context, writer->path, writer->descriptor));
+  ERN_TRY(put_in_place(writer));
+  const int closed = close(writer->descriptor); /* and with it the lock, which was held until now */
+  const int number = errno;
+  writer->descriptor = -1;
+  ERN_TRY(sync_folder_of(writer->context, writer->place));
+  errno = number;
+  if (closed != 0 && errno != EINTR) ERN_TRY(ern_file_refused(writer->context, writer->path, "close"));
+fail:
+  ern_file_writer_abandon(writer);
+  return status;
+}
+
+ern_status ern_file_write(ern_context *context, const char *path, const void *bytes, size_t count,
+                          enum ern_existing existing) {
+  struct ern_file_writer writer;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_file_writer_open(context, path, existing, &writer));
+  ERN_TRY(ern_file_writer_write(&writer, bytes, count));
+  return ern_file_writer_commit(&writer);
+fail:
+  return status;
+}
+
+ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count) {
+  struct stat about;
+  ern_status status = ERN_OK;
+  if (path == NULL || (bytes == NULL && count > 0))
+    return ern_fail(context, ERN_E_ARGUMENT, "file: path or bytes is NULL");
+  if (stat(path, &about) != 0 || S_ISREG(about.st_mode) || S_ISDIR(about.st_mode))
+    return ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
+  const int descriptor = open(path, O_WRONLY | O_CLOEXEC | O_NOCTTY);
+  if (descriptor < 0) return ern_file_refused(context, path, "open");
+  status = write_all(context, path, descriptor, bytes, count);
+  if (close(descriptor) != 0 && status == ERN_OK) status = ern_file_refused(context, path, "close");
+  return status;
+}

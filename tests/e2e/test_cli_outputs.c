@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: MIT
+ * What the program does to files that were there before: it replaces those that it was told to replace, and touches no
+ * other. */
+#include "cli.h"
+
+static struct cli cli;
+
+static int make_files(void **state) {
+  (void)state;
+  cli_run(&cli, "synth clip --size 64 --frames 8 --seed 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o m.safetensors --rays 32 --iters 2 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o other.safetensors --rays 32 --iters 3 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  return 0;
+}
+
+static void expect_text(const char *path, const char *expected) {
+  size_t count = 0;
+  uint8_t *bytes = cli_bytes(path, &count);
+  if (strcmp((const char *)bytes, expected) != 0) fail_msg("%s is no longer \"%s\"", path, expected);
+  free(bytes);
+}
+
+/* ---- files of others --------------------------------------------------------------------------------------------- */
+
+/* Whatever a file in the folder of the output is called, it stays. */
+static void test_neighbours(void **state) {
+  (void)state;
+  static const char *const names[] = {"left/thesis.tmp-99999",      "left/.cache.tmp-77777.db",
+                                      "left/.clip10.tmp-1.mp4",     "left/00000.png.tmp-99999",
+                                      "left/clip1.mp4.tmp-99999",   "left/.clip1.tmp-99999.mp4",
+                                      "left/clip10.mp4.ernerf-tmp", "left/00001.png.ernerf-tmp"};
+  static const char *const outputs[] = {"left/%05d.png", "left/%05d.exr", "left/clip1.mp4"};
+  assert_int_equal(mkdir("left", 0777), 0);
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) support_write_text(names[i], "mine");
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++) {
+    cli_run(&cli, "render m.safetensors --clip clip -o %s --frames 0:1 --quiet --json left/r%zu.json", outputs[i], i);
+    cli_expect(&cli, 0, NULL);
+  }
+  cli_run(&cli, "convert m.safetensors left/m.pth");
+  cli_expect(&cli, 0, NULL);
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) expect_text(names[i], "mine");
+}
+
+/* A folder of the user's that is empty is still there after a failure. */
+static void test_empty_folder(void **state) {
+  (void)state;
+  assert_int_equal(mkdir("empty", 0777), 0);
+  cli_run_full(&cli, 1000, "tradeoff m.safetensors clip -o empty --frames 0:2 --split train --seconds 1 --quiet");
+  cli_expect(&cli, 1, "empty/", NULL);
+  assert_true(cli_there("empty"));
+}
+
+/* ---- outputs that exist ------------------------------------------------------------------------------------------ */
+
+static const struct {
+  const char *file, *line;
+} outputs[] = {
+    {"o.mp4", "render m.safetensors --clip clip --frames 0:2 --quiet -o o.mp4"},
+    {"o00001.png", "render m.safetensors --clip clip --frames 0:2 --quiet -o o%05d.png"},
+    {"o00001.exr", "render m.safetensors --clip clip --frames 0:2 --quiet -o o%05d.exr"},
+    {"o.pth", "convert m.safetensors o.pth"},
+    {"o.safetensors", "convert m.safetensors o.safetensors"},
+    {"eval.json", "eval m.safetensors clip --quiet --json eval.json"},
+    {"info.json", "info m.safetensors --json info.json"},
+    {"check.json", "check clip --json check.json"},
+    {"synth.json", "synth made --size 64 --frames 8 --quiet --json synth.json"},
+    {"table/ablation.csv",
+     "ablate clip -o table --iters 1 --rays 16 --frames 0:1 --repeats 3 --only "
+     "trihash-concat --quiet"},
+    {"table2/trihash-concat.safetensors",
+     "ablate clip -o table2 --iters 1 --rays 16 --frames 0:1 --repeats 3 --only trihash-concat --quiet"},
+    {"trade/exact.svg", "tradeoff m.safetensors clip -o trade --frames 0:2 --split train --seconds 1 --quiet"},
+    {"learnt/training_steps.png",
+     "tradeoff --training clip -o learnt --seconds 1 --seeds 1 --rays 16 --levels 5 --quiet"}};
+
+static void test_refused(void **state) {
+  (void)state;
+  static const char *const folders[] = {"table", "table2", "trade", "learnt"};
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) assert_int_equal(mkdir(folders[i], 0777), 0);
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++) {
+    support_write_text(outputs[i].file, "mine");
+    cli_run(&cli, "%s", outputs[i].line);
+    cli_expect(&cli, 1, outputs[i].file, "is there already", "--overwrite", NULL);
+    expect_text(outputs[i].file, "mine");
+  }
+  assert_false(cli_there("o00000.png") || cli_there("o00000.exr") || cli_there("made"));
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) assert_int_equal(cli_count(folders[i]), 1);
+}
+
+static void test_overwritten(void **state) {
+  (void)state;
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++) {
+    if (strncmp(outputs[i].line, "ablate", 6) == 0 || strncmp(outputs[i].line, "tradeoff", 8) == 0) continue;
+    cli_run(&cli, "%s %s", outputs[i].line, i % 2 == 0 ? "-y" : "--overwrite");
+    cli_expect(&cli, 0, NULL);
+    size_t count = 0;
+    uint8_t *bytes = cli_bytes(outputs[i].file, &count);
+    if (strcmp((const char *)bytes, "mine") == 0) fail_msg("ernerf %s: %s is as before", cli.line, outputs[i].file);
+    free(bytes);
+  }
+}
+
+static void test_training(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o t.safetensors --rays 32 --iters 2 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "convert t.safetensors was.safetensors --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o t.safetensors --rays 32 --iters 1 --levels 2 --seed 4 --quiet");
+  cli_expect(&cli, 1, "t.safetensors", "--resume", "--overwrite", NULL);
+  cli_run(&cli, "convert t.safetensors is.safetensors --quiet");
+  cli_same_bytes("was.safetensors", "is.safetensors");
+  cli_run(&cli, "train clip -o t.safetensors --rays 32 --iters 3 --levels 2 --resume --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("t.safetensors", "other.safetensors");
+  cli_run(&cli, "train clip -o t.safetensors --rays 32 --iters 2 --levels 2 --overwrite --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_same_bytes("t.safetensors", "m.safetensors");
+}
+
+/* ---- what a name leads to ---------------------------------------------------------------------------------------- */
+
+static void test_links(void **state) {
+  (void)state;
+  struct stat about;
+  assert_int_equal(mkdir("big", 0777), 0);
+  assert_int_equal(symlink("big/talk.mp4", "talk.mp4"), 0);
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "render m.safetensors --clip clip --frames 0:2 --quiet -o talk.mp4 %s", i > 0 ? "-y" : "");
+    cli_expect(&cli, 0, NULL);
+    assert_int_equal(lstat("talk.mp4", &about), 0);
+    assert_true(S_ISLNK(about.st_mode));
+    assert_true(cli_there("big/talk.mp4"));
+  }
+}
+
+static void test_devices(void **state) {
+  (void)state;
+  struct stat about;
+  cli_run(&cli, "info m.safetensors --quiet --json /dev/null");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(stat("/dev/null", &about), 0);
+  assert_true(S_ISCHR(about.st_mode));
+  cli_run(&cli, "info m.safetensors --quiet --json /dev/full");
+  cli_expect(&cli, 1, "/dev/full", "No space", NULL);
+}
+
+/* A byte that is no UTF-8 is U+FFFD in the object, and itself in the names of files. */
+static void test_odd_names(void **state) {
+  (void)state;
+  cli_run(&cli, "convert m.safetensors wei\xdf.safetensors --json odd.json");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("wei\xdf.safetensors"));
+  json_t *object = cli_json(&cli, "odd.json");
+  assert_string_equal(json_string_value(json_object_get(object, "out")), "wei\xef\xbf\xbd.safetensors");
+  json_decref(object);
+  cli_run(&cli, "render wei\xdf.safetensors --clip clip --frames 0:2 --quiet -o tal\xed\xa0\x80k\xff.mp4 --json -");
+  cli_expect(&cli, 0, NULL);
+  object = cli_json(&cli, NULL);
+  assert_string_equal(json_string_value(json_object_get(object, "output")),
+                      "tal\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbdk\xef\xbf\xbd.mp4");
+  json_decref(object);
+}
+
+/* ---- two processes ----------------------------------------------------------------------------------------------- */
+
+/* While one renders, another one of the same name is refused, and one of a name that begins alike does it no harm. */
+static void test_two_renders(void **state) {
+  (void)state;
+  static struct cli slow;
+  snprintf(slow.line, sizeof slow.line, "render m.safetensors --clip clip --size 512x512 --quiet -o two10.mp4");
+  cli_start(&slow, "slow.txt", 0);
+  for (int i = 0; i < 2000 && !cli_there("two10.mp4.ernerf-tmp"); i++)
+    nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
+  assert_int_equal(kill(slow.pid, SIGSTOP), 0);
+  assert_true(cli_there("two10.mp4.ernerf-tmp") && !cli_there("two10.mp4"));
+  cli_run(&cli, "render m.safetensors --clip clip --frames 0:2 --quiet -o two1.mp4");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render m.safetensors --clip clip --frames 0:2 --quiet -y -o two10.mp4");
+  cli_expect(&cli, 1, "two10.mp4", "another process", NULL);
+  assert_int_equal(kill(slow.pid, SIGCONT), 0);
+  cli_wait(&slow);
+  assert_int_equal(slow.status, 0);
+  assert_true(cli_there("two10.mp4") && !cli_there("two10.mp4.ernerf-tmp"));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_empty_folder), cmocka_unit_test(test_refused),
+      cmocka_unit_test(test_overwritten), cmocka_unit_test(test_training),     cmocka_unit_test(test_links),
+      cmocka_unit_test(test_devices),     cmocka_unit_test(test_odd_names),    cmocka_unit_test(test_two_renders)};
+  return cmocka_run_group_tests(tests, make_files, NULL);
+}

@@ -1,0 +1,308 @@
+/* SPDX-License-Identifier: MIT
+ * What writing a file does to other files: nothing. Temporary files that are held, left over, or somebody else's;
+ * links; files that are kept. */
+#define _GNU_SOURCE /* unshare */
+#include "../support.h"
+
+#include <sched.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "ernerf/data.h"
+#include "io/file.h"
+
+static ern_context *context;
+
+static int start(void **state) {
+  (void)state;
+  static const char *const old[] = {"d", "e"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  assert_int_equal(mkdir("d", 0777), 0);
+  assert_int_equal(mkdir("e", 0777), 0);
+  context = support_context();
+  return 0;
+}
+
+static int end(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+static ern_status put(const char *path, const char *text) {
+  return ern_file_write(context, path, text, strlen(text), ERN_EXISTING_BY_CONTEXT);
+}
+
+static void expect_text(const char *path, const char *expected) {
+  char text[256] = "";
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) fail_msg("%s is not there", path);
+  text[fread(text, 1, sizeof text - 1, file)] = 0;
+  fclose(file);
+  assert_string_equal(text, expected);
+}
+
+static bool is_there(const char *path) {
+  struct stat about;
+  return lstat(path, &about) == 0;
+}
+
+/* ---- the temporary file ------------------------------------------------------------------------------------------ */
+
+/* Files that look like temporary ones, of this and of other outputs, stay as they are. */
+static void test_neighbours(void **state) {
+  (void)state;
+  static const char *const names[] = {"d/thesis.tmp-99999", "d/.cache.tmp-77777.db",     "d/out.mp4.tmp-99999",
+                                      "d/.out.tmp-9.mp4",   "d/out10.mp4.ernerf-tmp",    "d/out.mp4.ernerf-tmp2",
+                                      "d/out.ernerf-tmp",   "d/out.mp4.ernerf-tmp.save", "d/.ernerf-tmp"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) support_write_text(names[i], "mine");
+  support_ok(context, put("d/out.mp4", "made"));
+  support_expect(context, put("d/no/out.mp4", "made"), ERN_E_MISSING, "d/no/out.mp4", NULL);
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) expect_text(names[i], "mine");
+  expect_text("d/out.mp4", "made");
+  assert_false(is_there("d/out.mp4.ernerf-tmp"));
+}
+
+/* What a killed process left is reused by the next one that writes the same file. */
+static void test_left_over(void **state) {
+  (void)state;
+  support_write_text("d/out.mp4.ernerf-tmp", "the longer half of a video");
+  support_ok(context, put("d/out.mp4", "made"));
+  expect_text("d/out.mp4", "made");
+  assert_false(is_there("d/out.mp4.ernerf-tmp"));
+}
+
+struct holder {
+  pid_t child, holds; /* of this test; that which has the lock, the child or its child */
+};
+
+/* Writes half of d/held, says so with its process number, and waits. */
+static void hold(int ready, pid_t number) {
+  struct ern_file_writer writer;
+  if (ern_file_writer_open(context, "d/held", ERN_EXISTING_REPLACE, &writer) != ERN_OK ||
+      ern_file_writer_write(&writer, "half", 4) != ERN_OK)
+    number = -1;
+  (void)!write(ready, &number, sizeof number);
+  for (;;) pause();
+}
+
+/* In a namespace of its own the holder has the process number 1. The parent there says which number it has here. */
+static void hold_in_namespace(int ready) {
+  pid_t number = 0;
+  int inner[2];
+  if (pipe(inner) != 0 || unshare(CLONE_NEWUSER | CLONE_NEWPID) != 0 || (number = fork()) < 0) {
+    number = 0;
+    (void)!write(ready, &number, sizeof number);
+    _exit(0);
+  }
+  if (number == 0) hold(inner[1], getpid());
+  pid_t seen = 0;
+  if (read(inner[0], &seen, sizeof seen) != sizeof seen || seen != 1) number = -1;
+  (void)!write(ready, &number, sizeof number);
+  waitpid(number, NULL, 0);
+  _exit(0);
+}
+
+/* holds 0: the system refuses namespaces. */
+static struct holder start_holder(bool in_namespace) {
+  struct holder made = {0};
+  int ready[2];
+  assert_int_equal(pipe(ready), 0);
+  made.child = fork();
+  assert_true(made.child >= 0);
+  if (made.child == 0 && in_namespace) hold_in_namespace(ready[1]);
+  if (made.child == 0) hold(ready[1], getpid());
+  assert_int_equal(read(ready[0], &made.holds, sizeof made.holds), sizeof made.holds);
+  close(ready[0]);
+  close(ready[1]);
+  assert_true(made.holds >= 0);
+  if (made.holds == 0) waitpid(made.child, NULL, 0);
+  return made;
+}
+
+static void stop_holder(struct holder holder) {
+  assert_int_equal(kill(holder.holds, SIGKILL), 0);
+  assert_int_equal(waitpid(holder.child, NULL, 0), holder.child);
+}
+
+static void look_at_held(struct holder holder) {
+  support_expect(context, put("d/held", "mine"), ERN_E_BUSY, "d/held", "d/held.ernerf-tmp", "another process", NULL);
+  assert_false(is_there("d/held"));
+  support_ok(context, put("d/held2", "mine"));
+  expect_text("d/held.ernerf-tmp", "half");
+  stop_holder(holder);
+  expect_text("d/held.ernerf-tmp", "half"); /* left over by the kill */
+  support_ok(context, put("d/held", "mine"));
+  expect_text("d/held", "mine");
+  assert_false(is_there("d/held.ernerf-tmp"));
+}
+
+static void test_held(void **state) {
+  (void)state;
+  look_at_held(start_holder(false));
+}
+
+static void test_held_in_namespace(void **state) {
+  (void)state;
+  const struct holder holder = start_holder(true);
+  if (holder.holds == 0) skip();
+  look_at_held(holder);
+}
+
+/* The lock lives as long as the descriptor is open anywhere: here in a child, after the process that took it is dead.
+ */
+static void test_held_by_descriptor(void **state) {
+  (void)state;
+  int stay[2];
+  char end = 0;
+  assert_int_equal(pipe(stay), 0);
+  const pid_t taker = fork();
+  assert_true(taker >= 0);
+  if (taker == 0) {
+    struct ern_file_writer writer;
+    if (ern_file_writer_open(context, "d/held", ERN_EXISTING_REPLACE, &writer) != ERN_OK) _exit(1);
+    if (fork() > 0) _exit(0);
+    close(stay[1]);
+    (void)!read(stay[0], &end, 1);
+    _exit(0);
+  }
+  int status = 1;
+  assert_int_equal(waitpid(taker, &status, 0), taker);
+  assert_int_equal(status, 0);
+  support_expect(context, put("d/held", "mine"), ERN_E_BUSY, "another process", NULL);
+  close(stay[1]); /* the child ends */
+  close(stay[0]);
+  for (int i = 0; i < 500 && put("d/held", "mine") != ERN_OK; i++) usleep(10000);
+  expect_text("d/held", "mine");
+}
+
+/* Something else under the temporary name: nothing behind it is touched. */
+static void test_in_the_way(void **state) {
+  (void)state;
+  support_write_text("d/thesis", "years of work");
+  assert_int_equal(symlink("thesis", "d/a.ernerf-tmp"), 0);
+  assert_int_not_equal(put("d/a", "made"), ERN_OK);
+  assert_int_equal(mkfifo("d/b.ernerf-tmp", 0600), 0);
+  support_expect(context, put("d/b", "made"), ERN_E_BUSY, "no regular file", NULL);
+  assert_int_equal(mkdir("d/c.ernerf-tmp", 0700), 0);
+  assert_int_not_equal(put("d/c", "made"), ERN_OK);
+  assert_true(is_there("d/b.ernerf-tmp") && is_there("d/c.ernerf-tmp") && is_there("d/a.ernerf-tmp"));
+  /* a second name: that name goes, the file stays whole */
+  assert_int_equal(link("d/thesis", "d/e.ernerf-tmp"), 0);
+  support_ok(context, put("d/e", "made"));
+  expect_text("d/thesis", "years of work");
+  expect_text("d/e", "made");
+  assert_false(is_there("d/e.ernerf-tmp"));
+}
+
+static void test_long_names(void **state) {
+  (void)state;
+  char path[300] = "d/";
+  memset(path + 2, 'n', 255);
+  support_ok(context, put(path, "made"));
+  expect_text(path, "made");
+  path[2 + 244] = 0;
+  support_ok(context, put(path, "made"));
+  expect_text(path, "made");
+}
+
+/* ---- the place --------------------------------------------------------------------------------------------------- */
+
+static void expect_link(const char *path) {
+  struct stat about;
+  assert_int_equal(lstat(path, &about), 0);
+  assert_true(S_ISLNK(about.st_mode));
+}
+
+static void test_links(void **state) {
+  (void)state;
+  support_write_text("e/real", "old");
+  assert_int_equal(symlink("../e/real", "d/one"), 0);
+  assert_int_equal(symlink("one", "d/two"), 0);
+  assert_int_equal(symlink("../e/later", "d/dangling"), 0);
+  assert_int_equal(symlink("round", "d/round"), 0);
+  support_ok(context, put("d/two", "new"));
+  expect_link("d/one");
+  expect_link("d/two");
+  expect_text("e/real", "new");
+  support_ok(context, put("d/dangling", "new"));
+  expect_link("d/dangling");
+  expect_text("e/later", "new");
+  support_expect(context, put("d/round", "new"), ERN_E_IO, "d/round", "symbolic links", NULL);
+  assert_int_equal(unlink("d/one"), 0);
+  assert_int_equal(unlink("d/two"), 0);
+}
+
+static void test_modes(void **state) {
+  (void)state;
+  struct stat about;
+  support_write_text("d/private", "old");
+  assert_int_equal(chmod("d/private", 0600), 0);
+  support_ok(context, put("d/private", "new"));
+  assert_int_equal(stat("d/private", &about), 0);
+  assert_int_equal(about.st_mode & 0777, 0600);
+  assert_int_equal(chmod("d/private", 0400), 0);
+  if (geteuid() == 0) return; /* who may write anything */
+  support_expect(context, put("d/private", "newer"), ERN_E_IO, "write-protected", NULL);
+  expect_text("d/private", "new");
+}
+
+/* ---- files that are kept ----------------------------------------------------------------------------------------- */
+
+static void test_kept(void **state) {
+  (void)state;
+  ern_context *keeping = NULL;
+  struct ern_file_writer writer;
+  ern_context_config config = ern_context_config_default();
+  config.keep_files = true;
+  assert_int_equal(ern_context_create(&keeping, &config), ERN_OK);
+  support_write_text("d/old", "old");
+  support_expect(keeping, ern_file_save(keeping, "d/old", "new", 3), ERN_E_EXISTS, "d/old", "is there already", NULL);
+  support_expect(keeping, ern_file_check_output(keeping, "d/old"), ERN_E_EXISTS, "d/old", NULL);
+  support_ok(keeping, ern_file_check_output(keeping, "d/free"));
+  support_expect(keeping, ern_file_check_output(keeping, "d"), ERN_E_IO, "folder", NULL);
+  expect_text("d/old", "old");
+  /* one that comes while the new one is being written */
+  support_ok(keeping, ern_file_writer_open(keeping, "d/soon", ERN_EXISTING_BY_CONTEXT, &writer));
+  support_ok(keeping, ern_file_writer_write(&writer, "new", 3));
+  support_write_text("d/soon", "theirs");
+  support_expect(keeping, ern_file_writer_commit(&writer), ERN_E_EXISTS, "d/soon", NULL);
+  expect_text("d/soon", "theirs");
+  assert_false(is_there("d/soon.ernerf-tmp"));
+  support_ok(keeping, ern_file_save(keeping, "d/fresh", "new", 3));
+  expect_text("d/fresh", "new");
+  assert_false(is_there("d/fresh.ernerf-tmp"));
+  support_ok(keeping, ern_file_write(keeping, "d/old", "new", 3, ERN_EXISTING_REPLACE));
+  expect_text("d/old", "new");
+  assert_int_equal(ern_file_write(context, "d/old", "newer", 5, ERN_EXISTING_KEEP), ERN_E_EXISTS);
+  ern_context_free(&keeping);
+}
+
+static void test_devices(void **state) {
+  (void)state;
+  struct stat about;
+  support_ok(context, ern_file_save(context, "/dev/null", "text", 4));
+  assert_int_equal(stat("/dev/null", &about), 0);
+  assert_true(S_ISCHR(about.st_mode));
+  support_expect(context, ern_file_save(context, "/dev/full", "text", 4), ERN_E_IO, "/dev/full", "No space", NULL);
+  assert_int_equal(ern_file_save(context, NULL, "text", 4), ERN_E_ARGUMENT);
+  assert_int_equal(ern_file_save(context, "d/x", NULL, 4), ERN_E_ARGUMENT);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test_setup_teardown(test_neighbours, start, end),
+                                     cmocka_unit_test_setup_teardown(test_left_over, start, end),
+                                     cmocka_unit_test_setup_teardown(test_held, start, end),
+                                     cmocka_unit_test_setup_teardown(test_held_in_namespace, start, end),
+                                     cmocka_unit_test_setup_teardown(test_held_by_descriptor, start, end),
+                                     cmocka_unit_test_setup_teardown(test_in_the_way, start, end),
+                                     cmocka_unit_test_setup_teardown(test_long_names, start, end),
+                                     cmocka_unit_test_setup_teardown(test_links, start, end),
+                                     cmocka_unit_test_setup_teardown(test_modes, start, end),
+                                     cmocka_unit_test_setup_teardown(test_kept, start, end),
+                                     cmocka_unit_test_setup_teardown(test_devices, start, end)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
