@@ -61,7 +61,7 @@ ERN_API void ern_pose_list_free(ern_context *context, ern_pose_list *list); /* a
  * hours; ERN_E_IO where a folder, a device or a pipe is there, or a file that may not be written. Touches nothing. */
 ERN_API ERN_NODISCARD ern_status ern_file_check_output(ern_context *context, const char *path);
 
-/* Writes a file, whole or not at all (base.h, "How files are written"). A device or a pipe at `path` is written to. */
+/* Writes a file, whole or not at all (base.h, "How files are written"). */
 ERN_API ERN_NODISCARD ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count);
 
 #ifdef __cplusplus

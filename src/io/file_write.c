@@ -168,21 +168,20 @@ void ern_file_writer_abandon(struct ern_file_writer *writer) {
   writer->descriptor = -1;
 }
 
-static ern_status write_all(ern_context *context, const char *path, int descriptor, const uint8_t *from, size_t count) {
+ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count) {
+  ern_status status = ERN_OK;
+  const uint8_t *from = bytes;
+  if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
   for (size_t done = 0; done < count;) {
     const size_t chunk = count - done < SSIZE_MAX ? count - done : SSIZE_MAX;
-    const ssize_t put = write(descriptor, from + done, chunk);
+    const ssize_t put = write(writer->descriptor, from + done, chunk);
     if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return ern_file_refused(context, path, "write");
+    if (put < 0) ERN_TRY(ern_file_refused(writer->context, writer->path, "write"));
     done += (size_t)put;
   }
   return ERN_OK;
-}
-
-ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count) {
-  if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
-  const ern_status status = write_all(writer->context, writer->path, writer->descriptor, bytes, count);
-  if (status != ERN_OK) ern_file_writer_abandon(writer);
+fail:
+  ern_file_writer_abandon(writer);
   return status;
 }
 
@@ -252,15 +251,7 @@ fail:
 }
 
 ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count) {
-  struct stat about;
-  ern_status status = ERN_OK;
   if (path == NULL || (bytes == NULL && count > 0))
     return ern_fail(context, ERN_E_ARGUMENT, "file: path or bytes is NULL");
-  if (stat(path, &about) != 0 || S_ISREG(about.st_mode) || S_ISDIR(about.st_mode))
-    return ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
-  const int descriptor = open(path, O_WRONLY | O_CLOEXEC | O_NOCTTY);
-  if (descriptor < 0) return ern_file_refused(context, path, "open");
-  status = write_all(context, path, descriptor, bytes, count);
-  if (close(descriptor) != 0 && status == ERN_OK) status = ern_file_refused(context, path, "close");
-  return status;
+  return ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
 }

@@ -243,8 +243,8 @@ static ern_status check_output(ern_trainer *t, bool resumed) {
   ern_model_free(&model);
   ern_error_restore(t->context, before);
   if (own || loaded == ERN_E_NO_MEMORY) return loaded;
-  return ern_fail(t->context, ERN_E_EXISTS, "%s: is no model of this clip, and would be replaced; --overwrite does that",
-                  t->output);
+  return ern_fail(t->context, ERN_E_EXISTS,
+                  "%s: is no model of this clip, and would be replaced; --overwrite does that", t->output);
 }
 
 /* Fresh values, then what a resume or --from puts in their place. */

@@ -116,7 +116,7 @@ static void test_quick_look(void **state) {
 
 static void test_out_of_reach(void **state) {
   (void)state;
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 10000 -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 10000 -y -o x.mp4", clip);
   cli_expect(&cli, 1, "--fps 10000: no settings hold it here: the fastest", "frames a second", NULL);
   assert_int_not_equal(access("x.mp4", F_OK), 0);
 }
@@ -126,7 +126,7 @@ static void test_front(void **state) {
   (void)state;
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -o x.mp4 -y --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -y -o x.mp4 --json pace.json", clip);
   cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB from the exact render", "against the clip's frames", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   check_pace(json_object_get(object, "pace"), 4);
@@ -134,8 +134,8 @@ static void test_front(void **state) {
   static const char *const qualities[] = {"exact", "balanced", "draft"};
   double db[3];
   for (int q = 0; q < 3; q++) {
-    cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --quality %s -o x.mp4 -y --json pace.json --quiet", clip,
-            qualities[q]);
+    cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --quality %s -y -o x.mp4 --json pace.json --quiet",
+            clip, qualities[q]);
     cli_expect(&cli, 0, NULL);
     object = cli_json(&cli, "pace.json");
     const json_t *settings = json_object_get(json_object_get(object, "pace"), "settings");
@@ -145,17 +145,17 @@ static void test_front(void **state) {
     json_decref(object);
   }
   assert_true(db[0] >= db[1] && db[1] >= db[2]);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --fps 1 -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --fps 1 -y -o x.mp4", clip);
   cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80", "a quick look", NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --size 80x80 --fps 1 --front m.tradeoff/tradeoff.json -o x.mp4",
+  cli_run(&cli, "render m.safetensors --clip '%s' --size 80x80 --fps 1 --front m.tradeoff/tradeoff.json -y -o x.mp4",
           clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: it was measured at 64 x 64", NULL);
   cli_run(&cli,
           "render m.safetensors --clip '%s' --fps 1 --front m.tradeoff/tradeoff.json --json m.tradeoff/tradeoff.json "
-          "-o x.mp4",
+          "-y -o x.mp4",
           clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: is an input", NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --fps 1 --front m.run/log.jsonl -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --fps 1 --front m.run/log.jsonl -y -o x.mp4", clip);
   cli_expect(&cli, 1, "m.run/log.jsonl", NULL);
 }
 
@@ -174,7 +174,7 @@ static void test_words(void **state) {
                {"--front x.json", "--front needs"},
                {"--fps 25 --front x.json --isa ref", "isa"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-    cli_run(&cli, "render m.safetensors --clip '%s' -o x.mp4 %s", clip, cases[i].options);
+    cli_run(&cli, "render m.safetensors --clip '%s' -y -o x.mp4 %s", clip, cases[i].options);
     cli_expect(&cli, 2, cases[i].said, NULL);
   }
 }

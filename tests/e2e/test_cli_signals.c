@@ -68,7 +68,8 @@ static void test_second(void **state) {
   expect_none_begun("t.run");
 }
 
-/* The second comes while a video is written: it has no file under its name, and the next render of the same name clears what is left. */
+/* The second comes while a video is written: it has no file under its name, and the next render of the same name clears
+ * what is left. */
 static void test_second_of_a_video(void **state) {
   (void)state;
   start_and_stop("\"render: 8 frames", SIGTERM, "render m.safetensors --clip clip --size 512x512 -o cut.mp4");

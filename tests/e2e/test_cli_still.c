@@ -43,9 +43,10 @@ static uint8_t *raw(const char *words) {
   uint8_t *pixels = malloc(BYTES + 1);
   assert_non_null(pixels);
   support_clear("raw.bin");
-  snprintf(cli.line, sizeof cli.line,
-           "render m.safetensors --clip clip --audio speech.npy --frames 0:%d --size %dx%d -o - -y --json still.json %s",
-           DRAWN, SIZE, SIZE, words);
+  snprintf(
+      cli.line, sizeof cli.line,
+      "render m.safetensors --clip clip --audio speech.npy --frames 0:%d --size %dx%d -o - -y --json still.json %s",
+      DRAWN, SIZE, SIZE, words);
   cli_start(&cli, "raw.bin", 0);
   cli_wait(&cli);
   cli_expect(&cli, 0, NULL);

@@ -238,13 +238,17 @@ static void test_earlier_is_kept(void **state) {
   clear_run("kept"), clear_run("copy"), clear_run("alone");
   train_to(&m, "kept.safetensors", 3, 2, 1);
   train_to(&m, "copy.safetensors", 3, 2, 1);
+  size_t count = 0;
+  char *bytes = read_file("kept.run/state.safetensors", &count);
+  support_write("state.before", bytes, count);
+  free(bytes);
   ern_train_config config = small_config(6, "kept.safetensors");
   config.overwrite = false;
   expect_refused(&m, &config, "kept.safetensors", "--resume");
   assert_int_equal(rename("kept.safetensors", "moved.safetensors"), 0);
   expect_refused(&m, &config, "kept.run/", "--resume");
-  expect_same("kept.run/state.safetensors", "copy.run/state.safetensors");
-  expect_same("kept.run/state.previous.safetensors", "copy.run/state.previous.safetensors");
+  expect_same("kept.run/state.safetensors", "state.before");
+  expect_same("moved.safetensors", "copy.safetensors");
   /* a model whose X.run is gone: a resume has nothing to go on from, and would replace the model */
   assert_int_equal(rename("moved.safetensors", "alone.safetensors"), 0);
   config.output = "alone.safetensors";

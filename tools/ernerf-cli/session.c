@@ -145,12 +145,6 @@ static void catch_signals(void) {
   sigaction(SIGPIPE, &action, NULL);
 }
 
-/* A device or a pipe, such as /dev/stdout. */
-static bool is_device(const char *path) {
-  struct stat about;
-  return stat(path, &about) == 0 && !S_ISREG(about.st_mode) && !S_ISDIR(about.st_mode);
-}
-
 int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
   if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
@@ -161,8 +155,7 @@ int session_open(struct session *session, const struct args *args) {
   config.keep_files = !session->overwrite && !session->rewrites;
   if (ern_context_create(&session->context, &config) != ERN_OK) return session_fail_with(session, "no memory");
   catch_signals();
-  if (session->json == NULL || session_json_on_stdout(session) || is_device(session->json) ||
-      session_check_output(session, session->json) == 0)
+  if (session->json == NULL || session_json_on_stdout(session) || session_check_output(session, session->json) == 0)
     return -1;
   session_close(session);
   return EXIT_FAILURE;
