@@ -45,6 +45,12 @@ ERN_API size_t ern_pose_index(size_t frame, size_t count);
  * (the rotation nearest to the mean matrix), over a window of `window` frames (odd, >= 1) cut at the ends. */
 ERN_API ERN_NODISCARD ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window);
 
+/* The pose between two transforms matrices, or two camera poses: the rotation by slerp (constant speed about one axis,
+ * the shorter way), the translation by a straight line. share: 0..1; at 0, below and NaN `from`, at 1 and above `to`,
+ * and where the two are equal that one, each bit for bit. What a matrix has beside its nearest rotation, and all of one
+ * that is singular or a reflection, is interpolated linearly. `out` may be one of the two. Any thread. */
+ERN_API void ern_pose_interpolate(float out[16], const float from[16], const float to[16], double share);
+
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
 typedef enum ern_audio_pad {
@@ -87,7 +93,9 @@ typedef struct ern_render_options {
   float dt_gamma;           /* step growth with distance, >= 0; 1/256 */
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
   float torso_shrink;       /* factor of the torso coordinates, > 0; 0.8 */
-  bool smooth_lips;         /* audio code = 0.35 * the last frame's + 0.65 * this one's */
+  bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
+                               and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
+  float frame_rate;         /* frames a second that the frames are drawn for, 1..1000; 25. It counts for smooth_lips */
   float image_scale;        /* the head is drawn at so many times the frame's width and height, and enlarged (bicubic)
                                before it is laid over the background, which stays sharp; 0.25..1; 1 */
 } ern_render_options;

@@ -113,3 +113,87 @@ fail:
   ern_release(context, room);
   return status;
 }
+
+/* ---- between two poses ------------------------------------------------------------------------------------------- */
+
+/* The unit quaternion (w, x, y, z) of a rotation (Shepperd 1978: by its largest member). */
+static void quaternion_of(double q[4], const double m[9]) {
+  static const int next[3] = {1, 2, 0};
+  const double trace = m[0] + m[4] + m[8];
+  if (trace > 0) {
+    const double twice = sqrt(1 + trace);
+    q[0] = twice / 2;
+    q[1] = (m[7] - m[5]) / (2 * twice);
+    q[2] = (m[2] - m[6]) / (2 * twice);
+    q[3] = (m[3] - m[1]) / (2 * twice);
+    return;
+  }
+  int i = m[4] > m[0] ? 1 : 0;
+  if (m[8] > m[4 * i]) i = 2;
+  const int j = next[i], k = next[j];
+  const double twice = sqrt(1 + m[4 * i] - m[4 * j] - m[4 * k]);
+  q[0] = (m[3 * k + j] - m[3 * j + k]) / (2 * twice);
+  q[1 + i] = twice / 2;
+  q[1 + j] = (m[3 * j + i] + m[3 * i + j]) / (2 * twice);
+  q[1 + k] = (m[3 * k + i] + m[3 * i + k]) / (2 * twice);
+}
+
+static void rotation_of(double m[9], const double q[4]) {
+  const double w = q[0], x = q[1], y = q[2], z = q[3];
+  const double out[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+                         2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                         2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+  memcpy(m, out, sizeof out);
+}
+
+/* q(share) = (sin((1 - share) a) q0 + sin(share a) q1) / sin a, a the angle between q0 and q1 (Shoemake 1985); of q1
+ * and -q1, the same rotation, the nearer one. */
+static void slerp(double m[9], const double from[9], const double to[9], double share) {
+  double a[4], b[4], dot = 0, norm = 0;
+  quaternion_of(a, from);
+  quaternion_of(b, to);
+  for (int i = 0; i < 4; i++) dot += a[i] * b[i];
+  const double sign = dot < 0 ? -1 : 1, angle = acos(fmin(fabs(dot), 1)), size = sin(angle);
+  const bool near = size < 1e-8; /* sin x = x to the last bit of a double */
+  const double first = near ? 1 - share : sin((1 - share) * angle) / size;
+  const double second = sign * (near ? share : sin(share * angle) / size);
+  for (int i = 0; i < 4; i++) {
+    a[i] = first * a[i] + second * b[i];
+    norm += a[i] * a[i];
+  }
+  for (int i = 0; i < 4; i++) a[i] /= sqrt(norm);
+  rotation_of(m, a);
+}
+
+static double determinant(const double m[9]) {
+  return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+}
+
+/* The nearest rotation of a pose's 3x3 part; false where there is none. */
+static bool rotation_in(double m[9], const float pose[16]) {
+  for (int i = 0; i < 9; i++) m[i] = (double)pose[4 * (i / 3) + i % 3];
+  return determinant(m) > 0 && nearest_rotation(m);
+}
+
+void ern_pose_interpolate(float out[16], const float from[16], const float to[16], double share) {
+  ERN_PLAIN_FLOATS;
+  if (!(share > 0) || memcmp(from, to, 16 * sizeof *from) == 0) {
+    memmove(out, from, 16 * sizeof *out);
+    return;
+  }
+  if (share >= 1) {
+    memmove(out, to, 16 * sizeof *out);
+    return;
+  }
+  double a[9], b[9], between[9];
+  float made[16];
+  const bool turns = rotation_in(a, from) && rotation_in(b, to);
+  if (turns) slerp(between, a, b, share);
+  for (int i = 0; i < 16; i++) {
+    const int r = i / 4, c = i % 4, k = 3 * r + c;
+    const bool rotation = turns && r < 3 && c < 3;
+    const double rest_from = (double)from[i] - (rotation ? a[k] : 0), rest_to = (double)to[i] - (rotation ? b[k] : 0);
+    made[i] = (float)((rotation ? between[k] : 0) + (1 - share) * rest_from + share * rest_to);
+  }
+  memcpy(out, made, sizeof made);
+}

@@ -75,7 +75,9 @@ ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
       ERN_TRY(ern_fail(r->context, ERN_E_NONFINITE,
                        "render: the audio code is not finite: the speech is too loud for the model"));
   if (r->options.smooth_lips) {
-    for (int c = 0; c < ERN_AUDIO_CODE && r->has_last_code; c++) now[c] = 0.35f * r->last_code[c] + 0.65f * now[c];
+    const bool usual = r->options.frame_rate == 25;
+    const float last = usual ? 0.35f : powf(0.35f, 25 / r->options.frame_rate), own = usual ? 0.65f : 1 - last;
+    for (int c = 0; c < ERN_AUDIO_CODE && r->has_last_code; c++) now[c] = last * r->last_code[c] + own * now[c];
     memcpy(r->last_code, now, sizeof now);
     r->has_last_code = true;
   }

@@ -21,6 +21,7 @@ ern_render_options ern_render_options_default(void) {
                               .transmittance_stop = 1e-4f,
                               .torso_shrink = 0.8f,
                               .smooth_lips = false,
+                              .frame_rate = 25,
                               .image_scale = 1};
 }
 
@@ -37,6 +38,8 @@ static ern_status check_options(ern_context *context, const ern_render_options *
   if (!(o->torso_shrink > 0 && o->torso_shrink <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: torso_shrink is %g, expected above 0, at most 1",
                     (double)o->torso_shrink);
+  if (!(o->frame_rate >= 1 && o->frame_rate <= 1000))
+    return ern_fail(context, ERN_E_ARGUMENT, "render: frame_rate is %g, expected 1 to 1000", (double)o->frame_rate);
   if (!(o->image_scale >= 0.25f && o->image_scale <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: image_scale is %g, expected 0.25 to 1", (double)o->image_scale);
   return ERN_OK;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A budget instead of knobs: `ernerf render --fps`, `--budget`, `--quality`, with a stored front and with a quick look;
- * the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not judged. */
+ * A budget instead of knobs: `ernerf render --hold-fps`, `--budget`, `--quality`, with a stored front and with a quick
+ * look; the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not judged. */
 #include "cli.h"
 
 #include <math.h>
@@ -94,10 +94,10 @@ static void check_pace(const json_t *pace, size_t frames) {
 static void test_quick_look(void **state) {
   (void)state;
   size_t bytes[2];
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png -y --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 0.1 -o a/%%d.png -y --json pace.json", clip);
   cli_expect(&cli, 1, "a/%d.png: its folder is not there", NULL);
   assert_int_equal(mkdir("a", 0777) + mkdir("b", 0777), 0);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 0.1 -o a/%%d.png -y --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 0.1 -o a/%%d.png -y --json pace.json", clip);
   cli_expect(&cli, 0, "a quick look", "render: settings", "100.0 dB from the most accurate", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   const json_t *pace = json_object_get(object, "pace");
@@ -116,8 +116,8 @@ static void test_quick_look(void **state) {
 
 static void test_out_of_reach(void **state) {
   (void)state;
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --fps 10000 -y -o x.mp4", clip);
-  cli_expect(&cli, 1, "--fps 10000: no settings hold it here: the fastest", "frames a second", NULL);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 10000 -y -o x.mp4", clip);
+  cli_expect(&cli, 1, "--hold-fps 10000: no settings hold it here: the fastest", "frames a second", NULL);
   assert_int_not_equal(access("x.mp4", F_OK), 0);
 }
 
@@ -145,17 +145,19 @@ static void test_front(void **state) {
     json_decref(object);
   }
   assert_true(db[0] >= db[1] && db[1] >= db[2]);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --fps 1 -y -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --hold-fps 1 -y -o x.mp4", clip);
   cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80", "a quick look", NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --size 80x80 --fps 1 --front m.tradeoff/tradeoff.json -y -o x.mp4",
+  cli_run(&cli,
+          "render m.safetensors --clip '%s' --size 80x80 --hold-fps 1 --front m.tradeoff/tradeoff.json -y -o x.mp4",
           clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: it was measured at 64 x 64", NULL);
-  cli_run(&cli,
-          "render m.safetensors --clip '%s' --fps 1 --front m.tradeoff/tradeoff.json --json m.tradeoff/tradeoff.json "
-          "-y -o x.mp4",
-          clip);
+  cli_run(
+      &cli,
+      "render m.safetensors --clip '%s' --hold-fps 1 --front m.tradeoff/tradeoff.json --json m.tradeoff/tradeoff.json "
+      "-y -o x.mp4",
+      clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: is an input", NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --fps 1 --front m.run/log.jsonl -y -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --hold-fps 1 --front m.run/log.jsonl -y -o x.mp4", clip);
   cli_expect(&cli, 1, "m.run/log.jsonl", NULL);
 }
 
@@ -163,16 +165,16 @@ static void test_words(void **state) {
   (void)state;
   static const struct {
     const char *options, *said;
-  } cases[] = {{"--fps 25 --budget 40", "expected one of them"},
-               {"--fps 25 --quality draft", "expected one of them"},
+  } cases[] = {{"--hold-fps 25 --budget 40", "expected one of them"},
+               {"--hold-fps 25 --quality draft", "expected one of them"},
                {"--quality good", "exact"},
-               {"--fps 0", "--fps"},
+               {"--hold-fps 0", "--hold-fps"},
                {"--budget nan", "--budget"},
-               {"--fps 25 --max_steps 8", "max_steps"},
-               {"--fps 25 --image_scale 0.5", "image_scale"},
-               {"--fps 25 --smooth_lips", "smooth_lips"},
+               {"--hold-fps 25 --max_steps 8", "max_steps"},
+               {"--hold-fps 25 --image_scale 0.5", "image_scale"},
+               {"--hold-fps 25 --smooth_lips", "smooth_lips"},
                {"--front x.json", "--front needs"},
-               {"--fps 25 --front x.json --isa ref", "isa"}};
+               {"--hold-fps 25 --front x.json --isa ref", "isa"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     cli_run(&cli, "render m.safetensors --clip '%s' -y -o x.mp4 %s", clip, cases[i].options);
     cli_expect(&cli, 2, cases[i].said, NULL);

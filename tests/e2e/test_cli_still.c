@@ -133,7 +133,7 @@ static void test_words(void **state) {
   static const char *const wrong[][2] = {{"--no-still --still 1", "has nothing to bound with --no-still"},
                                          {"--still -1", "--still"},
                                          {"--still nan", "--still"},
-                                         {"--fps 25 --still 1", "is not for a budget"}};
+                                         {"--hold-fps 25 --still 1", "is not for a budget"}};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
     cli_run(&cli, "render m.safetensors --clip clip -o x.mp4 %s", wrong[i][0]);
     cli_expect(&cli, 2, wrong[i][1], NULL);

@@ -232,6 +232,11 @@ static int take_pair(const struct args *args, struct option *option, const char 
   return -1;
 }
 
+static int take_rate(const struct args *args, struct option *option, const char *text) {
+  if (rate_read(text, option->target)) return -1;
+  return refuse_value(args, option, text, "frames a second from 1 to 240, such as 30, 29.97, 12.5 or 24000/1001");
+}
+
 static bool ends_in(const char *text, const char *ending) {
   const size_t bytes = strlen(text), tail = strlen(ending);
   return bytes > tail && strcmp(text + bytes - tail, ending) == 0;
@@ -248,6 +253,7 @@ static int take_value(const struct args *args, struct option *option, const char
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return take_range(args, option, text);
     case OPTION_DIMENSIONS: return take_dimensions(args, option, text);
+    case OPTION_RATE: return take_rate(args, option, text);
     case OPTION_PAIR: return take_pair(args, option, text);
     case OPTION_JSON:
       if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
@@ -349,6 +355,7 @@ static const char *value_name(const struct option *option) {
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return "A:B";
     case OPTION_DIMENSIONS: return "WxH";
+    case OPTION_RATE: return "R";
     case OPTION_PAIR: return "A,B";
     case OPTION_FRAME: return "[N]";
     case OPTION_JSON: return "[FILE.json|-]";

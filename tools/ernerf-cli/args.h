@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "ernerf/base.h"
+#include "rate.h"
 
 enum { EXIT_USAGE = 2 }; /* wrong words; 1 (EXIT_FAILURE) is for work that failed */
 
@@ -40,6 +41,7 @@ enum option_kind {
   OPTION_RANGE,      /* struct range: A:B, either may be left out */
   OPTION_RANGE_PAIR, /* struct range: A:B, or the two words A B; B -1: to the last */
   OPTION_DIMENSIONS, /* struct dimensions: WxH, each in [low, high] */
+  OPTION_RATE,       /* struct rate: frames a second, 1 to 240, as a number or N/D */
   OPTION_PAIR,       /* struct pair: A,B, each in [low, high] */
   OPTION_FRAME,      /* uint64_t: a number from 0, or nothing (0 then) */
   OPTION_JSON        /* const char *: "-", a name ending in .json, or nothing ("-" then) */

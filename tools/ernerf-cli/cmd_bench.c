@@ -148,7 +148,7 @@ static int scene_of_clip(struct bench_job *job) {
     return session_fail(session);
   const ern_camera camera = shots_camera(&job->shots, 0, portrait->scale, info->width, info->height);
   const ern_frame_input frame = {.camera = camera,
-                                 .head_pose = portrait_refined(portrait, shot, &camera, refined),
+                                 .head_pose = portrait_refined(portrait, &job->shots, 0, refined),
                                  .windows = job->windows,
                                  .window_length = features->window_length,
                                  .eye = shot->eye,

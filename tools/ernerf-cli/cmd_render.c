@@ -18,7 +18,7 @@
 /* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
  * twice.
  */
-enum { FRAMES_A_SECOND = 25, AUDIO_WINDOWS = 8, OWN_OPTIONS = 7, PICTURE_BYTES = 1 };
+enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 8, PICTURE_BYTES = 1 };
 
 struct render_job {
   struct session session;
@@ -30,6 +30,7 @@ struct render_job {
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
+  struct rate rate;
   /* made */
   struct sink sink;
   struct shots shots;
@@ -75,11 +76,17 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .low = 1,
        .high = ERN_IMAGE_MAX_SIDE,
        .help = "of the frames (default that of the poses)"},
+      {.name = "fps",
+       .kind = OPTION_RATE,
+       .target = &job->rate,
+       .help = "frames a second of the output, 1 to 240, such as 30, 29.97 or 24000/1001 (default 25, as the clip): "
+               "poses, speech and eyes are interpolated in time"},
       {.name = "bg_img",
        .kind = OPTION_TEXT,
        .target = &job->background,
        .choices = "FILE|white|black",
        .help = "background (default the clip's; with --poses transparent)"}};
+  job->rate = (struct rate){RATE_CLIP, 1};
   memcpy(options, rows, sizeof rows);
 }
 
@@ -118,6 +125,7 @@ static int open_shots(struct render_job *job, const struct args *args) {
                                       : shots_of_poses(shots, session, job->poses);
   if (status == 0) status = control_clip(&job->control, session, args, shots);
   if (status == 0 && job->audio != NULL) status = shots_replay(shots, session, job->features->windows);
+  if (status == 0) status = shots_resample(shots, session, job->rate, job->features);
   if (status == 0) status = portrait_cut(portrait, args, shots);
   return status == 0 ? control_output(&job->control, session, shots) : status;
 }
@@ -142,7 +150,8 @@ static int open_features(struct render_job *job) {
 static void check_consecutive(struct render_job *job) {
   const struct shot *shot = job->shots.shot;
   for (size_t k = 1; k < job->shots.count; k++) {
-    if (shot[k].pose.aud_id == shot[k - 1].pose.aud_id + 1) continue;
+    const int64_t steps = (int64_t)shot[k].place - (int64_t)shot[k - 1].place;
+    if (shot[k].pose.aud_id == shot[k - 1].pose.aud_id + steps) continue;
     session_warn(&job->session,
                  "frames are not consecutive: aud_id %" PRId64 " is followed by %" PRId64
                  ", sound and picture drift apart",
@@ -166,10 +175,12 @@ static int open_sound(struct render_job *job) {
     return 0;
   }
   if (status != ERN_OK) return session_fail(session);
-  job->sound_start = (double)job->shots.shot[0].pose.aud_id / FRAMES_A_SECOND;
+  job->sound_start = shots_seconds(&job->shots, 0);
   const double there = (double)job->sound.frames / job->sound.rate - job->sound_start;
-  const double needed = (double)job->shots.count / FRAMES_A_SECOND;
-  if (there < needed - 0.5 / FRAMES_A_SECOND)
+  const double needed = (double)job->shots.count / rate_value(job->rate);
+  const double spare =
+      job->shots.frame != NULL ? 1 : 0.5; /* frames; at another rate the last one may outlast the clip */
+  if (there < needed - spare / rate_value(job->rate))
     session_warn(session, "%s: %.2f s of sound from the first frame on, the pictures last %.2f s: the rest is silent",
                  path, there > 0 ? there : 0, needed);
   check_consecutive(job);
@@ -194,12 +205,17 @@ static void say_plan(struct render_job *job) {
   if (portrait->clip != NULL && !portrait->info.has_torso && !portrait->clip_info.has_torso)
     session_warn(&job->session, "%s: has no torso_imgs, the head is drawn over the background alone",
                  portrait->source.path);
-  session_note(&job->session, "render: %zu frames of %d x %d, %s, %s, %s (%s) to %s", job->shots.count, job->size.width,
-               job->size.height, portrait_kind(portrait),
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  session_note(&job->session, "render: %zu frames of %d x %d, %s a second, %s, %s, %s (%s) to %s", job->shots.count,
+               job->size.width, job->size.height, rate, portrait_kind(portrait),
                job->sink.kind != SINK_VIDEO ? "pictures alone"
                : job->sound.data != NULL    ? "with sound"
                                             : "without sound",
                job->session.backend_info.name, job->session.backend_info.isa, job->out);
+  if (is_behind(job) && job->shots.frame != NULL)
+    session_note(&job->session,
+                 "render: the head is drawn for each frame, over the nearest of the clip's torso pictures");
   const size_t resting = rest_count(&job->rest, &job->shots);
   if (resting > 0)
     session_note(&job->session,
@@ -217,14 +233,14 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
   shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
   const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
   const ern_frame_input input = {.camera = camera,
-                                 .head_pose = portrait_refined(&job->portrait, shot, &camera, refined),
+                                 .head_pose = portrait_refined(&job->portrait, &job->shots, k, refined),
                                  .windows = job->windows,
                                  .window_length = job->features->window_length,
                                  .eye = shot->eye,
                                  .background = job->backdrop.background.data,
                                  .torso = torso,
                                  .rest_code = job->rest.code,
-                                 .rest = rest_of(&job->rest, shot)};
+                                 .rest = rest_of(&job->rest, &job->shots, k)};
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
@@ -281,6 +297,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(session, "%s: its folder is not there", job->out);
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
+  job->portrait.render.frame_rate = (float)rate_value(job->rate);
   int status = keep_inputs(job);
   if (status == 0 && job->sink.kind == SINK_VIDEO) status = sink_check(&job->sink, session, NULL);
   if (status == 0) status = portrait_open(&job->portrait, session, args);
@@ -298,7 +315,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job)) status = backdrop_read(&job->backdrop, session, job->portrait.clip, &job->shots);
   if (status != 0) return status;
-  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, &job->portrait.info,
+  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
 }
 
@@ -316,8 +333,10 @@ static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->shots.count;
   json_t *pace = governor_asked(&job->governor) ? governor_json(&job->governor) : json_null();
   json_t *still = stillness_report(&job->stillness, &job->portrait);
-  return json_pack("{s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "output",
-                   session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
+                   rate, "output", session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
                    portrait_kind(&job->portrait), "frames", (json_int_t)job->shots.count, "width", job->size.width,
                    "height", job->size.height, "rest_frames", (json_int_t)rest_count(&job->rest, &job->shots),
                    "seconds", session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
@@ -382,7 +401,7 @@ int cmd_render(int argc, char **argv) {
           "render MODEL --poses FILE --audio F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
       .notes =
           "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
-          "mp4: H.264 yuv420p, AAC, 25 frames a second. png: RGBA. exr: R G B A (as the model gives them, not\n"
+          "mp4: H.264 yuv420p, AAC. png: RGBA. exr: R G B A (as the model gives them, not\n"
           "linearised, alpha multiplied in), Z depth, audio_attention, and eye_attention where the model has it.",
       .words = words,
       .word_count = 1,

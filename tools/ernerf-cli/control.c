@@ -16,7 +16,8 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .kind = OPTION_TEXT,
        .target = &control->eye,
        .choices = "FILE",
-       .help = "eyes by a curve, a value for each frame of the output: a table with a column AU45_r, as au.csv "
+       .help = "eyes by a curve, a value for each frame of the output, 25 a second: a table with a column AU45_r, as "
+               "au.csv "
                "(0..5, 2 and more is closed); else 0..1, one number a line without a header, or .npy of shape [T]"},
       {.name = "smooth_eye",
        .kind = OPTION_FLAG,
@@ -25,7 +26,7 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
       {.name = "hold_pose",
        .kind = OPTION_FRAME,
        .target = &control->hold,
-       .help = "the head held still: in all frames the pose of frame N, counted from 0"},
+       .help = "the head held still: in all frames the pose of frame N, counted from 0, 25 a second"},
       {.name = "rotate",
        .kind = OPTION_PAIR,
        .target = &control->turn,
@@ -42,7 +43,7 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .target = &control->smooth_window,
        .low = 1,
        .high = 9999,
-       .help = "frames of that mean, odd (default 7)"}};
+       .help = "frames of that mean, 25 a second, odd (default 7)"}};
   control->smooth_window = 7;
   memcpy(options, rows, sizeof rows);
 }
@@ -93,11 +94,17 @@ int control_output(const struct control *control, struct session *session, struc
   int status = 0;
   if (control->eye == NULL) return 0;
   if (ern_eyes_load(session->context, control->eye, &eyes) != ERN_OK) return session_fail(session);
-  const size_t needed = shots->shot[shots->count - 1].number + 1;
+  const struct shot *last = &shots->shot[shots->count - 1];
+  const size_t needed = last->place + 1 + (last->toward > 0);
   if (eyes.count < needed)
-    status = session_fail_with(session, "%s: has eyes for %zu frames, expected at least %zu, the frames of the output",
-                               control->eye, eyes.count, needed);
-  for (size_t k = 0; status == 0 && k < shots->count; k++) shots->shot[k].eye = eyes.data[shots->shot[k].number];
+    status =
+        session_fail_with(session, "%s: has eyes for %zu frames, expected at least %zu, the frames of the output%s",
+                          control->eye, eyes.count, needed, shots->frame != NULL ? " at 25 a second" : "");
+  for (size_t k = 0; status == 0 && k < shots->count; k++) {
+    struct shot *shot = &shots->shot[k];
+    const float *eye = eyes.data + shot->place;
+    shot->eye = shot->toward > 0 ? eye[0] + shot->toward * (eye[1] - eye[0]) : eye[0];
+  }
   ern_eyes_free(session->context, &eyes);
   return status;
 }

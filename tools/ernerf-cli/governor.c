@@ -15,12 +15,13 @@ static const double balanced_db = 40; /* from the exact render: what balanced is
 void governor_options(struct governor *g, struct option options[GOVERNOR_OPTIONS]) {
   g->quality = -1;
   const struct option rows[GOVERNOR_OPTIONS] = {
-      {.name = "fps",
+      {.name = "hold-fps",
        .kind = OPTION_FLOAT,
-       .target = &g->fps,
+       .target = &g->hold_fps,
        .low = 0.01,
        .high = 10000,
-       .help = "frames a second to hold: the most accurate settings that do, changed as the machine's pace changes"},
+       .help = "frames a second to draw at least: the most accurate settings that do, changed as the machine's pace "
+               "changes"},
       {.name = "budget",
        .kind = OPTION_FLOAT,
        .target = &g->budget,
@@ -43,16 +44,16 @@ void governor_options(struct governor *g, struct option options[GOVERNOR_OPTIONS
   memcpy(options, rows, sizeof rows);
 }
 
-bool governor_asked(const struct governor *g) { return g->fps > 0 || g->budget > 0 || g->quality >= 0; }
+bool governor_asked(const struct governor *g) { return g->hold_fps > 0 || g->budget > 0 || g->quality >= 0; }
 
 int governor_check(const struct governor *g, const struct args *args) {
   int status = -1;
   if (!governor_asked(g))
-    return g->front != NULL ? args_refuse(args, "--front needs --fps, --budget or --quality") : -1;
-  if ((g->fps > 0) + (g->budget > 0) + (g->quality >= 0) > 1)
-    return args_refuse(args, "--fps, --budget and --quality: expected one of them");
+    return g->front != NULL ? args_refuse(args, "--front needs --hold-fps, --budget or --quality") : -1;
+  if ((g->hold_fps > 0) + (g->budget > 0) + (g->quality >= 0) > 1)
+    return args_refuse(args, "--hold-fps, --budget and --quality: expected one of them");
   status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
-                       "is what --fps, --budget and --quality choose");
+                       "is what --hold-fps, --budget and --quality choose");
   if (status < 0)
     status = args_forbid(args, "smooth_lips", "makes a frame depend on those before it, which other settings drew");
   if (status < 0 && g->front != NULL)
@@ -204,7 +205,7 @@ static void keep_quality(struct governor *g) {
 }
 
 static double budget_of(const struct governor *g) {
-  return g->fps > 0 ? 1000 / (double)g->fps : g->budget > 0 ? (double)g->budget : INFINITY;
+  return g->hold_fps > 0 ? 1000 / (double)g->hold_fps : g->budget > 0 ? (double)g->budget : INFINITY;
 }
 
 static int refuse_budget(const struct governor *g) {
@@ -212,8 +213,9 @@ static int refuse_budget(const struct governor *g) {
   return session_fail_with(g->session,
                            "%s %g: no settings hold it here: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a "
                            "second",
-                           g->fps > 0 ? "--fps" : "--budget", g->fps > 0 ? (double)g->fps : (double)g->budget,
-                           last->name, last->ms, 1000 / last->ms);
+                           g->hold_fps > 0 ? "--hold-fps" : "--budget",
+                           g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget, last->name, last->ms,
+                           1000 / last->ms);
 }
 
 static void say_choice(const struct governor *g) {

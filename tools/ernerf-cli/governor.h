@@ -22,9 +22,9 @@ struct rung {
 
 struct governor {
   /* from the command line */
-  float fps, budget; /* 0: not asked for */
-  int quality;       /* -1: not asked for; exact, balanced, draft */
-  const char *front; /* NULL: MODEL's own, where there is one */
+  float hold_fps, budget; /* 0: not asked for */
+  int quality;            /* -1: not asked for; exact, balanced, draft */
+  const char *front;      /* NULL: MODEL's own, where there is one */
   /* made */
   struct session *session;
   const struct portrait *portrait;
@@ -43,7 +43,7 @@ struct governor {
   size_t units;
 };
 
-/* --fps --budget --quality --front. */
+/* --hold-fps --budget --quality --front. */
 void governor_options(struct governor *governor, struct option options[GOVERNOR_OPTIONS]);
 /* -1, or EXIT_USAGE after a sentence where words contradict each other. */
 int governor_check(const struct governor *governor, const struct args *args);

@@ -159,11 +159,21 @@ void portrait_close(struct portrait *portrait) {
   ern_model_free(&portrait->model);
 }
 
-const float *portrait_refined(const struct portrait *portrait, const struct shot *shot, const ern_camera *camera,
-                              float refined[16]) {
-  if (portrait->info.cameras == 0 || portrait->clip == NULL || shot->split != ERN_SPLIT_TRAIN) return NULL;
-  memcpy(refined, camera->pose, sizeof camera->pose);
-  ern_model_refine(portrait->model, shot->index, refined);
+/* Of a frame at 25 a second. */
+static void refine(const struct portrait *portrait, const struct shot *frame, float pose[16]) {
+  ern_camera_pose(pose, frame->pose.matrix, portrait->scale);
+  if (frame->split == ERN_SPLIT_TRAIN) ern_model_refine(portrait->model, frame->index, pose);
+}
+
+const float *portrait_refined(const struct portrait *portrait, const struct shots *shots, size_t k, float refined[16]) {
+  const struct shot *from = shots_before(shots, k), *to = shots_after(shots, k);
+  float second[16];
+  if (portrait->info.cameras == 0 || portrait->clip == NULL) return NULL;
+  if (from->split != ERN_SPLIT_TRAIN && to->split != ERN_SPLIT_TRAIN) return NULL;
+  refine(portrait, from, refined);
+  if (from == to) return refined;
+  refine(portrait, to, second);
+  ern_pose_interpolate(refined, refined, second, (double)shots->shot[k].toward);
   return refined;
 }
 

@@ -43,10 +43,9 @@ void portrait_close(struct portrait *portrait);
 int portrait_thin(struct portrait *portrait, struct session *session, const struct shots *shots,
                   const ern_features *features);
 
-/* The pose of the head where the model has a camera refinement and the shot is a training frame, in `refined`; else
- * NULL. */
-const float *portrait_refined(const struct portrait *portrait, const struct shot *shot, const ern_camera *camera,
-                              float refined[16]);
+/* The pose of the head in `refined` where the model has a camera refinement and shot k is, or lies beside, a training
+ * frame; else NULL. */
+const float *portrait_refined(const struct portrait *portrait, const struct shots *shots, size_t k, float refined[16]);
 
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);

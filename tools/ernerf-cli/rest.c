@@ -125,14 +125,19 @@ int rest_open(struct rest *rest, struct session *session, const struct portrait 
   return status;
 }
 
-float rest_of(const struct rest *rest, const struct shot *shot) {
-  if (!rest->known) return 0;
-  const int64_t row = shot->pose.aud_id, last = (int64_t)rest->rows - 1;
+static float weight_of(const struct rest *rest, const struct shot *frame) {
+  const int64_t row = frame->pose.aud_id, last = (int64_t)rest->rows - 1;
   return rest->weight[row < 0 ? 0 : row > last ? last : row];
+}
+
+float rest_of(const struct rest *rest, const struct shots *shots, size_t k) {
+  if (!rest->known) return 0;
+  const float from = weight_of(rest, shots_before(shots, k)), to = weight_of(rest, shots_after(shots, k));
+  return from + shots->shot[k].toward * (to - from);
 }
 
 size_t rest_count(const struct rest *rest, const struct shots *shots) {
   size_t count = 0;
-  for (size_t k = 0; k < shots->count; k++) count += rest_of(rest, &shots->shot[k]) > 0;
+  for (size_t k = 0; k < shots->count; k++) count += rest_of(rest, shots, k) > 0;
   return count;
 }

@@ -22,8 +22,8 @@ void rest_options(struct rest *rest, struct option options[REST_OPTIONS]);
 int rest_open(struct rest *rest, struct session *session, const struct portrait *portrait, const ern_features *speech);
 void rest_free(struct rest *rest);
 
-/* How far the mouth is at rest in this shot. */
-float rest_of(const struct rest *rest, const struct shot *shot);
+/* How far the mouth is at rest in shot k. */
+float rest_of(const struct rest *rest, const struct shots *shots, size_t k);
 /* Frames of these shots in which it is, fully or in part. */
 size_t rest_count(const struct rest *rest, const struct shots *shots);
 

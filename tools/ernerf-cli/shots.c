@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { AUDIO_WINDOWS = 8 };
+
 static int no_memory(struct session *session, size_t frames) {
   return session_fail_with(session, "no memory for %zu frames", frames);
 }
@@ -12,6 +14,8 @@ static int no_memory(struct session *session, size_t frames) {
 void shots_free(struct shots *shots) {
   free(shots->shot);
   free(shots->rows);
+  free(shots->frame);
+  free(shots->second);
   *shots = (struct shots){0};
 }
 
@@ -29,7 +33,7 @@ static int number_shots(struct shots *shots, struct session *session) {
   if (shots->rows == NULL) return no_memory(session, shots->count);
   shots->row_count = shots->count;
   for (size_t k = 0; k < shots->count; k++) {
-    shots->shot[k].number = k;
+    shots->shot[k].number = shots->shot[k].place = k;
     shots->rows[k] = shots->shot[k].pose.aud_id;
   }
   return 0;
@@ -137,6 +141,36 @@ int shots_replay(struct shots *shots, struct session *session, size_t windows) {
   return number_shots(shots, session);
 }
 
+/* Frame k of the output, between `frame`[place] and the next one. */
+static struct shot shot_between(const struct shot *frame, struct rate_place at, size_t k) {
+  const struct shot *from = &frame[at.place];
+  struct shot shot = *from;
+  shot.number = k;
+  shot.toward = (float)at.toward;
+  if (at.toward <= 0) return shot;
+  const struct shot *to = from + 1, *nearer = at.toward < 0.5 ? from : to;
+  ern_pose_interpolate(shot.pose.matrix, from->pose.matrix, to->pose.matrix, at.toward);
+  shot.pose.img_id = nearer->pose.img_id;
+  shot.split = nearer->split;
+  shot.index = nearer->index;
+  shot.eye = from->eye + shot.toward * (to->eye - from->eye);
+  return shot;
+}
+
+int shots_resample(struct shots *shots, struct session *session, struct rate rate, const ern_features *features) {
+  if (rate.numerator == RATE_CLIP * rate.denominator) return 0;
+  const size_t count = rate_frames(rate, shots->count);
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  struct shot *made = count > 0 ? calloc(count, sizeof *made) : NULL;
+  if (made == NULL) return no_memory(session, count);
+  for (size_t k = 0; k < count; k++) made[k] = shot_between(shots->shot, rate_at(rate, k, shots->count), k);
+  shots->frame = shots->shot;
+  shots->shot = made;
+  shots->count = count;
+  shots->second = malloc(values * sizeof *shots->second);
+  return shots->second != NULL ? 0 : no_memory(session, count);
+}
+
 int shots_cut(struct shots *shots, const struct args *args, const struct range *range) {
   const uint64_t end = range->open_end ? shots->count : range->end;
   if (range->begin >= end || end > shots->count)
@@ -150,13 +184,38 @@ int shots_cut(struct shots *shots, const struct args *args, const struct range *
 
 /* ---- looking ----------------------------------------------------------------------------------------------------- */
 
+const struct shot *shots_before(const struct shots *shots, size_t k) {
+  const struct shot *shot = &shots->shot[k];
+  return shot->toward > 0 ? &shots->frame[shot->place] : shot;
+}
+
+const struct shot *shots_after(const struct shots *shots, size_t k) {
+  const struct shot *shot = &shots->shot[k];
+  return shot->toward > 0 ? &shots->frame[shot->place + 1] : shot;
+}
+
+double shots_seconds(const struct shots *shots, size_t k) {
+  const struct shot *shot = &shots->shot[k];
+  return ((double)shot->pose.aud_id + (double)shot->toward) / RATE_CLIP;
+}
+
+/* Of a frame at 25 a second. */
+static void frame_windows(const struct shots *shots, const struct shot *frame, const ern_features *features,
+                          ern_audio_pad pad, float *windows) {
+  if (pad == ERN_AUDIO_PAD_ZERO)
+    ern_audio_windows_of_rows(windows, features, shots->rows, shots->row_count, (int64_t)frame->place);
+  else
+    ern_audio_windows(windows, features, frame->pose.aud_id, ERN_AUDIO_PAD_EDGE);
+}
+
 void shots_windows(const struct shots *shots, size_t k, const ern_features *features, ern_audio_pad pad,
                    float *windows) {
-  const struct shot *shot = &shots->shot[k];
-  if (pad == ERN_AUDIO_PAD_ZERO)
-    ern_audio_windows_of_rows(windows, features, shots->rows, shots->row_count, (int64_t)shot->number);
-  else
-    ern_audio_windows(windows, features, shot->pose.aud_id, ERN_AUDIO_PAD_EDGE);
+  const float toward = shots->shot[k].toward;
+  frame_windows(shots, shots_before(shots, k), features, pad, windows);
+  if (toward <= 0) return;
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  frame_windows(shots, shots_after(shots, k), features, pad, shots->second);
+  for (size_t i = 0; i < values; i++) windows[i] += toward * (shots->second[i] - windows[i]);
 }
 
 ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height) {

@@ -152,8 +152,8 @@ static bool make_rooms(struct sink *sink) {
   return made && sink->channels != NULL;
 }
 
-int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
-              const ern_sound *sound, double sound_start) {
+int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
+              const ern_model_info *model, const ern_sound *sound, double sound_start) {
   sink->context = session->context;
   sink->width = width;
   sink->height = height;
@@ -162,6 +162,8 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
   if (sink->kind == SINK_VIDEO) {
     ern_video_options options = ern_video_options_default(width, height);
+    options.rate_numerator = rate.numerator;
+    options.rate_denominator = rate.denominator;
     options.sound = sound;
     options.sound_start = sound_start;
     if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)

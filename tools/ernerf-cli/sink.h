@@ -50,10 +50,11 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path);
  * no `shots`. Returns 0, or EXIT_FAILURE after a message. */
 int sink_check(const struct sink *sink, struct session *session, const struct shots *shots);
 
-/* Makes room, opens the video and starts the writer, with `sound` from `sound_start` seconds on (NULL: silent).
- * model: what it has attention for is written too. Returns 0, or EXIT_FAILURE after a message, as the next ones. */
-int sink_open(struct sink *sink, struct session *session, int width, int height, const ern_model_info *model,
-              const ern_sound *sound, double sound_start);
+/* Makes room, opens the video of `rate` frames a second and starts the writer, with `sound` from `sound_start` seconds
+ * on (NULL: silent). model: what it has attention for is written too. Returns 0, or EXIT_FAILURE after a message, as
+ * the next ones. */
+int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
+              const ern_model_info *model, const ern_sound *sound, double sound_start);
 /* *output = where the renderer has to put the next frame, once there is room. Fails where the writer has failed. */
 int sink_room(struct sink *sink, struct session *session, ern_frame_output *output);
 /* Hands the frame in that room to the writer. `number` names its picture. */
