@@ -58,6 +58,7 @@ typedef struct ern_model_info {
   ern_eye_attention eye_attention;  /* meaningful with has_eye */
   int levels;                       /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;                /* D of the speech features it was trained on */
+  int window_length;                /* L of them, vectors a window; 0 where the file does not say */
   int codes;                        /* rows of the individual codes */
   float bound;                      /* half side of the scene */
   size_t cameras;                   /* training poses with a trained refinement (ern_model_refine); 0: none */

@@ -109,7 +109,8 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_create(ern_renderer **renderer, er
                                                      const ern_model *model, const ern_render_options *options);
 ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a pointer to NULL */
 
-/* Checks that features fit the model: ERN_E_MISMATCH says both widths. `name` is for the message, such as the file. */
+/* Checks that features fit the model: ERN_E_MISMATCH says both widths, or both lengths of a window where the model's
+ * file says its own. `name` is for the message, such as the file. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features,
                                                       const char *name);
 
@@ -125,6 +126,11 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip_thin(ern_renderer *renderer, 
  * clip's silent frames is its resting code. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
+
+/* A frame that is not drawn: its windows [8][window_length][width] count for smooth_lips of the frames after it, so
+ * that a part of a video begins as it would be in the whole. Does nothing without smooth_lips. Errors as
+ * ern_renderer_frame. */
+ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int window_length);
 
 /* Keeps from frame to frame what stays the same, from now on: background and torso that are handed in again, a torso of
  * the model's own under the same pose, and, while camera, head_pose and size are those of the frame before, rays of the
@@ -154,7 +160,7 @@ typedef struct ern_frame_input {
   ern_camera camera;
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
   const float *windows;      /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
-  int window_length;         /* 1..16 */
+  int window_length;         /* 1..16, that of ern_model_info where it is known */
   float eye;                 /* 0 open .. 1 closed; ignored by a model without an eye branch */
   size_t individual;         /* row of the individual codes; 0 when rendering */
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */

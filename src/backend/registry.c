@@ -49,6 +49,11 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   if (chosen.cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
+    /* it computes without one, but a name that is none is a mistake */
+    if (chosen.isa != NULL && strcmp(chosen.isa, "auto") != 0) {
+      const ern_status known = choose_isa(context, chosen.isa, &isa);
+      if (known != ERN_OK) return known;
+    }
     const ern_status made = ern_opencl_backend_make(context, chosen.device, chosen.deterministic, chosen.tune, backend);
     if (made == ERN_OK)
       ern_log(context, ERN_LOG_INFO, "backend: opencl, device %d: %s", chosen.device, (*backend)->isa);

@@ -34,7 +34,7 @@ struct ern_model_config {
   ern_eye_attention eye_attention; /* sigmoid without a blink signal */
   int levels;                      /* of hash grids, 2..24; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D */
-  int window_length;               /* 1..16 */
+  int window_length;               /* 1..16; 0: the file does not say, as PyTorch's do not */
   bool head;                       /* false only while a table for the torso's tensors alone is built */
   bool eye;                        /* the clip has a blink signal */
   bool no_view;                    /* the colour is the same from everywhere: it is not told the ray's direction */

@@ -56,6 +56,7 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
                            .eye_attention = config->eye_attention,
                            .levels = config->levels,
                            .feature_width = config->feature_width,
+                           .window_length = config->window_length,
                            .codes = config->codes,
                            .bound = config->bound,
                            .cameras = model->cameras,

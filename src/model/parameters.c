@@ -9,6 +9,8 @@
 #include "hashgrid/hashgrid.h"
 #include "model/kinds.h"
 
+enum { USUAL_WINDOW_LENGTH = 16 }; /* of DeepSpeech's and wav2vec's features; frames say their own */
+
 /* Adds a row; returns where its values begin. Rows start on a cache line. */
 static size_t add(struct ern_field *field, struct ern_parameter_table *table, struct ern_parameter row) {
   row.count = 1;
@@ -67,7 +69,7 @@ static void add_affine(struct ern_field *field, struct ern_parameter_table *tabl
 static void add_audio(struct ern_field *field, struct ern_parameter_table *table) {
   struct ern_audio_net *net = &field->audio;
   net->width = field->config.feature_width;
-  net->window_length = field->config.window_length;
+  net->window_length = field->config.window_length > 0 ? field->config.window_length : USUAL_WINDOW_LENGTH;
   net->code = ERN_AUDIO_CODE;
   net->first = field->parameters;
   const int conv[ERN_AUDIO_CONVS + 1] = {net->width, 32, 32, 64, 64};
@@ -252,8 +254,9 @@ static ern_status check(ern_context *context, const struct ern_model_config *con
   if (status != ERN_OK) return status;
   if (config->feature_width < 1 || config->feature_width > 4096)
     return ern_fail(context, ERN_E_ARGUMENT, "model: feature width is %d, expected 1 to 4096", config->feature_width);
-  if (config->window_length < 1 || config->window_length > 16)
-    return ern_fail(context, ERN_E_ARGUMENT, "model: window length is %d, expected 1 to 16", config->window_length);
+  if (config->window_length < 0 || config->window_length > 16)
+    return ern_fail(context, ERN_E_ARGUMENT, "model: window length is %d, expected 1 to 16, or 0 where it is not known",
+                    config->window_length);
   if (config->codes < 0 || config->codes > 1000000)
     return ern_fail(context, ERN_E_ARGUMENT, "model: individual codes are %d, expected 0 to 1000000", config->codes);
   if (!(config->bound >= 0.125f && config->bound <= 16))

@@ -44,10 +44,21 @@ ern_status ern_feature_refuse(ern_context *context, const char *where, size_t i,
   return ern_fail(context, ERN_E_ARGUMENT, "%s: value %zu is %g, expected -1e30 to 1e30", where, i, (double)value);
 }
 
+ern_status ern_window_length_check(ern_context *context, const struct ern_field *field, const char *where,
+                                   int window_length) {
+  const int own = field->config.window_length;
+  if (window_length < 1 || window_length > MAX_WINDOW_LENGTH)
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: window_length is %d, expected 1 to 16", where, window_length);
+  if (own == 0 || window_length == own) return ERN_OK;
+  return ern_fail(context, ERN_E_MISMATCH,
+                  "%s: the windows of the speech are %d vectors long, expected %d: those that the model was trained on",
+                  where, window_length, own);
+}
+
 ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field, const ern_frame_input *input) {
-  if (input->windows == NULL || input->window_length < 1 || input->window_length > MAX_WINDOW_LENGTH)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16 and windows",
-                    input->window_length);
+  const ern_status status = ern_window_length_check(context, field, "render", input->window_length);
+  if (status != ERN_OK) return status;
+  if (input->windows == NULL) return ern_fail(context, ERN_E_ARGUMENT, "render: windows is NULL, expected the speech");
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)field->config.feature_width;
   for (size_t i = 0; i < values; i++)
     if (!ern_feature_fits(input->windows[i]))

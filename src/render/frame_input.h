@@ -14,6 +14,10 @@ ERN_NODISCARD ern_status ern_frame_input_check(ern_context *context, const struc
 ERN_NODISCARD ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]);
 /* Says why one is refused; `where` begins the message ("render: speech window"), i is its number there. */
 ERN_NODISCARD ern_status ern_feature_refuse(ern_context *context, const char *where, size_t i, float value);
+/* The length of the speech's windows, vectors: 1..16, and that of the windows the model was trained on where it is
+ * known (ERN_E_MISMATCH else). `where` begins the message ("render"). */
+ERN_NODISCARD ern_status ern_window_length_check(ern_context *context, const struct ern_field *field, const char *where,
+                                                 int window_length);
 /* Windows and window_length alone. */
 ERN_NODISCARD ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field,
                                                  const ern_frame_input *input);

@@ -128,8 +128,8 @@ ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int windo
   void *room = NULL;
   ern_status status = ERN_OK;
   *moment = NULL;
-  if (window_length < 1 || window_length > MAX_WINDOW_LENGTH)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: window_length is %d, expected 1 to 16", window_length);
+  status = ern_window_length_check(context, &r->field, "render", window_length);
+  if (status != ERN_OK) return status;
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
   ERN_TRY(ern_allocate(context, count, sizeof(struct ern_moment), &room));
   struct ern_moment *made = room;
@@ -180,7 +180,8 @@ fail:
 
 ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features, const char *name) {
   const int width = renderer->field.config.feature_width;
-  if (features->width == width) return ERN_OK;
+  if (features->width == width)
+    return ern_window_length_check(renderer->context, &renderer->field, name, features->window_length);
   return ern_fail(renderer->context, ERN_E_MISMATCH,
                   "%s: the features are %d wide, expected %d: the model was trained on features of another kind", name,
                   features->width, width);
@@ -322,6 +323,18 @@ ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int w
   ERN_TRY(ern_renderer_hear_alone(renderer, &input));
   ERN_TRY(renderer->backend->download_reals(renderer->stream, code, ern_whole(renderer->code, ERN_AUDIO_CODE),
                                             ERN_AUDIO_CODE));
+fail:
+  ern_arena_release(renderer->stream, mark);
+  return status;
+}
+
+ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int window_length) {
+  ERN_PLAIN_FLOATS;
+  const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
+  const ern_frame_input input = {.windows = windows, .window_length = window_length};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_frame_windows_check(renderer->context, &renderer->field, &input));
+  if (renderer->options.smooth_lips) status = ern_renderer_hear(renderer, &input);
 fail:
   ern_arena_release(renderer->stream, mark);
   return status;

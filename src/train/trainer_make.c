@@ -137,6 +137,11 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (head->field.config.feature_width != t->data.features->width)
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
                     head->field.config.feature_width, t->data.features->width);
+  const int length = head->field.config.window_length;
+  if (length > 0 && length != t->data.features->window_length)
+    return ern_fail(t->context, ERN_E_MISMATCH,
+                    "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
+                    t->data.features->window_length);
   if (head->field.config.codes > 0 && (size_t)head->field.config.codes < t->data.frames[0])
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head has %d individual codes, the clip %zu training frames",
                     head->field.config.codes, t->data.frames[0]);
@@ -169,6 +174,7 @@ static ern_status make_model(ern_trainer *t) {
   if (t->config.torso && t->config.head != NULL) {
     ERN_TRY(check_head(t, t->config.head));
     config = t->config.head->field.config;
+    config.window_length = t->data.features->window_length;
     t->config.bound = config.bound;
   }
   if (t->config.torso) {

@@ -219,6 +219,7 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
     double found, expected;
   } fields[] = {{"levels", a->levels, b->levels},
                 {"feature width", a->feature_width, b->feature_width},
+                {"window length", a->window_length > 0 ? a->window_length : b->window_length, b->window_length},
                 {"eye branch", a->eye, b->eye},
                 {"view dependence", !a->no_view, !b->no_view},
                 {"torso", a->torso, b->torso},

@@ -96,6 +96,68 @@ static void test_rotate(void **state) {
   expect_pixels("--hold_pose 4 --rotate -20,5 --frames 4:5", "--rotate -20,5 --frames 4:5", 1, true);
 }
 
+/* A part of a video is that part of the whole, also where a frame depends on those before it. */
+static void test_smooth_lips(void **state) {
+  (void)state;
+  uint8_t *all = raw("--smooth_lips", FRAMES), *part = raw("--smooth_lips --frames 6:9", 3);
+  assert_memory_equal(part, all + 6 * PIXEL_BYTES, 3 * PIXEL_BYTES);
+  free(part);
+  part = raw("--smooth_lips --frames 11:", 1);
+  assert_memory_equal(part, all + 11 * PIXEL_BYTES, PIXEL_BYTES);
+  free(part);
+  free(all);
+  all = raw("--smooth_lips --fps 50", 2 * FRAMES);
+  part = raw("--smooth_lips --fps 50 --frames 13:16", 3);
+  assert_memory_equal(part, all + 13 * PIXEL_BYTES, 3 * PIXEL_BYTES);
+  free(part);
+  free(all);
+  json_t *reports[2];
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "eval m.safetensors clip --split train --smooth_lips %s --json", i == 0 ? "" : "--frames 6:9");
+    cli_expect(&cli, 0, NULL);
+    reports[i] = cli_json(&cli, NULL);
+  }
+  for (size_t k = 0; k < 3; k++) {
+    const json_t *whole = json_array_get(json_object_get(reports[0], "frames"), 6 + k);
+    const json_t *alone = json_array_get(json_object_get(reports[1], "frames"), k);
+    assert_true(json_equal(json_object_get(whole, "psnr"), json_object_get(alone, "psnr")));
+  }
+  json_decref(reports[0]);
+  json_decref(reports[1]);
+}
+
+/* Windows of another length than those of the training are other speech to the network. */
+static void test_window_length(void **state) {
+  (void)state;
+  static const char refused[] = "the windows of the speech are 8 vectors long, expected 16";
+  ern_context *context = support_context();
+  static float half[FRAMES * 8 * 29];
+  support_ok(context, ern_npy_write_f32(context, "half.npy", half, 3, (const size_t[]){FRAMES, 8, 29}));
+  ern_context_free(&context);
+  cli_run(&cli, "render m.safetensors --clip clip --audio half.npy -o bad.mp4");
+  cli_expect(&cli, 1, "half.npy", refused, NULL);
+  cli_run(&cli, "eval m.safetensors clip --audio half.npy");
+  cli_expect(&cli, 1, "half.npy", refused, NULL);
+  cli_run(&cli, "train clip --audio half.npy --torso --head m.safetensors -o bad.safetensors --iters 1");
+  cli_expect(&cli, 1, "the head was trained on windows of 16 vectors of speech, the clip's have 8", NULL);
+  cli_run(&cli,
+          "train clip --audio half.npy --effects eye,codes,view --from m.safetensors -o bad.safetensors --iters 50");
+  cli_expect(&cli, 1, "m.safetensors: window length is 16, this training expects 8", NULL);
+  assert_false(cli_there("bad.mp4") || cli_there("bad.safetensors"));
+  /* a .pth does not say, nor does what was made of it: taken */
+  cli_run(&cli, "convert m.safetensors m.pth");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "convert m.pth back.safetensors");
+  cli_expect(&cli, 0, NULL);
+  static const char *const unsaid[] = {"m.pth", "back.safetensors"};
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "render %s --clip clip --audio half.npy --frames 0:2 -o unsaid.mp4 --quiet --force", unsaid[i]);
+    cli_expect(&cli, 0, NULL);
+  }
+  cli_run(&cli, "info m.safetensors");
+  cli_expect_out(&cli, 0, "29 wide, 16 to a window", NULL);
+}
+
 static void test_refused(void **state) {
   (void)state;
   static const char *const cases[][3] = {{"0.5\n0.5\n", "has eyes for 2 frames", "expected at least 12"},
@@ -116,7 +178,8 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_eye_curve), cmocka_unit_test(test_hold),
-                                     cmocka_unit_test(test_rotate), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_eye_curve),     cmocka_unit_test(test_hold),
+                                     cmocka_unit_test(test_rotate),        cmocka_unit_test(test_smooth_lips),
+                                     cmocka_unit_test(test_window_length), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -94,6 +94,10 @@ static const char *const refused[][3] = {
     {"bench --backend all --device 256", "--device", "0 to 255"},
     {"bench --backend opencl --isa avx2", "--isa", "--backend opencl leaves out"},
     {"bench --backend opencl --threads 2", "--threads", "--backend opencl leaves out"},
+    {"render m.safetensors --clip clip -o x.mp4 --backend opencl --isa nonsense", "--isa",
+     "--backend opencl leaves out"},
+    {"eval m.safetensors clip --backend opencl --threads 2", "--threads", "--backend opencl leaves out"},
+    {"train clip -o x.safetensors --backend opencl --isa avx2", "--isa", "--backend opencl leaves out"},
     {"synth there --no-blink=yes", "--no-blink", "switch"},
 };
 

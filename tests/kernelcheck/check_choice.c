@@ -77,10 +77,25 @@ static void test_named(void **state) {
   }
 }
 
+/* A name that is none is refused before a device is looked for, whether there is one or not. */
+static void test_named_beside_opencl(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_backend_config config = ern_backend_config_default();
+  ern_backend *backend = NULL;
+  config.name = "opencl";
+  config.isa = "nonsense";
+  support_expect(context, ern_backend_create(&backend, context, &config), ERN_E_UNSUPPORTED, "instruction set",
+                 "nonsense", "auto ref ref64", NULL);
+  assert_null(backend);
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_best),
       cmocka_unit_test(test_named),
+      cmocka_unit_test(test_named_beside_opencl),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -120,7 +120,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
     return session_fail(session);
   if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
-  status = portrait_cut(portrait, args, &job->judge.shots);
+  status = portrait_cut(portrait, session, args, &job->judge.shots, features);
   return status != 0 ? status : portrait_thin(portrait, session, &job->judge.shots, features);
 }
 

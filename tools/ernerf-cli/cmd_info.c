@@ -163,7 +163,9 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   printf("  attention        %s%s%s\n", ern_attention_name(info->attention), info->has_eye ? ", of the eyes " : "",
          info->has_eye ? ern_eye_attention_name(info->eye_attention) : "");
   if (info->levels > 1) printf("  levels           %d\n", info->levels);
-  printf("  features         %d wide\n", info->feature_width);
+  printf("  features         %d wide", info->feature_width);
+  if (info->window_length > 0) printf(", %d to a window", info->window_length);
+  printf("\n");
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
   printf("  bound            %g\n", (double)info->bound);
@@ -206,17 +208,17 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
+      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
                 "s:{s:I, s:I}, s:o}",
                 "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
                 (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
                 ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
                 ern_eye_attention_name(info.eye_attention), "levels", info.levels, "effects", effects, "feature_width",
-                info.feature_width, "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound,
-                "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
-                (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
-                "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages,
-                "tensors", tensors.list));
+                info.feature_width, "window_length", info.window_length, "codes", info.codes, "torso_gamma",
+                info.has_gamma, "bound", (double)info.bound, "clip", info.clip, "parameters",
+                (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
+                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
+                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

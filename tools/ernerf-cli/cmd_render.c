@@ -126,7 +126,7 @@ static int open_shots(struct render_job *job, const struct args *args) {
   if (status == 0) status = control_clip(&job->control, session, args, shots);
   if (status == 0 && job->audio != NULL) status = shots_replay(shots, session, job->features->windows);
   if (status == 0) status = shots_resample(shots, session, job->rate, job->features);
-  if (status == 0) status = portrait_cut(portrait, args, shots);
+  if (status == 0) status = portrait_cut(portrait, session, args, shots, job->features);
   return status == 0 ? control_output(&job->control, session, shots) : status;
 }
 

@@ -342,7 +342,7 @@ static int find_units(struct tradeoff *t) {
 static int choose_frames(struct tradeoff *t, const struct args *args) {
   struct shots *shots = &t->judge.shots;
   if (args_given(args, "frames")) {
-    const int status = portrait_cut(&t->portrait, args, shots);
+    const int status = portrait_cut(&t->portrait, &t->session, args, shots, t->judge.features);
     if (status != 0) return status;
     if (shots->count > TRADEOFF_FRAMES)
       return args_refuse(args, "--frames are %zu, expected %d at most: every point draws all of them", shots->count,

@@ -179,6 +179,25 @@ const float *portrait_refined(const struct portrait *portrait, const struct shot
 
 const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }
 
-int portrait_cut(const struct portrait *portrait, const struct args *args, struct shots *shots) {
-  return args_given(args, "frames") ? shots_cut(shots, args, &portrait->frames) : 0;
+static int hear_before(const struct portrait *portrait, struct session *session, const struct shots *shots,
+                       const ern_features *features) {
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  const size_t begin = portrait->frames.begin < shots->count ? (size_t)portrait->frames.begin : shots->count;
+  ern_status status = ERN_OK;
+  float *windows = malloc(values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for a window of speech");
+  for (size_t k = 0; k < begin && status == ERN_OK && !session_interrupted(); k++) {
+    shots_windows(shots, k, features, (ern_audio_pad)portrait->audio_pad, windows);
+    status = ern_renderer_skip(portrait->renderer, windows, features->window_length);
+  }
+  free(windows);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+int portrait_cut(const struct portrait *portrait, struct session *session, const struct args *args, struct shots *shots,
+                 const ern_features *features) {
+  int status = 0;
+  if (!args_given(args, "frames")) return 0;
+  if (portrait->render.smooth_lips) status = hear_before(portrait, session, shots, features);
+  return status == 0 ? shots_cut(shots, args, &portrait->frames) : status;
 }

@@ -49,7 +49,9 @@ const float *portrait_refined(const struct portrait *portrait, const struct shot
 
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
-/* Frames [begin, end) that --frames asks for. As shots_cut. */
-int portrait_cut(const struct portrait *portrait, const struct args *args, struct shots *shots);
+/* Frames [begin, end) that --frames asks for. With --smooth_lips the speech of those before is heard, not drawn, so
+ * that the first ones are as in the whole. Returns 0, or an exit status after a message. */
+int portrait_cut(const struct portrait *portrait, struct session *session, const struct args *args, struct shots *shots,
+                 const ern_features *features);
 
 #endif

@@ -149,6 +149,10 @@ int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
   if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
     return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
+  if (session->backend_choice == SESSION_OPENCL) {
+    const int status = args_forbid(args, "isa threads", "is about the CPU, which --backend opencl leaves out");
+    if (status >= 0) return status;
+  }
   ern_context_config config = ern_context_config_default();
   config.log = log_line;
   config.user = session;
