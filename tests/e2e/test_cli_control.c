@@ -10,7 +10,8 @@ static struct cli cli;
 
 static int make_model(void **state) {
   (void)state;
-  static const char *const old[] = {"clip", "m.safetensors", "m.run", "open", "open.safetensors", "open.run"};
+  static const char *const old[] = {"clip",  "m.safetensors",    "m.run",     "open", "open.safetensors", "open.run",
+                                    "m.pth", "back.safetensors", "unsaid.mp4"};
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);
@@ -151,6 +152,7 @@ static void test_window_length(void **state) {
   cli_expect(&cli, 0, NULL);
   static const char *const unsaid[] = {"m.pth", "back.safetensors"};
   for (int i = 0; i < 2; i++) {
+    support_clear("unsaid.mp4");
     cli_run(&cli, "render %s --clip clip --audio half.npy --frames 0:2 -o unsaid.mp4 --quiet --force", unsaid[i]);
     cli_expect(&cli, 0, NULL);
   }

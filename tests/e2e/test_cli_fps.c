@@ -57,6 +57,13 @@ static bool same(const uint8_t *a, size_t i, const uint8_t *b, size_t j) {
   return memcmp(a + i * PIXEL_BYTES, b + j * PIXEL_BYTES, PIXEL_BYTES) == 0;
 }
 
+/* Where nothing lies yet. */
+static void clear_outputs(void) {
+  support_clear("v.mp4");
+  support_clear("v.json");
+  support_clear("w.mp4");
+}
+
 /* Mean of the squared differences of two frames. */
 static double apart(const uint8_t *a, size_t i, const uint8_t *b, size_t j) {
   double sum = 0;
@@ -87,6 +94,7 @@ static void test_times(void **state) {
     double seconds = 0;
     bool end = false;
     size_t count = 0;
+    clear_outputs();
     cli_run(&cli, "render m.safetensors --clip clip %s -o v.mp4 --json v.json", cases[i].words);
     cli_expect(&cli, 0, "a second", NULL);
     support_ok(context, ern_video_reader_open(context, "v.mp4", &reader));
@@ -181,6 +189,7 @@ static void test_control(void **state) {
   assert_false(same(blink, 0, blink, 2));
   free(blink);
   support_write_text("short.txt", "0\n1\n");
+  clear_outputs();
   cli_run(&cli, "render m.safetensors --clip clip --fps 50 --frames 0:4 --eye short.txt -o v.mp4");
   cli_expect(&cli, 1, "short.txt: has eyes for 2 frames, expected at least 3", "at 25 a second", NULL);
   free(raw("--fps 50 --frames 0:3 --eye short.txt", 3));
@@ -189,6 +198,7 @@ static void test_control(void **state) {
 /* What is heard of the file, one channel; the caller frees it. */
 static ern_sound heard(const char *words) {
   ern_sound sound = {0};
+  clear_outputs();
   cli_run(&cli, "render m.safetensors --clip clip %s -o w.mp4 --quiet", words);
   cli_expect(&cli, 0, NULL);
   support_ok(context, ern_sound_read(context, "w.mp4", &sound));
@@ -241,6 +251,7 @@ static void test_words(void **state) {
     cli_expect(&cli, 2, "--fps is \"", "expected frames a second from 1 to 240", NULL);
   }
   assert_false(cli_there("bad.mp4"));
+  clear_outputs();
   cli_run(&cli, "render m.safetensors --clip clip --fps 30 --hold-fps 0.1 -o v.mp4 --json v.json");
   cli_expect(&cli, 0, "15 frames of 64 x 64, 30 a second", "a quick look", NULL);
   json_t *report = cli_json(&cli, "v.json");
