@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What a resume needs, written and read: weights, second moments, average, density grid, step. */
 #include <errno.h>
+#include <inttypes.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -92,10 +93,30 @@ fail:
   return status;
 }
 
+/* A JSON number of the library has 63 bits: a larger seed is a string of its digits. */
+static json_t *seed_json(uint64_t seed) {
+  char digits[24];
+  if (seed <= INT64_MAX) return json_integer((json_int_t)seed);
+  snprintf(digits, sizeof digits, "%" PRIu64, seed);
+  return json_string(digits);
+}
+
+/* Files of before have a number below 0 for such a one: the same bits. */
+static bool seed_read(const json_t *value, uint64_t *seed) {
+  char *end = NULL;
+  *seed = (uint64_t)json_integer_value(value);
+  if (json_is_integer(value)) return true;
+  const char *digits = json_string_value(value);
+  if (digits == NULL || digits[0] < '0' || digits[0] > '9') return false;
+  errno = 0;
+  *seed = strtoull(digits, &end, 10);
+  return errno == 0 && *end == 0;
+}
+
 static ern_status about_text(const ern_trainer *t, char **text) {
   *text = NULL;
-  json_t *root = json_pack("{s:b, s:I, s:I, s:I, s:i, s:f}", "torso", t->config.torso, "step", (json_int_t)t->step,
-                           "ema_updates", (json_int_t)t->ema_updates, "seed", (json_int_t)t->config.seed, "rays",
+  json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f}", "torso", t->config.torso, "step", (json_int_t)t->step,
+                           "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(t->config.seed), "rays",
                            t->config.rays, "seconds", t->seconds);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);
@@ -194,8 +215,9 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
   const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
                *updates = json_object_get(root, "ema_updates"), *seed = json_object_get(root, "seed"),
                *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds");
+  uint64_t seed_value = 0;
   const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) &&
-                     json_is_integer(seed) && json_is_integer(rays) && json_is_number(seconds) &&
+                     seed_read(seed, &seed_value) && json_is_integer(rays) && json_is_number(seconds) &&
                      json_integer_value(step) >= 0 && json_integer_value(step) <= ERN_MODEL_MOST_STEPS &&
                      json_integer_value(updates) >= 0 && json_integer_value(updates) <= ERN_MODEL_MOST_STEPS &&
                      json_integer_value(rays) >= 0 && json_integer_value(rays) <= INT32_MAX &&
@@ -203,7 +225,7 @@ static ern_status parse_about(ern_trainer *t, const char *text, const char *path
   *about = (struct state_about){.torso = json_is_true(torso),
                                 .step = (uint64_t)json_integer_value(step),
                                 .ema_updates = (uint64_t)json_integer_value(updates),
-                                .seed = (uint64_t)json_integer_value(seed),
+                                .seed = seed_value,
                                 .rays = (int)json_integer_value(rays),
                                 .seconds = json_number_value(seconds)};
   json_decref(root);
