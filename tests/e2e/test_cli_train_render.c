@@ -102,7 +102,7 @@ static void stop_training(const char *name, int signal) {
 static void test_resume(void **state) {
   (void)state;
   stop_training("stopped", SIGINT);
-  cli_expect(&cli, 1, "ernerf train: stopped after step", "of 40", "--resume", NULL);
+  cli_expect(&cli, 128 + SIGINT, "ernerf train: stopped after step", "of 40", "--resume", NULL);
   assert_true(cli_there("stopped.safetensors"));
   cli_run(&cli, "train clip -o stopped.safetensors " HEAD_WORDS " --resume");
   cli_expect(&cli, 0, "40/40", NULL);
@@ -332,6 +332,28 @@ static void test_sound(void **state) {
   ern_context_free(&context);
 }
 
+/* The largest seed is told as it was given, in the report and in the state, and a resume knows it again. */
+static void test_largest_seed(void **state) {
+  (void)state;
+  static const char seed[] = "18446744073709551615";
+  size_t bytes = 0;
+  support_clear("seed.safetensors");
+  support_clear("seed.run");
+  cli_run(&cli, "train clip -o seed.safetensors --iters 1 --rays 16 --levels 2 --seed %s --quiet --json", seed);
+  cli_expect(&cli, 0, NULL);
+  json_t *report = cli_json(&cli, NULL);
+  assert_string_equal(json_string_value(json_object_get(report, "seed")), seed);
+  json_decref(report);
+  char *text = (char *)cli_bytes("seed.run/state.safetensors", &bytes);
+  assert_non_null(strstr(text + 8, "\\\"seed\\\":\\\"18446744073709551615\\\"")); /* 8: the header's length */
+  free(text);
+  cli_run(&cli, "train clip -o seed.safetensors --iters 2 --rays 16 --levels 2 --seed %s --resume", seed);
+  cli_expect(&cli, 0, seed, NULL);
+  assert_null(strstr(cli.err, "was trained with seed"));
+  cli_run(&cli, "train clip -o seed.safetensors --iters 3 --rays 16 --levels 2 --seed 5 --resume");
+  cli_expect(&cli, 0, "was trained with seed 18446744073709551615 and 16 rays; going on with 5", NULL);
+}
+
 /* Ctrl-C while drawing: no video. */
 static void test_stopped_video(void **state) {
   (void)state;
@@ -346,7 +368,7 @@ static void test_stopped_video(void **state) {
   }
   assert_int_equal(kill(cli.pid, SIGTERM), 0);
   cli_wait(&cli);
-  cli_expect(&cli, 1, "ernerf render: stopped at frame", "of 22", NULL);
+  cli_expect(&cli, 128 + SIGTERM, "ernerf render: stopped at frame", "of 22", NULL);
   assert_false(cli_there("cut.mp4"));
 }
 
@@ -533,6 +555,7 @@ int main(void) {
       cmocka_unit_test(test_average),      cmocka_unit_test(test_torso),           cmocka_unit_test(test_video),
       cmocka_unit_test(test_video_pixels), cmocka_unit_test(test_sound),           cmocka_unit_test(test_stopped_video),
       cmocka_unit_test(test_controls),     cmocka_unit_test(test_replay),          cmocka_unit_test(test_pictures),
-      cmocka_unit_test(test_eval),         cmocka_unit_test(test_eval_of_pytorch), cmocka_unit_test(test_no_blink)};
+      cmocka_unit_test(test_eval),         cmocka_unit_test(test_eval_of_pytorch), cmocka_unit_test(test_no_blink),
+      cmocka_unit_test(test_largest_seed)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -22,19 +22,35 @@ static void test_help(void **state) {
   cli_expect(&cli, 0, NULL);
   char version[64];
   snprintf(version, sizeof version, "ernerf %s\n", ern_version());
-  cli_run(&cli, "--version");
+  static const char *const asks[] = {"--version", "-V"};
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "%s", asks[i]);
+    cli_expect(&cli, 0, NULL);
+    assert_string_equal(cli.out, version);
+  }
+  cli_run(&cli, "render --help");
+  char *expected = strdup(cli.out);
+  assert_non_null(expected);
+  cli_run(&cli, "help render");
   cli_expect(&cli, 0, NULL);
-  assert_string_equal(cli.out, version);
+  assert_string_equal(cli.out, expected);
+  free(expected);
+  cli_run(&cli, "help");
+  cli_expect_out(&cli, 0, "train", "convert", "130", "143", NULL);
+  cli_run(&cli, "help rendr");
+  cli_expect(&cli, 2, "nearest is render", NULL);
 }
 
 static void test_verbs(void **state) {
   (void)state;
   cli_run(&cli, "%s", "");
-  cli_expect(&cli, 2, "verb is missing", NULL);
+  cli_expect(&cli, 2, "  train  ", "  render  ", "  convert  ", "ernerf VERB --help", NULL);
+  assert_string_equal(cli.out, "");
   cli_run(&cli, "rendr head.safetensors");
   cli_expect(&cli, 2, "rendr", "nearest is render", NULL);
   cli_run(&cli, "nonsense");
   cli_expect(&cli, 2, "unknown verb", "nonsense", NULL);
+  assert_null(strstr(cli.err, "nearest"));
 }
 
 /* A line, and two words that its refusal holds. */
@@ -71,8 +87,10 @@ static const char *const refused[][3] = {
     {"render m.safetensors --clip c -o - --json", "--json", "standard output"},
     {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "no more than 1"},
     {"eval m.safetensors", "CLIP", "missing"},
-    {"eval m.safetensors clip --fix_eye 0.5", "unknown option --fix_eye", "nearest"}, /* not of this verb */
-    {"check clip --threads 2", "unknown option --threads", "nearest"},
+    {"eval m.safetensors clip --fix_eye 0.5", "--fix_eye is an option of", "`ernerf render`"},
+    {"eval m.safetensors clip --hold_pose 5", "unknown option --hold_pose",
+     "`ernerf eval --help`"}, /* nothing is near */
+    {"check clip --threads 2", "unknown option --threads\n", "`ernerf check"},
     {"check clip --json=there.txt", "there.txt", ".json"},
     {"synth", "DIR", "missing"},
     {"tradeoff m.safetensors", "CLIP is missing", "--help"},
@@ -163,8 +181,8 @@ static void test_public_names(void **state) {
     cli_expect(&cli, 1, "nowhere", "missing", NULL);
   }
   cli_run(&cli,
-          "render nowhere.safetensors --clip c -o x.mp4 --aud a.npy --smooth_path --smooth_path_window 7 --fix_eye 0.2 "
-          "--smooth_lips --bg_img white --max_steps 16 --torso_shrink 0.8 --size 64X32 --frames 2: --seed 1");
+          "render nowhere.safetensors --clip c -ox.mp4 --aud a.npy --smooth_path --smooth_path_window 7 --fix_eye 0.2 "
+          "--smooth_lips --bg_img white --max_steps 16 --torso_shrink 0.8 --size 64X32 --frames 2:");
   cli_expect(&cli, 1, "nowhere.safetensors", NULL);
   cli_run(
       &cli,
@@ -173,6 +191,58 @@ static void test_public_names(void **state) {
   cli_run(&cli, "eval nowhere.safetensors c --smooth-lips --force --frames :5 --audio-pad=zero");
   cli_expect(&cli, 1, "nowhere.safetensors", NULL);
   assert_false(cli_there("x.safetensors") || cli_there("x.run") || cli_there("x.mp4"));
+}
+
+/* Options of the public programs that are not here say what is: in each of the verbs that stand for their main.py. */
+static void test_public_options(void **state) {
+  (void)state;
+  static const char *const options[][2] = {{"-O", "not needed"},
+                                           {"--path data/may", "the clip is a word"},
+                                           {"--test", "`ernerf eval MODEL CLIP`"},
+                                           {"--test_train", "--split train"},
+                                           {"--test-train", "--split train"},
+                                           {"--workspace trial", "-o X.safetensors"},
+                                           {"--ckpt latest", "--resume"},
+                                           {"--fp16", "--isa"},
+                                           {"--cuda_ray", "empty space"},
+                                           {"--num_steps 16", "--max_steps"},
+                                           {"--max_ray_batch 4096", "memory"},
+                                           {"--lambda_amb=0.1", "docs/maths.md"},
+                                           {"--exp_eye", "au.csv"},
+                                           {"--preload 0", "--memory"},
+                                           {"--patch_size 32", "LPIPS"},
+                                           {"--init_lips", "LPIPS"},
+                                           {"--finetune_lips", "LPIPS"},
+                                           {"--gui", "draws a video"},
+                                           {"--fovy 21", "draws a video"},
+                                           {"-W 450", "--size WxH"},
+                                           {"--W 450", "--size WxH"},
+                                           {"--emb", "vectors"},
+                                           {"--part", "--frames A:B"},
+                                           {"--part2", "--frames A:B"},
+                                           {"--asr", "--audio FILE.npy"},
+                                           {"--asr_play", "--audio FILE.npy"},
+                                           {"-l 10", "--audio FILE.npy"},
+                                           {"-m8", "unknown option -m8"}};
+  static const char *const public_verbs[] = {"train clip -o x.safetensors", "render m.safetensors --clip clip -o x.mp4",
+                                             "eval m.safetensors clip"};
+  for (size_t v = 0; v < sizeof public_verbs / sizeof *public_verbs; v++)
+    for (size_t i = 0; i < sizeof options / sizeof *options; i++) {
+      cli_run(&cli, "%s %s", public_verbs[v], options[i][0]);
+      cli_expect(&cli, 2, options[i][1], "--help", NULL);
+      assert_null(strstr(cli.err, "nearest"));
+    }
+  static const char *const others[][2] = {{"render m.safetensors --iters 5", "option of `ernerf train`"},
+                                          {"eval m.safetensors clip --torso", "option of `ernerf train`"},
+                                          {"render m.safetensors --seed 1", "drawing takes no random numbers"},
+                                          {"eval m.safetensors clip --seed 1", "drawing takes no random numbers"},
+                                          {"train clip --smooth_eye", "option of `ernerf render`"},
+                                          {"train clip --fps 50", "option of `ernerf render`"},
+                                          {"check clip --test", "unknown option --test"}};
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+    cli_run(&cli, "%s", others[i][0]);
+    cli_expect(&cli, 2, others[i][1], NULL);
+  }
 }
 
 static void test_json(void **state) {
@@ -194,6 +264,7 @@ static void test_json(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_help),         cmocka_unit_test(test_verbs),
                                      cmocka_unit_test(test_refused),      cmocka_unit_test(test_ranges),
-                                     cmocka_unit_test(test_public_names), cmocka_unit_test(test_json)};
+                                     cmocka_unit_test(test_public_names), cmocka_unit_test(test_public_options),
+                                     cmocka_unit_test(test_json)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

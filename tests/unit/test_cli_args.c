@@ -104,6 +104,16 @@ static void test_names(void **state) {
   assert_string_equal(got.text, "x=y");
   accept("-o name");
   assert_string_equal(got.text, "name");
+  accept("-oname --flag");
+  assert_string_equal(got.text, "name");
+  assert_true(got.flag);
+  accept("-oa=b");
+  assert_string_equal(got.text, "a=b");
+  accept("-o-");
+  assert_string_equal(got.text, "-");
+  accept("-o=name");
+  assert_string_equal(got.text, "name");
+  refuse("-output name", "unknown option -output", "nearest is --output"); /* not -o with "utput" */
   accept("--output - --number 5");
   assert_string_equal(got.text, "-");
   struct args args = fresh();
@@ -117,6 +127,9 @@ static void test_names(void **state) {
   assert_true(args_given(&args, "real") && args_given(&args, "lr-net"));
   refuse("--flags", "--flags", "nearest is --flag");
   refuse("--memroy 5", "--memroy", "nearest is --memory");
+  refuse("--outptu 5", "--outptu", "nearest is --output");
+  refuse("--width 5", "unknown option --width\n", "--help"); /* nothing is near */
+  refuse("--x", "unknown option --x\n", "--help");
   accept("--");
 }
 

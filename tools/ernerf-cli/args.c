@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "public_options.h"
+
 enum { NAME_BYTES = 64, TEXT_BYTES = 256 };
 
 int args_refuse(const struct args *args, const char *format, ...) {
@@ -90,22 +92,47 @@ static size_t distance(const char *a, const char *b) {
 }
 
 const char *args_nearest(const char *name, const char *const *names, size_t count) {
-  const char *best = count > 0 ? names[0] : "";
-  for (size_t i = 1; i < count; i++)
-    if (distance(name, names[i]) < distance(name, best)) best = names[i];
+  const char *best = NULL;
+  size_t least = (strlen(name) + 1) / 3 + 1;
+  for (size_t i = 0; i < count; i++) {
+    const size_t edits = distance(name, names[i]);
+    if (edits >= least) continue;
+    least = edits;
+    best = names[i];
+  }
   return best;
 }
 
-static int refuse_unknown(const struct args *args, const char *word, size_t length) {
-  char name[NAME_BYTES];
-  const char *names[128];
+/* The name nearest to `name` of all that the options have, with its dashes, in `text`; "" where none is near. */
+static void nearest_option(const struct args *args, const char *name, char text[NAME_BYTES + 2]) {
+  enum { NAMES = 256 };
+  char copies[NAMES][NAME_BYTES];
+  const char *names[NAMES];
   size_t count = 0;
-  snprintf(name, sizeof name, "%.*s", (int)length, word + strspn(word, "-"));
   for (int g = 0; g < ARGS_GROUPS; g++)
-    for (size_t i = 0; i < args->groups[g].count && count < 128; i++) names[count++] = args->groups[g].options[i].name;
+    for (size_t i = 0; i < args->groups[g].count; i++) {
+      const struct option *option = &args->groups[g].options[i];
+      if (count < NAMES) names[count++] = option->name;
+      for (const char *at = option->alias; at != NULL && *at != 0 && count < NAMES;) {
+        const size_t bytes = strcspn(at, " ");
+        snprintf(copies[count], NAME_BYTES, "%.*s", (int)bytes, at);
+        names[count] = copies[count];
+        count++;
+        at += bytes + strspn(at + bytes, " ");
+      }
+    }
   const char *nearest = args_nearest(name, names, count);
-  return args_refuse(args, "unknown option %.*s, the nearest is %s%s", (int)(length + strspn(word, "-")), word,
-                     dashes_of(nearest), nearest);
+  snprintf(text, NAME_BYTES + 2, "%s%s", nearest != NULL ? dashes_of(nearest) : "", nearest != NULL ? nearest : "");
+}
+
+static int refuse_unknown(const struct args *args, const char *word, size_t length) {
+  char name[NAME_BYTES], nearest[NAME_BYTES + 2];
+  snprintf(name, sizeof name, "%.*s", (int)length, word + strspn(word, "-"));
+  const int bytes = (int)(length + strspn(word, "-"));
+  const char *answer = args->public_names ? public_option(name, strlen(name)) : NULL;
+  if (answer != NULL) return args_refuse(args, "%.*s %s", bytes, word, answer);
+  nearest_option(args, name, nearest);
+  return args_refuse(args, "unknown option %.*s%s%s", bytes, word, nearest[0] != 0 ? ", the nearest is " : "", nearest);
 }
 
 /* ---- values ------------------------------------------------------------------------------------------------------ */
@@ -305,6 +332,23 @@ static int take_option(const struct args *args, struct option *option, const cha
   return take_value(args, option, value);
 }
 
+/* The option of the word "--NAME", "--NAME=VALUE", "-N", "-N=VALUE" or "-NVALUE", and the letters of its name; *value
+ * stays NULL where the word has none. NULL: there is none of that name. */
+static struct option *split_option(const struct args *args, const char *word, size_t *length, const char **value) {
+  const size_t dashes = word[1] == '-' ? 2 : 1;
+  *length = strcspn(word + dashes, "=");
+  struct option *option = find_option(args, word + dashes, *length);
+  if (word[dashes + *length] == '=') *value = word + dashes + *length + 1;
+  if (dashes == 2) return *length > 1 ? option : NULL; /* one letter has one dash */
+  if (*length == 1) return option;
+  if (option != NULL) return NULL; /* "-output" lacks a dash: it is not -o with the value "utput" */
+  option = find_option(args, word + 1, 1);
+  if (option == NULL || option->kind == OPTION_FLAG || option->kind == OPTION_OFF) return NULL;
+  *value = word + 2;
+  *length = 1;
+  return option;
+}
+
 static void print_help(const struct args *args);
 
 int args_parse(struct args *args, int argc, char **argv) {
@@ -321,12 +365,10 @@ int args_parse(struct args *args, int argc, char **argv) {
     if (!options_end && strcmp(word, "--") == 0) {
       options_end = true;
     } else if (!options_end && word[0] == '-' && word[1] != 0) {
-      const size_t dashes = word[1] == '-' ? 2 : 1;
-      const size_t length = strcspn(word + dashes, "=");
-      struct option *option = find_option(args, word + dashes, length);
-      /* one dash is for names of one letter */
-      if (option == NULL || (dashes == 1) != (length == 1)) return refuse_unknown(args, word, length);
-      const char *value = word[dashes + length] == '=' ? word + dashes + length + 1 : NULL;
+      const char *value = NULL;
+      size_t length = 0;
+      struct option *option = split_option(args, word, &length, &value);
+      if (option == NULL) return refuse_unknown(args, word, length);
       const int status = take_option(args, option, value, argc - i, argv + i, &used);
       if (status >= 0) return status;
     } else if (words < args->word_count && word[0] != 0) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The words of a command line, read by tables: a row an option, a table a group. Dashes and underscores are the same in
- * names; `--name value` and `--name=value` both do. */
+ * names; `--name value` and `--name=value` both do, and of one letter `-n value` and `-nvalue`. */
 #ifndef ERN_CLI_ARGS_H
 #define ERN_CLI_ARGS_H
 
@@ -70,6 +70,7 @@ struct args {
   const char *summary; /* what the verb does, in a line */
   const char *usage;   /* how it is called, lines without "ernerf " */
   const char *notes;   /* paragraphs after the options; NULL: none */
+  bool public_names;   /* answer options of the public programs that the verb does not have (public_options.h) */
   struct word *words;
   size_t word_count, optional_words; /* the last so many may be missing */
   struct {
@@ -92,7 +93,7 @@ int args_refuse(const struct args *args, const char *format, ...) ERN_PRINTF(2, 
 /* EXIT_USAGE with a sentence when one of `names` (split at spaces) was given, for the reason `why`; else -1. */
 int args_forbid(const struct args *args, const char *names, const char *why);
 
-/* Of `count` names the one nearest to `name` by edits. */
+/* Of `count` names the one nearest to `name` by edits; NULL where more than a third of its letters would change. */
 const char *args_nearest(const char *name, const char *const *names, size_t count);
 
 #endif

@@ -221,7 +221,7 @@ static int judge_frames(struct ablate_job *job, struct ablation_row *row, size_t
   size_t mouths = 0;
   for (size_t k = 0; k < frames; k++) {
     struct judged judged;
-    if (session_interrupted()) return session_fail_with(&job->session, "stopped; --resume goes on");
+    if (session_interrupted()) return session_stop_with(&job->session, "stopped; --resume goes on");
     if (judge_frame(&job->judge, renderer, model, k, &judged) != 0) return EXIT_FAILURE;
     psnr[k] = judged.psnr;
     ssim[k] = judged.ssim;
@@ -273,7 +273,7 @@ static int run_one(struct ablate_job *job, size_t r, size_t seed) {
   const ern_status trained = train(job, row, session->seed + seed, path, &row->seconds[seed]);
   progress_end(&job->progress);
   if (trained == ERN_E_CANCELLED && session_interrupted())
-    return session_fail_with(session, "stopped; the state is saved, --resume goes on");
+    return session_stop_with(session, "stopped; the state is saved, --resume goes on");
   if (trained != ERN_OK) return session_fail(session);
   int status = open_model(job, path, &model, &renderer);
   if (status == 0) status = judge_row(job, row, seed, model, renderer);
@@ -300,7 +300,7 @@ static int take_turns(struct ablate_job *job) {
   for (size_t turn = 0; turn <= (size_t)job->repeats; turn++) {
     for (size_t r = 0; r < result->rows; r++) {
       struct judged judged;
-      if (session_interrupted()) return session_fail_with(&job->session, "stopped; --resume goes on");
+      if (session_interrupted()) return session_stop_with(&job->session, "stopped; --resume goes on");
       if (judge_draw(&job->judge, job->renderer[r], job->model[r], turn % job->judge.shots.count, &judged) != 0)
         return EXIT_FAILURE;
       if (turn > 0) result->row[r].ms[result->row[r].times++] = judged.ms;
@@ -379,7 +379,7 @@ static void close_all(struct ablate_job *job) {
 int cmd_ablate(int argc, char **argv) {
   struct ablate_job job = {
       .lr_net = ern_train_config_default().lr_net, .iters = 2000, .rays = 4096, .seeds = 1, .repeats = 15};
-  struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS];
   struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "ablate",
@@ -392,10 +392,11 @@ int cmd_ablate(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"What is compared:", own, OWN_OPTIONS},
-                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS}}};
   own_options(&job, own);
   session_compute_options(&job.session, common);
-  session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  session_seed_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
   if (status < 0) status = choose_rows(&job, &args);

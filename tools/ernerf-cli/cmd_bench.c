@@ -198,6 +198,8 @@ static void begin(struct bench_job *job, const char *what, const char *unit) {
 }
 static int end(struct bench_job *job, ern_status status) {
   if (job->terminal) progress_end(&job->progress);
+  if (status == ERN_E_CANCELLED && session_interrupted())
+    return session_stop_with(&job->session, "%s", ern_last_error(job->session.context));
   return status == ERN_OK ? 0 : session_fail(&job->session);
 }
 

@@ -132,7 +132,7 @@ static int judge_all(struct eval_job *job) {
   const struct shots *shots = &job->judge.shots;
   for (size_t k = 0; k < shots->count; k++) {
     struct judged judged;
-    if (session_interrupted()) return session_fail_with(session, "stopped at frame %zu of %zu", k, shots->count);
+    if (session_interrupted()) return session_stop_with(session, "stopped at frame %zu of %zu", k, shots->count);
     if (judge_frame(&job->judge, job->portrait.renderer, job->portrait.model, k, &judged) != 0) return EXIT_FAILURE;
     take_figures(job, &shots->shot[k], &judged);
     progress_at(&progress, k + 1, shots->count, "");
@@ -168,6 +168,7 @@ int cmd_eval(int argc, char **argv) {
           "A head is drawn over the true torso pictures, head and torso over the background. Summaries are means of\n"
           "the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59. Frames a second\n"
           "count drawing to 8-bit pixels, without reading, judging and encoding.",
+      .public_names = true,
       .words = words,
       .word_count = 2,
       .groups = {{"What is compared:", own, OWN_OPTIONS},

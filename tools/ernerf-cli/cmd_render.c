@@ -354,7 +354,7 @@ static int draw_all(struct render_job *job) {
   double before = began;
   for (size_t k = 0; k < job->shots.count; k++) {
     if (session_interrupted())
-      return session_fail_with(session, "stopped at frame %zu of %zu%s", k, job->shots.count,
+      return session_stop_with(session, "stopped at frame %zu of %zu%s", k, job->shots.count,
                                job->sink.kind == SINK_VIDEO ? ", no video was written" : "");
     if (draw(job, k) != 0) return EXIT_FAILURE;
     const double now = session_seconds();
@@ -403,6 +403,7 @@ int cmd_render(int argc, char **argv) {
           "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
           "mp4: H.264 yuv420p, AAC. png: RGBA. exr: R G B A (as the model gives them, not\n"
           "linearised, alpha multiplied in), Z depth, audio_attention, and eye_attention where the model has it.",
+      .public_names = true,
       .words = words,
       .word_count = 1,
       .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},

@@ -153,11 +153,12 @@ static void clear_folder(const struct soak_job *job) {
 }
 
 static json_t *report(const struct soak_job *job) {
-  return json_pack("{s:o, s:b, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:s, s:s}", "clip", session_text(job->clip_path),
+  return json_pack("{s:o, s:b, s:I, s:I, s:I, s:I, s:o, s:o, s:f, s:s, s:s}", "clip", session_text(job->clip_path),
                    "torso", job->torso, "steps", (json_int_t)job->done, "rounds", (json_int_t)job->rounds, "resumes",
-                   (json_int_t)job->resumes, "frames", (json_int_t)job->frames, "seed", (json_int_t)job->session.seed,
-                   "first", (json_int_t)job->first, "seconds", session_seconds() - job->began, "backend",
-                   job->session.backend_info.name, "isa", job->session.backend_info.isa);
+                   (json_int_t)job->resumes, "frames", (json_int_t)job->frames, "seed",
+                   session_whole(job->session.seed), "first", session_whole(job->first), "seconds",
+                   session_seconds() - job->began, "backend", job->session.backend_info.name, "isa",
+                   job->session.backend_info.isa);
 }
 
 static int run(struct soak_job *job) {
@@ -188,7 +189,7 @@ static int run(struct soak_job *job) {
                "soak: %" PRIu64 " steps in %" PRIu64 " rounds, %" PRIu64 " resumes, %" PRIu64
                " frames, %s: all finite (seed %" PRIu64 ", %s)",
                job->done, job->rounds, job->resumes, job->frames, spent, session->seed, session->backend_info.isa);
-  if (session_interrupted()) return session_fail_with(session, "stopped after step %" PRIu64, job->done);
+  if (session_interrupted()) return session_stop_with(session, "stopped after step %" PRIu64, job->done);
   return session_report(session, report(job));
 }
 
@@ -269,7 +270,7 @@ static void own_options(struct soak_job *job, struct option options[OWN_OPTIONS]
 
 int cmd_soak(int argc, char **argv) {
   struct soak_job job = {.steps = 10000};
-  struct option own[OWN_OPTIONS], how[SESSION_COMPUTE_OPTIONS + SESSION_OUTPUT_OPTIONS];
+  struct option own[OWN_OPTIONS], how[SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS + SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "soak",
@@ -282,10 +283,12 @@ int cmd_soak(int argc, char **argv) {
           "is not stops it with exit status 1, the tensor's name, and the words that repeat the round.",
       .words = words,
       .word_count = 1,
-      .groups = {{"What is done:", own, OWN_OPTIONS}, {"How:", how, SESSION_COMPUTE_OPTIONS + SESSION_OUTPUT_OPTIONS}}};
+      .groups = {{"What is done:", own, OWN_OPTIONS},
+                 {"How:", how, SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS + SESSION_OUTPUT_OPTIONS}}};
   own_options(&job, own);
   session_compute_options(&job.session, how);
-  session_output_options(&job.session, how + SESSION_COMPUTE_OPTIONS);
+  session_seed_options(&job.session, how + SESSION_COMPUTE_OPTIONS);
+  session_output_options(&job.session, how + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

@@ -23,13 +23,13 @@ static int make(struct session *session, ern_synth_options *options, const char 
   const ern_status status = ern_synth_write(session->context, folder, options);
   progress_end(&progress);
   if (status == ERN_E_CANCELLED && session_interrupted())
-    return session_fail_with(session, "stopped; nothing of %s was kept", folder);
+    return session_stop_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
   session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, options->frames,
                options->size, options->size, folder);
   return session_report(
-      session, json_pack("{s:o, s:i, s:i, s:I, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
-                         options->size, "frames", options->frames, "seed", (json_int_t)session->seed, "blink",
+      session, json_pack("{s:o, s:i, s:i, s:o, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
+                         options->size, "frames", options->frames, "seed", session_whole(session->seed), "blink",
                          options->blink, "torso", options->torso, "moving_camera", options->moving_camera, "seconds",
                          session_number(session_seconds() - began)));
 }

@@ -10,6 +10,7 @@
 #include "effects.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
+#include "forecast.h"
 #include "progress.h"
 #include "session.h"
 #include "verbs.h"
@@ -40,6 +41,7 @@ struct train_job {
   ern_model *head;
   ern_trainer *trainer;
   struct progress progress;
+  struct forecast forecast;
   struct curve curve;
   ern_train_report last; /* the newest one */
   bool stepped;          /* there is one */
@@ -153,7 +155,7 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
 
 static void number_options(struct train_job *job, struct option options[NUMBER_OPTIONS]) {
   ern_train_config *config = &job->config;
-  const struct option rows[NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_OUTPUT_OPTIONS] = {
+  const struct option rows[NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS] = {
       {.name = "rays",
        .alias = "num_rays",
        .kind = OPTION_INT,
@@ -227,8 +229,10 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .choices = "edge|zero",
        .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"}};
   memcpy(options, rows, sizeof rows);
-  session_compute_options(&job->session, options + sizeof rows / sizeof rows[0]);
-  session_output_options(&job->session, options + sizeof rows / sizeof rows[0] + SESSION_COMPUTE_OPTIONS);
+  struct option *common = options + sizeof rows / sizeof rows[0];
+  session_compute_options(&job->session, common);
+  session_seed_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
+  session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
 }
 
 static void clip_options(struct train_job *job, struct option options[CLIP_OPTIONS]) {
@@ -441,6 +445,7 @@ static int open_all(struct train_job *job, const struct args *args) {
 static int say_progress(void *user, const ern_train_report *report) {
   struct train_job *job = user;
   char more[64];
+  forecast_say(&job->forecast, &job->session, report, &job->config);
   job->progress.rate = report->steps_per_second;
   job->last = *report;
   job->stepped = true;
@@ -483,7 +488,7 @@ static json_t *report(const struct train_job *job) {
   json_t *effects = json_array();
   for (int e = 0; e < EFFECTS && !job->config.torso; e++)
     if (job->effects.has[e]) json_array_append_new(effects, json_string(effect_name((enum effect)e)));
-  return json_pack("{s:o, s:o, s:o, s:o, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s}", "effects",
+  return json_pack("{s:o, s:o, s:o, s:o, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:o, s:s, s:s}", "effects",
                    effects, "output", session_text(job->config.output), "run",
                    session_text(ern_trainer_folder(job->trainer)), "clip", session_text(job->source.path), "torso",
                    job->config.torso, "step", (json_int_t)(job->stepped ? last->step : job->config.iters), "iters",
@@ -492,7 +497,7 @@ static json_t *report(const struct train_job *job) {
                    job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
                    job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
                    job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
-                   (json_int_t)job->val_frames, "seed", (json_int_t)job->config.seed, "backend",
+                   (json_int_t)job->val_frames, "seed", session_whole(job->config.seed), "backend",
                    job->session.backend_info.name, "isa", job->session.backend_info.isa);
 }
 
@@ -502,11 +507,14 @@ static int run(struct train_job *job) {
   const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
   say_plan(job);
   read_curve(job);
+  ern_train_report start;
+  ern_trainer_describe(job->trainer, &start);
+  forecast_begin(&job->forecast, session_seconds(), start.step);
   progress_begin(&job->progress, session, "train", "steps");
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
   progress_end(&job->progress);
   if (status == ERN_E_CANCELLED && session_interrupted())
-    return session_fail_with(session,
+    return session_stop_with(session,
                              "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
                              job->last.step, job->last.iters);
   if (status != ERN_OK) return session_fail(session);
@@ -548,9 +556,10 @@ int cmd_train(int argc, char **argv) {
           "train CLIP -o head.safetensors\n"
           "train CLIP --torso --head head.safetensors -o portrait.safetensors",
       .notes =
-          "Ctrl-C saves the state and stops; --resume goes on as if nothing had happened.\n"
+          "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
           "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv with plots of it over\n"
           "seconds and steps, and val_NNNNNN.png: prediction, truth, difference, attention of speech and of the eyes.",
+      .public_names = true,
       .words = words,
       .word_count = 1,
       .groups = {{"What is trained, and where to:", goal, GOAL_OPTIONS},

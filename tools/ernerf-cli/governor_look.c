@@ -79,7 +79,7 @@ static int time_all(struct governor *g, struct look *look, governor_draw *draw, 
   for (size_t turn = 0; turn < LOOK_TURNS; turn++)
     for (size_t i = 0; i < g->count; i++) {
       const double began = session_seconds();
-      if (session_interrupted()) return session_fail_with(g->session, "stopped, nothing was written");
+      if (session_interrupted()) return session_stop_with(g->session, "stopped, nothing was written");
       for (size_t f = 0; f < LOOK_FRAMES; f++)
         if (draw(user, g->rung[i].renderer, frame_at(g, f), NULL) != 0) return EXIT_FAILURE;
       look->readings[i][turn] = 1000 * (session_seconds() - began) / LOOK_FRAMES;

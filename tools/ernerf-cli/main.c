@@ -9,6 +9,7 @@
 
 #include "args.h"
 #include "ernerf/base.h"
+#include "session.h"
 #include "verbs.h"
 
 static const struct verb {
@@ -29,40 +30,57 @@ static const struct verb {
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
-static void print_help(void) {
-  printf("Talking portraits, trained and rendered (ER-NeRF).\n\n  ernerf VERB ...\n\n");
-  for (int i = 0; i < VERBS; i++) printf("  %-8s %s\n", verbs[i].name, verbs[i].help);
-  printf(
-      "\n`ernerf VERB --help` tells its options; `ernerf --version` the version.\n"
-      "Exit status: 0 done, 1 failed, 2 wrong usage.\n");
+static void print_help(FILE *to) {
+  fprintf(to, "Talking portraits, trained and rendered (ER-NeRF).\n\n  ernerf VERB ...\n\n");
+  for (int i = 0; i < VERBS; i++) fprintf(to, "  %-8s %s\n", verbs[i].name, verbs[i].help);
+  fprintf(to,
+          "\n`ernerf VERB --help` or `ernerf help VERB` tells its options; `ernerf --version` the version.\n"
+          "Exit status: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C, 143 by SIGTERM, also where the state\n"
+          "was saved.\n");
 }
 
 static int refuse_verb(const char *name) {
   const char *names[VERBS];
   for (int i = 0; i < VERBS; i++) names[i] = verbs[i].name;
-  if (name == NULL)
-    fprintf(stderr, "ernerf: the verb is missing\n");
-  else if (name[0] == '-')
+  const char *nearest = args_nearest(name, names, VERBS);
+  if (name[0] == '-')
     fprintf(stderr, "ernerf: unknown option %s, expected a verb, --help or --version\n", name);
+  else if (nearest == NULL)
+    fprintf(stderr, "ernerf: unknown verb \"%s\"\n", name);
   else
-    fprintf(stderr, "ernerf: unknown verb \"%s\", the nearest is %s\n", name, args_nearest(name, names, VERBS));
+    fprintf(stderr, "ernerf: unknown verb \"%s\", the nearest is %s\n", name, nearest);
   fprintf(stderr, "`ernerf --help` lists the verbs\n");
   return EXIT_USAGE;
 }
 
+static int run_verb(const char *name, int argc, char **argv) {
+  for (int i = 0; i < VERBS; i++)
+    if (strcmp(name, verbs[i].name) == 0) return session_exit_status(verbs[i].run(argc, argv));
+  return refuse_verb(name);
+}
+
+static bool is_one_of(const char *word, const char *one, const char *other) {
+  return strcmp(word, one) == 0 || strcmp(word, other) == 0;
+}
+
 static int run(int argc, char **argv) {
-  const char *first = argc > 1 ? argv[1] : NULL;
-  if (first != NULL && (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0)) {
-    print_help();
+  char help[] = "--help", *ask[] = {help};
+  if (argc < 2) { /* on stderr and as wrong usage: a script that lost its verb must not take this for success */
+    print_help(stderr);
+    return EXIT_USAGE;
+  }
+  const char *first = argv[1];
+  const bool asks_help = is_one_of(first, "--help", "-h") || strcmp(first, "help") == 0;
+  if (asks_help && argc > 2 && argv[2][0] != '-') return run_verb(argv[2], 1, ask);
+  if (asks_help) {
+    print_help(stdout);
     return EXIT_SUCCESS;
   }
-  if (first != NULL && strcmp(first, "--version") == 0) {
+  if (is_one_of(first, "--version", "-V")) {
     printf("ernerf %s\n", ern_version());
     return EXIT_SUCCESS;
   }
-  for (int i = 0; first != NULL && i < VERBS; i++)
-    if (strcmp(first, verbs[i].name) == 0) return verbs[i].run(argc - 2, argv + 2);
-  return refuse_verb(first);
+  return run_verb(first, argc - 2, argv + 2);
 }
 
 /* A standard stream that is closed stays so to whoever uses it, but no file of ours gets its number: what is said would

@@ -83,7 +83,7 @@ static int draw_exact(struct tradeoff *t) {
   progress_begin(&progress, &t->session, "exact", "frames");
   if (make_renderer(t, &exact, &renderer) != 0) status = EXIT_FAILURE;
   for (size_t k = 0; status == 0 && k < frames; k++) {
-    status = session_interrupted() ? session_fail_with(&t->session, "stopped, nothing was written")
+    status = session_interrupted() ? session_stop_with(&t->session, "stopped, nothing was written")
                                    : judge_draw(&t->judge, renderer, t->portrait.model, k, &judged);
     memcpy(t->exact + k * values, t->judge.rgb, values * sizeof(float));
     progress_at(&progress, k + 1, frames, "");
@@ -103,7 +103,7 @@ static int judge_point(struct tradeoff *t, struct point *point) {
     const float *exact = t->exact + k * values;
     ern_image truth = {0};
     double sum = 0;
-    if (session_interrupted()) return session_fail_with(&t->session, "stopped, nothing was written");
+    if (session_interrupted()) return session_stop_with(&t->session, "stopped, nothing was written");
     if (measure_draw(t, point, k) != 0) return EXIT_FAILURE;
     if (ern_clip_pixels(t->judge.clip, shot->split, shot->index, &truth, NULL) != ERN_OK)
       return session_fail(&t->session);
@@ -128,7 +128,7 @@ static int read_clock(struct tradeoff *t, struct point *point, double *ms) {
   t->judge.bytes_alone = true;
   *ms = 0;
   for (size_t k = 0; k < frames; k++) {
-    if (session_interrupted()) return session_fail_with(&t->session, "stopped, nothing was written");
+    if (session_interrupted()) return session_stop_with(&t->session, "stopped, nothing was written");
     if (judge_draw(&t->judge, point->renderer, t->portrait.model, k, &judged) != 0) return EXIT_FAILURE;
     *ms += judged.ms / (double)frames;
   }

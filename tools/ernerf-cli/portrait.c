@@ -94,7 +94,6 @@ static int open_model(struct portrait *portrait, struct session *session, const 
   ern_model_describe(portrait->model, &portrait->info);
   if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
     session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
-  if (args_given(args, "seed")) session_note(session, "--seed changes nothing: drawing takes no random numbers");
   return 0;
 }
 

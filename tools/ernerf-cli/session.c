@@ -2,6 +2,7 @@
 #include "session.h"
 
 #include <errno.h>
+#include <inttypes.h>
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -14,16 +15,16 @@
 
 #include "ernerf/data.h"
 
-static volatile sig_atomic_t interrupted;
+static volatile sig_atomic_t interrupted; /* number of the signal */
+static int stopped_by;                    /* that session_stop_with told of */
 
 /* The next SIGINT or SIGTERM ends the program at once. A terminal that closes says so twice, by the system and by its
  * shell: that is one signal. */
 static void catch_interrupt(int number) {
-  (void)number;
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_IGN);
-  interrupted = 1;
+  interrupted = number;
 }
 
 bool session_interrupted(void) { return interrupted != 0; }
@@ -76,7 +77,12 @@ void session_compute_options(struct session *session, struct option options[SESS
        .target = &session->threads,
        .low = 0,
        .high = 1024,
-       .help = "0: one a core (default). The result is the same for any number"},
+       .help = "0: one a core (default). The result is the same for any number"}};
+  memcpy(options, rows, sizeof rows);
+}
+
+void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]) {
+  const struct option rows[SESSION_SEED_OPTIONS] = {
       {.name = "seed",
        .kind = OPTION_COUNT,
        .target = &session->seed,
@@ -103,6 +109,19 @@ int session_fail_with(struct session *session, const char *format, ...) {
   va_end(values);
   return EXIT_FAILURE;
 }
+
+int session_stop_with(struct session *session, const char *format, ...) {
+  char before[64];
+  va_list values;
+  va_start(values, format);
+  snprintf(before, sizeof before, "ernerf %s: ", session->verb);
+  say(session, before, format, values);
+  va_end(values);
+  stopped_by = (int)interrupted;
+  return EXIT_FAILURE;
+}
+
+int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_by > 0 ? 128 + stopped_by : status; }
 
 int session_fail(struct session *session) {
   const char *text = ern_last_error(session->context);
@@ -212,6 +231,13 @@ json_t *session_text(const char *text) {
   whole = kept.failed || kept.data == NULL ? NULL : json_stringn((const char *)kept.data, kept.count);
   bytes_free(&kept);
   return whole;
+}
+
+json_t *session_whole(uint64_t value) {
+  char digits[24];
+  if (value <= INT64_MAX) return json_integer((json_int_t)value);
+  snprintf(digits, sizeof digits, "%" PRIu64, value);
+  return json_string(digits);
 }
 
 json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }

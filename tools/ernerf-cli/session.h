@@ -31,11 +31,13 @@ struct session {
   bool line_open;   /* the progress line stands on the terminal without its newline */
 };
 
-enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 6 };
+enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };
 /* --quiet --json --overwrite. */
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]);
-/* --backend --device --deterministic --isa --threads --seed. */
+/* --backend --device --deterministic --isa --threads. */
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]);
+/* --seed, of verbs that draw random numbers. */
+void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]);
 
 /* Makes the context, and catches Ctrl-C and the signals of a full disk and a closed pipe. Returns -1 to go on, else the
  * exit status. */
@@ -48,6 +50,11 @@ void session_close(struct session *session);
 int session_fail(struct session *session);
 /* The same in the program's own words. */
 int session_fail_with(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+/* The same where session_interrupted ended the work. */
+int session_stop_with(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+/* `status`, but 128 and the number of the signal (Ctrl-C: 130, SIGTERM: 143), as shells have it, in place of
+ * EXIT_FAILURE after session_stop_with. */
+int session_exit_status(int status);
 /* A line on stderr, ended here. Notes are not said with --quiet. */
 void session_warn(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
 void session_note(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
@@ -78,6 +85,8 @@ int session_folder(struct session *session, const char *path);
 json_t *session_text(const char *text);
 /* A number, or null where it is not finite. */
 json_t *session_number(double value);
+/* A whole number; from 2^63 on, which is more than the JSON library's numbers hold, a string of its digits. */
+json_t *session_whole(uint64_t value);
 
 /* Fails where `output` is the file `input`, whatever the two are called; NULL is none. */
 int session_keep(struct session *session, const char *input, const char *output);

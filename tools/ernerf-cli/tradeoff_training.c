@@ -217,7 +217,7 @@ static int train_one(struct training_job *job, struct training_kind *kind, ern_b
     progress_end(&job->progress);
   }
   ern_trainer_free(&job->trainer);
-  if (session_interrupted()) return session_fail_with(session, "stopped: nothing is written");
+  if (session_interrupted()) return session_stop_with(session, "stopped: nothing is written");
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
