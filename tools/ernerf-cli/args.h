@@ -4,9 +4,11 @@
 #ifndef ERN_CLI_ARGS_H
 #define ERN_CLI_ARGS_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "ernerf/base.h"
 #include "rate.h"
@@ -56,6 +58,13 @@ struct option {
   const char *help;
   bool given; /* set by the parser */
 };
+
+/* options[count] = rows. A table of more or fewer rows does not compile. */
+#define ARGS_FILL(options, rows, count)                                                              \
+  do {                                                                                               \
+    static_assert(sizeof(rows) / sizeof *(rows) == (count), "the table has another number of rows"); \
+    memcpy((options), (rows), sizeof(rows));                                                         \
+  } while (0)
 
 struct word {
   const char *name; /* as the help says it: "CLIP" */

@@ -7,7 +7,7 @@
 #include <sys/stat.h>
 
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]) {
-  const struct option rows[CLIP_SOURCE_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "asr_model",
        .kind = OPTION_TEXT,
        .target = &source->asr_model,
@@ -17,7 +17,7 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
        .kind = OPTION_BYTES,
        .target = &source->memory,
        .help = "most that frames of the clip may take, such as 512M (default half of the machine)"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS);
 }
 
 int clip_source_keep(struct session *session, const char *clip, const char *output) {

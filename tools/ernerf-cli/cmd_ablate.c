@@ -86,7 +86,7 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .high = ABLATION_TIMES,
        .help = "how often each row draws a frame to be timed, in turns with the others"},
       {.name = "resume", .kind = OPTION_FLAG, .target = &job->resume, .help = "go on with the trainings in DIR"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 

@@ -314,51 +314,50 @@ static void close_all(struct bench_job *job) {
 
 static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS]) {
   struct session *session = &job->session;
-  const struct option rows[OWN_OPTIONS] = {
-      {.name = "only",
-       .kind = OPTION_CHOICE,
-       .target = &job->only,
-       .choices = "all|peaks|kernels|frame|step",
-       .help = "a part of it; peaks are always measured (default all)"},
-      {.name = "seconds",
-       .kind = OPTION_FLOAT,
-       .target = &job->seconds,
-       .low = 0,
-       .high = 86400,
-       .help = "for all of it, about: what takes longer is measured once all the same"},
-      {.name = "frames",
-       .kind = OPTION_INT,
-       .target = &job->frames,
-       .low = 1,
-       .high = 1000,
-       .help = "most repeats of a frame"},
-      {.name = "rays",
-       .kind = OPTION_INT,
-       .target = &job->rays,
-       .low = 1,
-       .high = 1 << 20,
-       .help = "of a training step, and of kernels where a device is measured"},
-      {.name = "size",
-       .kind = OPTION_DIMENSIONS,
-       .target = &job->size,
-       .low = 1,
-       .high = 8192,
-       .help = "of the made-up frame (default 450x450)"},
-      {.name = "force",
-       .kind = OPTION_FLAG,
-       .target = &job->portrait.force,
-       .help = "go on with a model that was trained on another clip"},
-      {.name = "seed",
-       .kind = OPTION_COUNT,
-       .target = &session->seed,
-       .low = 0,
-       .help = "of what is made up, and of rays"}};
-  memcpy(options, rows, sizeof rows);
+  const struct option rows[] = {{.name = "only",
+                                 .kind = OPTION_CHOICE,
+                                 .target = &job->only,
+                                 .choices = "all|peaks|kernels|frame|step",
+                                 .help = "a part of it; peaks are always measured (default all)"},
+                                {.name = "seconds",
+                                 .kind = OPTION_FLOAT,
+                                 .target = &job->seconds,
+                                 .low = 0,
+                                 .high = 86400,
+                                 .help = "for all of it, about: what takes longer is measured once all the same"},
+                                {.name = "frames",
+                                 .kind = OPTION_INT,
+                                 .target = &job->frames,
+                                 .low = 1,
+                                 .high = 1000,
+                                 .help = "most repeats of a frame"},
+                                {.name = "rays",
+                                 .kind = OPTION_INT,
+                                 .target = &job->rays,
+                                 .low = 1,
+                                 .high = 1 << 20,
+                                 .help = "of a training step, and of kernels where a device is measured"},
+                                {.name = "size",
+                                 .kind = OPTION_DIMENSIONS,
+                                 .target = &job->size,
+                                 .low = 1,
+                                 .high = 8192,
+                                 .help = "of the made-up frame (default 450x450)"},
+                                {.name = "force",
+                                 .kind = OPTION_FLAG,
+                                 .target = &job->portrait.force,
+                                 .help = "go on with a model that was trained on another clip"},
+                                {.name = "seed",
+                                 .kind = OPTION_COUNT,
+                                 .target = &session->seed,
+                                 .low = 0,
+                                 .help = "of what is made up, and of rays"}};
+  ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
 static void place_options(struct bench_job *job, struct option options[PLACE_OPTIONS]) {
   struct session *session = &job->session;
-  const struct option rows[PLACE_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "backend",
        .kind = OPTION_CHOICE,
        .target = &job->place,
@@ -383,7 +382,7 @@ static void place_options(struct bench_job *job, struct option options[PLACE_OPT
        .high = 256,
        .help = "of the CPU, for a frame and a step; kernels are measured on one, but with --backend all on all of "
                "them (default 0: one a core)"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, PLACE_OPTIONS);
 }
 
 static int check_words(const struct bench_job *job, const struct args *args) {

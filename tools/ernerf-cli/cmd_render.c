@@ -47,7 +47,7 @@ struct render_job {
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
 static void own_options(struct render_job *job, struct option options[OWN_OPTIONS]) {
-  const struct option rows[OWN_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "clip",
        .kind = OPTION_TEXT,
        .target = &job->portrait.source.path,
@@ -87,7 +87,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .choices = "FILE|white|black",
        .help = "background (default the clip's; with --poses transparent)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
 /* What does not go together. */

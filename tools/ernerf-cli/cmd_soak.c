@@ -245,7 +245,7 @@ static void close_all(struct soak_job *job) {
 }
 
 static void own_options(struct soak_job *job, struct option options[OWN_OPTIONS]) {
-  const struct option rows[OWN_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "steps",
        .kind = OPTION_COUNT,
        .target = &job->steps,
@@ -265,7 +265,7 @@ static void own_options(struct soak_job *job, struct option options[OWN_OPTIONS]
        .low = 0,
        .high = 1e12,
        .help = "round to begin with: a round and its settings follow from --seed and its number"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
 int cmd_soak(int argc, char **argv) {

@@ -53,7 +53,7 @@ struct train_job {
 
 static void goal_options(struct train_job *job, struct option options[GOAL_OPTIONS]) {
   ern_train_config *config = &job->config;
-  const struct option rows[GOAL_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "o",
        .alias = "output",
        .kind = OPTION_TEXT,
@@ -150,12 +150,12 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .target = &job->eye_attention,
        .choices = "sigmoid|concat",
        .help = "how the eye value does: weighed, or as it is"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, GOAL_OPTIONS);
 }
 
 static void number_options(struct train_job *job, struct option options[NUMBER_OPTIONS]) {
   ern_train_config *config = &job->config;
-  const struct option rows[NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "rays",
        .alias = "num_rays",
        .kind = OPTION_INT,
@@ -228,7 +228,7 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .target = &job->audio_pad,
        .choices = "edge|zero",
        .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
   struct option *common = options + sizeof rows / sizeof rows[0];
   session_compute_options(&job->session, common);
   session_seed_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
@@ -244,7 +244,7 @@ static void clip_options(struct train_job *job, struct option options[CLIP_OPTIO
        .choices = "FILE.npy",
        .help = "features of the clip's speech, instead of the clip's own"},
   };
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, CLIP_OPTIONS - CLIP_SOURCE_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 void control_options(struct control *control, struct option options[CONTROL_OPTIONS]) {
-  const struct option rows[CONTROL_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "fix_eye",
        .kind = OPTION_FLOAT,
        .target = &control->fix_eye,
@@ -45,7 +45,7 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .high = 9999,
        .help = "frames of that mean, 25 a second, odd (default 7)"}};
   control->smooth_window = 7;
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, CONTROL_OPTIONS);
 }
 
 int control_check(const struct control *control, const struct args *args) {

@@ -14,7 +14,7 @@ static const double balanced_db = 40; /* from the exact render: what balanced is
 
 void governor_options(struct governor *g, struct option options[GOVERNOR_OPTIONS]) {
   g->quality = -1;
-  const struct option rows[GOVERNOR_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "hold-fps",
        .kind = OPTION_FLOAT,
        .target = &g->hold_fps,
@@ -41,7 +41,7 @@ void governor_options(struct governor *g, struct option options[GOVERNOR_OPTIONS
        .choices = "FILE.json",
        .help = "where `ernerf tradeoff` measured them (default MODEL without its ending + .tradeoff/tradeoff.json; "
                "without one a quick look at a few frames)"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, GOVERNOR_OPTIONS);
 }
 
 bool governor_asked(const struct governor *g) { return g->hold_fps > 0 || g->budget > 0 || g->quality >= 0; }

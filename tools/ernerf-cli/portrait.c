@@ -82,7 +82,7 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
        .kind = OPTION_FLAG,
        .target = &portrait->force,
        .help = "go on with a model that was trained on another clip"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS);
   struct option *source = options + sizeof rows / sizeof *rows;
   clip_source_options(&portrait->source, source);
   if (split == SHOTS_ALL)

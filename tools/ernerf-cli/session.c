@@ -32,25 +32,24 @@ bool session_interrupted(void) { return interrupted != 0; }
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]) {
-  const struct option rows[SESSION_OUTPUT_OPTIONS] = {
-      {.name = "quiet",
-       .kind = OPTION_FLAG,
-       .target = &session->quiet,
-       .help = "results, warnings and errors alone: no progress, no notes"},
-      {.name = "json",
-       .kind = OPTION_JSON,
-       .target = &session->json,
-       .help = "the result as one JSON object, on standard output or in a file"},
-      {.name = "overwrite",
-       .alias = "y",
-       .kind = OPTION_FLAG,
-       .target = &session->overwrite,
-       .help = "replace output files that exist; without it they are refused"}};
-  memcpy(options, rows, sizeof rows);
+  const struct option rows[] = {{.name = "quiet",
+                                 .kind = OPTION_FLAG,
+                                 .target = &session->quiet,
+                                 .help = "results, warnings and errors alone: no progress, no notes"},
+                                {.name = "json",
+                                 .kind = OPTION_JSON,
+                                 .target = &session->json,
+                                 .help = "the result as one JSON object, on standard output or in a file"},
+                                {.name = "overwrite",
+                                 .alias = "y",
+                                 .kind = OPTION_FLAG,
+                                 .target = &session->overwrite,
+                                 .help = "replace output files that exist; without it they are refused"}};
+  ARGS_FILL(options, rows, SESSION_OUTPUT_OPTIONS);
 }
 
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]) {
-  const struct option rows[SESSION_COMPUTE_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "backend",
        .kind = OPTION_CHOICE,
        .target = &session->backend_choice,
@@ -78,17 +77,16 @@ void session_compute_options(struct session *session, struct option options[SESS
        .low = 0,
        .high = 1024,
        .help = "0: one a core (default). The result is the same for any number"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, SESSION_COMPUTE_OPTIONS);
 }
 
 void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]) {
-  const struct option rows[SESSION_SEED_OPTIONS] = {
-      {.name = "seed",
-       .kind = OPTION_COUNT,
-       .target = &session->seed,
-       .low = 0,
-       .help = "of all random numbers; same seed, same bytes (default 0)"}};
-  memcpy(options, rows, sizeof rows);
+  const struct option rows[] = {{.name = "seed",
+                                 .kind = OPTION_COUNT,
+                                 .target = &session->seed,
+                                 .low = 0,
+                                 .help = "of all random numbers; same seed, same bytes (default 0)"}};
+  ARGS_FILL(options, rows, SESSION_SEED_OPTIONS);
 }
 
 /* ---- messages ---------------------------------------------------------------------------------------------------- */

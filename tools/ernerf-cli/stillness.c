@@ -13,7 +13,7 @@ enum {
 
 void stillness_options(struct stillness *stillness, struct option options[STILLNESS_OPTIONS]) {
   stillness->levels = 0.5f;
-  const struct option rows[STILLNESS_OPTIONS] = {
+  const struct option rows[] = {
       {.name = "still",
        .kind = OPTION_FLOAT,
        .target = &stillness->levels,
@@ -22,7 +22,7 @@ void stillness_options(struct stillness *stillness, struct option options[STILLN
        .help = "grey levels of 255 that a pixel may be off while the camera stands still, where what hardly changes is "
                "not drawn anew; 0 keeps what cannot change (default 0.5)"},
       {.name = "no-still", .kind = OPTION_FLAG, .target = &stillness->off, .help = "draw every frame from nothing"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, STILLNESS_OPTIONS);
 }
 
 int stillness_check(const struct args *args) {

@@ -75,7 +75,7 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .target = &job->in_double,
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
       {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
-  memcpy(options, rows, sizeof rows);
+  ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
 }
 
