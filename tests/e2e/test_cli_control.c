@@ -10,8 +10,9 @@ static struct cli cli;
 
 static int make_model(void **state) {
   (void)state;
-  static const char *const old[] = {"clip",  "m.safetensors",    "m.run",     "open", "open.safetensors", "open.run",
-                                    "m.pth", "back.safetensors", "unsaid.mp4"};
+  static const char *const old[] = {
+      "clip",  "m.safetensors",    "m.run",      "open",    "open.safetensors", "open.run",
+      "m.pth", "back.safetensors", "unsaid.mp4", "bad.mp4", "bad.safetensors",  "bad.run"};
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);

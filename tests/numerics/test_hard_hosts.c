@@ -34,8 +34,10 @@ static void draw(struct result *result) {
   ern_dataset_frame frame;
   (void)made_frame(&made, 0, 1, &frame);
   ern_camera_pose(camera.pose, frame.matrix, 4);
+  static float windows[8 * 16 * WIDTH];
+  ern_audio_windows(windows, &made.features, 2, ERN_AUDIO_PAD_EDGE);
   ern_frame_input input = {
-      .camera = camera, .windows = made.speech, .window_length = WINDOWS, .eye = 0.3f, .background = made.background};
+      .camera = camera, .windows = windows, .window_length = 16, .eye = 0.3f, .background = made.background};
   support_ok(made.context, ern_model_load(&model, made.context, "host.safetensors"));
   support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
   for (size_t k = 0; k < 2; k++) {

@@ -61,14 +61,16 @@ static void draw(struct made *m, ern_backend *backend, const ern_model *model, s
   ern_render_options options = ern_render_options_default();
   options.threads = 2;
   support_ok(m->context, ern_renderer_create(&renderer, backend, model, &options));
+  static float windows[8 * 16 * WIDTH];
+  ern_audio_windows(windows, &m->features, 2, ERN_AUDIO_PAD_EDGE);
   const ern_frame_input input = {.camera = {.pose = {0, -1, 0, 0, 0, 0, -1, 3.2f, 1, 0, 0, 0, 0, 0, 0, 1},
                                             .focal = 800,
                                             .cx = SIDE / 2,
                                             .cy = SIDE / 2,
                                             .width = SIDE,
                                             .height = SIDE},
-                                 .windows = m->speech,
-                                 .window_length = 6,
+                                 .windows = windows,
+                                 .window_length = 16,
                                  .eye = 0.3f,
                                  .background = m->background};
   const ern_frame_output output = {.rgb = drawn->rgb, .attention = drawn->attention, .eye = drawn->eye};

@@ -429,6 +429,7 @@ int cmd_bench(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&job, &args);
   if (job.place != PLACE_CPU) job.session.backend_choice = SESSION_OPENCL;
+  job.session.beside_cpu = job.place == PLACE_ALL;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   job.session.backend_choice = SESSION_CPU; /* where the scene is read and counted; backends to be measured are apart */

@@ -98,22 +98,24 @@ static void say(struct session *session, const char *before, const char *format,
   session->line_open = false;
 }
 
-int session_fail_with(struct session *session, const char *format, ...) {
+static void say_end(struct session *session, const char *format, va_list values) {
   char before[64];
-  va_list values;
-  va_start(values, format);
   snprintf(before, sizeof before, "ernerf %s: ", session->verb);
   say(session, before, format, values);
+}
+
+int session_fail_with(struct session *session, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  say_end(session, format, values);
   va_end(values);
   return EXIT_FAILURE;
 }
 
 int session_stop_with(struct session *session, const char *format, ...) {
-  char before[64];
   va_list values;
   va_start(values, format);
-  snprintf(before, sizeof before, "ernerf %s: ", session->verb);
-  say(session, before, format, values);
+  say_end(session, format, values);
   va_end(values);
   stopped_by = (int)interrupted;
   return EXIT_FAILURE;
@@ -166,7 +168,7 @@ int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
   if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
     return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
-  if (session->backend_choice == SESSION_OPENCL) {
+  if (session->backend_choice == SESSION_OPENCL && !session->beside_cpu) {
     const int status = args_forbid(args, "isa threads", "is about the CPU, which --backend opencl leaves out");
     if (status >= 0) return status;
   }

@@ -22,6 +22,7 @@ struct session {
   int backend_choice; /* enum session_choice */
   int device, threads;
   const char *isa;
+  bool beside_cpu; /* the CPU computes too beside --backend's device, so its options count; set by the verb */
   uint64_t seed;
   bool quiet, deterministic, tune;
   bool overwrite;   /* files that are there are replaced */
