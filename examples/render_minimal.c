@@ -15,6 +15,7 @@ enum { GREY = 96, NEIGHBOURS = 8 };
 
 struct job {
   ern_renderer *renderer;
+  ern_model_info model; /* how it was trained to be seen */
   ern_features speech;
   ern_pose_list poses;
   float *windows;      /* [NEIGHBOURS][window_length][width] of one frame */
@@ -33,7 +34,7 @@ static int write_ppm(FILE *file, const uint8_t *rgba, int width, int height) {
 static ern_status render_frame(struct job *job, size_t t) {
   const ern_pose_list *poses = &job->poses;
   const ern_pose *pose = &poses->poses[ern_pose_index(t, poses->count)];
-  ern_audio_windows(job->windows, &job->speech, (int64_t)t, ERN_AUDIO_PAD_EDGE);
+  ern_audio_windows(job->windows, &job->speech, (int64_t)t, job->model.audio_pad);
   ern_frame_input input = {
       .camera = {.focal = (float)poses->focal,
                  .cx = (float)poses->cx,
@@ -44,7 +45,7 @@ static ern_status render_frame(struct job *job, size_t t) {
       .window_length = job->speech.window_length,
       .background = job->background,
   };
-  ern_camera_pose(input.camera.pose, pose->matrix, 4);
+  ern_camera_pose(input.camera.pose, pose->matrix, job->model.scale);
   const ern_frame_output output = {.rgba = job->rgba};
   return ern_renderer_frame(job->renderer, &input, &output, NULL);
 }
@@ -86,6 +87,7 @@ int main(int count, char **words) {
   ern_status status = ern_context_create(&context, NULL);
   if (status == ERN_OK) status = ern_backend_create(&backend, context, NULL);
   if (status == ERN_OK) status = ern_model_load(&model, context, words[1]);
+  if (status == ERN_OK) ern_model_describe(model, &job.model);
   if (status == ERN_OK) status = ern_renderer_create(&job.renderer, backend, model, NULL);
   if (status == ERN_OK) status = ern_features_load(context, words[2], &job.speech);
   if (status == ERN_OK) status = ern_renderer_accepts(job.renderer, &job.speech, words[2]);

@@ -29,10 +29,16 @@ typedef enum ern_eye_attention {
   ERN_EYE_ATTENTION_SIGMOID, /* weighed by the position: the paper's own */
   ERN_EYE_ATTENTION_CONCAT   /* as it is */
 } ern_eye_attention;
+/* What stands in for speech past its ends: */
+typedef enum ern_audio_pad {
+  ERN_AUDIO_PAD_EDGE = 0, /* neighbours from the feature file by number; the nearest window past its ends */
+  ERN_AUDIO_PAD_ZERO = 1  /* zeros past the ends of the list that is indexed: the public code's, with its ghosts */
+} ern_audio_pad;
 /* The words of the command line and of model files ("trihash", "channel", "sigmoid"); NULL for no such kind. */
 ERN_API const char *ern_backbone_name(ern_backbone backbone);
 ERN_API const char *ern_attention_name(ern_attention attention);
 ERN_API const char *ern_eye_attention_name(ern_eye_attention eye_attention);
+ERN_API const char *ern_audio_pad_name(ern_audio_pad pad); /* "edge", "zero" */
 
 /* Read-only once loaded: any number of renderers, in any threads, may share one. */
 typedef struct ern_model ern_model;
@@ -55,13 +61,21 @@ typedef struct ern_model_info {
   bool has_gamma; /* trained scale of the torso's key points */
   ern_backbone backbone;
   ern_attention attention;
-  ern_eye_attention eye_attention;  /* meaningful with has_eye */
-  int levels;                       /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
-  int feature_width;                /* D of the speech features it was trained on */
-  int window_length;                /* L of them, vectors a window; 0 where the file does not say */
-  int codes;                        /* rows of the individual codes */
-  float bound;                      /* half side of the scene */
-  size_t cameras;                   /* training poses with a trained refinement (ern_model_refine); 0: none */
+  ern_eye_attention eye_attention; /* meaningful with has_eye */
+  int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
+  int feature_width;               /* D of the speech features it was trained on */
+  int window_length;               /* L of them, vectors a window; 0 where the file does not say */
+  int codes;                       /* rows of the individual codes */
+  float bound;                     /* half side of the scene */
+  /* What it was trained with, so that it is seen the same way. A renderer takes the first three by itself
+   * (ern_render_options); a program hands `scale` to ern_camera_pose and `audio_pad` to ern_audio_windows. */
+  bool has_view_settings;  /* the file says these five; else they are those in brackets */
+  int max_steps;           /* samples a ray at most, 1..1024 (16) */
+  float dt_gamma;          /* step growth with distance, 0..1 (1/256) */
+  float torso_shrink;      /* factor of the torso coordinates, above 0, at most 1 (0.8); meaningful with has_torso */
+  float scale;             /* of the poses' translation, 1e-3..1e3 (4) */
+  ern_audio_pad audio_pad; /* (edge) */
+  size_t cameras;          /* training poses with a trained refinement (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */

@@ -53,11 +53,6 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
-typedef enum ern_audio_pad {
-  ERN_AUDIO_PAD_EDGE = 0, /* neighbours from the feature file by number; the nearest window past its ends */
-  ERN_AUDIO_PAD_ZERO = 1  /* zeros past the ends of the list that is indexed: the public code's, with its ghosts */
-} ern_audio_pad;
-
 /* windows[8][window_length][width] = the windows index-4 .. index+3 of `features`. */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
@@ -89,10 +84,10 @@ ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, co
 typedef struct ern_render_options {
   uint32_t cookie;
   int threads;              /* 0: one a core */
-  int max_steps;            /* samples a ray at most, 1..1024; 16 */
-  float dt_gamma;           /* step growth with distance, >= 0; 1/256 */
+  int max_steps;            /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
+  float dt_gamma;           /* step growth with distance, 0..1; below 0: the model's. -1 */
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
-  float torso_shrink;       /* factor of the torso coordinates, > 0; 0.8 */
+  float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0: the model's. 0 */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
                                and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
   float frame_rate;         /* frames a second that the frames are drawn for, 1..1000; 25. It counts for smooth_lips */

@@ -31,7 +31,7 @@ typedef struct ern_dataset {
   size_t frames[2];
   double focal, cx, cy; /* pixels */
   int width, height;
-  float scale; /* of the poses' translation; 4 for the public preprocessing */
+  float scale; /* of the poses' translation, 1e-3..1e3; 4 for the public preprocessing; kept in the model */
   bool has_eye, has_torso;
   const ern_features *features;
   const uint8_t *background; /* [height][width][3] */
@@ -81,11 +81,33 @@ ERN_API ern_train_config ern_train_config_default(void);
 
 typedef struct ern_trainer ern_trainer;
 
+/* What a state was trained with. */
+typedef struct ern_train_state {
+  ern_model_info model; /* how its model is made and seen */
+  bool torso;
+  uint64_t step, seed;
+  int rays;
+  bool has_settings; /* it says what follows; else all that is 0 */
+  uint64_t iters;
+  float lr, lr_net, lr_att;
+  uint64_t refresh_every, ema_every;
+  size_t data_begin, data_end;
+  bool torso_layer; /* ern_dataset.has_torso */
+} ern_train_state;
+/* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
+ * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
+ * state is there; ERN_E_FORMAT and others: none that is whole. */
+ERN_API ERN_NODISCARD ern_status ern_train_state_describe(ern_context *context, const char *output,
+                                                          ern_train_state *state);
+
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
  * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an
  * earlier training is there, and neither resume nor overwrite is set. ERN_E_MISMATCH: a state or head of
- * another clip or configuration. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is copied; what it
- * points to is not. */
+ * another clip or configuration: a resume takes no other speech features, frames, torso layer, scale, audio_pad,
+ * dt_gamma or (of a torso) torso_shrink than its state's, and logs what else has changed (rates, rays, seed, iters,
+ * intervals, max_steps); a torso takes no other scale, audio_pad, dt_gamma or max_steps than its head's. What differs
+ * from the file of `from` is logged. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is copied; what
+ * it points to is not. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,
                                                     const ern_dataset *dataset, const ern_train_config *config);
 ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a pointer to NULL; does not save */

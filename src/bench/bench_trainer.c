@@ -97,7 +97,7 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
   data->features =
       (ern_features){windows.features, ERN_AUDIO_WINDOWS, scene->frame.window_length, field->config.feature_width};
   const struct ern_view view = ern_bench_view(scene);
-  matrix_of(data->matrix, view.pose, 4);
+  matrix_of(data->matrix, view.pose, scene->model->view.scale);
   config.torso = torso;
   config.head = torso ? scene->model : NULL;
   config.rays = rays;
@@ -109,6 +109,10 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
   config.codes = field->config.codes > 0 ? field->config.codes : 0;
   config.torso_gamma = field->config.torso_gamma;
   config.bound = field->config.bound;
+  config.max_steps = scene->model->view.max_steps;
+  config.dt_gamma = scene->model->view.dt_gamma;
+  config.torso_shrink = scene->model->view.torso_shrink;
+  config.audio_pad = scene->model->view.audio_pad;
   config.force = true;
   const ern_dataset dataset = {.user = data,
                                .frames = {1, 0},
@@ -117,7 +121,7 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
                                .cy = (double)camera->cy,
                                .width = camera->width,
                                .height = camera->height,
-                               .scale = 4,
+                               .scale = scene->model->view.scale,
                                .has_eye = field->config.eye,
                                .has_torso = torso || scene->frame.torso != NULL,
                                .features = &data->features,

@@ -7,6 +7,7 @@
 static const char *const backbones[] = {"trihash", "hash3d", "triplane", "mlp", NULL};
 static const char *const attentions[] = {"channel", "feature", "concat", NULL};
 static const char *const eye_attentions[] = {"sigmoid", "concat", NULL};
+static const char *const audio_pads[] = {"edge", "zero", NULL};
 
 static const char *word_at(const char *const *words, int index) {
   int count = 0;
@@ -17,11 +18,18 @@ static const char *word_at(const char *const *words, int index) {
 const char *ern_backbone_name(ern_backbone backbone) { return word_at(backbones, (int)backbone); }
 const char *ern_attention_name(ern_attention attention) { return word_at(attentions, (int)attention); }
 const char *ern_eye_attention_name(ern_eye_attention kind) { return word_at(eye_attentions, (int)kind); }
+const char *ern_audio_pad_name(ern_audio_pad pad) { return word_at(audio_pads, (int)pad); }
 
 static int find(const char *const *words, const char *word) {
   for (int i = 0; words[i] != NULL; i++)
     if (strcmp(words[i], word) == 0) return i;
   return -1;
+}
+
+bool ern_audio_pad_read(const char *word, ern_audio_pad *pad) {
+  const int found = find(audio_pads, word);
+  if (found >= 0) *pad = (ern_audio_pad)found;
+  return found >= 0;
 }
 
 bool ern_kind_read(const char *word, ern_kind kind, struct ern_model_config *config) {

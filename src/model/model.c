@@ -17,6 +17,7 @@ ern_status ern_model_make(ern_model **model, ern_context *context, const struct 
   if (status != ERN_OK) return status;
   ern_model *made = room;
   made->context = context;
+  made->view = ern_view_settings_default();
   ERN_TRY(ern_parameters_build(context, config, &made->field, &made->table));
   ERN_TRY(ern_allocate(context, made->field.parameters, sizeof(float), &room));
   made->block = room;
@@ -59,6 +60,12 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
                            .window_length = config->window_length,
                            .codes = config->codes,
                            .bound = config->bound,
+                           .has_view_settings = model->view.said,
+                           .max_steps = model->view.max_steps,
+                           .dt_gamma = model->view.dt_gamma,
+                           .torso_shrink = model->view.torso_shrink,
+                           .scale = model->view.scale,
+                           .audio_pad = model->view.audio_pad,
                            .cameras = model->cameras,
                            .head_steps = model->head_steps,
                            .torso_steps = model->torso_steps};

@@ -6,6 +6,7 @@
 #include "ernerf/model.h"
 #include "io/safetensors.h"
 #include "model/parameters.h"
+#include "model/view_settings.h"
 
 struct ern_model {
   ern_context *context;
@@ -17,13 +18,14 @@ struct ern_model {
   float *camera;     /* trained refinement of the training poses: [cameras][3] degrees, then [cameras][3] moves */
   size_t cameras;    /* 0: there is none */
   uint64_t head_steps, torso_steps;
+  struct ern_view_settings view;
   char clip[65];
 };
 
 /* Steps of a training, at most, in a file that is read: whole numbers up to here are exact in a double. */
 #define ERN_MODEL_MOST_STEPS ((int64_t)1 << 53)
 
-/* A model of that configuration with all values 0. */
+/* A model of that configuration with all values 0 and the default view settings. */
 ERN_NODISCARD ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config);
 
 /* Parameters and buffers as tensors that point into the model (`tensors` has room for ERN_MODEL_TENSORS), and the

@@ -16,6 +16,15 @@
 #include "model/torso_ops.h"
 #include "render/render_ops.h"
 
+static bool put_view(json_t *root, const struct ern_view_settings *view) {
+  json_t *own = json_pack("{s:i, s:f, s:f, s:f, s:s}", "max_steps", view->max_steps, "dt_gamma", (double)view->dt_gamma,
+                          "torso_shrink", (double)view->torso_shrink, "scale", (double)view->scale, "audio_pad",
+                          ern_audio_pad_name(view->audio_pad));
+  const bool put = own != NULL && json_object_update(root, own) == 0;
+  json_decref(own);
+  return put;
+}
+
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
@@ -26,6 +35,10 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
                            !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound",
                            (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
                            (json_int_t)model->torso_steps, "clip", model->clip, "consent", "");
+  if (root != NULL && model->view.said && !put_view(root, &model->view)) {
+    json_decref(root);
+    root = NULL;
+  }
   char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
@@ -103,6 +116,39 @@ static ern_status read_steps(ern_context *context, const json_t *root, const cha
                   (long long)ERN_MODEL_MOST_STEPS);
 }
 
+/* How the model is to be seen: all five fields, or none in a file of before they were kept. */
+static ern_status read_view(ern_context *context, const json_t *root, const char *path,
+                            struct ern_view_settings *view) {
+  enum { NUMBERS = 4 };
+  static const struct {
+    const char *name;
+    double least, most;
+  } fields[NUMBERS] = {{"max_steps", 1, ERN_MAX_STEPS},
+                       {"dt_gamma", 0, 1},
+                       {"torso_shrink", ERN_LEAST_SHRINK, 1},
+                       {"scale", ERN_LEAST_SCALE, ERN_MOST_SCALE}};
+  double number[NUMBERS];
+  const json_t *pad = json_object_get(root, "audio_pad");
+  bool said = pad != NULL;
+  for (int i = 0; i < NUMBERS; i++) said |= json_object_get(root, fields[i].name) != NULL;
+  if (!said) return ERN_OK;
+  for (int i = 0; i < NUMBERS; i++) {
+    const json_t *value = json_object_get(root, fields[i].name);
+    number[i] = json_number_value(value);
+    if (i == 0 ? !json_is_integer(value) : !json_is_number(value)) return wrong_field(context, path, fields[i].name);
+    if (!(number[i] >= fields[i].least && number[i] <= fields[i].most))
+      return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s is %g, expected %g to %g", path,
+                      fields[i].name, number[i], fields[i].least, fields[i].most);
+  }
+  *view = (struct ern_view_settings){
+      true, (int)number[0], (float)number[1], (float)number[2], (float)number[3], view->audio_pad};
+  if (!json_is_string(pad)) return wrong_field(context, path, "audio_pad");
+  if (!ern_audio_pad_read(json_string_value(pad), &view->audio_pad))
+    return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": audio_pad is \"%.40s\", expected edge or zero",
+                    path, json_string_value(pad));
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -145,6 +191,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
+  ERN_TRY(read_view(context, root, path, &identity->view));
 fail:
   json_decref(root);
   return status;
@@ -336,7 +383,7 @@ static ern_status read_config(ern_context *context, const struct ern_tensor_file
 ern_status ern_model_from_file(ern_model **model, ern_context *context, const struct ern_tensor_file *file,
                                const char *path) {
   struct ern_model_config config = {.head = true};
-  ern_model identity = {.head_steps = 0}, *made = NULL;
+  ern_model identity = {.view = ern_view_settings_default()}, *made = NULL;
   ern_status status = ERN_OK;
   *model = NULL;
   ERN_TRY(read_config(context, file, path, &config, &identity));
@@ -351,6 +398,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   if (status != ERN_OK) goto fail;
   made->head_steps = identity.head_steps;
   made->torso_steps = identity.torso_steps;
+  made->view = identity.view;
   memcpy(made->clip, identity.clip, sizeof made->clip);
   for (int r = 0; r < made->table.rows; r++) {
     const struct ern_parameter *row = &made->table.row[r];

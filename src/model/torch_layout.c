@@ -313,6 +313,25 @@ static ern_status put_average(struct ern_torch_layout *l, const struct about_sta
 
 /* ---- all --------------------------------------------------------------------------------------------------------- */
 
+/* The public program keeps no view settings: it passes over ours in the file, and must be given what is not its
+ * default. */
+static void tell_view(const struct ern_torch_layout *l) {
+  const struct ern_view_settings own = ern_view_settings_default(), *view = &l->model->view;
+  char words[160] = "";
+  size_t used = 0;
+  const struct {
+    const char *name;
+    double own, found;
+  } numbers[] = {{"scale", (double)own.scale, (double)view->scale},
+                 {"dt_gamma", (double)own.dt_gamma, (double)view->dt_gamma},
+                 {"max_steps", own.max_steps, view->max_steps},
+                 {"torso_shrink", (double)own.torso_shrink, (double)view->torso_shrink}};
+  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+    if (numbers[i].own != numbers[i].found && used < sizeof words)
+      used += (size_t)snprintf(words + used, sizeof words - used, " --%s %g", numbers[i].name, numbers[i].found);
+  if (used > 0) ern_log(l->context, ERN_LOG_WARNING, "%s: give the public program%s", l->path, words);
+}
+
 /* What the public program cannot hold, and what it must be told. */
 static ern_status check(const struct ern_torch_layout *l) {
   const struct ern_model_config *config = &l->model->field.config;
@@ -344,6 +363,7 @@ static ern_status check(const struct ern_torch_layout *l) {
             config->codes, config->codes);
   if (config->codes == 0)
     ern_log(l->context, ERN_LOG_WARNING, "%s: no individual codes: give the public program --ind_dim 0", l->path);
+  tell_view(l);
   if (!config->eye)
     ern_log(l->context, ERN_LOG_INFO, "%s: the missing eye branch is written as zeros; give --exp_eye", l->path);
   return ERN_OK;

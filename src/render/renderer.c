@@ -16,27 +16,37 @@ enum { OPTIONS_COOKIE = 0x45524e33 };
 ern_render_options ern_render_options_default(void) {
   return (ern_render_options){.cookie = OPTIONS_COOKIE,
                               .threads = 0,
-                              .max_steps = 16,
-                              .dt_gamma = 1.0f / 256,
+                              .max_steps = 0,
+                              .dt_gamma = -1,
                               .transmittance_stop = 1e-4f,
-                              .torso_shrink = 0.8f,
+                              .torso_shrink = 0,
                               .smooth_lips = false,
                               .frame_rate = 25,
                               .image_scale = 1};
+}
+
+/* What the options leave to the model. */
+static void take_from_model(ern_render_options *o, const struct ern_view_settings *view) {
+  if (o->max_steps == 0) o->max_steps = view->max_steps;
+  if (o->dt_gamma < 0) o->dt_gamma = view->dt_gamma;
+  if (o->torso_shrink == 0) o->torso_shrink = view->torso_shrink;
 }
 
 static ern_status check_options(ern_context *context, const ern_render_options *o) {
   if (o->cookie != OPTIONS_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "render: the options were not made by ern_render_options_default");
   if (o->max_steps < 1 || o->max_steps > ERN_MAX_STEPS)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: max_steps is %d, expected 1 to %d", o->max_steps, ERN_MAX_STEPS);
+    return ern_fail(context, ERN_E_ARGUMENT, "render: max_steps is %d, expected 1 to %d, or 0 for the model's",
+                    o->max_steps, ERN_MAX_STEPS);
   if (!(o->dt_gamma >= 0 && o->dt_gamma <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: dt_gamma is %g, expected 0 to 1", (double)o->dt_gamma);
+    return ern_fail(context, ERN_E_ARGUMENT, "render: dt_gamma is %g, expected 0 to 1, or below 0 for the model's",
+                    (double)o->dt_gamma);
   if (!(o->transmittance_stop >= 0 && o->transmittance_stop < 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: transmittance_stop is %g, expected 0 to 1",
                     (double)o->transmittance_stop);
   if (!(o->torso_shrink > 0 && o->torso_shrink <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: torso_shrink is %g, expected above 0, at most 1",
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "render: torso_shrink is %g, expected above 0, at most 1, or 0 for the model's",
                     (double)o->torso_shrink);
   if (!(o->frame_rate >= 1 && o->frame_rate <= 1000))
     return ern_fail(context, ERN_E_ARGUMENT, "render: frame_rate is %g, expected 1 to 1000", (double)o->frame_rate);
@@ -75,11 +85,12 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
                                const ern_render_options *options) {
   ERN_PLAIN_FLOATS;
   ern_context *context = backend->context;
-  const ern_render_options chosen = options != NULL ? *options : ern_render_options_default();
+  ern_render_options chosen = options != NULL ? *options : ern_render_options_default();
   void *room = NULL;
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
   *renderer = NULL;
+  take_from_model(&chosen, &model->view);
   ERN_TRY(check_options(context, &chosen));
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
   made = room;

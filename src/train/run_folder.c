@@ -62,7 +62,7 @@ static ern_status make_folder(ern_context *context, const char *folder, bool *ma
   return ern_fail(context, ERN_E_IO, "%s: is a file or a link to nothing, expected a folder or nothing", folder);
 }
 
-ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
+ern_status ern_run_folder_name(ern_context *context, const char *output, struct ern_run_folder *run) {
   ern_status status = ERN_OK;
   *run = (struct ern_run_folder){.lock = -1, .fresh = true};
   ERN_TRY(folder_name(context, output, &run->folder));
@@ -72,6 +72,14 @@ ern_status ern_run_folder_open(ern_context *context, const char *output, struct 
   ERN_TRY(ern_path_join(context, run->folder, "state.good.safetensors", &run->good));
   ERN_TRY(ern_path_join(context, run->folder, "log.jsonl", &run->log));
   ERN_TRY(ern_path_join(context, run->folder, "curve.csv", &run->curve));
+fail:
+  return status;
+}
+
+ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
+  ern_status status = ERN_OK;
+  char *all = NULL;
+  ERN_TRY(ern_run_folder_name(context, output, run));
   ERN_TRY(check_places(context, output, run));
   ERN_TRY(make_folder(context, run->folder, &run->made));
   ERN_TRY(take_lock(context, run));

@@ -275,6 +275,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   if ((*model)->torso_grid != NULL) memcpy((*model)->torso_grid, t->model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
   (*model)->head_steps = t->model->head_steps;
   (*model)->torso_steps = t->model->torso_steps;
+  (*model)->view = t->model->view;
   memcpy((*model)->clip, t->model->clip, sizeof(*model)->clip);
   return ERN_OK;
 }

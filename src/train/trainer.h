@@ -13,6 +13,8 @@ enum {
   ERN_SMOOTH_EVERY = 16   /* steps between smoothness terms */
 };
 
+#define ERN_TRAIN_MOST_RATE 1e3
+
 /* Lines of a text file that are kept until the next save. */
 struct ern_lines {
   char *text;
@@ -35,8 +37,8 @@ struct ern_trainer {
   struct ern_stream *stream;
   ern_dataset data;
   ern_train_config config;
-  char *output, identity[65];
-  ern_model *model; /* configuration and table; its values are those of the last download */
+  char *output, identity[65], features[65]; /* SHA-256 of clip and speech features; the latter "" without an output */
+  ern_model *model;                         /* configuration and table; its values are those of the last download */
 
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;
   ern_span parameters, gradient, moment, average; /* [field.parameters] */
@@ -95,6 +97,8 @@ ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
 
 /* run_folder.c */
+/* The names alone; nothing is made or locked. ern_run_folder_close also after an error. */
+ERN_NODISCARD ern_status ern_run_folder_name(ern_context *context, const char *output, struct ern_run_folder *run);
 ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run);
 /* ERN_E_EXISTS where an earlier training is at X or in X.run, whose lock is held. `resume`: it was asked for, in vain.
  */

@@ -9,8 +9,9 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "io/file.h"
 #include "render/frame_input.h"
-#include "train/trainer.h"
+#include "train/state_about.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 
@@ -49,13 +50,13 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   } ranges[] = {{"iters", (double)c->iters, 1, 1e12},
                 {"rays", c->rays, 1, 1 << 20},
                 {"levels", c->levels, 0, ERN_GRID_MAX_LEVELS},
-                {"lr", (double)c->lr, 0, 1e3},
-                {"lr_net", (double)c->lr_net, 0, 1e3},
-                {"lr_att", (double)c->lr_att, 0, 1e3},
+                {"lr", (double)c->lr, 0, ERN_TRAIN_MOST_RATE},
+                {"lr_net", (double)c->lr_net, 0, ERN_TRAIN_MOST_RATE},
+                {"lr_att", (double)c->lr_att, 0, ERN_TRAIN_MOST_RATE},
                 {"individual codes", c->codes, -1, 1e6},
                 {"max_steps", c->max_steps, 1, ERN_MAX_STEPS},
                 {"dt_gamma", (double)c->dt_gamma, 0, 1},
-                {"torso_shrink", (double)c->torso_shrink, 1e-3, 1},
+                {"torso_shrink", (double)c->torso_shrink, ERN_LEAST_SHRINK, 1},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 1, 1e12}};
@@ -145,6 +146,9 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (head->field.config.codes > 0 && (size_t)head->field.config.codes < t->data.frames[0])
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head has %d individual codes, the clip %zu training frames",
                     head->field.config.codes, t->data.frames[0]);
+  /* The torso's own shrink is chosen anew. */
+  const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
+  if (status != ERN_OK) return status;
   if (head->clip[0] == 0)
     ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
   if (head->clip[0] != 0 && t->identity[0] != 0 && strcmp(head->clip, t->identity) != 0) {
@@ -182,6 +186,7 @@ static ern_status make_model(ern_trainer *t) {
     config.torso_gamma = t->config.torso_gamma;
   }
   ERN_TRY(ern_model_make(&t->model, t->context, &config));
+  t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) copy_head(t->model, t->config.head);
@@ -232,6 +237,11 @@ static ern_status take_host(ern_trainer *t) {
   t->host_windows = room;
 fail:
   return status;
+}
+
+static void name_features(ern_trainer *t) {
+  const ern_features *f = t->data.features;
+  ern_sha256_hex(f->data, f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float), t->features);
 }
 
 /* What is at X before the first save, and may not be replaced: all of an earlier training; with a resume what is no
@@ -306,9 +316,11 @@ ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
   ERN_TRY(take_device(t));
   ERN_TRY(take_host(t));
+  ERN_TRY(check_range(context, "scale", (double)t->data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
     ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
+    name_features(t);
   }
   ERN_TRY(fill(t));
   t->config.output = t->output;

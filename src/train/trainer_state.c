@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What a resume needs, written and read: weights, second moments, average, density grid, step. */
 #include <errno.h>
-#include <inttypes.h>
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,15 +12,7 @@
 #include "io/file.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
-#include "train/trainer.h"
-
-/* What the JSON of a state says beside the model's. */
-struct state_about {
-  bool torso;
-  uint64_t step, ema_updates, seed;
-  int rays;
-  double seconds;
-};
+#include "train/state_about.h"
 
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ern_model *model = t->model;
@@ -93,39 +83,6 @@ fail:
   return status;
 }
 
-/* A JSON number of the library has 63 bits: a larger seed is a string of its digits. */
-static json_t *seed_json(uint64_t seed) {
-  char digits[24];
-  if (seed <= INT64_MAX) return json_integer((json_int_t)seed);
-  snprintf(digits, sizeof digits, "%" PRIu64, seed);
-  return json_string(digits);
-}
-
-/* Files of before have a number below 0 for such a one: the same bits. */
-static bool seed_read(const json_t *value, uint64_t *seed) {
-  char *end = NULL;
-  *seed = (uint64_t)json_integer_value(value);
-  if (json_is_integer(value)) return true;
-  const char *digits = json_string_value(value);
-  if (digits == NULL || digits[0] < '0' || digits[0] > '9') return false;
-  errno = 0;
-  *seed = strtoull(digits, &end, 10);
-  return errno == 0 && *end == 0;
-}
-
-static ern_status about_text(const ern_trainer *t, char **text) {
-  *text = NULL;
-  json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f}", "torso", t->config.torso, "step", (json_int_t)t->step,
-                           "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(t->config.seed), "rays",
-                           t->config.rays, "seconds", t->seconds);
-  char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
-  json_decref(root);
-  if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
-  const ern_status status = ern_string_copy(t->context, json, text);
-  free(json);
-  return status;
-}
-
 static ern_status move(ern_context *context, const char *from, const char *to) {
   if (rename(from, to) == 0) return ERN_OK;
   return ern_fail(context, ERN_E_IO, "%s: cannot become %s: %s", from, to, strerror(errno));
@@ -140,7 +97,7 @@ static ern_status write_next(ern_trainer *t) {
   s = room;
   ERN_TRY(read_state(t, s));
   ERN_TRY(ern_model_metadata(t->model, &model_text));
-  ERN_TRY(about_text(t, &state_text));
+  ERN_TRY(ern_state_about_text(t, &state_text));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
   ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
 fail:
@@ -208,31 +165,6 @@ fail:
 }
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
-
-static ern_status parse_about(ern_trainer *t, const char *text, const char *path, struct state_about *about) {
-  json_error_t error;
-  json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error);
-  const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
-               *updates = json_object_get(root, "ema_updates"), *seed = json_object_get(root, "seed"),
-               *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds");
-  uint64_t seed_value = 0;
-  const bool whole = json_is_boolean(torso) && json_is_integer(step) && json_is_integer(updates) &&
-                     seed_read(seed, &seed_value) && json_is_integer(rays) && json_is_number(seconds) &&
-                     json_integer_value(step) >= 0 && json_integer_value(step) <= ERN_MODEL_MOST_STEPS &&
-                     json_integer_value(updates) >= 0 && json_integer_value(updates) <= ERN_MODEL_MOST_STEPS &&
-                     json_integer_value(rays) >= 0 && json_integer_value(rays) <= INT32_MAX &&
-                     json_number_value(seconds) >= 0;
-  *about = (struct state_about){.torso = json_is_true(torso),
-                                .step = (uint64_t)json_integer_value(step),
-                                .ema_updates = (uint64_t)json_integer_value(updates),
-                                .seed = seed_value,
-                                .rays = (int)json_integer_value(rays),
-                                .seconds = json_number_value(seconds)};
-  json_decref(root);
-  if (whole) return ERN_OK;
-  return ern_fail(t->context, ERN_E_FORMAT,
-                  "%s: metadata \"ernerf.state\" lacks a field or holds one of another type or range", path);
-}
 
 static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path) {
   const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
@@ -305,7 +237,7 @@ fail:
 }
 
 static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file, const char *path,
-                             const struct state_about *about, const ern_model *model) {
+                             const struct ern_state_about *about, const ern_model *model) {
   void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(upload_model(t, model));
@@ -325,9 +257,6 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   if (about->rays == 0)
     ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
-  else if (about->seed != t->config.seed || about->rays != t->config.rays)
-    ern_log(t->context, ERN_LOG_WARNING, "%s: was trained with seed %llu and %d rays; going on with %llu and %d", path,
-            (unsigned long long)about->seed, about->rays, (unsigned long long)t->config.seed, t->config.rays);
 fail:
   ern_release(t->context, room);
   return status;
@@ -338,48 +267,58 @@ struct candidate {
   const char *path;
   struct ern_tensor_file file;
   ern_model *model;
-  struct state_about about;
+  struct ern_state_about about;
 };
 
-static ern_status open_candidate(ern_trainer *t, const char *path, struct candidate *c) {
+static ern_status open_candidate(ern_context *context, const char *path, struct candidate *c) {
   ern_status status = ERN_OK;
   *c = (struct candidate){.path = path};
-  ERN_TRY(ern_safetensors_read(t->context, path, &c->file));
+  ERN_TRY(ern_safetensors_read(context, path, &c->file));
   const char *text = ern_tensor_file_metadata(&c->file, "ernerf.state");
-  if (text == NULL) ERN_TRY(ern_fail(t->context, ERN_E_FORMAT, "%s: is no training state", path));
-  ERN_TRY(parse_about(t, text, path, &c->about));
-  ERN_TRY(ern_model_from_file(&c->model, t->context, &c->file, path));
+  if (text == NULL) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is no training state", path));
+  ERN_TRY(ern_state_about_parse(context, text, path, &c->about));
+  ERN_TRY(ern_model_from_file(&c->model, context, &c->file, path));
 fail:
   return status;
 }
 
-static void close_candidate(ern_trainer *t, struct candidate *c) {
-  ern_tensor_file_free(t->context, &c->file);
+static void close_candidate(ern_context *context, struct candidate *c) {
+  ern_tensor_file_free(context, &c->file);
   ern_model_free(&c->model);
 }
 
-ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
-  const char *const paths[] = {t->run.next, t->run.state, t->run.previous};
-  struct candidate best = {0};
-  ern_status status = ERN_OK, damaged = ERN_OK;
-  *resumed = false;
+/* The newest state of the folder that verifies; its model is NULL where there is none, and the status then that of what
+ * is damaged. tell: warnings of those. */
+static ern_status find_newest(ern_context *context, const struct ern_run_folder *run, bool tell,
+                              struct candidate *best) {
+  const char *const paths[] = {run->next, run->state, run->previous};
+  ern_status damaged = ERN_OK;
+  *best = (struct candidate){0};
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
     struct candidate c;
     if (access(paths[i], F_OK) != 0) continue;
-    const ern_status opened = open_candidate(t, paths[i], &c);
+    const ern_status opened = open_candidate(context, paths[i], &c);
     if (opened == ERN_E_NO_MEMORY) {
-      close_candidate(t, &c);
-      ERN_TRY(opened);
+      close_candidate(context, &c);
+      close_candidate(context, best);
+      return opened;
     }
     if (opened != ERN_OK) {
       damaged = opened;
-      ern_log(t->context, ERN_LOG_WARNING, "%s", ern_last_error(t->context));
+      if (tell) ern_log(context, ERN_LOG_WARNING, "%s", ern_last_error(context));
     }
-    const bool newer = opened == ERN_OK && (best.model == NULL || c.about.step > best.about.step);
-    close_candidate(t, newer ? &best : &c);
-    if (newer) best = c;
+    const bool newer = opened == ERN_OK && (best->model == NULL || c.about.step > best->about.step);
+    close_candidate(context, newer ? best : &c);
+    if (newer) *best = c;
   }
-  if (best.model == NULL) return damaged; /* nothing saved yet, or nothing that can be read */
+  return best->model != NULL ? ERN_OK : damaged;
+}
+
+ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
+  struct candidate best;
+  *resumed = false;
+  ern_status status = find_newest(t->context, &t->run, true, &best);
+  if (best.model == NULL) return status; /* nothing saved yet, or nothing that can be read */
   if (best.about.torso != t->config.torso)
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
                      best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
@@ -387,13 +326,45 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)",
                      best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path));
+  ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
   t->saved = t->step;
   *resumed = true;
 fail:
-  close_candidate(t, &best);
+  close_candidate(t->context, &best);
+  return status;
+}
+
+ern_status ern_train_state_describe(ern_context *context, const char *output, ern_train_state *state) {
+  ERN_PLAIN_FLOATS;
+  struct ern_run_folder run;
+  struct candidate best = {0};
+  ern_status status = ERN_OK;
+  *state = (ern_train_state){0};
+  ERN_TRY(ern_run_folder_name(context, output, &run));
+  ERN_TRY(find_newest(context, &run, false, &best));
+  if (best.model == NULL) ERN_TRY(ern_fail(context, ERN_E_MISSING, "%s: holds no state of a training", run.folder));
+  const struct ern_state_about *about = &best.about;
+  *state = (ern_train_state){.torso = about->torso,
+                             .step = about->step,
+                             .seed = about->seed,
+                             .rays = about->rays,
+                             .has_settings = about->said,
+                             .iters = about->iters,
+                             .lr = about->lr,
+                             .lr_net = about->lr_net,
+                             .lr_att = about->lr_att,
+                             .refresh_every = about->refresh_every,
+                             .ema_every = about->ema_every,
+                             .data_begin = (size_t)about->data_begin,
+                             .data_end = (size_t)about->data_end,
+                             .torso_layer = about->layer};
+  ern_model_describe(best.model, &state->model);
+fail:
+  close_candidate(context, &best);
+  ern_run_folder_close(context, &run);
   return status;
 }
 
@@ -403,12 +374,13 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path));
+  ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (c.model->cameras > 0)
     ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is not trained on, nor applied while training",
             path);
   if (text != NULL) {
-    ERN_TRY(parse_about(t, text, path, &c.about));
+    ERN_TRY(ern_state_about_parse(t->context, text, path, &c.about));
     if (c.about.torso != t->config.torso)
       ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path,
                        c.about.torso ? "torso" : "head"));
@@ -422,6 +394,6 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "%s: is already at step %llu, expected below the %llu of --iters", path,
                      (unsigned long long)t->step, (unsigned long long)t->config.iters));
 fail:
-  close_candidate(t, &c);
+  close_candidate(t->context, &c);
   return status;
 }

@@ -143,7 +143,7 @@ static int scene_of_clip(struct bench_job *job) {
   job->windows =
       malloc((size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width * sizeof(float));
   if (job->windows == NULL) return session_fail_with(session, "no memory for a window of speech");
-  shots_windows(&job->shots, 0, features, ERN_AUDIO_PAD_EDGE, job->windows);
+  shots_windows(&job->shots, 0, features, (ern_audio_pad)portrait->audio_pad, job->windows);
   if (ern_clip_pixels(portrait->clip, shot->split, shot->index, &job->truth, NULL) != ERN_OK)
     return session_fail(session);
   const ern_camera camera = shots_camera(&job->shots, 0, portrait->scale, info->width, info->height);

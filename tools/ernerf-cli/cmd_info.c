@@ -169,10 +169,20 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
   printf("  bound            %g\n", (double)info->bound);
+  printf("  seen with        scale %g, dt_gamma %g, %d samples a ray, torso_shrink %g, audio-pad %s%s\n",
+         (double)info->scale, (double)info->dt_gamma, info->max_steps, (double)info->torso_shrink,
+         ern_audio_pad_name(info->audio_pad), info->has_view_settings ? "" : " (not said: the defaults)");
   if (info->cameras > 0) printf("  camera           refined for %zu training poses\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
   printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
   free(list);
+}
+
+/* How it is seen unless the command line says otherwise; said: by the file, else these are the defaults. */
+static json_t *view_json(const ern_model_info *info) {
+  return json_pack("{s:b, s:f, s:f, s:i, s:f, s:s}", "said", info->has_view_settings, "scale", (double)info->scale,
+                   "dt_gamma", (double)info->dt_gamma, "max_steps", info->max_steps, "torso_shrink",
+                   (double)info->torso_shrink, "audio_pad", ern_audio_pad_name(info->audio_pad));
 }
 
 /* Tensors that make no model. */
@@ -208,14 +218,14 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:s, s:I, s:I, s:I, s:o, "
+      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:o, s:s, s:I, s:I, s:I, s:o, "
                 "s:{s:I, s:I}, s:o}",
                 "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
                 (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
                 ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
                 ern_eye_attention_name(info.eye_attention), "levels", info.levels, "effects", effects, "feature_width",
                 info.feature_width, "window_length", info.window_length, "codes", info.codes, "torso_gamma",
-                info.has_gamma, "bound", (double)info.bound, "clip", info.clip, "parameters",
+                info.has_gamma, "bound", (double)info.bound, "view", view_json(&info), "clip", info.clip, "parameters",
                 (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
                 (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
                 "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));

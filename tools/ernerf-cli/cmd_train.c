@@ -7,6 +7,7 @@
 
 #include "clip_source.h"
 #include "curve.h"
+#include "earlier.h"
 #include "effects.h"
 #include "ernerf/media.h"
 #include "ernerf/train.h"
@@ -33,8 +34,9 @@ struct train_job {
   struct range data;
   float scale;
   int audio_pad, backbone, attention, eye_attention;
-  ern_model_info from; /* of --from */
-  bool has_from;
+  ern_model_info from;   /* of --from, or of the state that is resumed */
+  ern_train_state state; /* that is resumed */
+  bool has_from, has_state;
   /* made */
   ern_clip *clip;
   ern_clip_info clip_info;
@@ -87,7 +89,7 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
       {.name = "resume",
        .kind = OPTION_FLAG,
        .target = &config->resume,
-       .help = "go on from the newest good state in X.run"},
+       .help = "go on from the newest good state in X.run, as it was trained where no option says otherwise"},
       {.name = "from",
        .kind = OPTION_TEXT,
        .target = &config->from,
@@ -180,7 +182,7 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .target = &config->max_steps,
        .low = 1,
        .high = 1024,
-       .help = "samples a ray at most"},
+       .help = "samples a ray at most; kept in the model (default 16)"},
       {.name = "refresh-every",
        .alias = "update_extra_interval",
        .kind = OPTION_COUNT,
@@ -199,7 +201,7 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .target = &config->dt_gamma,
        .low = 0,
        .high = 1,
-       .help = "growth of the step with distance (default 1/256)"},
+       .help = "growth of the step with distance; kept in the model (default 1/256)"},
       {.name = "bound",
        .kind = OPTION_FLOAT,
        .target = &config->bound,
@@ -211,13 +213,13 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .target = &config->torso_shrink,
        .low = 0.001,
        .high = 1,
-       .help = "factor of the torso's coordinates; render and eval need the same"},
+       .help = "factor of the torso's coordinates; kept in the model (default 0.8)"},
       {.name = "scale",
        .kind = OPTION_FLOAT,
        .target = &job->scale,
        .low = 0.001,
        .high = 1000,
-       .help = "factor of the camera's place; render and eval need the same"},
+       .help = "factor of the camera's place; kept in the model (default 4)"},
       {.name = "data_range",
        .kind = OPTION_RANGE_PAIR,
        .target = &job->data,
@@ -227,7 +229,9 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .kind = OPTION_CHOICE,
        .target = &job->audio_pad,
        .choices = "edge|zero",
-       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"}};
+       .help =
+           "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model (default "
+           "edge)"}};
   ARGS_FILL(options, rows, NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
   struct option *common = options + sizeof rows / sizeof rows[0];
   session_compute_options(&job->session, common);
@@ -281,25 +285,14 @@ static int check_usage(struct train_job *job, const struct args *args) {
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-/* What --from is like, where the command line does not say otherwise. */
-static void go_on_from(struct train_job *job, const struct args *args) {
-  ern_train_config *config = &job->config;
-  const ern_model_info *from = &job->from;
-  if (!args_given(args, "levels")) config->levels = from->levels;
-  if (!args_given(args, "ind_num") && asks_auto(job)) config->codes = from->codes;
-  if (!args_given(args, "bound")) config->bound = from->bound;
-  if (!args_given(args, "backbone")) config->backbone = from->backbone;
-  if (!args_given(args, "attention")) config->attention = from->attention;
-  if (!args_given(args, "eye-attention")) config->eye_attention = from->eye_attention;
-}
-
 /* The effects that the clip calls for, or those of --from, or what was asked for where the clip can teach it. */
 static int choose_effects(struct train_job *job) {
   const bool chosen = asks_auto(job);
   struct effects *effects = &job->effects;
   ern_clip_measures measures;
   if (chosen && job->has_from && !job->config.torso) {
-    *effects = (struct effects){{job->from.has_eye, job->from.has_codes, job->from.has_view, job->clip_info.has_torso}};
+    const bool layer = job->clip_info.has_torso && (!job->state.has_settings || job->state.torso_layer);
+    *effects = (struct effects){{job->from.has_eye, job->from.has_codes, job->from.has_view, layer}};
     return 0;
   }
   if (chosen) {
@@ -342,21 +335,30 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->iters = job->iters;
   config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
-  const uint64_t tenth = job->iters / 10;
+  config->ema_every = job->ema_every;
+  config->refresh_every = job->refresh_every;
+  config->seed = job->session.seed;
+  if (job->has_state) earlier_state(args, &job->state, config);
+  const uint64_t tenth = config->iters / 10;
   config->validate_every = args_given(args, "validate-every") ? job->validate_every
                            : tenth > VALIDATE_MOST            ? VALIDATE_MOST
                            : tenth < VALIDATE_LEAST           ? VALIDATE_LEAST
                                                               : tenth;
-  config->ema_every = job->ema_every;
-  config->refresh_every = job->refresh_every;
-  config->seed = job->session.seed;
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
   config->attention = (ern_attention)job->attention;
   config->eye_attention = (ern_eye_attention)job->eye_attention;
-  if (job->has_from) go_on_from(job, args);
+  if (job->has_from) {
+    earlier_model(args, &job->from, !asks_auto(job), config);
+    earlier_view(args, &job->from, job->from.has_torso, config, &job->scale);
+  }
+  if (job->head != NULL) {
+    ern_model_info head;
+    ern_model_describe(job->head, &head);
+    earlier_view(args, &head, false, config, &job->scale);
+  }
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;
@@ -429,6 +431,11 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
+  /* A state that cannot be read is told of when it is resumed. */
+  if (job->config.resume && ern_train_state_describe(session->context, job->config.output, &job->state) == ERN_OK) {
+    job->from = job->state.model;
+    job->has_from = job->has_state = true;
+  }
   fill_config(job, args);
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);

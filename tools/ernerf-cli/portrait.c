@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "portrait.h"
 
+#include "bytes.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +15,6 @@ static const float TRANSMITTANCE_STOP = 3e-3f;
 void portrait_options(struct portrait *portrait, enum shot_split split, struct option options[PORTRAIT_OPTIONS]) {
   portrait->render = ern_render_options_default();
   portrait->render.transmittance_stop = TRANSMITTANCE_STOP;
-  portrait->scale = 4;
   portrait->split = split;
   portrait->frames = (struct range){.open_end = true};
   ern_render_options *render = &portrait->render;
@@ -31,19 +32,19 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
        .kind = OPTION_CHOICE,
        .target = &portrait->audio_pad,
        .choices = "edge|zero",
-       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default edge)"},
+       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default as in training)"},
       {.name = "max_steps",
        .kind = OPTION_INT,
        .target = &render->max_steps,
        .low = 1,
        .high = 1024,
-       .help = "samples a ray at most"},
+       .help = "samples a ray at most (default as in training)"},
       {.name = "dt_gamma",
        .kind = OPTION_FLOAT,
        .target = &render->dt_gamma,
        .low = 0,
        .high = 1,
-       .help = "growth of the step with distance (default 1/256)"},
+       .help = "growth of the step with distance (default as in training)"},
       {.name = "transmittance_stop",
        .kind = OPTION_FLOAT,
        .target = &render->transmittance_stop,
@@ -61,13 +62,13 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
        .target = &render->torso_shrink,
        .low = 0.001,
        .high = 1,
-       .help = "factor of the torso's coordinates, as in training"},
+       .help = "factor of the torso's coordinates (default as in training)"},
       {.name = "scale",
        .kind = OPTION_FLOAT,
        .target = &portrait->scale,
        .low = 0.001,
        .high = 1000,
-       .help = "factor of the camera's place, as in training"},
+       .help = "factor of the camera's place (default as in training)"},
       {.name = "image_scale",
        .kind = OPTION_FLOAT,
        .target = &render->image_scale,
@@ -89,9 +90,48 @@ void portrait_options(struct portrait *portrait, enum shot_split split, struct o
     source[1].help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
 }
 
+/* What the command line leaves open is as in training. What it says goes, with a warning where the model says
+ * otherwise.
+ */
+static void take_view(struct portrait *portrait, struct session *session, const struct args *args) {
+  const ern_model_info *info = &portrait->info;
+  ern_render_options *render = &portrait->render;
+  const bool shrink = args_given(args, "torso_shrink"), scale = args_given(args, "scale"),
+             gamma = args_given(args, "dt_gamma"), steps = args_given(args, "max_steps"),
+             pad = args_given(args, "audio-pad");
+  struct bytes trained = {0}, asked = {0};
+  if (!shrink) render->torso_shrink = info->torso_shrink;
+  if (!scale) portrait->scale = info->scale;
+  if (!gamma) render->dt_gamma = info->dt_gamma;
+  if (!steps) render->max_steps = info->max_steps;
+  if (!pad) portrait->audio_pad = (int)info->audio_pad;
+  const struct {
+    const char *name;
+    double trained, asked;
+  } numbers[] = {{"scale", (double)info->scale, (double)portrait->scale},
+                 {"dt_gamma", (double)info->dt_gamma, (double)render->dt_gamma},
+                 {"max_steps", info->max_steps, render->max_steps},
+                 {"torso_shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
+  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+    if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso)) continue;
+    bytes_print(&trained, " --%s %.6g", numbers[i].name, numbers[i].trained);
+    bytes_print(&asked, " --%s %.6g", numbers[i].name, numbers[i].asked);
+  }
+  if ((int)info->audio_pad != portrait->audio_pad) {
+    bytes_print(&trained, " --audio-pad %s", ern_audio_pad_name(info->audio_pad));
+    bytes_print(&asked, " --audio-pad %s", ern_audio_pad_name((ern_audio_pad)portrait->audio_pad));
+  }
+  if (info->has_view_settings && asked.count > 0)
+    session_warn(session, "%s was trained with%.*s; it is drawn with%.*s, as asked", portrait->model_path,
+                 (int)trained.count, (const char *)trained.data, (int)asked.count, (const char *)asked.data);
+  bytes_free(&trained);
+  bytes_free(&asked);
+}
+
 static int open_model(struct portrait *portrait, struct session *session, const struct args *args) {
   if (ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK) return session_fail(session);
   ern_model_describe(portrait->model, &portrait->info);
+  take_view(portrait, session, args);
   if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
     session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
   return 0;

@@ -85,6 +85,11 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const
   config->torso = head != NULL;
   config->head = head;
   if (head != NULL) {
+    ern_model_info about;
+    ern_model_describe(head, &about);
+    config->max_steps = about.max_steps; /* a torso takes the head's */
+    config->dt_gamma = about.dt_gamma;
+    config->audio_pad = about.audio_pad;
     config->torso_gamma = coin(&dice);
     config->torso_shrink = (float)magnitude(&dice, 0.01, 1);
   } else {

@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: MIT */
+#include "train/state_about.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+
+/* A JSON number of the library has 63 bits: a larger seed is a string of its digits. */
+static json_t *seed_json(uint64_t seed) {
+  char digits[24];
+  if (seed <= INT64_MAX) return json_integer((json_int_t)seed);
+  snprintf(digits, sizeof digits, "%" PRIu64, seed);
+  return json_string(digits);
+}
+
+/* Earlier files have a number below 0 for such a seed: the same bits. */
+static bool seed_read(const json_t *value, uint64_t *seed) {
+  char *end = NULL;
+  *seed = (uint64_t)json_integer_value(value);
+  if (json_is_integer(value)) return true;
+  const char *digits = json_string_value(value);
+  if (digits == NULL || digits[0] < '0' || digits[0] > '9') return false;
+  errno = 0;
+  *seed = strtoull(digits, &end, 10);
+  return errno == 0 && *end == 0;
+}
+
+ern_status ern_state_about_text(const ern_trainer *t, char **text) {
+  const ern_train_config *c = &t->config;
+  *text = NULL;
+  json_t *training = json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s}", "iters", (json_int_t)c->iters,
+                               "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
+                               "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every,
+                               "ema", c->ema, "data_begin", (json_int_t)c->data_begin, "data_end",
+                               (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features", t->features);
+  json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
+                           "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
+                           "seconds", t->seconds, "training", training);
+  char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+  json_decref(root);
+  if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
+  const ern_status status = ern_string_copy(t->context, json, text);
+  free(json);
+  return status;
+}
+
+/* ---- reading ----------------------------------------------------------------------------------------------------- */
+
+static bool whole_in(const json_t *value, int64_t least, int64_t most) {
+  return json_is_integer(value) && json_integer_value(value) >= least && json_integer_value(value) <= most;
+}
+
+/* The name of the first field that is missing or out of range, NULL: none. */
+static const char *read_training(const json_t *root, struct ern_state_about *about) {
+  const struct {
+    const char *name;
+    uint64_t *to;
+    int64_t least;
+  } counts[] = {{"iters", &about->iters, 1},
+                {"refresh_every", &about->refresh_every, 1},
+                {"ema_every", &about->ema_every, 1},
+                {"data_begin", &about->data_begin, 0},
+                {"data_end", &about->data_end, 1}};
+  const struct {
+    const char *name;
+    float *to;
+  } rates[] = {{"lr", &about->lr}, {"lr_net", &about->lr_net}, {"lr_att", &about->lr_att}};
+  const struct {
+    const char *name;
+    bool *to;
+  } flags[] = {{"ema", &about->ema}, {"torso_layer", &about->layer}};
+  const char *features = json_string_value(json_object_get(root, "features"));
+  about->said = true;
+  for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+    const json_t *value = json_object_get(root, counts[i].name);
+    if (!whole_in(value, counts[i].least, ERN_MODEL_MOST_STEPS)) return counts[i].name;
+    *counts[i].to = (uint64_t)json_integer_value(value);
+  }
+  for (size_t i = 0; i < sizeof rates / sizeof *rates; i++) {
+    const json_t *value = json_object_get(root, rates[i].name);
+    const double rate = json_number_value(value);
+    if (!json_is_number(value) || !(rate >= 0 && rate <= ERN_TRAIN_MOST_RATE)) return rates[i].name;
+    *rates[i].to = (float)rate;
+  }
+  for (size_t i = 0; i < sizeof flags / sizeof *flags; i++) {
+    const json_t *value = json_object_get(root, flags[i].name);
+    if (!json_is_boolean(value)) return flags[i].name;
+    *flags[i].to = json_is_true(value);
+  }
+  if (about->data_begin >= about->data_end) return "data_end";
+  if (features == NULL || strlen(features) >= sizeof about->features) return "features";
+  memcpy(about->features, features, strlen(features) + 1);
+  return NULL;
+}
+
+ern_status ern_state_about_parse(ern_context *context, const char *text, const char *path,
+                                 struct ern_state_about *about) {
+  json_error_t error;
+  json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error);
+  const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
+               *updates = json_object_get(root, "ema_updates"), *seed = json_object_get(root, "seed"),
+               *rays = json_object_get(root, "rays"), *seconds = json_object_get(root, "seconds"),
+               *training = json_object_get(root, "training");
+  uint64_t seed_value = 0;
+  const bool whole = json_is_boolean(torso) && whole_in(step, 0, ERN_MODEL_MOST_STEPS) &&
+                     whole_in(updates, 0, ERN_MODEL_MOST_STEPS) && seed_read(seed, &seed_value) &&
+                     whole_in(rays, 0, INT32_MAX) && json_is_number(seconds) && json_number_value(seconds) >= 0;
+  *about = (struct ern_state_about){.torso = json_is_true(torso),
+                                    .step = (uint64_t)json_integer_value(step),
+                                    .ema_updates = (uint64_t)json_integer_value(updates),
+                                    .seed = seed_value,
+                                    .rays = (int)json_integer_value(rays),
+                                    .seconds = json_number_value(seconds)};
+  const char *wrong = training != NULL ? read_training(training, about) : NULL;
+  json_decref(root);
+  if (!whole)
+    return ern_fail(context, ERN_E_FORMAT,
+                    "%s: metadata \"ernerf.state\" lacks a field or holds one of another type or range", path);
+  if (wrong != NULL)
+    return ern_fail(context, ERN_E_FORMAT,
+                    "%s: metadata \"ernerf.state\": training.%s is missing or of another type or range", path, wrong);
+  return ERN_OK;
+}
+
+/* ---- what has changed -------------------------------------------------------------------------------------------- */
+
+/* Values in words, so that equal ones have equal words, and other ones others. */
+struct value {
+  char text[72];
+};
+static struct value number(float value) {
+  struct value made;
+  int digits = 3;
+  do snprintf(made.text, sizeof made.text, "%.*g", digits, (double)value);
+  while (digits++ < 9 && strtof(made.text, NULL) != value);
+  return made;
+}
+static struct value count(uint64_t value) {
+  struct value made;
+  snprintf(made.text, sizeof made.text, "%" PRIu64, value);
+  return made;
+}
+static struct value word(const char *value) {
+  struct value made;
+  snprintf(made.text, sizeof made.text, "%.64s", value);
+  return made;
+}
+
+struct change {
+  const char *name;
+  struct value found, here;
+};
+
+static ern_status refuse(const ern_trainer *t, const char *path, const struct change *c) {
+  return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %s, this training has %s, expected the same", path, c->name,
+                  c->found.text, c->here.text);
+}
+
+static void tell(const ern_trainer *t, const char *path, const struct change *c) {
+  ern_log(t->context, ERN_LOG_WARNING, "%s: %s was %s, going on with %s", path, c->name, c->found.text, c->here.text);
+}
+
+/* Refuses the first of `strict` that differs, then tells of all of `loose` that do. */
+static ern_status compare(const ern_trainer *t, const char *path, const struct change *strict, size_t stricts,
+                          const struct change *loose, size_t looses) {
+  for (size_t i = 0; i < stricts; i++)
+    if (strcmp(strict[i].found.text, strict[i].here.text) != 0) return refuse(t, path, &strict[i]);
+  for (size_t i = 0; i < looses; i++)
+    if (strcmp(loose[i].found.text, loose[i].here.text) != 0) tell(t, path, &loose[i]);
+  return ERN_OK;
+}
+
+struct ern_view_settings ern_trainer_view_settings(const ern_trainer *t) {
+  const ern_train_config *c = &t->config;
+  return (struct ern_view_settings){true, c->max_steps, c->dt_gamma, c->torso_shrink, t->data.scale, c->audio_pad};
+}
+
+ern_status ern_trainer_check_view(const ern_trainer *t, const char *path, const struct ern_view_settings *found,
+                                  bool torso, bool strict) {
+  const struct ern_view_settings here = ern_trainer_view_settings(t);
+  const struct change changes[] = {
+      {"scale", number(found->scale), number(here.scale)},
+      {"dt_gamma", number(found->dt_gamma), number(here.dt_gamma)},
+      {"audio_pad", word(ern_audio_pad_name(found->audio_pad)), word(ern_audio_pad_name(here.audio_pad))},
+      {"max_steps", count((uint64_t)found->max_steps), count((uint64_t)here.max_steps)},
+      {"torso_shrink", number(found->torso_shrink), number(here.torso_shrink)}};
+  const size_t all = sizeof changes / sizeof *changes - (torso ? 0 : 1);
+  if (!found->said) return ERN_OK;
+  return strict ? compare(t, path, changes, all, NULL, 0) : compare(t, path, NULL, 0, changes, all);
+}
+
+ern_status ern_state_about_check(const ern_trainer *t, const char *path, const struct ern_state_about *about,
+                                 const struct ern_view_settings *view) {
+  const ern_train_config *c = &t->config;
+  const struct change both[] = {{"seed", count(about->seed), count(c->seed)},
+                                {"rays", count((uint64_t)about->rays), count((uint64_t)c->rays)}};
+  if (about->rays == 0) return ERN_OK;
+  if (!about->said) return compare(t, path, NULL, 0, both, 2);
+  const struct change strict[] = {{"the speech features' SHA-256", word(about->features), word(t->features)},
+                                  {"data_begin", count(about->data_begin), count(c->data_begin)},
+                                  {"data_end", count(about->data_end), count(c->data_end)},
+                                  {"torso_layer", count(about->layer), count(t->data.has_torso)}};
+  const struct change loose[] = {{"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
+                                 both[0],
+                                 both[1],
+                                 {"iters", count(about->iters), count(c->iters)},
+                                 {"lr", number(about->lr), number(c->lr)},
+                                 {"lr_net", number(about->lr_net), number(c->lr_net)},
+                                 {"lr_att", number(about->lr_att), number(c->lr_att)},
+                                 {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
+                                 {"ema_every", count(about->ema_every), count(c->ema_every)},
+                                 {"ema", count(about->ema), count(c->ema)}};
+  /* The number of samples may change from step to step; all else of the view may not. */
+  struct ern_view_settings rest = *view;
+  rest.max_steps = c->max_steps;
+  const ern_status status = ern_trainer_check_view(t, path, &rest, c->torso, true);
+  if (status != ERN_OK) return status;
+  return compare(t, path, strict, sizeof strict / sizeof *strict, loose, sizeof loose / sizeof *loose);
+}
