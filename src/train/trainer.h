@@ -9,8 +9,9 @@
 #include "model/model.h"
 
 enum {
-  ERN_REFRESH_EVERY = 16, /* steps between occupancy refreshes, unless the configuration says otherwise */
-  ERN_SMOOTH_EVERY = 16   /* steps between smoothness terms */
+  ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, unless the configuration says otherwise */
+  ERN_SMOOTH_EVERY = 16,     /* steps between smoothness terms */
+  ERN_LEAST_EMA_UPDATES = 10 /* before which the average is no model: it is still full of its beginning */
 };
 
 #define ERN_TRAIN_MOST_RATE 1e3

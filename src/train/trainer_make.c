@@ -239,6 +239,22 @@ fail:
   return status;
 }
 
+/* Whether the average can have enough updates by the last step. */
+static ern_status check_average(const ern_trainer *t) {
+  const ern_train_config *c = &t->config;
+  const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->step / every,
+                 updates = t->ema_updates + (c->iters > t->step ? c->iters / every - done : 0);
+  if (!c->ema || t->output == NULL || updates >= least) return ERN_OK;
+  const uint64_t missing = least - t->ema_updates, left = c->iters > t->step ? c->iters - t->step : 0;
+  char shorter[64] = "";
+  if (left >= missing)
+    snprintf(shorter, sizeof shorter, "at most %" PRIu64 " steps between updates or ", left / missing);
+  return ern_fail(t->context, ERN_E_ARGUMENT,
+                  "train: the average of %" PRIu64 " steps in all with %" PRIu64 " between its updates has %" PRIu64
+                  " updates, expected at least %" PRIu64 ": choose %s%" PRIu64 " steps in all or more",
+                  c->iters, every, updates, least, shorter, (done + missing) * every);
+}
+
 static void name_features(ern_trainer *t) {
   const ern_features *f = t->data.features;
   ern_sha256_hex(f->data, f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float), t->features);
@@ -319,10 +335,12 @@ ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const
   ERN_TRY(check_range(context, "scale", (double)t->data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
     ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
+    if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
     name_features(t);
   }
   ERN_TRY(fill(t));
+  ERN_TRY(check_average(t));
   t->config.output = t->output;
   t->config.from = NULL; /* the caller's words and head are used up; only copies are kept */
   t->config.head = NULL;

@@ -145,19 +145,16 @@ fail:
 
 ern_status ern_trainer_save(ern_trainer *t) {
   ERN_PLAIN_FLOATS;
-  enum { LEAST_EMA_UPDATES = 10 };
   ern_status status = ERN_OK;
   if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
   ERN_TRY(ern_trainer_download(t, t->parameters));
   ERN_TRY(write_state(t));
-  if (t->config.ema) {
-    if (t->ema_updates < LEAST_EMA_UPDATES)
-      ERN_TRY(
-          ern_fail(t->context, ERN_E_STATE,
-                   "%s: the average has seen %llu updates, expected at least %d; the state is saved, the model is not",
-                   t->output, (unsigned long long)t->ema_updates, LEAST_EMA_UPDATES));
+  if (t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES)
     ERN_TRY(ern_trainer_download(t, t->average));
-  }
+  else if (t->config.ema)
+    ern_log(t->context, ERN_LOG_INFO,
+            "%s: step %llu: the weights as they are, as the average has seen %llu updates of the %d it needs",
+            t->output, (unsigned long long)t->step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
   ERN_TRY(ern_model_write(t->model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
   t->run.keep = false;
 fail:
@@ -193,24 +190,22 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
   return ERN_OK;
 }
 
-/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. PyTorch's optimizer
- * keeps nothing for a tensor that had no gradient yet, and its average may not be saved: `missing` (a block, or NULL:
- * zeros) stands in. */
+/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. `missing` (a block, or
+ * NULL: zeros) stands in for the other rows, and where PyTorch's optimizer keeps nothing for a tensor that had no
+ * gradient yet, or its average was not saved. */
 static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
                             const float *missing, ern_span to) {
   const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
   void *room = NULL;
   ern_status status = ern_allocate(t->context, t->model->field.parameters, sizeof(float), &room);
   if (status != ERN_OK) return status;
+  if (missing != NULL) memcpy(room, missing, t->model->field.parameters * sizeof(float));
   for (int r = 0; r < t->model->table.rows; r++) {
     const struct ern_parameter *row = &t->model->table.row[r];
     char name[ERN_PARAMETER_NAME + 16];
     if (row->torso != t->config.torso) continue;
     snprintf(name, sizeof name, "%s%s", prefix, row->name);
-    if (torch && ern_tensor_file_find(file, name) == NULL) {
-      if (missing != NULL) memcpy((float *)room + row->at, missing + row->at, row->count * sizeof(float));
-      continue;
-    }
+    if (torch && ern_tensor_file_find(file, name) == NULL) continue;
     ERN_TRY(ern_tensor_take(t->context, file, path, name, row->dims, row->shape, (float *)room + row->at));
   }
   status = t->backend->upload_reals(t->stream, to, room, t->model->field.parameters);

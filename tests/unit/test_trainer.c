@@ -356,7 +356,9 @@ static void test_ema(void **state) {
   clear_run("average");
   ern_train_config config = small_config(10, "average.safetensors"); /* 5 updates */
   config.ema = true;
-  support_expect(m.context, train(&m, &config, NULL), ERN_E_STATE, "5 updates", "at least 10", NULL);
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_ARGUMENT, "10 steps in all with 2 between its updates",
+                 "5 updates", "at least 10", "at most 1 steps between updates or 20 steps in all", NULL);
+  assert_int_equal(access("average.run", F_OK), -1);
   config = small_config(22, "average.safetensors"); /* 11 updates */
   support_ok(m.context, train(&m, &config, NULL));
   size_t raw_count = 0, average_count = 0;
@@ -367,6 +369,58 @@ static void test_ema(void **state) {
   assert_int_equal(raw_count, average_count);
   assert_true(memcmp(raw, average, raw_count) != 0);
   free(raw), free(average);
+  made_close(&m);
+}
+
+/* Saves before the tenth update write what a training without the average writes; later ones do not, nor does a resume
+ * change any of it. */
+static void test_ema_before_its_time(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  made_open(&m);
+  clear_run("early"), clear_run("plain"), clear_run("late");
+  for (int ema = 0; ema < 2; ema++) {
+    ern_train_config config = small_config(22, ema ? "early.safetensors" : "plain.safetensors");
+    config.ema = ema;
+    support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+    for (int k = 0; k < 19; k++) support_ok(m.context, ern_trainer_step(trainer, &report)); /* 9 updates */
+    support_ok(m.context, ern_trainer_save(trainer));
+    ern_trainer_free(&trainer);
+  }
+  expect_same("early.safetensors", "plain.safetensors");
+  ern_train_config config = small_config(19, "early.safetensors");
+  config.ema = config.resume = true;
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_ARGUMENT, "9 updates", "20 steps in all or more", NULL);
+  config.iters = 22;
+  support_ok(m.context, train(&m, &config, NULL));
+  config = small_config(22, "late.safetensors");
+  config.ema = true;
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("early.safetensors", "late.safetensors");
+  made_close(&m);
+}
+
+/* The head under a torso's average is the head, also after a resume. */
+static void test_ema_of_a_torso(void **state) {
+  (void)state;
+  struct made m;
+  ern_model *head = NULL;
+  made_open(&m);
+  clear_run("under"), clear_run("mean"), clear_run("mean2");
+  train_to(&m, "under.safetensors", 4, 2, 0);
+  support_ok(m.context, ern_model_load(&head, m.context, "under.safetensors"));
+  ern_train_config config = small_config(24, "mean.safetensors");
+  config.torso = config.ema = true;
+  config.head = head;
+  support_ok(m.context, train(&m, &config, NULL));
+  train_in_two(&m, "mean2.safetensors", 21, 24, head);
+  config.output = "mean2.safetensors";
+  config.resume = true;
+  support_ok(m.context, train(&m, &config, NULL)); /* at its last step: it only writes */
+  expect_same("mean.safetensors", "mean2.safetensors");
+  ern_model_free(&head);
   made_close(&m);
 }
 
@@ -441,6 +495,8 @@ int main(void) {
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_from),
                                      cmocka_unit_test(test_ema),
+                                     cmocka_unit_test(test_ema_before_its_time),
+                                     cmocka_unit_test(test_ema_of_a_torso),
                                      cmocka_unit_test(test_refresh_every),
                                      cmocka_unit_test(test_bad_configuration)};
   return cmocka_run_group_tests(tests, NULL, NULL);

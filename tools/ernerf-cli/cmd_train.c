@@ -118,7 +118,8 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
       {.name = "ema",
        .kind = OPTION_FLAG,
        .target = &config->ema,
-       .help = "write the moving average of the weights as the model; with --resume at the last step it only writes"},
+       .help = "write the moving average of the weights as the model, from its 10th update on; with --resume at the "
+               "last step it only writes"},
       {.name = "ema-every",
        .kind = OPTION_COUNT,
        .target = &job->ema_every,
