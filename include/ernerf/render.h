@@ -15,12 +15,29 @@ extern "C" {
 
 /* ---- camera ------------------------------------------------------------------------------------------------------ */
 
+typedef struct ern_box {
+  int top, bottom, left, right; /* rows [top, bottom), columns [left, right) */
+} ern_box;
+
+/* How a frame goes into a picture of another aspect. It is never distorted. */
+typedef enum ern_fit {
+  ERN_FIT_CONTAIN = 0, /* all of it is in the picture, which goes on beside it */
+  ERN_FIT_COVER = 1    /* it fills the picture, and what goes beyond is cut off, as much on either side */
+} ern_fit;
+
+/* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1. With
+ * ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; a side that misses by less than
+ * a pixel fits. */
+ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
+
 /* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right; the scene is the cube
  * [-bound, bound]^3. */
 typedef struct ern_camera {
   float pose[16];      /* camera to world, row-major */
   float focal, cx, cy; /* pixels */
   int width, height;   /* pixels, 1..8192 */
+  ern_box frame;       /* where the frame that the model's torso was trained on lies in the picture (ern_fit_box), ends
+                          within 32768; pixels beside it show the torso of its nearest pixel. Zeros: it is the picture */
 } ern_camera;
 
 /* matrix: camera to world of a transforms file. Rows of the result: (m10, -m11, -m12, s m13), (m20, -m21, -m22, s m23),
@@ -33,8 +50,10 @@ ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale
  */
 ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
 
-/* The same view as a picture of another size: focal lengths and centre scale with the height, the centre keeps its
- * place. */
+/* The same view as a picture of another size: the frame is scaled and placed as ern_fit_box says. Background and torso
+ * pictures that are handed in must be placed likewise. */
+ERN_API ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit);
+/* The same with ERN_FIT_CONTAIN. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
 
 /* Which of `count` poses belongs to frame `frame` when there are fewer poses than frames: forward, backward, and so on
@@ -214,10 +233,6 @@ ERN_API size_t ern_pace_next(ern_pace *pace, double milliseconds);
 ERN_API bool ern_pace_holds(const ern_pace *pace);
 
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
-
-typedef struct ern_box {
-  int top, bottom, left, right; /* rows [top, bottom), columns [left, right) */
-} ern_box;
 
 /* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most. */
 ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box);

@@ -17,7 +17,8 @@ struct axis {
   float *q, *weight, *encoding, *terms;
   int32_t *cell;
   const float *bias, *matrix; /* first layers: [ERN_TORSO_TERMS], [ERN_TORSO_AXIS_ROWS][ERN_TORSO_TERMS] */
-  int side;
+  int count;                  /* pixels of the picture */
+  int first, side;            /* of the frame, in pixels */
   size_t padded;
 };
 
@@ -32,7 +33,8 @@ enum { AXIS_CHUNK = 64 };
 
 /* Numbers are rounded as the reference rounds them: which pixels are chosen hangs on the last bit. */
 static void place(const struct axis *axis, size_t i, float shrink) {
-  const int side = axis->side, twice = 2 * (int)i - (side - 1);
+  const int side = axis->side, from = (int)i - axis->first;
+  const int twice = 2 * (from < 0 ? 0 : from < side ? from : side - 1) - (side - 1);
   const float coordinate = side > 1 ? (float)twice / (float)(side - 1) : 0.0f;
   const float at = (coordinate + 1) / 2 * (float)last_cell;
   const int cell = (int)at < last_cell - 1 ? (int)at : last_cell - 1;
@@ -49,7 +51,7 @@ static void axis_task(void *user, size_t task, int lane) {
   if (begin >= axis->padded) return;
   const size_t end = axis->padded - begin < AXIS_CHUNK ? axis->padded : begin + AXIS_CHUNK;
   for (size_t i = begin; i < end; i++) {
-    if (i < (size_t)axis->side) {
+    if (i < (size_t)axis->count) {
       place(axis, i, job->shrink);
     } else {
       axis->q[i] = axis->weight[i] = 0;
@@ -68,11 +70,13 @@ static ern_status take(struct ern_stream *stream, size_t count, float **out) {
   return status;
 }
 
-static ern_status axis_take(struct ern_stream *stream, int side, struct axis *axis) {
+static ern_status axis_take(struct ern_stream *stream, int count, int first, int side, struct axis *axis) {
   ern_span cell;
   ern_status status = ERN_OK;
+  axis->count = count;
+  axis->first = first;
   axis->side = side;
-  axis->padded = ((size_t)side + ERN_TORSO_AXIS_UNIT - 1) / ERN_TORSO_AXIS_UNIT * ERN_TORSO_AXIS_UNIT;
+  axis->padded = ((size_t)count + ERN_TORSO_AXIS_UNIT - 1) / ERN_TORSO_AXIS_UNIT * ERN_TORSO_AXIS_UNIT;
   ERN_TRY(take(stream, axis->padded, &axis->q));
   ERN_TRY(take(stream, axis->padded, &axis->weight));
   ERN_TRY(take(stream, axis->padded * ERN_TORSO_AXIS_ROWS, &axis->encoding));
@@ -212,13 +216,14 @@ fail:
 static ern_status take_axes(struct ern_stream *stream, const struct ern_render_torso_args *a,
                             ern_torso_terms_kernel *terms, struct ern_torso_frame *frame) {
   struct job_of_axes job = {.encode = kernels_of(stream)->freq_fwd, .terms = terms, .shrink = a->shrink};
+  const struct ern_torso_place frame_at = ern_torso_place_of(a);
   const size_t matrix_count = (size_t)ERN_TORSO_AXIS_ROWS * ERN_TORSO_TERMS;
   float *bias = NULL, *matrix = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(take(stream, 2 * ERN_TORSO_TERMS, &bias));
   ERN_TRY(take(stream, 2 * matrix_count, &matrix));
-  ERN_TRY(axis_take(stream, a->height, &job.axis[0]));
-  ERN_TRY(axis_take(stream, a->width, &job.axis[1]));
+  ERN_TRY(axis_take(stream, a->height, frame_at.top, frame_at.height, &job.axis[0]));
+  ERN_TRY(axis_take(stream, a->width, frame_at.left, frame_at.width, &job.axis[1]));
   memset(bias, 0, ERN_TORSO_TERMS * sizeof *bias); /* the columns' terms have it */
   fill_bias(stream, bias + ERN_TORSO_TERMS, a);
   fill_matrices(matrix, a);

@@ -148,7 +148,9 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
 static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
   const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
   const bool fused = portrait != NULL && portrait->torso != NULL;
-  return fused ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
+  const struct ern_torso_place at = ern_torso_place_of(a); /* the kernel knows a frame that is the picture alone */
+  const bool whole = at.top == 0 && at.left == 0 && at.width == a->width && at.height == a->height;
+  return fused && whole ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
 }
 
 void ern_cl_fill_render(struct ern_backend *table) {

@@ -112,6 +112,12 @@ typedef double ern_torso_update_kernel(ern_real *grid, const ern_real *alpha, fl
 
 struct ern_field;
 
+/* Where the frame that a torso was trained on lies in a picture, in pixels; it may reach beyond. Pixels beside it have
+ * the coordinates of the nearest pixel of it. Zeros: it is the picture. */
+struct ern_torso_place {
+  int top, left, width, height;
+};
+
 /* Choice of pixels, field and composite of a width x height picture, in place. */
 struct ern_render_torso_args {
   ern_rows pixel;   /* [3] per pixel, row by row; in: the background, out: the torso over it */
@@ -119,11 +125,17 @@ struct ern_render_torso_args {
   ern_span grid;    /* the 2D occupancy: real [ERN_TORSO_CELLS] */
   float threshold;
   int width, height;
+  struct ern_torso_place frame;
   float shrink;      /* of coordinates: 0.8 */
   float pose[16];    /* camera to world, renderer's frame; the caller has checked that it can be inverted */
   size_t individual; /* row of the individual codes */
   ern_span parameters;
   const struct ern_field *field;
 };
+
+/* The frame's place, which is the picture where none is given. */
+static inline struct ern_torso_place ern_torso_place_of(const struct ern_render_torso_args *args) {
+  return args->frame.width > 0 ? args->frame : (struct ern_torso_place){0, 0, args->width, args->height};
+}
 
 #endif

@@ -38,16 +38,35 @@ void ern_pose_turn(float matrix[16], double yaw, double pitch) {
   memcpy(matrix, out, sizeof out);
 }
 
-ern_camera ern_camera_resized(const ern_camera *camera, int width, int height) {
+/* A side that is off by less than a pixel, by the rounding of a size, fits. */
+ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit) {
   ERN_PLAIN_FLOATS;
+  const double across = (double)width / from_width, down = (double)height / from_height;
+  const double scale = (fit == ERN_FIT_COVER) == (across > down) ? across : down;
+  const double wide = scale * from_width, high = scale * from_height;
+  if (fabs(wide - width) < 1 && fabs(high - height) < 1) return (ern_box){0, height, 0, width};
+  const int w = wide < 1 ? 1 : (int)lrint(wide), h = high < 1 ? 1 : (int)lrint(high);
+  const int left = (int)floor((width - w) / 2.0), top = (int)floor((height - h) / 2.0);
+  return (ern_box){top, top + h, left, left + w};
+}
+
+ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit) {
+  ERN_PLAIN_FLOATS;
+  const ern_box box = ern_fit_box(camera->width, camera->height, width, height, fit);
+  const int wide = box.right - box.left, high = box.bottom - box.top;
+  const float scale = high == height ? (float)height / (float)camera->height : (float)width / (float)camera->width;
   ern_camera out = *camera;
-  const float scale = (float)height / (float)camera->height;
   out.focal = camera->focal * scale;
-  out.cy = camera->cy * scale;
-  out.cx = (float)width / 2 + (camera->cx - (float)camera->width / 2) * scale;
+  out.cy = (float)box.top + camera->cy * scale;
+  out.cx = (float)box.left + (float)wide / 2 + (camera->cx - (float)camera->width / 2) * scale;
   out.width = width;
   out.height = height;
+  out.frame = box;
   return out;
+}
+
+ern_camera ern_camera_resized(const ern_camera *camera, int width, int height) {
+  return ern_camera_fitted(camera, width, height, ERN_FIT_CONTAIN);
 }
 
 size_t ern_pose_index(size_t frame, size_t count) {

@@ -6,7 +6,7 @@
 #include "core/status.h"
 #include "mlp/audio_ops.h"
 
-enum { MAX_SIDE = 8192, MAX_WINDOW_LENGTH = 16 };
+enum { MAX_SIDE = 8192, MAX_FRAME_SIDE = 32768, MAX_WINDOW_LENGTH = 16 };
 /* Of an entry of a rotation, which is 1 at most where it is one: cubes of a ray's direction, and all that is computed
  * of them, then stay floats. */
 static const float MAX_ROTATION = 1000;
@@ -66,11 +66,27 @@ ern_status ern_frame_windows_check(ern_context *context, const struct ern_field 
   return ERN_OK;
 }
 
+/* Pixels of a frame that large have numbers of 32 bits. */
+static bool frame_is_placed(const ern_box *frame) {
+  const int ends[] = {frame->top, frame->bottom, frame->left, frame->right};
+  if (frame->top == 0 && frame->bottom == 0 && frame->left == 0 && frame->right == 0) return true;
+  for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
+    if (ends[i] < -MAX_FRAME_SIDE || ends[i] > MAX_FRAME_SIDE) return false;
+  const int height = frame->bottom - frame->top, width = frame->right - frame->left;
+  return height >= 1 && height <= MAX_FRAME_SIDE && width >= 1 && width <= MAX_FRAME_SIDE;
+}
+
 ern_status ern_frame_input_check(ern_context *context, const struct ern_field *field, const ern_frame_input *input) {
   const ern_camera *camera = &input->camera;
   if (camera->width < 1 || camera->width > MAX_SIDE || camera->height < 1 || camera->height > MAX_SIDE)
     return ern_fail(context, ERN_E_ARGUMENT, "render: the size is %d x %d, expected 1 to %d a side", camera->width,
                     camera->height, MAX_SIDE);
+  if (!frame_is_placed(&camera->frame))
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "render: camera: the frame is at rows [%d, %d), columns [%d, %d), expected sides of 1 to %d within "
+                    "%d, or zeros",
+                    camera->frame.top, camera->frame.bottom, camera->frame.left, camera->frame.right, MAX_FRAME_SIDE,
+                    MAX_FRAME_SIDE);
   if (!(camera->focal > 0) || !isfinite(camera->focal) || !isfinite(camera->cx) || !isfinite(camera->cy))
     return ern_fail(context, ERN_E_ARGUMENT,
                     "render: camera: focal %g, centre %g, %g, expected finite numbers, focal above 0",

@@ -24,16 +24,19 @@ fail:
 
 /* The model's own torso over the background rows, in place. */
 static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
-  struct ern_render_torso_args args = {.pixel = f->background,
-                                       .opacity = f->torso_opacity.span,
-                                       .grid = ern_whole(r->torso_grid, ERN_TORSO_CELLS),
-                                       .threshold = r->torso_threshold,
-                                       .width = input->camera.width,
-                                       .height = input->camera.height,
-                                       .shrink = r->options.torso_shrink,
-                                       .individual = input->individual,
-                                       .parameters = ern_whole(r->parameters, r->field.parameters),
-                                       .field = &r->field};
+  const ern_box *frame = &input->camera.frame;
+  struct ern_render_torso_args args = {
+      .pixel = f->background,
+      .opacity = f->torso_opacity.span,
+      .grid = ern_whole(r->torso_grid, ERN_TORSO_CELLS),
+      .threshold = r->torso_threshold,
+      .width = input->camera.width,
+      .height = input->camera.height,
+      .frame = {frame->top, frame->left, frame->right - frame->left, frame->bottom - frame->top},
+      .shrink = r->options.torso_shrink,
+      .individual = input->individual,
+      .parameters = ern_whole(r->parameters, r->field.parameters),
+      .field = &r->field};
   memcpy(args.pose, input->camera.pose, sizeof args.pose);
   return r->backend->render_torso(r->stream, &args);
 }

@@ -83,9 +83,11 @@ ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) 
   b->known = false;
   ERN_TRY(same_bytes(r, &b->background, input->background, 3 * pixels, &same));
   ERN_TRY(same_bytes(r, &b->torso, input->torso, 4 * pixels, &same));
-  if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual))
+  if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual ||
+                memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
     same = false;
   memcpy(b->pose, input->camera.pose, sizeof b->pose);
+  b->frame = input->camera.frame;
   b->individual = input->individual;
   b->known = same;
   r->still.behind_changed = !same;

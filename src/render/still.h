@@ -29,6 +29,7 @@ struct ern_still_behind {
   uint8_t *background, *torso; /* copies; NULL: none was handed in */
   int width, height;
   float pose[16];
+  ern_box frame;
   size_t individual;
 };
 

@@ -4,15 +4,25 @@
 #include "model/torso.h"
 #include "render/stages.h"
 
-/* All pixels of the picture in order, int32. */
-static ern_status take_numbers(struct ern_stream *stream, size_t pixels, ern_span *number) {
+static int32_t held(int32_t i, int first, int count) {
+  const int32_t at = i - first;
+  return at < 0 ? 0 : at < count ? at : count - 1;
+}
+
+/* For all pixels of the picture in order, the number of the frame's pixel that each is at or nearest to, int32. */
+static ern_status take_numbers(struct ern_stream *stream, int width, int height, const struct ern_torso_place *frame,
+                               ern_span *number) {
   ern_context *context = stream->backend->context;
+  const size_t pixels = (size_t)width * (size_t)height;
   void *room = NULL;
   ern_status status = ern_take(stream, ERN_ELEMENT_INT32, pixels, number);
   if (status != ERN_OK) return status;
   status = ern_allocate(context, pixels, sizeof(int32_t), &room);
   if (status != ERN_OK) return status;
-  for (size_t i = 0; i < pixels; i++) ((int32_t *)room)[i] = (int32_t)i;
+  int32_t *to = room;
+  for (int32_t row = 0; row < height; row++)
+    for (int32_t column = 0; column < width; column++)
+      *to++ = held(row, frame->top, frame->height) * frame->width + held(column, frame->left, frame->width);
   status = stream->backend->upload_int32(stream, *number, room, pixels);
   ern_release(context, room);
   return status;
@@ -24,14 +34,15 @@ ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_
   const struct ern_torso_inputs in = {args->field, args->parameters, args->pose, args->individual};
   struct ern_torso_batch batch;
   ern_status status = ERN_OK;
+  const struct ern_torso_place frame = ern_torso_place_of(args);
   struct ern_torso_select_args select = {
-      .grid = args->grid, .threshold = args->threshold, .width = args->width, .height = args->height, .n = pixels};
-  ERN_TRY(take_numbers(stream, pixels, &select.pixel));
+      .grid = args->grid, .threshold = args->threshold, .width = frame.width, .height = frame.height, .n = pixels};
+  ERN_TRY(take_numbers(stream, args->width, args->height, &frame, &select.pixel));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, pixels, &select.index));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, pixels, &select.selected));
   ERN_TRY(stream->backend->torso_select(stream, &select));
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &batch));
-  ERN_TRY(ern_torso_q(stream, select.selected, args->width, args->height, args->shrink, select.count, batch.q));
+  ERN_TRY(ern_torso_q(stream, select.selected, frame.width, frame.height, args->shrink, select.count, batch.q));
   ERN_TRY(ern_torso_fwd(stream, &in, &batch));
   struct ern_torso_composite_args composite = {.pixel = args->pixel,
                                                .opacity = args->opacity,

@@ -271,7 +271,8 @@ static void test_unprepared(void **state) {
  * deformation's error. The goal of a rendered pixel is 1e-3. */
 static const double torso_tolerance = 2e-5;
 
-static void check_torso(int width, int height, float threshold, bool extras, const char *what) {
+static void check_torso(int width, int height, struct ern_torso_place frame, float threshold, bool extras,
+                        const char *what) {
   struct ern_parameter_table rows;
   struct ern_field field;
   struct ern_model_config config = {.levels = 2,
@@ -304,6 +305,7 @@ static void check_torso(int width, int height, float threshold, bool extras, con
                                              .threshold = threshold,
                                              .width = width,
                                              .height = height,
+                                             .frame = frame,
                                              .shrink = 0.8f,
                                              .individual = extras ? 3 : 0,
                                              .parameters = parameters.on[k],
@@ -322,11 +324,14 @@ static void check_torso(int width, int height, float threshold, bool extras, con
 
 static void test_torso(void **state) {
   (void)state;
+  const struct ern_torso_place whole = {0}, within = {9, 0, 17, 15}, beyond = {-20, -3, 40, 70};
+  check_torso(17, 33, within, -2, false, "a frame within the picture");
+  check_torso(17, 33, beyond, -2, false, "a frame beyond the picture");
   static const int sizes[][2] = {{1, 1}, {3, 7}, {1, 40}, {40, 1}, {16, 32}, {17, 33}, {61, 70}};
   for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
-    check_torso(sizes[s][0], sizes[s][1], 0.01f, s % 2 == 0, "some pixels");
-    check_torso(sizes[s][0], sizes[s][1], -2, s % 2 == 1, "all pixels");
-    check_torso(sizes[s][0], sizes[s][1], 2, s % 2 == 1, "no pixel");
+    check_torso(sizes[s][0], sizes[s][1], whole, 0.01f, s % 2 == 0, "some pixels");
+    check_torso(sizes[s][0], sizes[s][1], whole, -2, s % 2 == 1, "all pixels");
+    check_torso(sizes[s][0], sizes[s][1], whole, 2, s % 2 == 1, "no pixel");
   }
 }
 

@@ -15,6 +15,7 @@ struct scene {
   struct ern_field field;
   float *block, *occupancy, *planes; /* planes: r, g, b, opacity */
   int width, height;
+  struct ern_torso_place frame; /* zeros: the picture */
   size_t pixels, stride;
   float threshold;
 };
@@ -89,6 +90,7 @@ static void stage_make(struct stage *stage, const struct scene *scene, ern_isa i
       .threshold = scene->threshold,
       .width = scene->width,
       .height = scene->height,
+      .frame = scene->frame,
       .shrink = 0.8f,
       .individual = scene->config.codes > 0 ? 3 : 0,
       .parameters = whole(stage->parameters, scene->field.parameters),
@@ -186,6 +188,20 @@ static void test_trained(void **state) {
       check_scene(&scene, "trained", 1e-5);
       scene_free(&scene);
     }
+  }
+}
+
+/* A frame that lies within the picture, covers it, or is partly beside it. */
+static void test_placed(void **state) {
+  (void)state;
+  static const struct ern_torso_place frames[] = {{20, 0, 61, 61},     {0, 13, 40, 100}, {-30, 0, 61, 160},
+                                                  {-7, -50, 161, 114}, {40, 90, 3, 5},   {-9, -9, 1, 1}};
+  for (size_t f = 0; f < sizeof frames / sizeof *frames; f++) {
+    struct scene scene;
+    scene_make(&scene, 61, 100, CHOOSE_SOME, f % 2 == 0, 0.1f, 1);
+    scene.frame = frames[f];
+    check_scene(&scene, "placed", 1e-5);
+    scene_free(&scene);
   }
 }
 
@@ -351,8 +367,9 @@ static int measure(void) {
 int main(int argc, char **argv) {
   if (argc == 2 && strcmp(argv[1], "--bench") == 0) return measure();
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_trained), cmocka_unit_test(test_rough),        cmocka_unit_test(test_not_a_number),
-      cmocka_unit_test(test_threads), cmocka_unit_test(test_other_shapes), cmocka_unit_test(test_no_memory),
+      cmocka_unit_test(test_trained),      cmocka_unit_test(test_placed),  cmocka_unit_test(test_rough),
+      cmocka_unit_test(test_not_a_number), cmocka_unit_test(test_threads), cmocka_unit_test(test_other_shapes),
+      cmocka_unit_test(test_no_memory),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,6 +6,9 @@
 
 enum { BLACK = 0, WHITE = 255 };
 
+typedef ern_status resize_function(ern_context *context, const ern_image *image, int width, int height,
+                                   ern_image *resized);
+
 /* All images of a backdrop come from ern_image_resize or ern_image_read, so that one function frees them: a plain one
  * is a pixel made large. */
 static int plain_background(struct backdrop *backdrop, struct session *session, uint8_t level) {
@@ -16,15 +19,48 @@ static int plain_background(struct backdrop *backdrop, struct session *session, 
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
+static int held(int i, int first, int end) { return (i < first ? first : i < end ? i : end - 1) - first; }
+
+/* `image` has the size of the box: what of it is in the picture, beside it its nearest pixels. */
+static ern_status place_image(ern_context *context, const ern_image *image, const ern_box *box, int width, int height,
+                              ern_image *placed) {
+  uint8_t one[4] = {0};
+  const size_t channels = (size_t)image->channels;
+  const ern_image pixel = {.width = 1, .height = 1, .channels = image->channels, .data = one};
+  const ern_status status = ern_image_resize(context, &pixel, width, height, placed);
+  if (status != ERN_OK) return status;
+  uint8_t *to = placed->data;
+  for (int row = 0; row < height; row++) {
+    const size_t line = (size_t)held(row, box->top, box->bottom) * (size_t)image->width;
+    for (int column = 0; column < width; column++, to += channels)
+      memcpy(to, image->data + channels * (line + (size_t)held(column, box->left, box->right)), channels);
+  }
+  return ERN_OK;
+}
+
+/* *fitted = the image, scaled by `resize` and placed. */
+static ern_status fit_image(const struct backdrop *backdrop, ern_context *context, const ern_image *image,
+                            resize_function *resize, ern_image *fitted) {
+  const int width = backdrop->width, height = backdrop->height;
+  const ern_box box = ern_fit_box(image->width, image->height, width, height, backdrop->fit);
+  const int wide = box.right - box.left, high = box.bottom - box.top;
+  ern_image scaled = {0};
+  if (wide == image->width && high == image->height) return place_image(context, image, &box, width, height, fitted);
+  if (wide == width && high == height) return resize(context, image, width, height, fitted);
+  ern_status status = resize(context, image, wide, high, &scaled);
+  if (status == ERN_OK) status = place_image(context, &scaled, &box, width, height, fitted);
+  ern_image_free(context, &scaled);
+  return status;
+}
+
 static int fitted_background(struct backdrop *backdrop, struct session *session, const ern_image *image) {
-  const ern_status status =
-      ern_image_resize(session->context, image, backdrop->width, backdrop->height, &backdrop->background);
+  const ern_status status = fit_image(backdrop, session->context, image, ern_image_resize, &backdrop->background);
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
 int backdrop_open(struct backdrop *backdrop, struct session *session, const char *choice, const ern_clip *clip,
-                  int width, int height) {
-  *backdrop = (struct backdrop){.width = width, .height = height};
+                  int width, int height, ern_fit fit) {
+  *backdrop = (struct backdrop){.width = width, .height = height, .fit = fit};
   if (choice == NULL && clip == NULL) return 0;
   if (choice == NULL) return fitted_background(backdrop, session, ern_clip_background(clip));
   if (strcmp(choice, "white") == 0) return plain_background(backdrop, session, WHITE);
@@ -79,7 +115,7 @@ static ern_status get_torso(struct backdrop *backdrop, ern_context *context, ern
   if (status != ERN_OK || torso.data == NULL || (torso.width == backdrop->width && torso.height == backdrop->height))
     return status;
   ern_image_free(context, &backdrop->resized);
-  status = resize_rgba(context, &torso, backdrop->width, backdrop->height, &backdrop->resized);
+  status = fit_image(backdrop, context, &torso, resize_rgba, &backdrop->resized);
   *rgba = backdrop->resized.data;
   return status;
 }

@@ -13,6 +13,7 @@ enum { BACKDROP_TORSOS = 3 };
 
 struct backdrop {
   int width, height;    /* of the frames that are drawn */
+  ern_fit fit;          /* how pictures of another aspect go into them */
   ern_image background; /* RGB; data NULL: transparent */
   ern_image resized;    /* the torso picture that was scaled last */
   /* the reader's */
@@ -28,9 +29,10 @@ struct backdrop {
 };
 
 /* The background is `choice`: a file, "white" or "black"; without it (NULL) that of the clip; without a clip (NULL)
- * none. Returns 0, or EXIT_FAILURE after a message. */
+ * none. A picture is scaled and placed by ern_fit_box, and its edge pixels go on beside it. Returns 0, or EXIT_FAILURE
+ * after a message. */
 int backdrop_open(struct backdrop *backdrop, struct session *session, const char *choice, const ern_clip *clip,
-                  int width, int height);
+                  int width, int height, ern_fit fit);
 /* Also while it reads. */
 void backdrop_free(struct backdrop *backdrop, struct session *session);
 /* *rgba = the torso picture of a clip's frame in the size of the frames, NULL where the clip has none. Valid until the

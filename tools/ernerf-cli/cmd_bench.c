@@ -133,7 +133,8 @@ static int scene_of_clip(struct bench_job *job) {
   const uint8_t *torso = NULL;
   float refined[16];
   int status = shots_of_clip(&job->shots, session, portrait->clip, SHOTS_ALL);
-  if (status == 0) status = backdrop_open(&job->backdrop, session, NULL, portrait->clip, info->width, info->height);
+  if (status == 0)
+    status = backdrop_open(&job->backdrop, session, NULL, portrait->clip, info->width, info->height, ERN_FIT_CONTAIN);
   if (status != 0) return status;
   const struct shot *shot = &job->shots.shot[0];
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
@@ -146,7 +147,7 @@ static int scene_of_clip(struct bench_job *job) {
   shots_windows(&job->shots, 0, features, (ern_audio_pad)portrait->audio_pad, job->windows);
   if (ern_clip_pixels(portrait->clip, shot->split, shot->index, &job->truth, NULL) != ERN_OK)
     return session_fail(session);
-  const ern_camera camera = shots_camera(&job->shots, 0, portrait->scale, info->width, info->height);
+  const ern_camera camera = shots_camera(&job->shots, 0, portrait->scale, info->width, info->height, ERN_FIT_CONTAIN);
   const ern_frame_input frame = {.camera = camera,
                                  .head_pose = portrait_refined(portrait, &job->shots, 0, refined),
                                  .windows = job->windows,

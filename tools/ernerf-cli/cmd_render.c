@@ -18,7 +18,7 @@
 /* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
  * twice.
  */
-enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 8, PICTURE_BYTES = 1 };
+enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 9, PICTURE_BYTES = 1 };
 
 struct render_job {
   struct session session;
@@ -30,6 +30,7 @@ struct render_job {
   /* from the command line */
   const char *poses, *audio, *wav, *background, *out;
   struct dimensions size;
+  int fit; /* ern_fit */
   struct rate rate;
   /* made */
   struct sink sink;
@@ -76,6 +77,13 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .low = 1,
        .high = ERN_IMAGE_MAX_SIDE,
        .help = "of the frames (default that of the poses)"},
+      {.name = "fit",
+       .kind = OPTION_CHOICE,
+       .target = &job->fit,
+       .choices = "contain|cover",
+       .help =
+           "how the clip's frame goes into a --size of another aspect: contain shows all of it, and its edges go on "
+           "beside it; cover fills the picture and cuts off what is beside it (default contain)"},
       {.name = "fps",
        .kind = OPTION_RATE,
        .target = &job->rate,
@@ -105,6 +113,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
+  if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "is about another --size");
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = stillness_check(args);
   if (status < 0 && governor_asked(&job->governor))
@@ -194,7 +203,8 @@ static bool is_behind(const struct render_job *job) {
 
 static int open_backdrop(struct render_job *job) {
   const int width = job->size.width, height = job->size.height;
-  int status = backdrop_open(&job->backdrop, &job->session, job->background, job->portrait.clip, width, height);
+  int status = backdrop_open(&job->backdrop, &job->session, job->background, job->portrait.clip, width, height,
+                             (ern_fit)job->fit);
   if (status != 0 || job->backdrop.background.data != NULL || job->sink.kind != SINK_VIDEO) return status;
   session_warn(&job->session, "an mp4 has no transparency: frames are drawn over black; --bg_img chooses a background");
   return backdrop_fill(&job->backdrop, &job->session);
@@ -231,7 +241,8 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
   const struct shot *shot = &job->shots.shot[k];
   float refined[16];
   shots_windows(&job->shots, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_camera camera = shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height);
+  const ern_camera camera =
+      shots_camera(&job->shots, k, job->portrait.scale, job->size.width, job->size.height, (ern_fit)job->fit);
   const ern_frame_input input = {.camera = camera,
                                  .head_pose = portrait_refined(&job->portrait, &job->shots, k, refined),
                                  .windows = job->windows,

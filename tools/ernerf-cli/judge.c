@@ -22,7 +22,7 @@ int judge_open(struct judge *judge, struct session *session, ern_clip *clip, enu
   if (judge->windows == NULL || judge->rgb == NULL || judge->rgba == NULL)
     return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
   const int status = shots_of_clip(&judge->shots, session, clip, split);
-  return status != 0 ? status : backdrop_open(&judge->backdrop, session, NULL, clip, width, height);
+  return status != 0 ? status : backdrop_open(&judge->backdrop, session, NULL, clip, width, height, ERN_FIT_CONTAIN);
 }
 
 void judge_close(struct judge *judge) {
@@ -43,7 +43,8 @@ int judge_input(struct judge *judge, const ern_model *model, size_t k, ern_frame
       backdrop_torso(&judge->backdrop, judge->session, judge->clip, shot->split, shot->index, &torso) != 0)
     return EXIT_FAILURE;
   shots_windows(&judge->shots, k, judge->features, judge->pad, judge->windows);
-  const ern_camera camera = shots_camera(&judge->shots, k, judge->scale, judge->info.width, judge->info.height);
+  const ern_camera camera =
+      shots_camera(&judge->shots, k, judge->scale, judge->info.width, judge->info.height, ERN_FIT_CONTAIN);
   *input = (ern_frame_input){.camera = camera,
                              .windows = judge->windows,
                              .window_length = judge->features->window_length,

@@ -218,8 +218,8 @@ void shots_windows(const struct shots *shots, size_t k, const ern_features *feat
   for (size_t i = 0; i < values; i++) windows[i] += toward * (shots->second[i] - windows[i]);
 }
 
-ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height) {
+ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height, ern_fit fit) {
   ern_camera camera = shots->camera;
   ern_camera_pose(camera.pose, shots->shot[k].pose.matrix, scale);
-  return width == camera.width && height == camera.height ? camera : ern_camera_resized(&camera, width, height);
+  return width == camera.width && height == camera.height ? camera : ern_camera_fitted(&camera, width, height, fit);
 }

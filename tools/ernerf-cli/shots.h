@@ -62,7 +62,7 @@ const struct shot *shots_before(const struct shots *shots, size_t k);
 const struct shot *shots_after(const struct shots *shots, size_t k);
 /* Where in the speech shot k is, seconds. */
 double shots_seconds(const struct shots *shots, size_t k);
-/* The camera of shot k, for a picture of the given size. */
-ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height);
+/* The camera of shot k, for a picture of the given size into which the frame goes by `fit`. */
+ern_camera shots_camera(const struct shots *shots, size_t k, float scale, int width, int height, ern_fit fit);
 
 #endif
