@@ -60,11 +60,12 @@ typedef struct ern_train_config {
   int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
   bool no_view;                    /* of a head: its colour is the same from everywhere */
   uint64_t seed;
-  int threads;                         /* 0: one a core */
-  float lr, lr_net, lr_att;            /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
-  int codes;                           /* rows of the individual codes; -1: one a training frame, 0: no codes */
-  bool torso_gamma;                    /* the paper's trained scale of the key points */
-  int max_steps;                       /* samples a ray, 1..1024; 16 */
+  int threads;              /* 0: one a core */
+  float lr, lr_net, lr_att; /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
+  int codes;                /* rows of the individual codes; -1: one a training frame, 0: no codes. Of those in the
+                               file of `from` the first ones are kept, and what it lacks is fresh */
+  bool torso_gamma;         /* the paper's trained scale of the key points */
+  int max_steps;            /* samples a ray, 1..1024; 16 */
   float dt_gamma, bound, torso_shrink; /* 1/256, 1, 0.8 */
   ern_audio_pad audio_pad;
   size_t data_begin, data_end; /* training frames [begin, end) to use; end 0: all */

@@ -73,6 +73,13 @@ static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) 
   return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, 0.05f};
 }
 
+/* trainer_make.c */
+/* The rows of the torso, or those of the head, with what else belongs to either; of individual codes as many as both
+ * have. Other rows have the same shape in both. */
+void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);
+/* A line of the log where a file has another number of individual codes than this training. */
+void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
+
 /* trainer_batch.c */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);
 /* Uploads the speech of a training frame to `windows` (taken from scratch). */

@@ -143,9 +143,6 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
     return ern_fail(t->context, ERN_E_MISMATCH,
                     "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
                     t->data.features->window_length);
-  if (head->field.config.codes > 0 && (size_t)head->field.config.codes < t->data.frames[0])
-    return ern_fail(t->context, ERN_E_MISMATCH, "train: the head has %d individual codes, the clip %zu training frames",
-                    head->field.config.codes, t->data.frames[0]);
   /* The torso's own shrink is chosen anew. */
   const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
@@ -161,15 +158,32 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   return ERN_OK;
 }
 
-/* The head's rows into a model with a torso. */
-static void copy_head(ern_model *to, const ern_model *head) {
-  for (int r = 0; r < head->table.rows; r++) {
-    const struct ern_parameter *from = &head->table.row[r], *row = ern_parameters_find(&to->table, from->name);
-    if (row != NULL && row->count == from->count && !row->torso)
-      memcpy(to->block + row->at, head->block + from->at, row->count * sizeof(float));
+void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso) {
+  for (int r = 0; r < to->table.rows; r++) {
+    const struct ern_parameter *row = &to->table.row[r], *its = ern_parameters_find(&from->table, row->name);
+    if (its == NULL || row->torso != torso) continue;
+    memcpy(to->block + row->at, from->block + its->at,
+           (its->count < row->count ? its->count : row->count) * sizeof(float));
   }
-  memcpy(to->bits, head->bits, ERN_OCCUPANCY_BYTES);
-  to->head_steps = head->head_steps;
+  if (torso) {
+    memcpy(to->torso_grid, from->torso_grid, ERN_TORSO_CELLS * sizeof(float));
+    to->torso_steps = from->torso_steps;
+  } else {
+    memcpy(to->bits, from->bits, ERN_OCCUPANCY_BYTES);
+    to->head_steps = from->head_steps;
+  }
+}
+
+void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found) {
+  const int here = t->model->field.config.codes;
+  if (found < here)
+    ern_log(t->context, ERN_LOG_INFO,
+            "%s: has %d individual codes for the %d of this training: they are kept, the other %d are fresh", path,
+            found, here, here - found);
+  if (found > here)
+    ern_log(t->context, ERN_LOG_INFO,
+            "%s: has %d individual codes for the %d of this training: the first %d are kept, the others dropped", path,
+            found, here, here);
 }
 
 static ern_status make_model(ern_trainer *t) {
@@ -180,6 +194,7 @@ static ern_status make_model(ern_trainer *t) {
     config = t->config.head->field.config;
     config.window_length = t->data.features->window_length;
     t->config.bound = config.bound;
+    if (config.codes > 0 && (size_t)config.codes < t->data.frames[0]) config.codes = (int)t->data.frames[0];
   }
   if (t->config.torso) {
     config.torso = true;
@@ -189,7 +204,10 @@ static ern_status make_model(ern_trainer *t) {
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
-  if (t->config.torso && t->config.head != NULL) copy_head(t->model, t->config.head);
+  if (t->config.torso && t->config.head != NULL) {
+    ern_trainer_copy_rows(t->model, t->config.head, false);
+    ern_trainer_tell_codes(t, "the head", t->config.head->field.config.codes);
+  }
 fail:
   return status;
 }

@@ -163,7 +163,8 @@ fail:
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
 
-static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path) {
+/* codes: also their number. */
+static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path, bool codes) {
   const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
   const struct {
     const char *name;
@@ -175,7 +176,7 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
                 {"view dependence", !a->no_view, !b->no_view},
                 {"torso", a->torso, b->torso},
                 {"torso gamma", a->torso_gamma, b->torso_gamma},
-                {"individual codes", a->codes, b->codes},
+                {"individual codes", codes ? a->codes : a->codes > 0, codes ? b->codes : b->codes > 0},
                 {"bound", (double)a->bound, (double)b->bound}};
   for (int k = 0; k < ERN_KINDS; k++) {
     const char *is = ern_kind_of(a, (ern_kind)k), *expected = ern_kind_of(b, (ern_kind)k);
@@ -188,6 +189,23 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
       return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %g, this training expects %g", path, fields[i].name,
                       fields[i].found, fields[i].expected);
   return ERN_OK;
+}
+
+/* A row's values from a tensor of its shape; of individual codes the first ones of those that the file has, the others
+ * staying as they are. */
+static ern_status take_row(ern_context *context, const struct ern_tensor_file *file, const char *path, const char *name,
+                           const struct ern_parameter *row, float *out) {
+  const struct ern_tensor *tensor = ern_tensor_file_find(file, name);
+  const bool codes = strncmp(row->name, "individual_codes", 16) == 0;
+  if (!codes || tensor == NULL || tensor->dims != 2 || tensor->shape[0] == row->shape[0])
+    return ern_tensor_take(context, file, path, name, row->dims, row->shape, out);
+  void *room = NULL;
+  ern_status status = ern_allocate(context, tensor->count, sizeof(float), &room);
+  if (status != ERN_OK) return status;
+  status = ern_tensor_take(context, file, path, name, 2, (size_t[]){tensor->shape[0], row->shape[1]}, room);
+  if (status == ERN_OK) memcpy(out, room, (tensor->count < row->count ? tensor->count : row->count) * sizeof(float));
+  ern_release(context, room);
+  return status;
 }
 
 /* The rows that this training changes, from a block of tensors with a prefix, onto the backend. `missing` (a block, or
@@ -206,7 +224,7 @@ static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, 
     if (row->torso != t->config.torso) continue;
     snprintf(name, sizeof name, "%s%s", prefix, row->name);
     if (torch && ern_tensor_file_find(file, name) == NULL) continue;
-    ERN_TRY(ern_tensor_take(t->context, file, path, name, row->dims, row->shape, (float *)room + row->at));
+    ERN_TRY(take_row(t->context, file, path, name, row, (float *)room + row->at));
   }
   status = t->backend->upload_reals(t->stream, to, room, t->model->field.parameters);
 fail:
@@ -320,7 +338,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   if (strcmp(best.model->clip, t->identity) != 0)
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)",
                      best.path, best.model->clip, t->identity));
-  ERN_TRY(check_config(t, best.model, best.path));
+  ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
@@ -363,17 +381,35 @@ fail:
   return status;
 }
 
+/* Makes *model one of this training's shape: where it has more individual codes, the others are what a fresh training
+ * has. A torso keeps the head it was given. */
+static ern_status take_over(ern_trainer *t, const char *path, ern_model **model) {
+  ern_model *made = NULL;
+  const ern_status status = ern_model_make(&made, t->context, &t->model->field.config);
+  if (status != ERN_OK) return status;
+  memcpy(made->block, t->model->block, t->model->field.parameters * sizeof(float));
+  memcpy(made->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
+  made->head_steps = t->model->head_steps;
+  if (t->config.head == NULL) ern_trainer_copy_rows(made, *model, false);
+  if (t->config.torso) ern_trainer_copy_rows(made, *model, true);
+  ern_trainer_tell_codes(t, path, (*model)->field.config.codes);
+  ern_model_free(model);
+  *model = made;
+  return ERN_OK;
+}
+
 ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   struct candidate c = {.path = path};
   ern_status status = ERN_OK;
   ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
-  ERN_TRY(check_config(t, c.model, path));
-  ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
-  const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
+  ERN_TRY(check_config(t, c.model, path, false));
   if (c.model->cameras > 0)
     ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is not trained on, nor applied while training",
             path);
+  ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
+  ERN_TRY(take_over(t, path, &c.model));
+  const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {
     ERN_TRY(ern_state_about_parse(t->context, text, path, &c.about));
     if (c.about.torso != t->config.torso)

@@ -94,8 +94,9 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .kind = OPTION_TEXT,
        .target = &config->from,
        .choices = "FILE",
-       .help = "start from the weights of a .safetensors or .pth file, from its levels, codes and kinds, and where it "
-               "holds a state from its step"},
+       .help =
+           "start from the weights of a .safetensors or .pth file, from its levels, codes (what a longer clip needs "
+           "more is fresh) and kinds, and where it holds a state from its step"},
       {.name = "save-every",
        .kind = OPTION_COUNT,
        .target = &job->save_every,
@@ -352,7 +353,10 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->attention = (ern_attention)job->attention;
   config->eye_attention = (ern_eye_attention)job->eye_attention;
   if (job->has_from) {
+    const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
     earlier_model(args, &job->from, !asks_auto(job), config);
+    if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
+      config->codes = (int)frames; /* a longer clip */
     earlier_view(args, &job->from, job->from.has_torso, config, &job->scale);
   }
   if (job->head != NULL) {
