@@ -78,7 +78,6 @@ fail:
 
 ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run) {
   ern_status status = ERN_OK;
-  char *all = NULL;
   ERN_TRY(ern_run_folder_name(context, output, run));
   ERN_TRY(check_places(context, output, run));
   ERN_TRY(make_folder(context, run->folder, &run->made));
