@@ -218,17 +218,18 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:o, s:s, s:I, s:I, s:I, s:o, "
-                "s:{s:I, s:I}, s:o}",
-                "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
-                (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
-                ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
-                ern_eye_attention_name(info.eye_attention), "levels", info.levels, "effects", effects, "feature_width",
-                info.feature_width, "window_length", info.window_length, "codes", info.codes, "torso_gamma",
-                info.has_gamma, "bound", (double)info.bound, "view", view_json(&info), "clip", info.clip, "parameters",
-                (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
-                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
-                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
+      json_pack(
+          "{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:o, s:s, s:I, s:I, s:I, s:o, "
+          "s:{s:I, s:I}, s:o}",
+          "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
+          "torso_steps", (json_int_t)info.torso_steps, "backbone", ern_backbone_name(info.backbone), "attention",
+          ern_attention_name(info.attention), "eye_attention", ern_eye_attention_name(info.eye_attention), "levels",
+          info.levels, "effects", effects, "feature_width", info.feature_width, "window_length", info.window_length,
+          "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound, "view", view_json(&info),
+          "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
+          (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
+          "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages, "tensors",
+          tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */
