@@ -42,7 +42,8 @@ static void test_longer_and_shorter(void **state) {
   cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(codes_of("c.safetensors"), many); /* no row is in the way */
-  cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --ind_num %d", (int)few);
+  cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --ind_num %d --overwrite",
+          (int)few);
   cli_expect(&cli, 0, "the others dropped", NULL);
   assert_int_equal(codes_of("c.safetensors"), few);
 }
