@@ -13,13 +13,15 @@ extern "C" {
 
 typedef struct ern_backend ern_backend;
 
+enum { ERN_THREADS_MOST = 256 }; /* most threads of a renderer, a trainer or a measurement; 0 stands for one a core */
+
 typedef struct ern_backend_config {
   uint32_t cookie;
   const char *name;   /* "auto" (the CPU), "cpu", "opencl" */
   const char *isa;    /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
                          "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon". An OpenCL device computes
                          without one, and refuses a name that the machine does not have all the same */
-  int device;         /* number of an OpenCL device, as ern_devices_list counts */
+  int device;         /* number of an OpenCL device, as ern_devices_list counts; another one is ERN_E_UNSUPPORTED */
   bool deterministic; /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
                          slower so. The CPU, as either backend, always computes in this way */
   bool tune;          /* measure now which sizes of work-groups and tiles suit an OpenCL device, for up to two minutes,

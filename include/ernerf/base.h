@@ -58,6 +58,26 @@ typedef enum ern_log_level {
   ERN_LOG_DEBUG = 3
 } ern_log_level;
 
+/* Arguments. The same rules hold for every function of every header; what a function says beside them is in addition.
+ *
+ * - A pointer is NULL, or points to what its comment describes. A pointer may be NULL where its comment says what NULL
+ *   means; `user` of a callback always may.
+ * - A function that returns ern_status answers ERN_E_ARGUMENT, before it does anything else, where another pointer is
+ *   NULL, where a number or an enum is out of its range, or where a structure with a `cookie` was not made by its
+ *   ..._default function. (A few ranges have a status of their own, which the function names.) The context's text
+ *   names what is wrong: "ern_model_load: path is NULL". The context is the argument, or that of the object handed
+ *   in; where that is NULL, there is the status alone.
+ * - After an error, a pointer through which a new object is returned (ern_model **) is NULL, and a structure that
+ *   would own memory (ern_features, ern_eyes, ern_pose_list, ern_image, ern_sound) is all zeros, unless the function
+ *   keeps an earlier content and says so. All other outputs are undefined: some of them may have been written.
+ * - A function that returns void or a value has no error. Where it needs a pointer that is NULL, it changes nothing,
+ *   a structure to be filled becomes all zeros, and the value is 0, false, NULL, or a structure of zeros; NaN where
+ *   the function says so.
+ * - A free function accepts NULL and a pointer to NULL, and sets what it freed to NULL or zeros. One that takes a
+ *   context does nothing without it.
+ * - A callback that returns ern_status or int may answer anything: what is not ERN_OK, or 0, ends the call. What a
+ *   callback writes is checked as arguments are. */
+
 /* Functions that compute do so in the floating-point environment that C programs start in (to nearest, denormal numbers
  * kept, nothing trapped), whatever the caller's is, and leave the caller's as it was; hooks of the caller are called in
  * the former. */
@@ -69,7 +89,8 @@ typedef enum ern_log_level {
  * other file is ever removed. A symbolic link is followed: the file that it names is written. */
 
 /* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
- * before it. One context may serve several threads; the text of the last error is then that of whoever failed last. */
+ * before it. One context may serve several threads; the text of the last error is then that of whoever failed last, and
+ * only ern_last_error_copy may be called while other threads use the context. */
 typedef struct ern_context ern_context;
 
 typedef struct ern_context_config {
@@ -93,9 +114,15 @@ ERN_API ERN_NODISCARD ern_status ern_context_create(ern_context **context, const
 /* Frees and sets *context to NULL; accepts NULL and a pointer to NULL. */
 ERN_API void ern_context_free(ern_context **context);
 
-/* What went wrong last, as a sentence that names file, field, found and expected; "" when nothing did.
- * Valid until the next failing call on the context. */
+/* What went wrong last, as a sentence that names file, field, found and expected; "" when nothing did, and for NULL.
+ * Valid until the next failing call on the context, in any thread: a program whose threads share a context calls
+ * ern_last_error_copy. */
 ERN_API const char *ern_last_error(const ern_context *context);
+
+/* Copies that sentence, with its end cut off where it does not fit, and a 0 behind it, into text[bytes]. Returns its
+ * length without the 0, as snprintf does: a result of `bytes` or more says that it was cut. Any thread may call it at
+ * any time; the sentence is whole, and is that of whichever thread failed last. text may be NULL where bytes is 0. */
+ERN_API size_t ern_last_error_copy(const ern_context *context, char *text, size_t bytes);
 
 #ifdef __cplusplus
 }

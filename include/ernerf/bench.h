@@ -25,8 +25,8 @@ enum { ERN_BENCH_BACKENDS = 8, ERN_BENCH_STAGES = 16 };
 
 typedef struct ern_bench_options {
   uint32_t cookie;
-  int threads;    /* of a frame and a step, and of the peaks of all threads; 0: one a core. Kernels have one, or beside
-                     a device as many */
+  int threads;    /* of a frame and a step, and of the peaks of all threads, 0..ERN_THREADS_MOST; 0: one a core. Kernels
+                     have one, or beside a device as many */
   double seconds; /* what a call may take, about; what takes longer is measured once all the same. 0..86400; 5 */
   int frames;     /* most repeats of a frame, 1..1000; 16 */
   int rays;       /* of a training step, 1..1048576; 65536 */
@@ -115,7 +115,7 @@ typedef struct ern_bench_scene_info {
   double folded_flops; /* the same as a fused pass computes them: what is one per ray or frame is left out, the last
                           layer of the density and the first of the colour are one */
 } ern_bench_scene_info;
-/* The first of these for any head, the rows of the paper's ablation included, whose scenes are not benched. */
+/* sample_flops for any head, the rows of the paper's ablation included, whose scenes are not benched. */
 ERN_API double ern_bench_sample_flops(const ern_model *model);
 
 /* Counts by marching and shading the frame once, on `backend`. threads as in ern_bench_options. */
@@ -172,17 +172,17 @@ typedef struct ern_bench_pass {
   int stages;
 } ern_bench_pass;
 
-/* passes: [count]. A frame from speech and pose to 8-bit pixels, options.frames times at most. */
+/* results: [count]. A frame from speech and pose to 8-bit pixels, options.frames times at most. */
 ERN_API ERN_NODISCARD ern_status ern_bench_frame(ern_backend *const *backends, size_t count,
                                                  const ern_bench_scene *scene, const ern_bench_machine *machine,
-                                                 const ern_bench_options *options, ern_bench_pass *passes);
+                                                 const ern_bench_options *options, ern_bench_pass *results);
 
 /* A training step of the head, or of the torso (ERN_E_ARGUMENT where the scene has none): rays, forward, backward,
  * update, and its share (one in 16) of an occupancy refresh and of the smoothness term, both in stages of their own.
  * The model stays as it is: the rates of the update are 0. Processor time is that of a plain step. */
 ERN_API ERN_NODISCARD ern_status ern_bench_step(ern_backend *const *backends, size_t count,
                                                 const ern_bench_scene *scene, const ern_bench_machine *machine,
-                                                const ern_bench_options *options, bool torso, ern_bench_pass *passes);
+                                                const ern_bench_options *options, bool torso, ern_bench_pass *results);
 
 /* ---- hash collisions --------------------------------------------------------------------------------------------- */
 

@@ -11,6 +11,10 @@
 extern "C" {
 #endif
 
+/* Least and largest half side of the scene. */
+#define ERN_BOUND_LEAST 0.125
+#define ERN_BOUND_MOST 16.0
+
 /* What a head is made of: the paper's own, and what its ablation compares that with. What encodes a position: */
 typedef enum ern_backbone {
   ERN_BACKBONE_TRIHASH,  /* three hashed planes of 2..24 levels, the paper's own */
@@ -66,7 +70,7 @@ typedef struct ern_model_info {
   int feature_width;               /* D of the speech features it was trained on */
   int window_length;               /* L of them, vectors a window; 0 where the file does not say */
   int codes;                       /* rows of the individual codes */
-  float bound;                     /* half side of the scene */
+  float bound;                     /* half side of the scene, ERN_BOUND_LEAST..ERN_BOUND_MOST */
   /* What it was trained with, so that it is seen the same way. A renderer takes the first three by itself
    * (ern_render_options); a program hands `scale` to ern_camera_pose and `audio_pad` to ern_audio_windows. */
   bool has_view_settings;  /* the file says these five; else they are those in brackets */

@@ -53,7 +53,7 @@ ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
 /* The same view as a picture of another size: the frame is scaled and placed as ern_fit_box says. Background and torso
  * pictures that are handed in must be placed likewise. */
 ERN_API ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit);
-/* The same with ERN_FIT_CONTAIN. */
+/* The same with ERN_FIT_CONTAIN. Both: all zeros for a camera that is NULL or has a side below 1. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
 
 /* Which of `count` poses belongs to frame `frame` when there are fewer poses than frames: forward, backward, and so on
@@ -72,7 +72,8 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
-/* windows[8][window_length][width] = the windows index-4 .. index+3 of `features`. */
+/* windows[8][window_length][width] = the windows index-4 .. index+3 of `features`; any index will do. Nothing is
+ * written where a size of the features is out of its range (ern_features). */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
 /* The same for a split whose k-th frame uses row rows[k] of the feature file: what --audio-pad zero means for a clip.
@@ -102,7 +103,7 @@ ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, co
 
 typedef struct ern_render_options {
   uint32_t cookie;
-  int threads;              /* 0: one a core */
+  int threads;              /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
   int max_steps;            /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
   float dt_gamma;           /* step growth with distance, 0..1; below 0: the model's. -1 */
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
@@ -223,6 +224,7 @@ typedef struct ern_pace {
   size_t better;      /* the one that would have fitted in all of them */
 } ern_pace;
 
+/* A list that is NULL or empty makes a pace of zeros, which stays at setting 0 and holds nothing. */
 ERN_API void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget);
 
 /* A frame with setting pace->at took so many ms, from the end of the frame before it to its own; the setting for the
@@ -234,7 +236,8 @@ ERN_API bool ern_pace_holds(const ern_pace *pace);
 
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 
-/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most. */
+/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most. NaN
+ * where rgb or truth is NULL. */
 ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box);
 
 /* Mean SSIM (Wang et al. 2004): 11 x 11 Gaussian window, sigma 1.5, K 0.01 and 0.03, per channel, windows inside the

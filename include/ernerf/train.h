@@ -18,14 +18,16 @@ extern "C" {
 
 typedef struct ern_dataset_frame {
   float matrix[16]; /* camera to world, as in a transforms file */
-  int64_t aud_id;   /* row of the features, clamped to the last one */
+  int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
   float eye;        /* 0..1 */
   bool has_face;
   ern_box face; /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
 } ern_dataset_frame;
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
- * pointers must outlive the trainer. Split 0 is for training, 1 for validation (which may be empty). */
+ * pointers must outlive the trainer. ern_trainer_create looks at all members, at the sizes and values of the features,
+ * and at each training frame's camera and row; what the callbacks give later is looked at when it is given. An error
+ * that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty). */
 typedef struct ern_dataset {
   void *user;
   size_t frames[2];
@@ -37,7 +39,8 @@ typedef struct ern_dataset {
   const uint8_t *background; /* [height][width][3] */
   const char *identity;      /* 64 hex digits, or "" */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
-  /* truth [height][width][3]; torso [height][width][4], or NULL where has_torso is false. Valid until the next call. */
+  /* truth [height][width][3]; torso [height][width][4], NULL: transparent everywhere; not looked at where has_torso is
+   * false. Valid until the next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
 } ern_dataset;
 
@@ -60,13 +63,13 @@ typedef struct ern_train_config {
   int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
   bool no_view;                    /* of a head: its colour is the same from everywhere */
   uint64_t seed;
-  int threads;              /* 0: one a core */
+  int threads;              /* 0..ERN_THREADS_MOST; 0: one a core */
   float lr, lr_net, lr_att; /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
   int codes;                /* rows of the individual codes; -1: one a training frame, 0: no codes. Of those in the
                                file of `from` the first ones are kept, and what it lacks is fresh */
   bool torso_gamma;         /* the paper's trained scale of the key points */
   int max_steps;            /* samples a ray, 1..1024; 16 */
-  float dt_gamma, bound, torso_shrink; /* 1/256, 1, 0.8 */
+  float dt_gamma, bound, torso_shrink; /* 1/256; 1, ERN_BOUND_LEAST..ERN_BOUND_MOST; 0.8 */
   ern_audio_pad audio_pad;
   size_t data_begin, data_end; /* training frames [begin, end) to use; end 0: all */
   uint64_t save_every;         /* steps between saves; 0: only at the end */

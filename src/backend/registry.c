@@ -43,9 +43,11 @@ static ern_status choose_isa(ern_context *context, const char *wanted, ern_isa *
 
 ern_status ern_backend_create(ern_backend **backend, ern_context *context, const ern_backend_config *config) {
   ERN_PLAIN_FLOATS;
+  if (backend != NULL) *backend = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, backend);
   const ern_backend_config chosen = config != NULL ? *config : ern_backend_config_default();
   ern_isa isa = ERN_ISA_REF;
-  *backend = NULL;
   if (chosen.cookie != CONFIG_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
@@ -74,15 +76,21 @@ void ern_backend_free(ern_backend **backend) {
 }
 
 void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
+  if (info == NULL) return;
+  *info = (ern_backend_info){0};
+  if (backend == NULL) return;
   *info = (ern_backend_info){backend->name, backend->isa, (int)backend->real_bytes, backend->deterministic};
 }
 
 void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  if (backend == NULL || say == NULL) return;
   if (strcmp(backend->name, "opencl") == 0) ern_opencl_tuning(backend, say, user);
 }
 
 ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const ern_device_info *device), void *user) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, say);
   char name[TEXT_BYTES], list[TEXT_BYTES];
   ern_cpu_name(name, sizeof name);
   ern_isa_list(list, sizeof list);

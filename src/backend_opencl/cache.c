@@ -80,7 +80,7 @@ bool ern_cl_cache_write(ern_context *context, const char *key, const void *bytes
   ern_error_keep(context, before);
   const ern_status status = write_entry(context, key, bytes, count);
   if (status != ERN_OK) {
-    ern_log(context, ERN_LOG_DEBUG, "OpenCL: nothing is kept in the cache folder: %s", ern_last_error(context));
+    ern_log_error(context, ERN_LOG_DEBUG, "OpenCL: nothing is kept in the cache folder: ");
     ern_error_restore(context, before);
   }
   return status == ERN_OK;

@@ -16,8 +16,10 @@ ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
 
 static ern_status too_little(struct ern_stream *stream, const char *what, const char *one) {
   ern_context *context = stream->backend->context;
+  char cause[1800]; /* room is left for the rest of an error text of 2048 */
+  (void)ern_last_error_copy(context, cause, sizeof cause);
   return ern_fail(context, ERN_E_NO_MEMORY, "%s does not fit into the device even with one %s at a time: %s", what, one,
-                  ern_last_error(context));
+                  cause);
 }
 
 /* The gradient before a step that may fail is kept: the copy is of 2.5 MB for 14 levels, beside the 100s of a step. */

@@ -224,7 +224,7 @@ static void measure_now(struct ern_cl_backend *backend, int number, bool asked) 
   ern_status status = ern_cl_backend_open(context, number, false, &bench);
   if (status == ERN_OK)
     status = ern_cl_measure(bench, asked ? ~0u : unknown_of(backend->measured), seconds, backend->measured);
-  if (status != ERN_OK) ern_log(context, ERN_LOG_INFO, "OpenCL: measuring ended early: %s", ern_last_error(context));
+  if (status != ERN_OK) ern_log_error(context, ERN_LOG_INFO, "OpenCL: measuring ended early: ");
   if (bench != NULL) bench->table.free(&bench->table);
   if (!ern_cl_tune_write(context, &backend->device, backend->measured))
     ern_log(context, ERN_LOG_INFO, "OpenCL: what was measured cannot be kept");

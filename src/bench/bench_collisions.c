@@ -117,6 +117,9 @@ static ern_status count_level(ern_context *context, const struct points *points,
 
 ern_status ern_bench_collisions(ern_backend *backend, const ern_bench_scene *scene, ern_bench_collision_table *table) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, backend);
+  ERN_NEED(backend->context, scene);
+  ERN_NEED(backend->context, table);
   static const int volume[3] = {0, 1, 2}, plane[3][3] = {{0, 2}, {0, 1}, {1, 2}};
   struct points points = {.room = 0};
   ern_status status = ERN_OK;

@@ -95,6 +95,7 @@ double ern_bench_cost_torso_step(const struct ern_field *field, bool again) {
 }
 
 double ern_bench_sample_flops(const ern_model *model) {
+  if (model == NULL) return 0;
   const struct ern_bench_cost cost = ern_bench_cost_written(&model->field);
   return cost.density + cost.colour;
 }

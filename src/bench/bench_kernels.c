@@ -271,6 +271,8 @@ ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const e
   ern_status status = ern_bench_choose(backends, count, options, &chosen);
   if (status != ERN_OK) return status;
   ern_context *context = backends[0]->context;
+  ERN_NEED(context, scene);
+  ERN_NEED(context, say);
   kernels.alone = ern_bench_devices(backends, count) == 0;
   const struct sizes sizes = sizes_of(&chosen, kernels.alone);
   const int sources = scene->model->field.config.torso ? SOURCES : TORSO_STEP;

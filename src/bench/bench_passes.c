@@ -263,6 +263,8 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
   ern_status status = ern_bench_choose(backends, count, options, &chosen);
   if (status != ERN_OK) return status;
   ern_context *context = backends[0]->context;
+  ERN_NEED(context, scene);
+  ERN_NEED(context, results);
   const struct ern_bench_turns turns = {.work = draw,
                                         .warm = forget,
                                         .user = &passes,
@@ -368,6 +370,8 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
   ern_status status = ern_bench_choose(backends, count, options, &chosen);
   if (status != ERN_OK) return status;
   ern_context *context = backends[0]->context;
+  ERN_NEED(context, scene);
+  ERN_NEED(context, results);
   if (torso && !scene->model->field.config.torso)
     return ern_fail(context, ERN_E_ARGUMENT, "bench: the model has no torso whose training could be measured");
   for (size_t k = 0; k < count; k++) {

@@ -365,9 +365,10 @@ ern_status ern_bench_peaks(ern_backend *const *backends, size_t count, const ern
   ern_bench_options chosen;
   struct ern_pool *pool = NULL;
   struct device devices[ERN_BENCH_BACKENDS] = {{0}};
-  *machine = (ern_bench_machine){.peaks = count};
   ern_status status = ern_bench_choose(backends, count, options, &chosen);
   if (status != ERN_OK) return status;
+  ERN_NEED(backends[0]->context, machine);
+  *machine = (ern_bench_machine){.peaks = count};
   machine->l2_bytes = (size_t)1 << 20;
   machine->l3_bytes = (size_t)32 << 20;
 #if defined(_SC_LEVEL2_CACHE_SIZE)

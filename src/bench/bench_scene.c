@@ -11,6 +11,7 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "model/head.h"
+#include "render/frame_input.h"
 #include "render/morton.h"
 #include "render/stages.h"
 
@@ -159,10 +160,12 @@ static ern_status make_frame(struct ern_bench_scene *scene, int width, int heigh
 
 ern_status ern_bench_scene_make(ern_bench_scene **scene, ern_context *context, int width, int height, uint64_t seed) {
   ERN_PLAIN_FLOATS;
+  if (scene != NULL) *scene = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, scene);
   struct ern_bench_scene *made = NULL;
   void *room = NULL;
   ern_status status = ERN_OK;
-  *scene = NULL;
   if (width < 1 || width > MAX_SIDE || height < 1 || height > MAX_SIDE)
     return ern_fail(context, ERN_E_ARGUMENT, "bench: the size is %d x %d, expected 1 to %d a side", width, height,
                     MAX_SIDE);
@@ -183,22 +186,24 @@ fail:
 ern_status ern_bench_scene_of(ern_bench_scene **scene, ern_context *context, const ern_model *model,
                               const ern_frame_input *frame, const uint8_t *truth, const ern_box *face) {
   ERN_PLAIN_FLOATS;
+  if (scene != NULL) *scene = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, scene);
+  ERN_NEED(context, model);
+  ERN_NEED(context, frame);
+  ERN_NEED(context, truth);
+  ERN_NEED(context, frame->background);
   void *room = NULL;
   const ern_camera *camera = &frame->camera;
-  *scene = NULL;
-  if (camera->width < 1 || camera->width > MAX_SIDE || camera->height < 1 || camera->height > MAX_SIDE)
-    return ern_fail(context, ERN_E_ARGUMENT, "bench: the size is %d x %d, expected 1 to %d a side", camera->width,
-                    camera->height, MAX_SIDE);
-  if (model == NULL || truth == NULL || frame->background == NULL || frame->windows == NULL)
-    return ern_fail(context, ERN_E_ARGUMENT,
-                    "bench: a scene needs a model, windows, a background and the true picture");
+  ern_status status = ern_frame_input_check(context, &model->field, frame);
+  if (status != ERN_OK) return status;
   if (!ern_field_is_standard(&model->field))
     return ern_fail(
         context, ERN_E_UNSUPPORTED,
         "bench: the head is of backbone %s, attention %s; expected trihash and channel, whose arithmetic is "
         "counted",
         ern_backbone_name(model->field.config.backbone), ern_attention_name(model->field.config.attention));
-  const ern_status status = ern_allocate(context, 1, sizeof(struct ern_bench_scene), &room);
+  status = ern_allocate(context, 1, sizeof(struct ern_bench_scene), &room);
   if (status != ERN_OK) return status;
   struct ern_bench_scene *made = room;
   *made = (struct ern_bench_scene){.context = context,
@@ -321,6 +326,9 @@ fail:
 ern_status ern_bench_scene_describe(const ern_bench_scene *scene, ern_backend *backend, int threads,
                                     ern_bench_scene_info *info) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(scene != NULL ? scene->context : NULL, backend);
+  ERN_NEED(backend->context, scene);
+  ERN_NEED(backend->context, info);
   const ern_camera *camera = &scene->frame.camera;
   const struct ern_field *field = &scene->model->field;
   const struct ern_bench_cost written = ern_bench_cost_written(field), folded = ern_bench_cost_folded(field);

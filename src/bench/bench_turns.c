@@ -20,12 +20,18 @@ ern_bench_options ern_bench_options_default(void) {
 ern_status ern_bench_choose(ern_backend *const *backends, size_t count, const ern_bench_options *options,
                             ern_bench_options *chosen) {
   *chosen = options != NULL ? *options : ern_bench_options_default();
-  if (count < 1 || count > ERN_BENCH_BACKENDS) return ERN_E_ARGUMENT; /* no context to say it in where there is none */
+  ERN_NEED(NULL, backends);
+  if (count < 1) return ERN_E_ARGUMENT; /* no context to say it in */
+  ERN_NEED(NULL, backends[0]);
   ern_context *context = backends[0]->context;
+  if (count > ERN_BENCH_BACKENDS)
+    return ern_fail(context, ERN_E_ARGUMENT, "bench: %zu backends, expected 1 to %d", count, ERN_BENCH_BACKENDS);
+  for (size_t k = 1; k < count; k++) ERN_NEED(context, backends[k]);
   if (chosen->cookie != OPTIONS_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "bench: the options were not made by ern_bench_options_default");
-  if (chosen->threads < 0)
-    return ern_fail(context, ERN_E_ARGUMENT, "bench: threads is %d, expected 0 or more", chosen->threads);
+  if (chosen->threads < 0 || chosen->threads > ERN_THREADS_MOST)
+    return ern_fail(context, ERN_E_ARGUMENT, "bench: threads is %d, expected 0 to %d", chosen->threads,
+                    ERN_THREADS_MOST);
   if (!(chosen->seconds >= 0 && chosen->seconds <= 86400))
     return ern_fail(context, ERN_E_ARGUMENT, "bench: seconds is %g, expected 0 to 86400", chosen->seconds);
   if (chosen->frames < 1 || chosen->frames > 1000)

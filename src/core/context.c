@@ -62,6 +62,18 @@ void ern_context_free(ern_context **context) {
   dying->config.release(dying->config.user, dying);
 }
 
+size_t ern_last_error_copy(const ern_context *context, char *text, size_t bytes) {
+  char kept[ERN_ERROR_BYTES] = "";
+  if (context != NULL) {
+    pthread_mutex_t *mutex = &((ern_context *)context)->mutex; /* no context is made const */
+    pthread_mutex_lock(mutex);
+    memcpy(kept, context->error_text, sizeof kept);
+    pthread_mutex_unlock(mutex);
+  }
+  if (text != NULL && bytes > 0) snprintf(text, bytes, "%s", kept);
+  return strlen(kept);
+}
+
 const char *ern_last_error(const ern_context *context) { return context != NULL ? context->error_text : ""; }
 
 bool ern_keeps_files(const ern_context *context) { return context != NULL && context->config.keep_files; }
@@ -81,11 +93,7 @@ ern_status ern_fail(ern_context *context, ern_status code, const char *format, .
 }
 
 void ern_error_keep(ern_context *context, char text[ERN_ERROR_BYTES]) {
-  text[0] = 0;
-  if (context == NULL) return;
-  pthread_mutex_lock(&context->mutex);
-  memcpy(text, context->error_text, ERN_ERROR_BYTES);
-  pthread_mutex_unlock(&context->mutex);
+  (void)ern_last_error_copy(context, text, ERN_ERROR_BYTES);
 }
 
 void ern_error_restore(ern_context *context, const char text[ERN_ERROR_BYTES]) {
@@ -105,8 +113,15 @@ void ern_log(ern_context *context, ern_log_level level, const char *format, ...)
   context->config.log(context->config.user, level, text);
 }
 
+void ern_log_error(ern_context *context, ern_log_level level, const char *before) {
+  char text[ERN_ERROR_BYTES];
+  (void)ern_last_error_copy(context, text, sizeof text);
+  ern_log(context, level, "%s%s", before, text);
+}
+
 ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory) {
   *memory = NULL;
+  ERN_NEED(context, context);
   size_t bytes = 0, padded = 0;
   const bool fits = ern_size_multiply(count, item_bytes, &bytes) &&
                     ern_size_add(bytes, 2 * (size_t)ERN_ALIGNMENT - 1, &padded) && padded <= PTRDIFF_MAX;
@@ -119,7 +134,7 @@ ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, v
 }
 
 void ern_release(ern_context *context, void *memory) {
-  if (memory != NULL) context->config.release(context->config.user, memory);
+  if (context != NULL && memory != NULL) context->config.release(context->config.user, memory);
 }
 
 ern_status ern_string_copy(ern_context *context, const char *text, char **copy) {

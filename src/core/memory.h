@@ -15,7 +15,7 @@ enum { ERN_ALIGNMENT = 64 };
  * On failure *memory is NULL and the error says how many bytes were asked for. */
 ERN_NODISCARD ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory);
 
-/* Accepts NULL. */
+/* Accepts NULL. Without a context nothing is released. */
 void ern_release(ern_context *context, void *memory);
 
 /* product = a*b, or false where it does not fit. */

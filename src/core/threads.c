@@ -9,8 +9,9 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "ernerf/backend.h"
 
-enum { MAX_THREADS = 256 };
+enum { MAX_THREADS = ERN_THREADS_MOST };
 
 struct ern_pool {
   ern_context *context;

@@ -110,8 +110,11 @@ static ern_status read_text(ern_context *context, const char *path, ern_eyes *ey
 
 ern_status ern_eyes_load(ern_context *context, const char *path, ern_eyes *eyes) {
   ERN_PLAIN_FLOATS;
+  if (eyes != NULL) *eyes = (ern_eyes){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, eyes);
   const size_t length = strlen(path);
-  *eyes = (ern_eyes){0};
   ern_status status = length > 4 && strcmp(path + length - 4, ".npy") == 0 ? read_array(context, path, eyes)
                                                                            : read_text(context, path, eyes);
   if (status == ERN_OK && eyes->count == 0)
@@ -121,7 +124,7 @@ ern_status ern_eyes_load(ern_context *context, const char *path, ern_eyes *eyes)
 }
 
 void ern_eyes_free(ern_context *context, ern_eyes *eyes) {
-  if (eyes == NULL) return;
+  if (context == NULL || eyes == NULL) return;
   ern_release(context, eyes->data);
   *eyes = (ern_eyes){0};
 }

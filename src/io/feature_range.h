@@ -1,11 +1,20 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * What speech features may be: values, and the sizes of an array of them. */
 #ifndef ERN_IO_FEATURE_RANGE_H
 #define ERN_IO_FEATURE_RANGE_H
 
 #include <stdbool.h>
 
+#include "ernerf/data.h"
+
+enum { ERN_FEATURE_WINDOW_MOST = 16, ERN_FEATURE_WIDTH_MOST = 4096 };
+
 /* A feature of speech is a number of 1e30 at most, whose sums in the audio networks stay floats; those of any speech
  * are below 1e3. */
 static inline bool ern_feature_fits(float value) { return value >= -1e30f && value <= 1e30f; }
+
+/* ERN_E_ARGUMENT where a caller's array is empty, or a size is out of range; `where` begins the message ("train"). With
+ * a NULL context the status alone. Values are not looked at. */
+ERN_NODISCARD ern_status ern_features_check(ern_context *context, const char *where, const ern_features *features);
 
 #endif

@@ -8,7 +8,22 @@
 #include "io/feature_range.h"
 #include "io/npy.h"
 
-enum { MAX_WINDOW = 16, MAX_WIDTH = 4096 };
+enum { MAX_WINDOW = ERN_FEATURE_WINDOW_MOST, MAX_WIDTH = ERN_FEATURE_WIDTH_MOST };
+
+ern_status ern_features_check(ern_context *context, const char *where, const ern_features *features) {
+  size_t values = 0, bytes = 0;
+  if (features->data == NULL || features->windows < 1 || features->window_length < 1 ||
+      features->window_length > MAX_WINDOW || features->width < 1 || features->width > MAX_WIDTH)
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "%s: the features are [%zu, %d, %d]%s, expected [1 or more, 1..%d, 1..%d] and data", where,
+                    features->windows, features->window_length, features->width,
+                    features->data == NULL ? " with data NULL" : "", MAX_WINDOW, MAX_WIDTH);
+  if (!ern_size_multiply(features->windows, (size_t)features->window_length * (size_t)features->width, &values) ||
+      !ern_size_multiply(values, sizeof(float), &bytes) || bytes > PTRDIFF_MAX)
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: the features have %zu windows, which no memory holds", where,
+                    features->windows);
+  return ERN_OK;
+}
 
 static ern_status check_shape(ern_context *context, const char *path, const struct ern_npy *array) {
   if (array->type != ERN_NPY_F16 && array->type != ERN_NPY_F32 && array->type != ERN_NPY_F64) {
@@ -27,9 +42,12 @@ static ern_status check_shape(ern_context *context, const char *path, const stru
 
 ern_status ern_features_load(ern_context *context, const char *path, ern_features *features) {
   ERN_PLAIN_FLOATS;
+  if (features != NULL) *features = (ern_features){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, features);
   ern_status status = ERN_OK;
   struct ern_npy array = {0};
-  *features = (ern_features){0};
   ERN_TRY(ern_npy_read(context, path, &array));
   ERN_TRY(check_shape(context, path, &array));
   const float *values = array.data;
@@ -51,7 +69,7 @@ fail:
 }
 
 void ern_features_free(ern_context *context, ern_features *features) {
-  if (features == NULL) return;
+  if (context == NULL || features == NULL) return;
   ern_release(context, features->data);
   *features = (ern_features){0};
 }

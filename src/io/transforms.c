@@ -146,12 +146,15 @@ fail:
 
 ern_status ern_pose_list_load(ern_context *context, const char *path, ern_pose_list *list) {
   ERN_PLAIN_FLOATS;
+  if (list != NULL) *list = (ern_pose_list){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, list);
   ern_status status = ERN_OK;
   struct place place = {.context = context, .path = path, .frame = -1};
   uint8_t *bytes = NULL;
   size_t size = 0;
   json_t *root = NULL;
-  *list = (ern_pose_list){0};
   ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
   ERN_TRY(ern_json_parse(context, path, "", (const char *)bytes, size, JSON_LIMIT, &root));
   ERN_TRY(read_camera(&place, root, list));
@@ -166,7 +169,7 @@ done:
 }
 
 void ern_pose_list_free(ern_context *context, ern_pose_list *list) {
-  if (list == NULL) return;
+  if (context == NULL || list == NULL) return;
   ern_release(context, list->poses);
   *list = (ern_pose_list){0};
 }

@@ -230,8 +230,10 @@ fail:
 
 ern_status ern_clip_open(ern_context *context, const char *folder, const ern_clip_options *options, ern_clip **clip) {
   ERN_PLAIN_FLOATS;
-  if (clip == NULL || folder == NULL) return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or clip is NULL");
-  *clip = NULL;
+  if (clip != NULL) *clip = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, folder);
+  ERN_NEED(context, clip);
   const ern_clip_options chosen = options != NULL ? *options : ern_clip_options_default();
   if (chosen.cookie != OPTIONS_COOKIE) {
     return ern_fail(context, ERN_E_ARGUMENT, "clip: options are not from ern_clip_options_default()");
@@ -283,9 +285,11 @@ void ern_clip_free(ern_clip **clip) {
 
 /* ---- looking ----------------------------------------------------------------------------------------------------- */
 
-void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) { *info = clip->info; }
+void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) {
+  if (info != NULL) *info = clip != NULL ? clip->info : (ern_clip_info){0};
+}
 
-const char *ern_clip_identity(const ern_clip *clip) { return clip->info.identity; }
+const char *ern_clip_identity(const ern_clip *clip) { return clip != NULL ? clip->info.identity : NULL; }
 
 ern_context *ern_clip_context(const ern_clip *clip) { return clip->context; }
 
@@ -297,12 +301,12 @@ ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound) {
   return status;
 }
 
-const ern_features *ern_clip_features(const ern_clip *clip) { return &clip->features; }
+const ern_features *ern_clip_features(const ern_clip *clip) { return clip != NULL ? &clip->features : NULL; }
 
-const ern_image *ern_clip_background(const ern_clip *clip) { return &clip->background; }
+const ern_image *ern_clip_background(const ern_clip *clip) { return clip != NULL ? &clip->background : NULL; }
 
 static bool has_frame(const ern_clip *clip, ern_split split, size_t index) {
-  return (split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL) && index < clip->info.frames[split];
+  return clip != NULL && (split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL) && index < clip->info.frames[split];
 }
 
 const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index) {
@@ -346,6 +350,7 @@ ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_im
   ern_status status = ERN_OK;
   if (truth != NULL) *truth = (ern_image){0};
   if (torso != NULL) *torso = (ern_image){0};
+  ERN_NEED(NULL, clip);
   if (!has_frame(clip, split, index)) {
     return ern_fail(clip->context, ERN_E_ARGUMENT, "%s: frame %zu of split %d was asked for, it has %zu", clip->folder,
                     index, (int)split,

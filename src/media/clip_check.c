@@ -30,8 +30,8 @@ struct report {
   int features_width;
 };
 
-static void say(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
-static void say(struct report *report, int ok, const char *format, ...) {
+static void tell(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
+static void tell(struct report *report, int ok, const char *format, ...) {
   char sentence[SENTENCE_BYTES];
   va_list arguments;
   va_start(arguments, format);
@@ -42,12 +42,13 @@ static void say(struct report *report, int ok, const char *format, ...) {
 
 /* Says the last error and what helps. */
 static void say_wrong(struct report *report, ern_status status, const char *help) {
-  const char *reason = ern_last_error(report->context);
+  char reason[REASON_BYTES];
+  (void)ern_last_error_copy(report->context, reason, sizeof reason);
   if (report->first == ERN_OK) {
     report->first = status;
     snprintf(report->first_reason, sizeof report->first_reason, "%s", reason);
   }
-  say(report, NEEDED, "%s.%s%s", reason, help[0] != 0 ? " " : "", help);
+  tell(report, NEEDED, "%s.%s%s", reason, help[0] != 0 ? " " : "", help);
 }
 
 static void check_poses(struct report *report) {
@@ -59,18 +60,18 @@ static void check_poses(struct report *report) {
     return;
   }
   report->poses = true;
-  say(report, THERE, "transforms_train.json: %zu frames of %d x %d pixels to train on, focal length %.6g.",
-      train->count, train->width, train->height, train->focal);
+  tell(report, THERE, "transforms_train.json: %zu frames of %d x %d pixels to train on, focal length %.6g.",
+       train->count, train->width, train->height, train->focal);
   status = ern_clip_val_poses(context, report->folder, train, val);
   if (status != ERN_OK) {
     say_wrong(report, status, "The step save transforms (process.py, task 9) makes it.");
   } else if (val->count == 0) {
-    say(report, OPTIONAL,
-        "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
-        "(process.py, "
-        "task 9) makes it.");
+    tell(report, OPTIONAL,
+         "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
+         "(process.py, "
+         "task 9) makes it.");
   } else {
-    say(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
+    tell(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
   }
 }
 
@@ -83,10 +84,10 @@ static void check_background(struct report *report) {
   if (status != ERN_OK) {
     say_wrong(report, status, "The step extract background (process.py, task 5) makes it.");
   } else if (report->poses && (width != train->width || height != train->height)) {
-    say(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
-        train->width, train->height);
+    tell(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
+         train->width, train->height);
   } else {
-    say(report, THERE, "bc.jpg: the background, %d x %d pixels.", width, height);
+    tell(report, THERE, "bc.jpg: the background, %d x %d pixels.", width, height);
   }
 }
 
@@ -118,12 +119,12 @@ static bool check_files(struct report *report, ern_clip_part part, const char *w
       if (status == ERN_OK) continue;
       if (wrong++ == 0) {
         first = status;
-        snprintf(reason, sizeof reason, "%s", ern_last_error(report->context));
+        (void)ern_last_error_copy(report->context, reason, sizeof reason);
       }
     }
   }
   if (wrong == 0) {
-    say(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
+    tell(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
     return true;
   }
   ern_fail(report->context, first, "%s: %zu of %zu frames have no good file, the first is %s",
@@ -147,12 +148,12 @@ static void check_alpha(struct report *report) {
     transparent += image.data[4 * i + 3] == 0;
   }
   if (opaque == pixels) {
-    say(report, OPTIONAL,
-        "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
-        "transparent outside the torso (process.py, task 6).",
-        path);
+    tell(report, OPTIONAL,
+         "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
+         "transparent outside the torso (process.py, task 6).",
+         path);
   } else if (transparent == pixels) {
-    say(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
+    tell(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
   }
 fail:
   if (status != ERN_OK) say_wrong(report, status, "");
@@ -177,13 +178,13 @@ static void check_frames(struct report *report) {
     check_files(report, ERN_PART_TRUTH, "the pictures",
                 "The steps extract images, and extract torso and ground truth (process.py, tasks 3 and 6), make them.");
   }
-  if (!there[0]) say(report, OPTIONAL, "%s", optional[0][1]);
+  if (!there[0]) tell(report, OPTIONAL, "%s", optional[0][1]);
   if (there[0] && report->poses) {
     report->torso = check_files(report, ERN_PART_TORSO, "the torso pictures",
                                 "The step extract torso and ground truth (process.py, task 6) makes them.");
     if (report->torso) check_alpha(report);
   }
-  if (!there[1]) say(report, OPTIONAL, "%s", optional[1][1]);
+  if (!there[1]) tell(report, OPTIONAL, "%s", optional[1][1]);
   if (there[1] && report->poses) {
     report->landmarks =
         check_files(report, ERN_PART_LANDMARKS, "the landmarks", "The step landmarks (process.py, task 7) makes them.");
@@ -205,25 +206,25 @@ static void check_lengths(struct report *report, size_t windows) {
   const double rate = frame_rate * frames / (double)windows;
   for (size_t i = 0; i < sizeof rates / sizeof rates[0]; i++) {
     if (fabs(rate / rates[i] - 1) > 0.01) continue;
-    say(report, OPTIONAL,
-        "%s: %zu windows, but frames up to aud_id %" PRId64
-        ": the video looks like one of %.5g frames a second, so sound "
-        "and picture drift apart. Convert it to 25 (ffmpeg -r 25) and preprocess it again.",
-        report->features_name, windows, aud_id, rates[i]);
+    tell(report, OPTIONAL,
+         "%s: %zu windows, but frames up to aud_id %" PRId64
+         ": the video looks like one of %.5g frames a second, so sound "
+         "and picture drift apart. Convert it to 25 (ffmpeg -r 25) and preprocess it again.",
+         report->features_name, windows, aud_id, rates[i]);
     return;
   }
   if ((double)windows < frames) {
-    say(report, OPTIONAL,
-        "%s: %zu windows, but frames up to aud_id %" PRId64
-        ": the frames past the end repeat the last window. Sound and "
-        "picture may drift apart; extract audio and its features again (process.py, tasks 1 and 2).",
-        report->features_name, windows, aud_id);
+    tell(report, OPTIONAL,
+         "%s: %zu windows, but frames up to aud_id %" PRId64
+         ": the frames past the end repeat the last window. Sound and "
+         "picture may drift apart; extract audio and its features again (process.py, tasks 1 and 2).",
+         report->features_name, windows, aud_id);
   } else {
-    say(report, OPTIONAL,
-        "%s: %zu windows, but frames only up to aud_id %" PRId64
-        ": right where only a part of the video was tracked, "
-        "else sound and picture drift apart.",
-        report->features_name, windows, aud_id);
+    tell(report, OPTIONAL,
+         "%s: %zu windows, but frames only up to aud_id %" PRId64
+         ": right where only a part of the video was tracked, "
+         "else sound and picture drift apart.",
+         report->features_name, windows, aud_id);
   }
 }
 
@@ -243,8 +244,8 @@ static void check_features(struct report *report) {
     return;
   }
   report->features_width = features.width;
-  say(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
-      features_kind(features.width), features.windows, features.window_length, features.width);
+  tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
+       features_kind(features.width), features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
   ern_features_free(report->context, &features);
 }
@@ -261,8 +262,8 @@ static void check_blink(struct report *report) {
     return;
   }
   if (blink == NULL) {
-    say(report, OPTIONAL,
-        "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
+    tell(report, OPTIONAL,
+         "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
     return;
   }
   for (size_t i = 0; i < count; i++) { /* as an eye value, up to 2 counts */
@@ -271,13 +272,13 @@ static void check_blink(struct report *report) {
   }
   report->blink = (double)fminf(most, 2) - (double)fmaxf(least, 0) >= 2 * ERN_CLIP_BLINK;
   if (report->blink) {
-    say(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
+    tell(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
   } else if (most > 0) {
-    say(report, OPTIONAL,
-        "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
-        (double)least, (double)most, count);
+    tell(report, OPTIONAL,
+         "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
+         (double)least, (double)most, count);
   } else {
-    say(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.", count);
+    tell(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.", count);
   }
   ern_release(report->context, blink);
 }
@@ -290,38 +291,40 @@ static void check_sound(struct report *report) {
   int64_t img_id = 0, aud_id = 0;
   ern_status status = ern_clip_has(report->context, report->folder, "aud.wav", &there);
   if (status == ERN_OK && !there) {
-    say(report, OPTIONAL,
-        "aud.wav: missing. Rendered videos will have no sound; the step extract audio (process.py, task 1) makes it.");
+    tell(report, OPTIONAL,
+         "aud.wav: missing. Rendered videos will have no sound; the step extract audio (process.py, task 1) makes it.");
     return;
   }
   snprintf(path, sizeof path, "%s/aud.wav", report->folder);
   if (status == ERN_OK) status = ern_sound_read(report->context, path, &sound);
   if (status != ERN_OK) {
-    say(report, OPTIONAL, "%s. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.",
-        ern_last_error(report->context));
+    char reason[REASON_BYTES];
+    (void)ern_last_error_copy(report->context, reason, sizeof reason);
+    tell(report, OPTIONAL, "%s. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.",
+         reason);
     return;
   }
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const double seconds = (double)sound.frames / sound.rate, pictures = ((double)aud_id + 1) / frame_rate;
-  say(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);
+  tell(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);
   if (report->poses && seconds < pictures - 0.4) {
-    say(report, OPTIONAL, "aud.wav: %.2f s, but pictures up to %.2f s at 25 frames a second: the rest will be silent.",
-        seconds, pictures);
+    tell(report, OPTIONAL, "aud.wav: %.2f s, but pictures up to %.2f s at 25 frames a second: the rest will be silent.",
+         seconds, pictures);
   }
   ern_sound_free(report->context, &sound);
 }
 
 static void summarise(struct report *report) {
   if (report->first != ERN_OK) {
-    say(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
+    tell(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
     return;
   }
-  say(report, THERE,
-      "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
-      report->lists[ERN_SPLIT_TRAIN].count, features_kind(report->features_width),
-      report->blink ? ", its blinking from au.csv" : ", no blinking",
-      report->landmarks ? ", the face told from the rest by its landmarks" : "",
-      report->torso ? "will learn the torso" : "cannot run on it");
+  tell(report, THERE,
+       "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
+       report->lists[ERN_SPLIT_TRAIN].count, features_kind(report->features_width),
+       report->blink ? ", its blinking from au.csv" : ", no blinking",
+       report->landmarks ? ", the face told from the rest by its landmarks" : "",
+       report->torso ? "will learn the torso" : "cannot run on it");
 }
 
 static ern_status check_folder(struct report *report) {
@@ -334,12 +337,12 @@ static ern_status check_folder(struct report *report) {
 }
 
 ern_status ern_clip_check(ern_context *context, const char *folder,
-                          void (*say_sentence)(void *user, int ok, const char *sentence), void *user) {
+                          void (*say)(void *user, int ok, const char *sentence), void *user) {
   ERN_PLAIN_FLOATS;
-  if (folder == NULL || say_sentence == NULL) {
-    return ern_fail(context, ERN_E_ARGUMENT, "clip: folder or say is NULL");
-  }
-  struct report report = {.context = context, .folder = folder, .say = say_sentence, .user = user};
+  ERN_NEED(context, context);
+  ERN_NEED(context, folder);
+  ERN_NEED(context, say);
+  struct report report = {.context = context, .folder = folder, .say = say, .user = user};
   if (check_folder(&report) == ERN_OK) {
     check_poses(&report);
     check_features(&report);

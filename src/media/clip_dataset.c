@@ -30,6 +30,9 @@ static ern_status pixels(void *user, int split, size_t index, const uint8_t **tr
 
 void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
   ern_clip_info info;
+  if (dataset == NULL) return;
+  *dataset = (ern_dataset){0};
+  if (clip == NULL) return;
   ern_clip_describe(clip, &info);
   *dataset = (ern_dataset){.user = clip,
                            .frames = {info.frames[0], info.frames[1]},

@@ -257,6 +257,8 @@ static ern_status measure_pictures(ern_clip *clip, ern_clip_measures *m) {
 
 ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, clip);
+  ERN_NEED(ern_clip_context(clip), measures);
   ern_clip_info info;
   ern_clip_describe(clip, &info);
   *measures = (ern_clip_measures){.frames = info.frames[ERN_SPLIT_TRAIN]};

@@ -43,7 +43,7 @@ fail:
 }
 
 void ern_image_free(ern_context *context, ern_image *image) {
-  if (image == NULL) return;
+  if (context == NULL || image == NULL) return;
   ern_release(context, image->data);
   *image = (ern_image){0};
 }

@@ -183,10 +183,10 @@ ern_status write_floats(ern_context *context, const char *path, const float *dat
 
 extern "C" ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image) {
   ERN_PLAIN_FLOATS;
-  if (path == nullptr || image == nullptr) {
-    return ern_fail(context, ERN_E_ARGUMENT, "picture: path or image is NULL");
-  }
-  *image = ern_image{};
+  if (image != nullptr) *image = ern_image{};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, image);
   if (channels != 3 && channels != 4) {
     return ern_fail(context, ERN_E_ARGUMENT, "%s: %d channels were asked for, expected 3 or 4", path, channels);
   }
@@ -196,9 +196,10 @@ extern "C" ern_status ern_image_read(ern_context *context, const char *path, int
 }
 
 extern "C" ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height) {
-  if (path == nullptr || width == nullptr || height == nullptr) {
-    return ern_fail(context, ERN_E_ARGUMENT, "picture: path, width or height is NULL");
-  }
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, width);
+  ERN_NEED(context, height);
   *width = *height = 0;
   return guarded(context, path, [&] {
     std::unique_ptr<OIIO::ImageInput> opened;
@@ -213,7 +214,9 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
 
 extern "C" ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image, int quality) {
   ERN_PLAIN_FLOATS;
-  if (path == nullptr) return ern_fail(context, ERN_E_ARGUMENT, "picture: path is NULL");
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, image);
   const ern_status status = ern_image_check(context, path, image);
   if (status != ERN_OK) return status;
   const char *format = format_of(path);
@@ -234,9 +237,10 @@ extern "C" ern_status ern_image_write(ern_context *context, const char *path, co
 extern "C" ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data, int width,
                                           int height, int channels, const char *const *names) {
   ERN_PLAIN_FLOATS;
-  if (path == nullptr || data == nullptr || names == nullptr) {
-    return ern_fail(context, ERN_E_ARGUMENT, "picture: path, data or names is NULL");
-  }
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, data);
+  ERN_NEED(context, names);
   const ern_status status = ern_image_check_sides(context, path, width, height);
   if (status != ERN_OK) return status;
   if (channels < 1 || channels > 64) {

@@ -101,8 +101,10 @@ fail:
 
 ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound) {
   ERN_PLAIN_FLOATS;
-  if (path == NULL || sound == NULL) return ern_fail(context, ERN_E_ARGUMENT, "sound: path or sound is NULL");
-  *sound = (ern_sound){0};
+  if (sound != NULL) *sound = (ern_sound){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, sound);
   ern_status status = ERN_OK;
   struct ern_decoder decoder = {0};
   struct growing growing = {0};
@@ -151,9 +153,10 @@ static void make_header(uint8_t header[WAV_HEADER_BYTES], const ern_sound *sound
 
 ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern_sound *sound) {
   ERN_PLAIN_FLOATS;
-  if (path == NULL || sound == NULL || (sound->data == NULL && sound->frames > 0)) {
-    return ern_fail(context, ERN_E_ARGUMENT, "sound: path, sound or its samples are NULL");
-  }
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, sound);
+  if (sound->frames > 0) ERN_NEED(context, sound->data);
   ern_status status = ERN_OK;
   struct ern_file_writer writer = {0};
   uint8_t header[WAV_HEADER_BYTES], chunk[2 * WRITE_CHUNK_SAMPLES];
@@ -180,7 +183,7 @@ fail:
 }
 
 void ern_sound_free(ern_context *context, ern_sound *sound) {
-  if (sound == NULL) return;
+  if (context == NULL || sound == NULL) return;
   ern_release(context, sound->data);
   *sound = (ern_sound){0};
 }

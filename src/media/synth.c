@@ -59,10 +59,9 @@ ern_synth_options ern_synth_options_default(void) {
                              .moving_camera = true};
 }
 
-static ern_status check_options(ern_context *context, const char *folder, const ern_synth_options *options) {
-  if (folder == NULL || options == NULL || options->cookie != OPTIONS_COOKIE)
-    return ern_fail(context, ERN_E_ARGUMENT,
-                    "ern_synth_write: no folder, or options that ern_synth_options_default() did not make");
+static ern_status check_options(ern_context *context, const ern_synth_options *options) {
+  if (options->cookie != OPTIONS_COOKIE)
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: the options were not made by ern_synth_options_default");
   if (options->size < MIN_SIZE || options->size > MAX_SIZE)
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: size is %d, expected %d to %d", options->size, MIN_SIZE,
                     MAX_SIZE);
@@ -445,10 +444,13 @@ fail:
 
 ern_status ern_synth_write(ern_context *context, const char *folder, const ern_synth_options *options) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, folder);
+  ERN_NEED(context, options);
   ern_status status = ERN_OK;
   bool there = false, writing = false;
   struct work work = {.context = context, .folder = folder, .options = options};
-  ERN_TRY(check_options(context, folder, options));
+  ERN_TRY(check_options(context, options));
   work.frames = (size_t)options->frames;
   ERN_TRY(check_folder(context, folder, &there));
   ERN_TRY(set_up(&work));

@@ -44,8 +44,10 @@ static void describe(ern_video_reader *reader) {
 
 ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
   ERN_PLAIN_FLOATS;
-  if (path == NULL || reader == NULL) return ern_fail(context, ERN_E_ARGUMENT, "video: path or reader is NULL");
-  *reader = NULL;
+  if (reader != NULL) *reader = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, reader);
   ern_status status = ERN_OK;
   void *memory = NULL;
   ern_video_reader *made = NULL;
@@ -62,7 +64,9 @@ fail:
   return status;
 }
 
-void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) { *info = reader->info; }
+void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
+  if (info != NULL) *info = reader != NULL ? reader->info : (ern_video_info){0};
+}
 
 /* The matrix the file names; where it names none, what players take: BT.709 from 720 rows on, BT.601 below. */
 static const int *matrix_of(const AVFrame *frame) {
@@ -139,12 +143,12 @@ static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
 
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
   ERN_PLAIN_FLOATS;
-  if (reader == NULL) return ERN_E_ARGUMENT;
+  ERN_NEED(NULL, reader);
   ern_context *context = reader->context;
   const char *path = reader->decoder.path;
-  if (image == NULL || seconds == NULL || end == NULL) {
-    return ern_fail(context, ERN_E_ARGUMENT, "%s: image, seconds or end is NULL", path);
-  }
+  ERN_NEED(context, image);
+  ERN_NEED(context, seconds);
+  ERN_NEED(context, end);
   ern_status status = ERN_OK;
   const AVFrame *frame = reader->decoder.frame;
   ERN_TRY(ern_decoder_next(&reader->decoder, end));

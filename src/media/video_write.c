@@ -201,10 +201,11 @@ fail:
 ern_status ern_video_writer_open(ern_context *context, const char *path, const ern_video_options *options,
                                  ern_video_writer **writer) {
   ERN_PLAIN_FLOATS;
-  if (path == NULL || options == NULL || writer == NULL) {
-    return ern_fail(context, ERN_E_ARGUMENT, "video: path, options or writer is NULL");
-  }
-  *writer = NULL;
+  if (writer != NULL) *writer = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, options);
+  ERN_NEED(context, writer);
   ern_status status = ERN_OK;
   void *memory = NULL;
   ern_video_writer *made = NULL;
@@ -269,12 +270,12 @@ fail:
 
 ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba) {
   ERN_PLAIN_FLOATS;
-  if (writer == NULL) return ERN_E_ARGUMENT;
-  if (rgba == NULL) return ern_fail(writer->context, ERN_E_ARGUMENT, "%s: frame is NULL", writer->file.path);
+  ERN_NEED(NULL, writer);
+  ERN_NEED(writer->context, rgba);
   if (writer->broken == ERN_OK) {
     writer->broken = write_frame(writer, rgba);
     if (writer->broken == ERN_OK) return ERN_OK;
-    snprintf(writer->broken_text, sizeof writer->broken_text, "%s", ern_last_error(writer->context));
+    (void)ern_last_error_copy(writer->context, writer->broken_text, sizeof writer->broken_text);
   }
   return ern_fail(writer->context, writer->broken, "%s", writer->broken_text);
 }
@@ -304,7 +305,8 @@ fail:
 }
 
 ern_status ern_video_writer_close(ern_video_writer **writer) {
-  if (writer == NULL || *writer == NULL) return ERN_E_ARGUMENT;
+  ERN_NEED(NULL, writer);
+  ERN_NEED(NULL, *writer);
   const ern_status status = finish(*writer);
   ern_video_writer_abandon(writer);
   return status;

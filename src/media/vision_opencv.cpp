@@ -12,8 +12,10 @@ extern "C" {
 extern "C" ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                        ern_image *resized) {
   ERN_PLAIN_FLOATS;
-  if (resized == nullptr) return ern_fail(context, ERN_E_ARGUMENT, "resize: no place for the result");
-  *resized = ern_image{};
+  if (resized != nullptr) *resized = ern_image{};
+  ERN_NEED(context, context);
+  ERN_NEED(context, image);
+  ERN_NEED(context, resized);
   ern_status status = ern_image_check(context, "resize", image);
   if (status != ERN_OK) return status;
   ern_image made{};

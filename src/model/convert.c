@@ -84,6 +84,9 @@ static ern_status write_torch(ern_context *context, const struct ern_tensor_file
 
 ern_status ern_file_convert(ern_context *context, const char *in, const char *out) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, in);
+  ERN_NEED(context, out);
   struct ern_tensor_file file = {0};
   ern_model *model = NULL;
   const bool torch = ends_with(out, ".pth") || ends_with(out, ".pt");

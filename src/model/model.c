@@ -46,6 +46,9 @@ void ern_model_free(ern_model **model) {
 }
 
 void ern_model_describe(const ern_model *model, ern_model_info *info) {
+  if (info == NULL) return;
+  *info = (ern_model_info){0};
+  if (model == NULL) return;
   const struct ern_model_config *config = &model->field.config;
   *info = (ern_model_info){.has_torso = config->torso,
                            .has_eye = config->eye,
@@ -93,7 +96,7 @@ static void euler_matrix(float m[9], const float radians[3]) {
 void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
   ERN_PLAIN_FLOATS;
   const float degree = 3.14159265358979f / 180;
-  if (model->cameras == 0) return;
+  if (model == NULL || pose == NULL || model->cameras == 0) return;
   const size_t row = index < model->cameras ? index : model->cameras - 1;
   const float *angle = model->camera + 3 * row, *move = model->camera + 3 * (model->cameras + row);
   float turn[9], old[16];
@@ -165,5 +168,7 @@ fail:
 
 ern_status ern_model_save(const ern_model *model, const char *path) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, model);
+  ERN_NEED(model->context, path);
   return ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT);
 }

@@ -391,7 +391,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   if (status == ERN_OK) status = ern_model_make(&made, context, &config);
   if (status == ERN_E_ARGUMENT) { /* a configuration that there is none of, which the file is to blame for */
     char why[256];
-    snprintf(why, sizeof why, "%s", ern_last_error(context));
+    (void)ern_last_error_copy(context, why, sizeof why);
     ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s", path, why);
     status = ERN_E_FORMAT;
   }
@@ -421,8 +421,11 @@ fail:
 
 ern_status ern_model_load(ern_model **model, ern_context *context, const char *path) {
   ERN_PLAIN_FLOATS;
+  if (model != NULL) *model = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, model);
+  ERN_NEED(context, path);
   struct ern_tensor_file file = {0};
-  *model = NULL;
   ern_status status = ern_checkpoint_read(context, path, &file);
   if (status == ERN_OK) status = ern_model_from_file(model, context, &file, path);
   ern_tensor_file_free(context, &file);
@@ -446,6 +449,9 @@ static ern_status npy_tensor(ern_context *context, const char *path, void (*say)
 
 ern_status ern_file_tensors(ern_context *context, const char *path,
                             void (*say)(void *user, const ern_tensor_info *tensor), void *user) {
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, say);
   const char *dot = strrchr(path, '.');
   if (dot != NULL && strcmp(dot, ".npy") == 0) return npy_tensor(context, path, say, user);
   struct ern_tensor_file file = {0};
@@ -461,6 +467,9 @@ ern_status ern_file_tensors(ern_context *context, const char *path,
 }
 
 ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]) {
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, hex);
   const size_t limit = (size_t)1 << 30; /* bytes, as of a model that is read */
   uint8_t *bytes = NULL;
   size_t count = 0;

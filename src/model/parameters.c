@@ -259,8 +259,9 @@ static ern_status check(ern_context *context, const struct ern_model_config *con
                     config->window_length);
   if (config->codes < 0 || config->codes > 1000000)
     return ern_fail(context, ERN_E_ARGUMENT, "model: individual codes are %d, expected 0 to 1000000", config->codes);
-  if (!(config->bound >= 0.125f && config->bound <= 16))
-    return ern_fail(context, ERN_E_ARGUMENT, "model: bound is %g, expected 0.125 to 16", (double)config->bound);
+  if (!((double)config->bound >= ERN_BOUND_LEAST && (double)config->bound <= ERN_BOUND_MOST))
+    return ern_fail(context, ERN_E_ARGUMENT, "model: bound is %g, expected %g to %g", (double)config->bound,
+                    ERN_BOUND_LEAST, ERN_BOUND_MOST);
   return ERN_OK;
 }
 

@@ -10,6 +10,7 @@
 
 void ern_camera_pose(float pose[16], const float m[16], float scale) {
   ERN_PLAIN_FLOATS;
+  if (pose == NULL || m == NULL) return;
   static const int row[3] = {1, 2, 0};
   for (int r = 0; r < 3; r++) {
     const float *from = m + 4 * row[r];
@@ -25,6 +26,7 @@ void ern_camera_pose(float pose[16], const float m[16], float scale) {
  * and z out of the face, so Rx takes a camera before the face below it and Ry then takes it to the picture's left. */
 void ern_pose_turn(float matrix[16], double yaw, double pitch) {
   ERN_PLAIN_FLOATS;
+  if (matrix == NULL) return;
   const double degree = 3.14159265358979323846 / 180;
   const double cy = cos(yaw * degree), sy = -sin(yaw * degree), cp = cos(pitch * degree), sp = sin(pitch * degree);
   const double turn[3][3] = {{cy, sy * sp, sy * cp}, {0, cp, -sp}, {-sy, cy * sp, cy * cp}};
@@ -41,6 +43,7 @@ void ern_pose_turn(float matrix[16], double yaw, double pitch) {
 /* A side that is off by less than a pixel, by the rounding of a size, fits. */
 ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit) {
   ERN_PLAIN_FLOATS;
+  if (from_width < 1 || from_height < 1 || width < 1 || height < 1) return (ern_box){0};
   const double across = (double)width / from_width, down = (double)height / from_height;
   const double scale = (fit == ERN_FIT_COVER) == (across > down) ? across : down;
   const double wide = scale * from_width, high = scale * from_height;
@@ -52,6 +55,7 @@ ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_
 
 ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit) {
   ERN_PLAIN_FLOATS;
+  if (camera == NULL || camera->width < 1 || camera->height < 1) return (ern_camera){0};
   const ern_box box = ern_fit_box(camera->width, camera->height, width, height, fit);
   const int wide = box.right - box.left, high = box.bottom - box.top;
   const float scale = high == height ? (float)height / (float)camera->height : (float)width / (float)camera->width;
@@ -104,6 +108,8 @@ static bool nearest_rotation(double m[9]) {
 
 ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, poses);
   if (window < 1 || window % 2 == 0)
     return ern_fail(context, ERN_E_ARGUMENT, "smooth path: window is %d, expected an odd number from 1", window);
   void *room = NULL;

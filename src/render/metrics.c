@@ -8,6 +8,7 @@
 
 double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box) {
   ERN_PLAIN_FLOATS;
+  if (rgb == NULL || truth == NULL) return NAN;
   const ern_box all = {0, height, 0, width}, in = box != NULL ? *box : all;
   double sum = 0;
   size_t count = 0;
@@ -65,6 +66,10 @@ static double ssim_channel(const float *rgb, const uint8_t *truth, int width, in
 
 ern_status ern_ssim(ern_context *context, const float *rgb, const uint8_t *truth, int width, int height, double *ssim) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, rgb);
+  ERN_NEED(context, truth);
+  ERN_NEED(context, ssim);
   if (width < SSIM_WINDOW || height < SSIM_WINDOW)
     return ern_fail(context, ERN_E_ARGUMENT, "SSIM: the picture is %d x %d, expected at least %d x %d", width, height,
                     SSIM_WINDOW, SSIM_WINDOW);

@@ -22,14 +22,21 @@ static size_t fitting(const ern_pace *pace, double room) {
 
 void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget) {
   ERN_PLAIN_FLOATS;
+  if (pace == NULL) return;
+  *pace = (ern_pace){0};
+  if (cost == NULL || count == 0) return;
   *pace = (ern_pace){.cost = cost, .count = count, .budget = budget, .slowness = 1};
   pace->at = fitting(pace, budget);
 }
 
-bool ern_pace_holds(const ern_pace *pace) { return pace->cost[pace->count - 1] * pace->slowness <= pace->budget; }
+bool ern_pace_holds(const ern_pace *pace) {
+  return pace != NULL && pace->cost != NULL && pace->count > 0 &&
+         pace->cost[pace->count - 1] * pace->slowness <= pace->budget;
+}
 
 size_t ern_pace_next(ern_pace *pace, double milliseconds) {
   ERN_PLAIN_FLOATS;
+  if (pace == NULL || pace->cost == NULL || pace->at >= pace->count) return 0;
   if (!(milliseconds > 0) || !isfinite(milliseconds)) return pace->at;
   const double ratio = milliseconds / pace->cost[pace->at];
   pace->slowness += weight_of_newest * (fmin(ratio, outlier * fmax(pace->slowness, slowness_least)) - pace->slowness);

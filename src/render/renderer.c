@@ -35,6 +35,8 @@ static void take_from_model(ern_render_options *o, const struct ern_view_setting
 static ern_status check_options(ern_context *context, const ern_render_options *o) {
   if (o->cookie != OPTIONS_COOKIE)
     return ern_fail(context, ERN_E_ARGUMENT, "render: the options were not made by ern_render_options_default");
+  if (o->threads < 0 || o->threads > ERN_THREADS_MOST)
+    return ern_fail(context, ERN_E_ARGUMENT, "render: threads is %d, expected 0 to %d", o->threads, ERN_THREADS_MOST);
   if (o->max_steps < 1 || o->max_steps > ERN_MAX_STEPS)
     return ern_fail(context, ERN_E_ARGUMENT, "render: max_steps is %d, expected 1 to %d, or 0 for the model's",
                     o->max_steps, ERN_MAX_STEPS);
@@ -84,12 +86,15 @@ fail:
 ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, const ern_model *model,
                                const ern_render_options *options) {
   ERN_PLAIN_FLOATS;
+  if (renderer != NULL) *renderer = NULL;
+  ERN_NEED(NULL, backend);
   ern_context *context = backend->context;
+  ERN_NEED(context, renderer);
+  ERN_NEED(context, model);
   ern_render_options chosen = options != NULL ? *options : ern_render_options_default();
   void *room = NULL;
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
-  *renderer = NULL;
   take_from_model(&chosen, &model->view);
   ERN_TRY(check_options(context, &chosen));
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
@@ -166,7 +171,12 @@ fail:
 ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                   size_t count, float density) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
   ern_context *context = renderer->context;
+  if (count > 0) {
+    ERN_NEED(context, windows);
+    ERN_NEED(context, eyes);
+  }
   struct ern_moment *moment = NULL;
   void *bits = NULL;
   ern_status status = ERN_OK;
@@ -190,7 +200,12 @@ fail:
 }
 
 ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features, const char *name) {
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(renderer->context, features);
+  ERN_NEED(renderer->context, name);
   const int width = renderer->field.config.feature_width;
+  const ern_status status = ern_features_check(renderer->context, name, features);
+  if (status != ERN_OK) return status;
   if (features->width == width)
     return ern_window_length_check(renderer->context, &renderer->field, name, features->window_length);
   return ern_fail(renderer->context, ERN_E_MISMATCH,
@@ -327,6 +342,9 @@ fail:
 ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                              float code[ERN_AUDIO_CODE]) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(renderer->context, windows);
+  ERN_NEED(renderer->context, code);
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   const ern_frame_input input = {.windows = windows, .window_length = window_length};
   ern_status status = ERN_OK;
@@ -354,6 +372,9 @@ fail:
 ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
                               ern_frame_times *times) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(renderer->context, input);
+  ERN_NEED(renderer->context, output);
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   double at[5] = {milliseconds()};
   struct frame *frame = &renderer->frame;

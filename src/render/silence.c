@@ -12,6 +12,7 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/render.h"
+#include "io/feature_range.h"
 
 /* Frames, at 25 a second. QUIET_RUN: what is quiet for a shorter time is the closure of a consonant, not silence.
  * REST_RUN: a pause between words is shorter, 0.3 s. EASE: frames on the way into rest. */
@@ -195,11 +196,15 @@ static ern_status place_borders(ern_silence *s, const double *score, const unsig
 ern_status ern_silence_learn(ern_context *context, const ern_features *features, const float *loudness,
                              ern_silence **silence) {
   ERN_PLAIN_FLOATS;
+  if (silence != NULL) *silence = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, features);
+  ERN_NEED(context, silence);
   const size_t count = features->windows;
   void *room = NULL, *level = NULL, *kind = NULL;
   ern_silence *made = NULL;
-  ern_status status = ERN_OK;
-  *silence = NULL;
+  ern_status status = ern_features_check(context, "silence", features);
+  if (status != ERN_OK) return status;
   if (count < 2 * FEWEST)
     return ern_fail(context, ERN_E_STATE, "silence: %zu frames, expected %d at least", count, 2 * FEWEST);
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
@@ -244,9 +249,13 @@ static void rest_in(float *rest, size_t begin, size_t end) {
 
 ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features, float *rest) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, silence);
+  ERN_NEED(silence->context, features);
+  ERN_NEED(silence->context, rest);
   const size_t count = features->windows;
   void *room = NULL;
-  ern_status status = ERN_OK;
+  ern_status status = ern_features_check(silence->context, "silence", features);
+  if (status != ERN_OK) return status;
   if (features->width != silence->width)
     return ern_fail(silence->context, ERN_E_MISMATCH,
                     "silence: the features are %d wide, expected %d: it was learnt on features of another kind",

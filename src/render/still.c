@@ -25,6 +25,11 @@ void ern_still_free(ern_renderer *r) {
 ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                    size_t count, float bound) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
+  if (count > 0) {
+    ERN_NEED(renderer->context, windows);
+    ERN_NEED(renderer->context, eyes);
+  }
   struct ern_still *s = &renderer->still;
   struct ern_moment *moment = NULL;
   ern_status status = ERN_OK;
@@ -47,7 +52,9 @@ fail:
   return status;
 }
 
-ern_still_work ern_renderer_still_work(const ern_renderer *renderer) { return renderer->still.work; }
+ern_still_work ern_renderer_still_work(const ern_renderer *renderer) {
+  return renderer != NULL ? renderer->still.work : (ern_still_work){0};
+}
 
 /* ---- behind the head --------------------------------------------------------------------------------------------- */
 

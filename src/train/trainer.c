@@ -135,6 +135,8 @@ static ern_status average(ern_trainer *t) {
 
 ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, t);
+  ERN_NEED(t->context, report);
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
   double terms[ERN_LOSS_TERMS] = {0};
@@ -221,7 +223,7 @@ fail:
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (status != ERN_E_DEVICE || t->output == NULL) return status;
-  snprintf(cause, sizeof cause, "%s", ern_last_error(t->context));
+  (void)ern_last_error_copy(t->context, cause, sizeof cause);
   if (t->saved == 0)
     return ern_fail(t->context, status, "%s; after step %" PRIu64 ", and nothing of this training was saved before",
                     cause, t->step);
@@ -246,6 +248,7 @@ static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
 
 ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, t);
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
   struct ern_decline decline = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
@@ -266,8 +269,10 @@ ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
 
 ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   ERN_PLAIN_FLOATS;
+  if (model != NULL) *model = NULL;
+  ERN_NEED(NULL, t);
+  ERN_NEED(t->context, model);
   ern_status status = ern_trainer_download(t, t->parameters);
-  *model = NULL;
   if (status == ERN_OK) status = ern_model_make(model, t->context, &t->model->field.config);
   if (status != ERN_OK) return status;
   memcpy((*model)->block, t->model->block, t->model->field.parameters * sizeof(float));
@@ -281,7 +286,10 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
 }
 
 void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report) {
+  if (report == NULL) return;
+  *report = (ern_train_report){0};
+  if (trainer == NULL) return;
   *report = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
 }
 
-const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer->run.folder; }
+const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer != NULL ? trainer->run.folder : NULL; }

@@ -80,6 +80,11 @@ void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);
 /* A line of the log where a file has another number of individual codes than this training. */
 void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
 
+/* trainer_data.c: what the dataset's callbacks give, looked at. Internal code calls these, never the callbacks. */
+ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
+ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
+                                            const uint8_t **torso); /* *torso NULL: none */
+
 /* trainer_batch.c */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);
 /* Uploads the speech of a training frame to `windows` (taken from scratch). */

@@ -15,7 +15,7 @@
 
 ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
   ern_dataset_frame about;
-  const ern_status status = t->data.frame(t->data.user, split, frame, &about);
+  const ern_status status = ern_trainer_frame(t, split, frame, &about);
   *view = (struct ern_view){.focal = (float)t->data.focal,
                             .cx = (float)t->data.cx,
                             .cy = (float)t->data.cy,
@@ -35,7 +35,7 @@ size_t ern_trainer_pick(const ern_trainer *t, uint32_t word) {
 /* --audio-pad edge: by row of the feature file; zero: by place in the split, as the public code. */
 ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host) {
   ern_dataset_frame about;
-  ern_status status = t->data.frame(t->data.user, split, frame, &about);
+  ern_status status = ern_trainer_frame(t, split, frame, &about);
   if (status != ERN_OK) return status;
   if (t->config.audio_pad == ERN_AUDIO_PAD_EDGE) {
     const int64_t last = (int64_t)t->data.features->windows - 1;
@@ -48,7 +48,8 @@ ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *h
     float *to = host + (size_t)k * size;
     memset(to, 0, size * sizeof *to);
     if (at < 0 || at >= (int64_t)t->data.frames[split]) continue;
-    status = t->data.frame(t->data.user, split, (size_t)at, &about);
+    status = ern_trainer_frame(t, split, (size_t)at, &about);
+    if (status != ERN_OK) break;
     const int64_t last = (int64_t)t->data.features->windows - 1, row = about.aud_id < last ? about.aud_id : last;
     memcpy(to, t->data.features->data + (size_t)row * size, size * sizeof *to);
   }
@@ -201,9 +202,8 @@ ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch) {
   struct draw draw = {.t = t, .about = &about};
   ern_status status = ERN_OK;
   *batch = (struct ern_batch){.frame = ern_trainer_pick(t, of_frame.word[0])};
-  ERN_TRY(t->data.frame(t->data.user, 0, batch->frame, &about));
-  ERN_TRY(t->data.pixels(t->data.user, 0, batch->frame, &draw.truth, &draw.torso));
-  if (!t->data.has_torso) draw.torso = NULL;
+  ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
+  ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));

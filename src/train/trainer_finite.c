@@ -37,6 +37,7 @@ static ern_status check_grid(ern_trainer *t, ern_span grid, const char *what) {
 
 ern_status ern_trainer_check(ern_trainer *t) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, t);
   ern_status status = ERN_OK;
   ERN_TRY(check_rows(t, t->parameters, "value"));
   ERN_TRY(check_rows(t, t->gradient, "gradient"));

@@ -43,6 +43,17 @@ static ern_status check_range(ern_context *context, const char *name, double fou
   return ern_fail(context, ERN_E_ARGUMENT, "train: %s is %g, expected %g to %g", name, found, least, most);
 }
 
+/* Words of the configuration that are none of their enum's. The model's are looked at where it is made. */
+static ern_status check_words(ern_context *context, const ern_train_config *c) {
+  if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
+  if (ern_backbone_name(c->backbone) == NULL || ern_attention_name(c->attention) == NULL ||
+      ern_eye_attention_name(c->eye_attention) == NULL)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: backbone %d, attention %d, eye_attention %d: not all are known",
+                    (int)c->backbone, (int)c->attention, (int)c->eye_attention);
+  return ERN_OK;
+}
+
 static ern_status check_config(ern_context *context, const ern_train_config *c) {
   const struct {
     const char *name;
@@ -57,6 +68,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"max_steps", c->max_steps, 1, ERN_MAX_STEPS},
                 {"dt_gamma", (double)c->dt_gamma, 0, 1},
                 {"torso_shrink", (double)c->torso_shrink, ERN_LEAST_SHRINK, 1},
+                {"threads", c->threads, 0, ERN_THREADS_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 1, 1e12}};
@@ -68,7 +80,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   }
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
-  return ERN_OK;
+  return check_words(context, c);
 }
 
 static ern_status check_features(ern_context *context, const ern_features *features) {
@@ -86,7 +98,7 @@ static ern_status check_data(ern_trainer *t) {
   const ern_dataset *d = &t->data;
   ern_train_config *c = &t->config;
   if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
-      d->features->data == NULL || d->background == NULL)
+      d->background == NULL)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
   if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
       !isfinite(d->cx) || !isfinite(d->cy))
@@ -108,7 +120,8 @@ static ern_status check_data(ern_trainer *t) {
     return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
-  return check_features(t->context, d->features);
+  const ern_status status = ern_features_check(t->context, "train", d->features);
+  return status == ERN_OK ? check_features(t->context, d->features) : status;
 }
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
@@ -329,12 +342,15 @@ fail:
 ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
                               const ern_train_config *config) {
   ERN_PLAIN_FLOATS;
+  if (trainer != NULL) *trainer = NULL;
+  ERN_NEED(NULL, backend);
   ern_context *context = backend->context;
+  ERN_NEED(context, trainer);
+  ERN_NEED(context, dataset);
   const ern_train_config chosen = config != NULL ? *config : ern_train_config_default();
   void *room = NULL;
   ern_trainer *t = NULL;
   ern_status status = ERN_OK;
-  *trainer = NULL;
   ERN_TRY(check_config(context, &chosen));
   ERN_TRY(ern_allocate(context, 1, sizeof *t, &room));
   t = room;

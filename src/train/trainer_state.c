@@ -145,6 +145,7 @@ fail:
 
 ern_status ern_trainer_save(ern_trainer *t) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, t);
   ern_status status = ERN_OK;
   if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
   ERN_TRY(ern_trainer_download(t, t->parameters));
@@ -318,7 +319,7 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
     }
     if (opened != ERN_OK) {
       damaged = opened;
-      if (tell) ern_log(context, ERN_LOG_WARNING, "%s", ern_last_error(context));
+      if (tell) ern_log_error(context, ERN_LOG_WARNING, "");
     }
     const bool newer = opened == ERN_OK && (best->model == NULL || c.about.step > best->about.step);
     close_candidate(context, newer ? best : &c);

@@ -55,8 +55,8 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   struct ern_view view;
   ern_dataset_frame about;
   ern_status status = ERN_OK;
-  ERN_TRY(t->data.frame(t->data.user, split, frame, &about));
-  ERN_TRY(t->data.pixels(t->data.user, split, frame, truth, &torso));
+  ERN_TRY(ern_trainer_frame(t, split, frame, &about));
+  ERN_TRY(ern_trainer_pixels(t, split, frame, truth, &torso));
   ERN_TRY(ern_trainer_view(t, split, frame, &view));
   ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
   ern_frame_input input = {

@@ -168,7 +168,7 @@ static void test_scene_of(void **state) {
   assert_false(found.made_up);
   ern_bench_scene_free(&own);
   support_expect(context, ern_bench_scene_of(&own, context, scene->model, &scene->frame, NULL, NULL), ERN_E_ARGUMENT,
-                 "true picture", NULL);
+                 "truth is NULL", NULL);
   support_expect(context, ern_bench_scene_make(&own, context, 0, 10, 0), ERN_E_ARGUMENT, "0 x 10", "8192", NULL);
   assert_null(own);
 }

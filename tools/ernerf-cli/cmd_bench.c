@@ -380,7 +380,7 @@ static void place_options(struct bench_job *job, struct option options[PLACE_OPT
        .kind = OPTION_INT,
        .target = &session->threads,
        .low = 0,
-       .high = 256,
+       .high = ERN_THREADS_MOST,
        .help = "of the CPU, for a frame and a step; kernels are measured on one, but with --backend all on all of "
                "them (default 0: one a core)"}};
   ARGS_FILL(options, rows, PLACE_OPTIONS);

@@ -75,7 +75,7 @@ void session_compute_options(struct session *session, struct option options[SESS
        .kind = OPTION_INT,
        .target = &session->threads,
        .low = 0,
-       .high = 1024,
+       .high = ERN_THREADS_MOST,
        .help = "0: one a core (default). The result is the same for any number"}};
   ARGS_FILL(options, rows, SESSION_COMPUTE_OPTIONS);
 }

@@ -105,7 +105,8 @@ const char *settings_of_json(struct settings *settings, const json_t *object) {
   if (!take(object, "occupancy_threshold", 0, 1e6, false, &threshold)) return "occupancy_threshold, expected 0 to 1e6";
   if (!take(object, "image_scale", 0.25, 1, false, &scale)) return "image_scale, expected 0.25 to 1";
   if (!take(object, "device", 0, 255, true, &device)) return "device, expected a whole number from 0 to 255";
-  if (!take(object, "threads", 0, 1024, true, &threads)) return "threads, expected a whole number from 0 to 1024";
+  if (!take(object, "threads", 0, ERN_THREADS_MOST, true, &threads))
+    return "threads, expected a whole number from 0 to 256";
   if (!take_word(object, "backend", sizeof made.backend, made.backend) ||
       (strcmp(made.backend, "cpu") != 0 && strcmp(made.backend, "opencl") != 0))
     return "backend, expected \"cpu\" or \"opencl\"";

@@ -111,7 +111,9 @@ static bool write_room(struct sink *sink, const struct sink_room *room) {
     const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = room->rgba};
     status = sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, room, path);
   }
-  return status == ERN_OK || give_up(sink, "%s", ern_last_error(sink->context));
+  if (status == ERN_OK) return true;
+  (void)ern_last_error_copy(sink->context, path, sizeof path); /* the thread that draws may fail at the same time */
+  return give_up(sink, "%s", path);
 }
 
 static void *writer_main(void *argument) {

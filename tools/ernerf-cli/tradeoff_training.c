@@ -285,7 +285,7 @@ int tradeoff_training(int argc, char **argv) {
                                                    .kind = OPTION_INT,
                                                    .target = &job.session.threads,
                                                    .low = 1,
-                                                   .high = 1024,
+                                                   .high = ERN_THREADS_MOST,
                                                    .help = "of the CPU (default one a core)"};
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");

@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT
+ * What the callbacks of a dataset give, checked: they are the caller's, and answer anew at every step. */
+#include <inttypes.h>
+#include <string.h>
+
+#include "core/status.h"
+#include "train/trainer.h"
+
+static const char *name_of(int split) { return split == 0 ? "training" : "validation"; }
+
+/* A callback that fails without a word of its own gets one: what was said before it is of something else. */
+static ern_status answered(const ern_trainer *t, ern_status status, const char *callback, int split, size_t frame,
+                           const char before[ERN_ERROR_BYTES]) {
+  char now[ERN_ERROR_BYTES];
+  ern_error_keep(t->context, now);
+  if (strcmp(before, now) != 0) return status;
+  return ern_fail(t->context, status, "train: the dataset's `%s` answered %s for %s frame %zu", callback,
+                  ern_status_name(status), name_of(split), frame);
+}
+
+ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about) {
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(t->context, before);
+  *about = (ern_dataset_frame){0};
+  const ern_status status = t->data.frame(t->data.user, split, frame, about);
+  if (status != ERN_OK) return answered(t, status, "frame", split, frame, before);
+  if (about->aud_id < 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: %s frame %zu: aud_id is %" PRId64 ", expected 0 or more",
+                    name_of(split), frame, about->aud_id);
+  if (about->eye < 0 || about->eye > 1) /* a NaN is the step's to find, whose values it must not touch */
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: %s frame %zu: eye is %g, expected 0 to 1", name_of(split),
+                    frame, (double)about->eye);
+  return ERN_OK;
+}
+
+ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
+                              const uint8_t **torso) {
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(t->context, before);
+  *truth = *torso = NULL;
+  const ern_status status = t->data.pixels(t->data.user, split, frame, truth, torso);
+  if (status != ERN_OK) return answered(t, status, "pixels", split, frame, before);
+  if (!t->data.has_torso) *torso = NULL;
+  if (*truth != NULL) return ERN_OK;
+  return ern_fail(t->context, ERN_E_ARGUMENT, "train: the dataset's `pixels` gives no truth for %s frame %zu",
+                  name_of(split), frame);
+}

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ * The contract of base.h on arguments, held function by function: a table of checks, one a public function, and a look
+ * at the headers that no function is without one. */
+#ifndef ERN_TESTS_ARGUMENTS_H
+#define ERN_TESTS_ARGUMENTS_H
+
+#include <stdbool.h>
+
+#include "core/status.h"
+#include "support.h"
+
+struct arguments_check {
+  const char *name; /* of the function */
+  void (*run)(void);
+};
+
+/* A check and its row: CHECK(ern_version) { ... }, and ROW(ern_version) in the table. */
+#define CHECK(name) static void check_##name(void)
+#define ROW(name) \
+  { #name, check_##name }
+
+/* The call answers ERN_E_ARGUMENT, and the context says these words, and said them for this call. */
+#define REFUSED(context, words, call)                                   \
+  do {                                                                  \
+    ern_error_restore(context, (const char[ERN_ERROR_BYTES]){""});      \
+    support_expect(context, call, ERN_E_ARGUMENT, words, (char *)NULL); \
+  } while (0)
+
+/* The same where there is no context to say anything. */
+#define REFUSED_ALONE(call) assert_int_equal(call, ERN_E_ARGUMENT)
+
+static inline bool arguments_among(const char *name, const struct arguments_check *table, size_t count) {
+  for (size_t i = 0; i < count; i++)
+    if (strcmp(name, table[i].name) == 0) return true;
+  return false;
+}
+
+/* The function that a declaration declares, whose text begins at `at`: the first word before a parenthesis. */
+static inline void arguments_function(const char *at, char name[128]) {
+  const char *end = strchr(at, '('), *begin = end;
+  assert_non_null(end);
+  while (begin > at &&
+         (begin[-1] == '_' || (begin[-1] >= 'a' && begin[-1] <= 'z') || (begin[-1] >= '0' && begin[-1] <= '9')))
+    begin--;
+  assert_true(end - begin > 0 && end - begin < 128);
+  memcpy(name, begin, (size_t)(end - begin));
+  name[end - begin] = 0;
+}
+
+/* Every ERN_API function of a header has a row; returns how many there are. */
+static inline size_t arguments_cover(const char *header, const struct arguments_check *table, size_t count) {
+  static char text[1 << 16];
+  char path[1024], name[128];
+  size_t found = 0;
+  assert_non_null(getenv("ERNERF_SOURCE"));
+  snprintf(path, sizeof path, "%s/include/ernerf/%s", getenv("ERNERF_SOURCE"), header);
+  FILE *file = fopen(path, "rb");
+  assert_non_null(file);
+  const size_t bytes = fread(text, 1, sizeof text - 1, file);
+  assert_true(bytes > 0 && bytes < sizeof text - 1);
+  text[bytes] = 0;
+  fclose(file);
+  for (const char *at = strstr(text, "ERN_API"); at != NULL; at = strstr(at + 1, "ERN_API")) {
+    if (at != text && at[-1] != '\n') continue; /* its definition */
+    arguments_function(at, name);
+    if (!arguments_among(name, table, count))
+      fail_msg("%s: %s has no check of its arguments; it needs a row in tests/api/test_arguments*.c", header, name);
+    found++;
+  }
+  return found;
+}
+
+static inline void arguments_run(const struct arguments_check *table, size_t count) {
+  for (size_t i = 0; i < count; i++) table[i].run();
+}
+
+#endif

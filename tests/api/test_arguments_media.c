@@ -1,0 +1,307 @@
+/* SPDX-License-Identifier: MIT
+ * What media does with NULL, with numbers out of range and with structures that nobody initialised (base.h). */
+#include "arguments.h"
+#include "ernerf/media.h"
+
+static struct world {
+  ern_context *context;
+  ern_clip *clip;
+} w;
+
+static const char *const junk = "no such file";
+static uint8_t pixels[16 * 16 * 4];
+
+static ern_image picture(void) { return (ern_image){.width = 16, .height = 16, .channels = 3, .data = pixels}; }
+
+/* ---- pictures ---------------------------------------------------------------------------------------------------- */
+
+CHECK(ern_image_read) {
+  ern_image image = picture();
+  REFUSED_ALONE(ern_image_read(NULL, junk, 3, &image));
+  assert_null(image.data);
+  image = picture();
+  REFUSED(w.context, "ern_image_read: path is NULL", ern_image_read(w.context, NULL, 3, &image));
+  assert_null(image.data);
+  REFUSED(w.context, "ern_image_read: image is NULL", ern_image_read(w.context, junk, 3, NULL));
+  REFUSED(w.context, "-1 channels", ern_image_read(w.context, junk, -1, &image));
+}
+CHECK(ern_image_size) {
+  int side;
+  REFUSED_ALONE(ern_image_size(NULL, junk, &side, &side));
+  REFUSED(w.context, "ern_image_size: path is NULL", ern_image_size(w.context, NULL, &side, &side));
+  REFUSED(w.context, "ern_image_size: width is NULL", ern_image_size(w.context, junk, NULL, &side));
+  REFUSED(w.context, "ern_image_size: height is NULL", ern_image_size(w.context, junk, &side, NULL));
+}
+CHECK(ern_image_write) {
+  ern_image image = picture();
+  REFUSED_ALONE(ern_image_write(NULL, "a.png", &image, 90));
+  REFUSED(w.context, "ern_image_write: path is NULL", ern_image_write(w.context, NULL, &image, 90));
+  REFUSED(w.context, "ern_image_write: image is NULL", ern_image_write(w.context, "a.png", NULL, 90));
+  REFUSED(w.context, "quality is -1", ern_image_write(w.context, "a.jpg", &image, -1));
+  image.channels = -3;
+  REFUSED(w.context, "-3 channels", ern_image_write(w.context, "a.png", &image, 90));
+  image = picture();
+  image.data = NULL;
+  REFUSED(w.context, "empty", ern_image_write(w.context, "a.png", &image, 90));
+  image = picture();
+  image.width = -1;
+  assert_int_equal(ern_image_write(w.context, "a.png", &image, 90), ERN_E_SHAPE);
+}
+CHECK(ern_image_write_exr) {
+  const float data[4] = {0};
+  const char *const names[] = {"A", NULL};
+  REFUSED_ALONE(ern_image_write_exr(NULL, "a.exr", data, 2, 2, 1, names));
+  REFUSED(w.context, "path is NULL", ern_image_write_exr(w.context, NULL, data, 2, 2, 1, names));
+  REFUSED(w.context, "data is NULL", ern_image_write_exr(w.context, "a.exr", NULL, 2, 2, 1, names));
+  REFUSED(w.context, "names is NULL", ern_image_write_exr(w.context, "a.exr", data, 2, 2, 1, NULL));
+  REFUSED(w.context, "channel 1 has no name", ern_image_write_exr(w.context, "a.exr", data, 2, 1, 2, names));
+  REFUSED(w.context, "-1 channels", ern_image_write_exr(w.context, "a.exr", data, 2, 2, -1, names));
+  assert_int_equal(ern_image_write_exr(w.context, "a.exr", data, -2, 2, 1, names), ERN_E_SHAPE);
+}
+CHECK(ern_image_resize) {
+  const ern_image image = picture();
+  ern_image out = picture();
+  REFUSED_ALONE(ern_image_resize(NULL, &image, 2, 2, &out));
+  assert_null(out.data);
+  REFUSED(w.context, "ern_image_resize: image is NULL", ern_image_resize(w.context, NULL, 2, 2, &out));
+  REFUSED(w.context, "ern_image_resize: resized is NULL", ern_image_resize(w.context, &image, 2, 2, NULL));
+  assert_int_equal(ern_image_resize(w.context, &image, -2, 2, &out), ERN_E_SHAPE);
+  assert_null(out.data);
+}
+CHECK(ern_image_free) {
+  ern_image image = picture();
+  ern_image_free(NULL, &image);
+  assert_non_null(image.data);
+  ern_image_free(w.context, NULL);
+  ern_image_free(w.context, &(ern_image){0});
+}
+
+/* ---- sound, video ------------------------------------------------------------------------------------------------ */
+
+CHECK(ern_sound_read) {
+  ern_sound sound = {.rate = 7};
+  REFUSED_ALONE(ern_sound_read(NULL, junk, &sound));
+  assert_int_equal(sound.rate, 0);
+  sound.rate = 7;
+  REFUSED(w.context, "ern_sound_read: path is NULL", ern_sound_read(w.context, NULL, &sound));
+  assert_int_equal(sound.rate, 0);
+  REFUSED(w.context, "ern_sound_read: sound is NULL", ern_sound_read(w.context, junk, NULL));
+}
+CHECK(ern_sound_write_wav) {
+  int16_t sample = 0;
+  ern_sound sound = {.rate = 16000, .channels = 1, .frames = 1, .data = &sample};
+  REFUSED_ALONE(ern_sound_write_wav(NULL, "a.wav", &sound));
+  REFUSED(w.context, "path is NULL", ern_sound_write_wav(w.context, NULL, &sound));
+  REFUSED(w.context, "sound is NULL", ern_sound_write_wav(w.context, "a.wav", NULL));
+  sound.data = NULL;
+  REFUSED(w.context, "data is NULL", ern_sound_write_wav(w.context, "a.wav", &sound));
+  sound.data = &sample;
+  sound.channels = -1;
+  assert_int_not_equal(ern_sound_write_wav(w.context, "a.wav", &sound), ERN_OK);
+}
+CHECK(ern_sound_free) {
+  int16_t sample = 0;
+  ern_sound sound = {.rate = 16000, .channels = 1, .frames = 1, .data = &sample};
+  ern_sound_free(NULL, &sound);
+  assert_non_null(sound.data);
+  ern_sound_free(w.context, NULL);
+  ern_sound_free(w.context, &(ern_sound){0});
+}
+CHECK(ern_video_options_default) { assert_int_equal(ern_video_options_default(-1, 0).width, -1); }
+CHECK(ern_video_writer_open) {
+  ern_video_options options = ern_video_options_default(16, 16);
+  ern_video_writer *writer = (ern_video_writer *)(void *)&w;
+  REFUSED_ALONE(ern_video_writer_open(NULL, "a.mp4", &options, &writer));
+  assert_null(writer);
+  REFUSED(w.context, "path is NULL", ern_video_writer_open(w.context, NULL, &options, &writer));
+  REFUSED(w.context, "options is NULL", ern_video_writer_open(w.context, "a.mp4", NULL, &writer));
+  REFUSED(w.context, "writer is NULL", ern_video_writer_open(w.context, "a.mp4", &options, NULL));
+  options.crf = 99;
+  REFUSED(w.context, "crf is 99", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.crf = 15;
+  options.rate_denominator = -1;
+  REFUSED(w.context, "25/-1", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.rate_denominator = 1;
+  options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
+  REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+}
+CHECK(ern_video_writer_frame) {
+  const ern_video_options options = ern_video_options_default(16, 16);
+  ern_video_writer *writer = NULL;
+  REFUSED_ALONE(ern_video_writer_frame(NULL, pixels));
+  support_ok(w.context, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  REFUSED(w.context, "ern_video_writer_frame: rgba is NULL", ern_video_writer_frame(writer, NULL));
+  support_ok(w.context, ern_video_writer_frame(writer, pixels)); /* the writer is none the worse for it */
+  support_ok(w.context, ern_video_writer_close(&writer));
+}
+CHECK(ern_video_writer_close) {
+  ern_video_writer *none = NULL;
+  REFUSED_ALONE(ern_video_writer_close(NULL));
+  REFUSED_ALONE(ern_video_writer_close(&none));
+}
+CHECK(ern_video_writer_abandon) {
+  ern_video_writer *none = NULL;
+  ern_video_writer_abandon(NULL);
+  ern_video_writer_abandon(&none);
+}
+CHECK(ern_video_reader_open) {
+  ern_video_reader *reader = (ern_video_reader *)(void *)&w;
+  REFUSED_ALONE(ern_video_reader_open(NULL, "a.mp4", &reader));
+  assert_null(reader);
+  REFUSED(w.context, "path is NULL", ern_video_reader_open(w.context, NULL, &reader));
+  REFUSED(w.context, "reader is NULL", ern_video_reader_open(w.context, "a.mp4", NULL));
+}
+CHECK(ern_video_reader_info) {
+  ern_video_info info = {.width = 7};
+  ern_video_reader_info(NULL, &info);
+  assert_int_equal(info.width, 0);
+  ern_video_reader_info(NULL, NULL);
+}
+CHECK(ern_video_reader_frame) { /* a.mp4 is that of ern_video_writer_frame */
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds;
+  bool end;
+  REFUSED_ALONE(ern_video_reader_frame(NULL, &image, &seconds, &end));
+  support_ok(w.context, ern_video_reader_open(w.context, "a.mp4", &reader));
+  REFUSED(w.context, "image is NULL", ern_video_reader_frame(reader, NULL, &seconds, &end));
+  REFUSED(w.context, "seconds is NULL", ern_video_reader_frame(reader, &image, NULL, &end));
+  REFUSED(w.context, "end is NULL", ern_video_reader_frame(reader, &image, &seconds, NULL));
+  support_ok(w.context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  assert_false(end);
+  ern_image_free(w.context, &image);
+  ern_video_reader_free(&reader);
+}
+CHECK(ern_video_reader_free) {
+  ern_video_reader *none = NULL;
+  ern_video_reader_free(NULL);
+  ern_video_reader_free(&none);
+}
+
+/* ---- clips ------------------------------------------------------------------------------------------------------- */
+
+static void say_line(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
+
+CHECK(ern_synth_options_default) { assert_int_not_equal(ern_synth_options_default().cookie, 0); }
+CHECK(ern_synth_write) {
+  ern_synth_options options = ern_synth_options_default();
+  REFUSED_ALONE(ern_synth_write(NULL, "made", &options));
+  REFUSED(w.context, "folder is NULL", ern_synth_write(w.context, NULL, &options));
+  REFUSED(w.context, "options is NULL", ern_synth_write(w.context, "made", NULL));
+  REFUSED(w.context, "ern_synth_options_default",
+          ern_synth_write(w.context, "made", &(ern_synth_options){.size = 64, .frames = 8}));
+  options.frames = -1;
+  REFUSED(w.context, "frames is -1", ern_synth_write(w.context, "made", &options));
+}
+CHECK(ern_clip_options_default) { assert_int_not_equal(ern_clip_options_default().cookie, 0); }
+CHECK(ern_clip_open) {
+  ern_clip *clip = w.clip;
+  REFUSED_ALONE(ern_clip_open(NULL, junk, NULL, &clip));
+  assert_null(clip);
+  REFUSED(w.context, "folder is NULL", ern_clip_open(w.context, NULL, NULL, &clip));
+  REFUSED(w.context, "clip is NULL", ern_clip_open(w.context, junk, NULL, NULL));
+  REFUSED(w.context, "ern_clip_options_default", ern_clip_open(w.context, junk, &(ern_clip_options){0}, &clip));
+}
+CHECK(ern_clip_free) {
+  ern_clip *none = NULL;
+  ern_clip_free(NULL);
+  ern_clip_free(&none);
+}
+CHECK(ern_clip_describe) {
+  ern_clip_info info = {.width = 7};
+  ern_clip_describe(NULL, &info);
+  assert_int_equal(info.width, 0);
+  ern_clip_describe(w.clip, NULL);
+}
+CHECK(ern_clip_identity) { assert_null(ern_clip_identity(NULL)); }
+CHECK(ern_clip_features) { assert_null(ern_clip_features(NULL)); }
+CHECK(ern_clip_background) { assert_null(ern_clip_background(NULL)); }
+CHECK(ern_clip_frame_at) {
+  assert_null(ern_clip_frame_at(NULL, ERN_SPLIT_TRAIN, 0));
+  assert_null(ern_clip_frame_at(w.clip, (ern_split)-1, 0));
+  assert_null(ern_clip_frame_at(w.clip, (ern_split)9, 0));
+  assert_null(ern_clip_frame_at(w.clip, ERN_SPLIT_VAL, SIZE_MAX));
+}
+CHECK(ern_clip_pixels) {
+  ern_image truth = picture(), torso = picture();
+  REFUSED_ALONE(ern_clip_pixels(NULL, ERN_SPLIT_TRAIN, 0, &truth, &torso));
+  assert_null(truth.data);
+  assert_null(torso.data);
+  REFUSED(w.context, "frame 0 of split 9", ern_clip_pixels(w.clip, (ern_split)9, 0, &truth, &torso));
+  REFUSED(w.context, "of split 0", ern_clip_pixels(w.clip, ERN_SPLIT_TRAIN, SIZE_MAX, &truth, &torso));
+  support_ok(w.context, ern_clip_pixels(w.clip, ERN_SPLIT_TRAIN, 0, NULL, NULL));
+}
+CHECK(ern_clip_dataset) {
+  ern_dataset data = {.width = 7};
+  ern_clip_dataset(NULL, &data);
+  assert_int_equal(data.width, 0);
+  ern_clip_dataset(w.clip, NULL);
+}
+CHECK(ern_clip_measure) {
+  ern_clip_measures measures;
+  REFUSED_ALONE(ern_clip_measure(NULL, &measures));
+  REFUSED(w.context, "measures is NULL", ern_clip_measure(w.clip, NULL));
+}
+CHECK(ern_clip_check) {
+  REFUSED_ALONE(ern_clip_check(NULL, junk, say_line, NULL));
+  REFUSED(w.context, "folder is NULL", ern_clip_check(w.context, NULL, say_line, NULL));
+  REFUSED(w.context, "say is NULL", ern_clip_check(w.context, junk, NULL, NULL));
+}
+
+/* ------------------------------------------------------------------------------------------------------------------ */
+
+static const struct arguments_check table[] = {ROW(ern_image_read),
+                                               ROW(ern_image_size),
+                                               ROW(ern_image_write),
+                                               ROW(ern_image_write_exr),
+                                               ROW(ern_image_resize),
+                                               ROW(ern_image_free),
+                                               ROW(ern_sound_read),
+                                               ROW(ern_sound_write_wav),
+                                               ROW(ern_sound_free),
+                                               ROW(ern_video_options_default),
+                                               ROW(ern_video_writer_open),
+                                               ROW(ern_video_writer_frame),
+                                               ROW(ern_video_writer_close),
+                                               ROW(ern_video_writer_abandon),
+                                               ROW(ern_video_reader_open),
+                                               ROW(ern_video_reader_info),
+                                               ROW(ern_video_reader_frame),
+                                               ROW(ern_video_reader_free),
+                                               ROW(ern_synth_options_default),
+                                               ROW(ern_synth_write),
+                                               ROW(ern_clip_options_default),
+                                               ROW(ern_clip_open),
+                                               ROW(ern_clip_free),
+                                               ROW(ern_clip_describe),
+                                               ROW(ern_clip_identity),
+                                               ROW(ern_clip_features),
+                                               ROW(ern_clip_background),
+                                               ROW(ern_clip_frame_at),
+                                               ROW(ern_clip_pixels),
+                                               ROW(ern_clip_dataset),
+                                               ROW(ern_clip_measure),
+                                               ROW(ern_clip_check)};
+enum { CHECKS = sizeof table / sizeof *table };
+
+static void test_every_function_has_a_check(void **state) {
+  (void)state;
+  assert_int_equal(arguments_cover("media.h", table, CHECKS), CHECKS);
+}
+
+static void test_arguments(void **state) {
+  (void)state;
+  char folder[1024];
+  snprintf(folder, sizeof folder, "%s/data/tiny", getenv("ERNERF_SOURCE"));
+  w.context = support_context();
+  support_ok(w.context, ern_clip_open(w.context, folder, NULL, &w.clip));
+  arguments_run(table, CHECKS);
+  ern_clip_free(&w.clip);
+  ern_context_free(&w.context);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_every_function_has_a_check),
+                                     cmocka_unit_test(test_arguments)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
