@@ -30,8 +30,12 @@ struct writing {
   size_t tensor_count;
   uint8_t *bytes; /* of data.pkl */
   size_t count, room;
-  const struct ern_tensor **used; /* [room of used] in the order of their keys */
-  size_t used_count, used_room;
+  struct named_tensor {
+    const struct ern_tensor *tensor;
+    size_t key;                   /* 1 + the number of its entry; 0: it has none yet */
+  } * named;                      /* [tensor_count] by name */
+  const struct ern_tensor **used; /* [ERN_TORCH_ENTRIES] in the order of their keys */
+  size_t used_count;
   ern_status status; /* of the first failure; what follows does nothing */
 };
 
@@ -120,42 +124,57 @@ static const char *storage_type(ern_dtype dtype) {
   return "";
 }
 
-/* The number of the entry that holds the tensor; one that is named twice has one entry. */
-static size_t key_of(struct writing *w, const struct ern_tensor *tensor) {
-  void *fresh = NULL;
-  for (size_t i = 0; i < w->used_count; i++)
-    if (w->used[i] == tensor) return i;
-  if (w->used_count == w->used_room) {
-    const size_t room = 2 * w->used_room + 64;
-    w->status = ern_allocate(w->context, room, sizeof(const struct ern_tensor *), &fresh);
-    if (w->status != ERN_OK) return 0;
-    if (w->used_count > 0) memcpy(fresh, w->used, w->used_count * sizeof w->used[0]);
-    ern_release(w->context, w->used);
-    w->used = fresh;
-    w->used_room = room;
+static int compare_tensors(const void *left, const void *right) {
+  return strcmp(((const struct named_tensor *)left)->tensor->name, ((const struct named_tensor *)right)->tensor->name);
+}
+
+/* Makes the lists. */
+static ern_status sort_tensors(struct writing *w) {
+  void *room = NULL;
+  ern_status status = ern_allocate(w->context, w->tensor_count, sizeof *w->named, &room);
+  if (status != ERN_OK) return status;
+  w->named = room;
+  status = ern_allocate(w->context, ERN_TORCH_ENTRIES, sizeof(const struct ern_tensor *), &room);
+  if (status != ERN_OK) return status;
+  w->used = room;
+  for (size_t i = 0; i < w->tensor_count; i++) w->named[i].tensor = &w->tensors[i];
+  qsort(w->named, w->tensor_count, sizeof *w->named, compare_tensors);
+  return ERN_OK;
+}
+
+/* The number of a new entry for the tensor. Three entries are none of a tensor. */
+static size_t take_entry(struct writing *w, const struct ern_tensor *tensor) {
+  if (w->used_count + 3 > ERN_TORCH_ENTRIES) {
+    if (w->status == ERN_OK)
+      w->status = ern_fail(w->context, ERN_E_UNSUPPORTED, "%s: more than %d tensors, which would not be read again",
+                           w->path, ERN_TORCH_ENTRIES - 3);
+    return 0;
   }
   w->used[w->used_count] = tensor;
   return w->used_count++;
 }
 
-static void put_known_tensor(struct writing *w, const struct ern_tensor *tensor);
+static void put_entry(struct writing *w, const struct ern_tensor *tensor, size_t entry);
 
+/* One that is named twice has one entry. */
 static void put_tensor(struct writing *w, const char *name) {
-  const struct ern_tensor *tensor = NULL;
-  for (size_t i = 0; i < w->tensor_count && tensor == NULL && name != NULL; i++)
-    if (strcmp(w->tensors[i].name, name) == 0) tensor = &w->tensors[i];
-  if (tensor == NULL) {
+  const struct ern_tensor like = {.name = name};
+  const struct named_tensor wanted = {.tensor = &like};
+  struct named_tensor *found =
+      name != NULL ? bsearch(&wanted, w->named, w->tensor_count, sizeof wanted, compare_tensors) : NULL;
+  if (found == NULL) {
     if (w->status == ERN_OK)
       w->status = ern_fail(w->context, ERN_E_MISSING, "%s: the tree to write names a tensor %s that is not there",
                            w->path, name != NULL ? name : "(none)");
     return;
   }
-  put_known_tensor(w, tensor);
+  if (found->key == 0) found->key = 1 + take_entry(w, found->tensor);
+  put_entry(w, found->tensor, found->key - 1);
 }
 
-static void put_known_tensor(struct writing *w, const struct ern_tensor *tensor) {
+static void put_entry(struct writing *w, const struct ern_tensor *tensor, size_t entry) {
   char key[32];
-  snprintf(key, sizeof key, "%zu", key_of(w, tensor));
+  snprintf(key, sizeof key, "%zu", entry);
   put_global(w, "torch._utils", "_rebuild_tensor_v2");
   put(w, "((", 2);
   put_text(w, "storage");
@@ -191,7 +210,7 @@ static void put_number(struct writing *w, double value) {
   *number = (struct number){.before = w->number, .value = value};
   number->tensor = (struct ern_tensor){.name = "", .dtype = ERN_F64, .count = 1, .data = &number->value};
   w->number = number;
-  put_known_tensor(w, &number->tensor);
+  put_entry(w, &number->tensor, take_entry(w, &number->tensor));
 }
 
 /* ---- the tree ---------------------------------------------------------------------------------------------------- */
@@ -386,6 +405,7 @@ ern_status ern_torch_write(ern_context *context, const char *path, const char *t
   json_t *json = json_loads(tree, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &error);
   if (json == NULL) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: the tree to write is no JSON: %s", path, error.text));
   w.numbers = !has_optimizer(json);
+  ERN_TRY(sort_tensors(&w));
   put(&w, "\x80\x02", 2);
   put_value(&w, json, 0);
   put_byte(&w, '.');
@@ -399,6 +419,7 @@ fail:
     ern_release(context, w.number);
     w.number = before;
   }
+  ern_release(context, w.named);
   ern_release(context, (void *)(uintptr_t)w.used);
   return status;
 }

@@ -10,7 +10,8 @@
 
 #include "core/memory.h"
 
-enum { ENTRY_LIMIT = 1 << 17, PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_ROOM = 512 };
+enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_ROOM = 512 };
+static const size_t words_limit = (size_t)1 << 24;  /* bytes of all texts of the tree, those held twice counted twice */
 static const size_t spread_limit = (size_t)1 << 28; /* bytes that copies of views may take beyond the file's */
 
 struct opened {
@@ -21,6 +22,10 @@ struct opened {
   char prefix[256]; /* "archive/" */
   void **entry;     /* [entries] bytes of those that were read */
   size_t entries;
+  struct named_entry {
+    const char *name;
+    zip_uint64_t index;
+  } * named; /* [entries] by name */
   struct ern_pickle pickle;
   struct found_tensor {
     struct ern_pickle_value *value;
@@ -67,6 +72,7 @@ static void release_opened(ern_context *context, void *private_data) {
     ern_release(context, o->tensor[i].copy);
   }
   ern_release(context, o->entry);
+  ern_release(context, o->named);
   ern_release(context, o->tensor);
   ern_release(context, o->bytes);
   ern_pickle_free(context, &o->pickle);
@@ -82,6 +88,19 @@ void ern_torch_close(ern_context *context, struct ern_torch *torch) {
 
 static ern_status zip_wrong(ern_context *context, const struct opened *o, const char *what) {
   return ern_fail(context, ERN_E_FORMAT, "%s: the zip is damaged: %s", o->path, what);
+}
+
+/* Each entry of the list at the end begins with this mark. Bytes of tensors may look like it, once in 2^32. */
+static ern_status check_count(ern_context *context, const struct opened *o) {
+  static const uint8_t mark[] = {'P', 'K', 1, 2};
+  size_t marks = 0;
+  const uint8_t *at = o->bytes, *const end = o->bytes + o->count;
+  while (marks <= ERN_TORCH_ENTRIES && (at = memchr(at, mark[0], (size_t)(end - at))) != NULL) {
+    if ((size_t)(end - at) >= sizeof mark && memcmp(at, mark, sizeof mark) == 0) marks++;
+    at++;
+  }
+  if (marks <= ERN_TORCH_ENTRIES) return ERN_OK;
+  return ern_fail(context, ERN_E_SHAPE, "%s: the zip has more than %d entries", o->path, ERN_TORCH_ENTRIES);
 }
 
 static ern_status open_zip(ern_context *context, struct opened *o) {
@@ -128,12 +147,18 @@ fail:
   return status;
 }
 
+static int compare_entries(const void *left, const void *right) {
+  const struct named_entry *a = left, *b = right;
+  return strcmp(a->name, b->name);
+}
+
 static ern_status find_entry(ern_context *context, const struct opened *o, const char *name, zip_uint64_t *index) {
   char whole[400];
   snprintf(whole, sizeof whole, "%s%s", o->prefix, name);
-  const zip_int64_t found = zip_name_locate(o->zip, whole, ZIP_FL_ENC_RAW);
-  if (found < 0) return ern_fail(context, ERN_E_MISSING, "%s: the zip has no entry %.300s", o->path, whole);
-  *index = (zip_uint64_t)found;
+  const struct named_entry wanted = {.name = whole}, *found = NULL;
+  found = bsearch(&wanted, o->named, o->entries, sizeof wanted, compare_entries);
+  if (found == NULL) return ern_fail(context, ERN_E_MISSING, "%s: the zip has no entry %.300s", o->path, whole);
+  *index = found->index;
   return ERN_OK;
 }
 
@@ -155,13 +180,19 @@ static ern_status find_prefix(ern_context *context, struct opened *o) {
                   o->path);
 }
 
-/* Names are looked up by a hash that holds the first of equals; a later one is never read, but it hides something. */
-static ern_status check_names(ern_context *context, const struct opened *o) {
-  for (size_t i = 0; i < o->entries; i++) {
-    const char *name = zip_get_name(o->zip, i, ZIP_FL_ENC_RAW);
-    if (name != NULL && zip_name_locate(o->zip, name, ZIP_FL_ENC_RAW) != (zip_int64_t)i)
-      return ern_fail(context, ERN_E_FORMAT, "%s: the zip has the entry %.200s twice", o->path, name);
-  }
+/* The names by which entries are looked up. Of two equal ones, one hides the other. */
+static ern_status sort_names(ern_context *context, struct opened *o) {
+  void *room = NULL;
+  const ern_status status = ern_allocate(context, o->entries, sizeof *o->named, &room);
+  if (status != ERN_OK) return status;
+  o->named = room;
+  for (size_t i = 0; i < o->entries; i++)
+    o->named[i] =
+        (struct named_entry){zip_get_name(o->zip, i, ZIP_FL_ENC_RAW), i}; /* find_prefix saw that all have one */
+  qsort(o->named, o->entries, sizeof *o->named, compare_entries);
+  for (size_t i = 1; i < o->entries; i++)
+    if (strcmp(o->named[i].name, o->named[i - 1].name) == 0)
+      return ern_fail(context, ERN_E_FORMAT, "%s: the zip has the entry %.200s twice", o->path, o->named[i].name);
   return ERN_OK;
 }
 
@@ -194,16 +225,15 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
   o->path = path;
   o->bytes = bytes;
   o->count = count;
+  ERN_TRY(check_count(context, o));
   ERN_TRY(open_zip(context, o));
   const zip_int64_t entries = zip_get_num_entries(o->zip, 0);
-  if (entries < 1 || entries > ENTRY_LIMIT)
-    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: the zip has %lld entries, expected 1 to %d", path, (long long)entries,
-                     ENTRY_LIMIT));
+  if (entries < 1) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: the zip has no entries", path));
   o->entries = (size_t)entries;
   ERN_TRY(ern_allocate(context, o->entries, sizeof *o->entry, &room));
   o->entry = room;
   ERN_TRY(find_prefix(context, o));
-  ERN_TRY(check_names(context, o));
+  ERN_TRY(sort_names(context, o));
   ERN_TRY(check_byte_order(context, o));
   ERN_TRY(find_entry(context, o, "data.pkl", &index));
   ERN_TRY(read_entry(context, o, index, PICKLE_LIMIT, &size));
@@ -295,7 +325,7 @@ struct walk {
   struct opened *o;
   const char *prefix;
   char path[PATH_ROOM];
-  size_t visits;
+  size_t visits, words; /* values and bytes of texts so far */
   ern_status status;
 };
 
@@ -311,7 +341,18 @@ static json_t *made(struct walk *w, json_t *object) {
   return object != NULL ? object : walk_fail(w, ERN_E_NO_MEMORY, "no memory for the tree");
 }
 
+/* A text is as short as its bytes in the file, but may be held by any number of values. */
+static bool take_words(struct walk *w, const struct ern_pickle_value *value) {
+  if (value->as.words.length > words_limit - w->words) {
+    walk_fail(w, ERN_E_SHAPE, "texts take more than 16 MiB");
+    return false;
+  }
+  w->words += value->as.words.length;
+  return true;
+}
+
 static json_t *walk_words(struct walk *w, const struct ern_pickle_value *value) {
+  if (!take_words(w, value)) return NULL;
   if (memchr(value->as.words.text, 0, value->as.words.length) != NULL)
     return walk_fail(w, ERN_E_FORMAT, "a text with a 0 in it");
   json_t *text = json_stringn(value->as.words.text, value->as.words.length);
@@ -320,6 +361,7 @@ static json_t *walk_words(struct walk *w, const struct ern_pickle_value *value) 
 
 static json_t *walk_bytes(struct walk *w, const struct ern_pickle_value *value) {
   void *room = NULL;
+  if (!take_words(w, value)) return NULL;
   w->status = ern_allocate(w->context, 2 * value->as.words.length + 1, 1, &room);
   if (w->status != ERN_OK) return NULL;
   for (size_t i = 0; i < value->as.words.length; i++)
@@ -374,6 +416,10 @@ static json_t *walk_pairs(struct walk *w, const struct ern_pickle_value *dict, i
     char part[32] = "?";
     if (key->kind == ERN_PICKLE_INT) snprintf(part, sizeof part, "%lld", (long long)key->as.integer);
     json_t *first = walk(w, dict->as.list.item[i], depth + 1);
+    if (w->status != ERN_OK) {
+      json_decref(first);
+      break;
+    }
     const size_t length = go_in(w, key->kind == ERN_PICKLE_TEXT ? key->as.words.text : part);
     json_t *second = w->status == ERN_OK ? walk(w, dict->as.list.item[i + 1], depth + 1) : NULL;
     json_t *pair = json_array();

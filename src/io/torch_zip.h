@@ -7,6 +7,10 @@
 #include "io/file.h"
 #include "io/pickle.h"
 
+/* Entries of a zip, the most that are read or written: a training's state has 300. The library that reads zips looks
+ * names up in a hash without a key, so crafted names cost it the square of their number. */
+enum { ERN_TORCH_ENTRIES = 1 << 13 };
+
 /* An open file. Tensors of the pickle get their bytes, and those without a name one, in ern_torch_tensors. */
 struct ern_torch {
   struct ern_pickle pickle;

@@ -40,6 +40,10 @@ bool ern_checkpoint_is_buffer(const char *name) {
 
 /* ---- whose a tensor is ------------------------------------------------------------------------------------------- */
 
+/* What any model stays far below: tensors, parameters of the optimizer, groups of them, and what is kept of one. Beyond
+ * these a dict is none of ours, and looking up each of its keys in turn would take the square of their number. */
+enum { MOST_TENSORS = 4096, MOST_KEYS = 64, MOST_NAME = 255 };
+
 /* Trained tensors of a model dict in some order. */
 struct trained {
   const struct ern_pickle_value **value;
@@ -77,6 +81,9 @@ static ern_status name_model(const struct reading *r) {
     if (key == NULL || value->kind != ERN_PICKLE_TENSOR)
       return ern_fail(r->context, ERN_E_FORMAT, "%s: entry %zu (%s) of the model is no tensor with a name", r->path, i,
                       key != NULL ? key : "?");
+    if (strnlen(key, MOST_NAME + 1) > MOST_NAME)
+      return ern_fail(r->context, ERN_E_FORMAT, "%s: entry %zu (%.40s...) of the model has a name of over %d bytes",
+                      r->path, i, key, MOST_NAME);
     status = ern_torch_name(r->context, r->torch, value, key, "");
   }
   return status;
@@ -105,14 +112,19 @@ static struct ern_pickle_value *get_number(const struct ern_pickle_value *dict, 
   return NULL;
 }
 
+/* Of a dict with a few keys; NULL where it has many. */
+static struct ern_pickle_value *get_of_few(const struct ern_pickle_value *dict, const char *key) {
+  return ern_pickle_is_dict(dict) && dict->as.list.count <= 2 * MOST_KEYS ? ern_pickle_get(dict, key) : NULL;
+}
+
 /* ---- optimizer --------------------------------------------------------------------------------------------------- */
 
 /* Numbers of the parameters, all groups one after another; false where they are none or more than `most`. */
 static bool list_numbers(const struct ern_pickle_value *groups, int64_t *number, size_t most, size_t *count) {
   *count = 0;
-  if (groups == NULL || groups->kind != ERN_PICKLE_LIST) return false;
+  if (groups == NULL || groups->kind != ERN_PICKLE_LIST || groups->as.list.count > MOST_TENSORS) return false;
   for (size_t g = 0; g < groups->as.list.count; g++) {
-    const struct ern_pickle_value *params = ern_pickle_get(groups->as.list.item[g], "params");
+    const struct ern_pickle_value *params = get_of_few(groups->as.list.item[g], "params");
     if (params == NULL || params->kind != ERN_PICKLE_LIST) return false;
     for (size_t i = 0; i < params->as.list.count; i++) {
       if (*count >= most || params->as.list.item[i]->kind != ERN_PICKLE_INT) return false;
@@ -130,7 +142,7 @@ static bool order_fits(const struct reading *r, bool torso, const struct ern_pic
   if (list->count != count || count == 0) return false;
   for (size_t i = 0; i < count; i++) {
     const struct ern_pickle_value *one = get_number(state, number[i]);
-    if (one != NULL && !same_shape(ern_pickle_get(one, "exp_avg_sq"), list->value[i])) return false;
+    if (one != NULL && !same_shape(get_of_few(one, "exp_avg_sq"), list->value[i])) return false;
   }
   return true;
 }
@@ -143,9 +155,10 @@ static ern_status name_optimizer(struct reading *r, struct trained *list, int64_
                                 *state = ern_pickle_get(optimizer, "state");
   size_t count = 0;
   if (optimizer == NULL) return ERN_OK;
-  r->trains = list_numbers(ern_pickle_get(optimizer, "param_groups"), number, room, &count) && state != NULL;
+  r->trains = ern_pickle_is_dict(state) && state->as.list.count <= 2 * (size_t)MOST_TENSORS &&
+              list_numbers(ern_pickle_get(optimizer, "param_groups"), number, room, &count);
   if (r->trains) r->trains = order_fits(r, false, state, number, count, list);
-  if (!r->trains && count > 0 && state != NULL) r->trains = r->torso = order_fits(r, true, state, number, count, list);
+  if (!r->trains && count > 0) r->trains = r->torso = order_fits(r, true, state, number, count, list);
   if (!r->trains) {
     ern_log(r->context, ERN_LOG_WARNING,
             "%s: the optimizer's groups are in no order that is known, so its state is not used", r->path);
@@ -154,7 +167,7 @@ static ern_status name_optimizer(struct reading *r, struct trained *list, int64_
   for (size_t i = 0; i < count; i++) {
     const struct ern_pickle_value *one = get_number(state, number[i]);
     for (size_t p = 0; p < sizeof parts / sizeof *parts; p++) {
-      struct ern_pickle_value *tensor = ern_pickle_get(one, parts[p].key);
+      struct ern_pickle_value *tensor = get_of_few(one, parts[p].key);
       if (tensor == NULL || tensor->kind != ERN_PICKLE_TENSOR) continue;
       const ern_status status =
           ern_torch_name(r->context, r->torch, tensor, parts[p].prefix, list->value[i]->as.tensor.name);
@@ -223,6 +236,11 @@ static ern_status name_all(struct reading *r) {
   if (r->model == NULL) return ERN_OK;
   const size_t most = r->model->as.list.count / 2;
   ERN_TRY(name_model(r));
+  if (most > MOST_TENSORS) {
+    ern_log(r->context, ERN_LOG_WARNING,
+            "%s: has %zu tensors, which are no model's: no state of a training is looked for", r->path, most);
+    return ERN_OK;
+  }
   ERN_TRY(ern_allocate(r->context, most, sizeof(int64_t), &numbers));
   ERN_TRY(ern_allocate(r->context, 2 * most + 1, sizeof(void *), &room));
   struct trained list = {.value = room};
