@@ -13,7 +13,7 @@ extern "C" {
 
 typedef struct ern_backend ern_backend;
 
-enum { ERN_THREADS_MOST = 256 }; /* most threads of a renderer, a trainer or a measurement; 0 stands for one a core */
+enum { ERN_THREADS_MOST = 256 }; /* of a renderer, a trainer or a measurement */
 
 typedef struct ern_backend_config {
   uint32_t cookie;
@@ -41,6 +41,8 @@ typedef struct ern_backend_info {
   const char *name, *isa; /* live as long as the backend */
   int real_bytes;         /* 4, or 8 for ref64 */
   bool deterministic;     /* same inputs, same bytes, for any number of threads */
+  int threads;            /* what 0 threads stand for here: the cores that this process may use, as its affinity mask
+                             and the limits of its control groups (cgroups) have it; at most ERN_THREADS_MOST */
 } ern_backend_info;
 ERN_API void ern_backend_describe(const ern_backend *backend, ern_backend_info *info);
 
@@ -63,8 +65,8 @@ typedef struct ern_device_info {
   int number;       /* of the OpenCL device; 0 for the CPU */
   const char *name, *version;
   const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
-  unsigned compute_units;
-  uint64_t memory_bytes;
+  unsigned compute_units;       /* of the CPU: cores that this process may use, and */
+  uint64_t memory_bytes;        /* memory that it may take: limits of control groups count */
   /* of an OpenCL device; "", 0 and false for the CPU */
   const char *driver;                 /* its version */
   uint64_t buffer_bytes, local_bytes; /* one buffer at most; local memory of a work-group */

@@ -126,7 +126,8 @@ typedef enum ern_split { ERN_SPLIT_TRAIN = 0, ERN_SPLIT_VAL = 1 } ern_split;
 
 typedef struct ern_clip_options {
   uint32_t cookie;
-  uint64_t memory_bytes; /* most that kept frames may take; 0: half of the machine's memory */
+  uint64_t memory_bytes; /* most that kept frames may take; 0: half of the memory that this
+                            process may take (ern_device_info of the CPU) */
   const char *features;  /* another feature file than the clip's own, NULL: the clip's; must outlive the open call */
   const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), NULL: the
                             first that is there of aud_ds, aud_eo, aud_hu, aud */

@@ -2,11 +2,11 @@
  * Which backends there are, and the choice of one: the only file that names them. */
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "backend_cpu/backend_cpu.h"
 #include "backend_opencl/devices.h"
 #include "core/floats.h"
+#include "core/machine.h"
 #include "core/status.h"
 #include "ernerf/backend.h"
 
@@ -79,7 +79,12 @@ void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
   if (info == NULL) return;
   *info = (ern_backend_info){0};
   if (backend == NULL) return;
-  *info = (ern_backend_info){backend->name, backend->isa, (int)backend->real_bytes, backend->deterministic};
+  const int cores = ern_machine_cores();
+  *info = (ern_backend_info){.name = backend->name,
+                             .isa = backend->isa,
+                             .real_bytes = (int)backend->real_bytes,
+                             .deterministic = backend->deterministic,
+                             .threads = cores < ERN_THREADS_MOST ? cores : ERN_THREADS_MOST};
 }
 
 void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
@@ -94,15 +99,14 @@ ern_status ern_devices_list(ern_context *context, void (*say)(void *user, const 
   char name[TEXT_BYTES], list[TEXT_BYTES];
   ern_cpu_name(name, sizeof name);
   ern_isa_list(list, sizeof list);
-  const long cores = sysconf(_SC_NPROCESSORS_ONLN), pages = sysconf(_SC_PHYS_PAGES), page = sysconf(_SC_PAGESIZE);
   const ern_device_info cpu = {.kind = "cpu",
                                .name = name,
                                .version = "",
                                .driver = "",
                                .instruction_sets = list,
                                .deterministic = true,
-                               .compute_units = cores > 0 ? (unsigned)cores : 0,
-                               .memory_bytes = pages > 0 && page > 0 ? (uint64_t)pages * (uint64_t)page : 0};
+                               .compute_units = (unsigned)ern_machine_cores(),
+                               .memory_bytes = ern_machine_memory()};
   say(user, &cpu);
   return ern_opencl_devices_list(context, say, user);
 }

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: MIT */
-#define _GNU_SOURCE /* sched_getaffinity */
 #include "core/threads.h"
 
 #include <pthread.h>
-#include <sched.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 
 #include "core/floats.h"
+#include "core/machine.h"
 #include "core/memory.h"
 #include "ernerf/backend.h"
 
@@ -60,13 +59,6 @@ static void *helper_main(void *argument) {
   }
 }
 
-static int cores(void) {
-  cpu_set_t set;
-  if (sched_getaffinity(0, sizeof set, &set) != 0) return 1;
-  const int count = CPU_COUNT(&set);
-  return count < 1 ? 1 : count;
-}
-
 ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **pool) {
   *pool = NULL;
   if (threads < 0 || threads > MAX_THREADS)
@@ -76,7 +68,7 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   if (status != ERN_OK) return status;
   struct ern_pool *made = room;
   made->context = context;
-  made->threads = threads > 0 ? threads : cores();
+  made->threads = threads > 0 ? threads : ern_machine_cores();
   if (made->threads > MAX_THREADS) made->threads = MAX_THREADS;
   pthread_mutex_init(&made->mutex, NULL);
   pthread_cond_init(&made->work, NULL);

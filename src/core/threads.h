@@ -8,7 +8,7 @@
 
 struct ern_pool;
 
-/* threads >= 1, the caller included; 0: as many as the machine has cores for this process. */
+/* threads 1..ERN_THREADS_MOST, the caller included; 0: ern_machine_cores. */
 ERN_NODISCARD ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **pool);
 void ern_pool_free(struct ern_pool *pool);         /* accepts NULL */
 int ern_pool_threads(const struct ern_pool *pool); /* NULL: 1 */

@@ -5,9 +5,9 @@
 #include <inttypes.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include "core/floats.h"
+#include "core/machine.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/landmarks.h"
@@ -39,9 +39,8 @@ ern_clip_options ern_clip_options_default(void) {
 }
 
 static uint64_t half_of_memory(void) {
-  const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
-  if (pages <= 0 || page_bytes <= 0) return (uint64_t)1 << 31;
-  return (uint64_t)pages * (uint64_t)page_bytes / 2;
+  const uint64_t memory = ern_machine_memory();
+  return memory > 0 ? memory / 2 : (uint64_t)1 << 31;
 }
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */

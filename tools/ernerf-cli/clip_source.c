@@ -16,7 +16,7 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
       {.name = "memory",
        .kind = OPTION_BYTES,
        .target = &source->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the machine)"}};
+       .help = "most that frames of the clip may take, such as 512M (default half of the memory it may use)"}};
   ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS);
 }
 

@@ -4,7 +4,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "points.h"
 #include "progress.h"
@@ -361,9 +360,8 @@ static int choose_frames(struct tradeoff *t, const struct args *args) {
 int measure_open(struct tradeoff *t, const struct args *args) {
   const ern_render_options *render = &t->portrait.render;
   const ern_backend_info *info = &t->session.backend_info;
-  const long cores = sysconf(_SC_NPROCESSORS_ONLN);
   const bool device = strcmp(info->name, "opencl") == 0;
-  t->cores = cores > 0 ? (int)cores : 1;
+  t->cores = info->threads;
   t->base = (struct settings){.max_steps = render->max_steps,
                               .transmittance_stop = render->transmittance_stop,
                               .occupancy_threshold = t->portrait.occupancy_threshold,
