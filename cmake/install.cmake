@@ -20,6 +20,9 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+if(TARGET ernerf-probe-opencl) # libernerf starts it, users do not
+  install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
+endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/ernerf)
@@ -43,7 +46,7 @@ if(NOT BUILD_SHARED_LIBS)
   if(ERNERF_OPENCL)
     string(APPEND pc_engine_needs " OpenCL")
   endif()
-  set(pc_engine_libraries "-lm -pthread")
+  set(pc_engine_libraries "-lm -ldl -pthread")
   set(pc_media_needs ", jansson libzip libavformat libavcodec libavutil libswscale libswresample OpenImageIO")
   set(pc_media_libraries "-lopencv_imgproc -lopencv_core -lstdc++ -lm -pthread")
 endif()

@@ -5,6 +5,7 @@
 
 #include "backend_opencl/device_tune.h"
 #include "backend_opencl/devices.h"
+#include "backend_opencl/probe.h"
 #include "core/memory.h"
 
 static const size_t element_bytes[] = {
@@ -327,8 +328,11 @@ fail:
 ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
                                    ern_backend **backend) {
   struct ern_cl_backend *made = NULL;
+  bool listed = false;
+  int dead = 0;
   *backend = NULL;
-  const ern_status status = ern_cl_backend_open(context, number, deterministic, &made);
+  ern_status status = ern_cl_probe(context, number, number, &listed, &dead);
+  if (status == ERN_OK) status = ern_cl_backend_open(context, number, deterministic, &made);
   if (status != ERN_OK) return status;
   ern_cl_tune(made, number, tune);
   *backend = &made->table;

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "backend_opencl/device_tune.h"
+#include "backend_opencl/probe.h"
 
 enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
@@ -88,15 +89,34 @@ static void ask(struct ern_cl_device *device) {
   device->units = (cl_uint)number_of(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint));
 }
 
+/* Tries all devices; false where none of them may even be asked for. What cannot be used is told as a warning. */
+static bool find_usable(ern_context *context, bool usable[MAX_DEVICES]) {
+  char before[ERN_ERROR_BYTES];
+  bool listed = true;
+  ern_error_keep(context, before);
+  for (int i = 0; i < MAX_DEVICES; i++) usable[i] = true;
+  for (int first = 0, dead = 0; listed && first < MAX_DEVICES; first = dead + 1) {
+    if (ern_cl_probe(context, first, MAX_DEVICES - 1, &listed, &dead) == ERN_OK) break;
+    ern_log_error(context, ERN_LOG_WARNING, "");
+    if (listed && dead >= first && dead < MAX_DEVICES) usable[dead] = false;
+    if (dead < first) break; /* it says what it cannot know */
+  }
+  ern_error_restore(context, before);
+  return listed;
+}
+
 ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
   struct found found[MAX_DEVICES];
+  bool usable[MAX_DEVICES];
   int platforms = 0;
+  if (!find_usable(context, usable)) return ERN_OK;
   const int count = find_devices(found, &platforms);
   if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
   if (platforms > 0 && count == 0)
     ern_log(context, ERN_LOG_INFO, "OpenCL: %d driver%s installed, but none of them has a device", platforms,
             platforms == 1 ? " is" : "s are");
   for (int i = 0; i < count; i++) {
+    if (!usable[i]) continue;
     struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
     ask(&device);
     struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];

@@ -119,7 +119,7 @@ static ern_status draw_frame(struct source *source, const struct ern_bench_scene
   ern_render_options options = ern_render_options_default();
   void *room = NULL;
   ern_status status = ERN_OK;
-  options.threads = threads;
+  if (!ern_bench_is_device(source->subject->backend)) options.threads = threads;
   source->data.scene = scene;
   ERN_TRY(ern_renderer_create(&source->renderer, ern_bench_shim_backend(source->shim), scene->model, &options));
   ERN_TRY(ern_allocate(context, (size_t)camera->width * (size_t)camera->height, 4, &room));

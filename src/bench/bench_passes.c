@@ -134,7 +134,7 @@ static ern_status make_renderer(struct subject *s, struct ern_backend *backend, 
   const ern_camera *camera = &s->scene->frame.camera;
   ern_render_options render = ern_render_options_default();
   void *room = NULL;
-  render.threads = options->threads;
+  if (!s->device) render.threads = options->threads;
   ern_status status = ern_allocate(backend->context, (size_t)camera->width * (size_t)camera->height, 4, &room);
   s->rgba = room;
   if (status == ERN_OK)

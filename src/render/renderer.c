@@ -97,6 +97,9 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   ern_status status = ERN_OK;
   take_from_model(&chosen, &model->view);
   ERN_TRY(check_options(context, &chosen));
+  if (chosen.threads > 0 && strcmp(backend->name, "cpu") != 0)
+    ern_log(context, ERN_LOG_WARNING, "render: threads is %d, which the backend %s has no use for: its driver decides",
+            chosen.threads, backend->name);
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
   made = room;
   made->context = context;

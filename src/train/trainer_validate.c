@@ -31,7 +31,7 @@ static ern_status look_make(ern_trainer *t, struct look *look) {
   void *room = NULL;
   ern_status status = ERN_OK;
   *look = (struct look){.pixels = (size_t)t->data.width * (size_t)t->data.height};
-  options.threads = t->config.threads;
+  if (strcmp(t->backend->name, "cpu") == 0) options.threads = t->config.threads;
   options.max_steps = t->config.max_steps;
   options.dt_gamma = t->config.dt_gamma;
   options.torso_shrink = t->config.torso_shrink;

@@ -24,7 +24,11 @@ done
 for header in "$source"/include/ernerf/*.h; do
   cmp -s "$header" "$root/include/ernerf/$(basename "$header")" || fail "$(basename "$header") was not installed as it is"
 done
-"$root/bin/ernerf" info devices >"$work/devices.log" || fail "the installed program does not run"
+if [ -e "$lib/libernerf.so" ] && ldd "$lib/libernerf.so" | grep -q libOpenCL; then
+  [ -x "$lib/ernerf/ernerf-probe-opencl" ] || fail "$LIBDIR/ernerf/ernerf-probe-opencl is not installed"
+fi
+"$root/bin/ernerf" info devices >"$work/devices.log" 2>"$work/devices.errors" || fail "the installed program does not run"
+grep -q "used untried" "$work/devices.errors" && fail "the installed library does not find ernerf-probe-opencl"
 
 # What the two libraries show: marked functions alone, and none twice.
 if [ -e "$lib/libernerf.so" ]; then

@@ -48,7 +48,7 @@ static const struct {
 } outside[] = {
     {"jansson.h", {"io", "model", "train", "media", "tools"}},
     {"zip.h", {"io"}},
-    {"CL/*", {"backend_opencl"}},
+    {"CL/*", {"backend_opencl", "tools"}},
     {"*intrin.h", {"backend_cpu"}},
     {"opencv2/*", {"media"}},
     {"OpenImageIO/*", {"media"}},
