@@ -25,9 +25,9 @@ typedef enum ern_fit {
   ERN_FIT_COVER = 1    /* it fills the picture, and what goes beyond is cut off, as much on either side */
 } ern_fit;
 
-/* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1. With
- * ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; a side that misses by less than
- * a pixel fits. */
+/* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1, else the
+ * box is all zeros. With ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; a side
+ * that misses by less than a pixel fits. */
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
 /* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right; the scene is the cube
@@ -53,7 +53,7 @@ ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
 /* The same view as a picture of another size: the frame is scaled and placed as ern_fit_box says. Background and torso
  * pictures that are handed in must be placed likewise. */
 ERN_API ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit);
-/* The same with ERN_FIT_CONTAIN. Both: all zeros for a camera that is NULL or has a side below 1. */
+/* The same with ERN_FIT_CONTAIN. Both: all zeros for a side below 1. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
 
 /* Which of `count` poses belongs to frame `frame` when there are fewer poses than frames: forward, backward, and so on
@@ -103,9 +103,9 @@ ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, co
 
 typedef struct ern_render_options {
   uint32_t cookie;
-  int threads;              /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
-  int max_steps;            /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
-  float dt_gamma;           /* step growth with distance, 0..1; below 0: the model's. -1 */
+  int threads;    /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
+  int max_steps;  /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
+  float dt_gamma; /* step growth with distance, 0..1; below 0: the model's. -1 */
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0: the model's. 0 */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
@@ -236,8 +236,8 @@ ERN_API bool ern_pace_holds(const ern_pace *pace);
 
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 
-/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most. NaN
- * where rgb or truth is NULL. */
+/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most.
+ * NaN where rgb or truth is NULL. */
 ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box);
 
 /* Mean SSIM (Wang et al. 2004): 11 x 11 Gaussian window, sigma 1.5, K 0.01 and 0.03, per channel, windows inside the

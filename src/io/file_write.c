@@ -79,6 +79,8 @@ static ern_status refuse_existing(ern_context *context, const char *path) {
 }
 
 ern_status ern_file_check_output(ern_context *context, const char *path) {
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
   const ern_status status = ern_file_check_replaceable(context, path);
   if (status != ERN_OK || !ern_keeps_files(context) || access(path, F_OK) != 0) return status;
   return refuse_existing(context, path);
@@ -251,7 +253,8 @@ fail:
 }
 
 ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count) {
-  if (path == NULL || (bytes == NULL && count > 0))
-    return ern_fail(context, ERN_E_ARGUMENT, "file: path or bytes is NULL");
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  if (count > 0) ERN_NEED(context, bytes);
   return ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
 }

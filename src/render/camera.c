@@ -46,7 +46,7 @@ ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_
   if (from_width < 1 || from_height < 1 || width < 1 || height < 1) return (ern_box){0};
   const double across = (double)width / from_width, down = (double)height / from_height;
   const double scale = (fit == ERN_FIT_COVER) == (across > down) ? across : down;
-  const double wide = scale * from_width, high = scale * from_height;
+  const double wide = fmin(scale * from_width, 1e9), high = fmin(scale * from_height, 1e9); /* sums stay ints */
   if (fabs(wide - width) < 1 && fabs(high - height) < 1) return (ern_box){0, height, 0, width};
   const int w = wide < 1 ? 1 : (int)lrint(wide), h = high < 1 ? 1 : (int)lrint(high);
   const int left = (int)floor((width - w) / 2.0), top = (int)floor((height - h) / 2.0);
@@ -55,7 +55,7 @@ ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_
 
 ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit) {
   ERN_PLAIN_FLOATS;
-  if (camera == NULL || camera->width < 1 || camera->height < 1) return (ern_camera){0};
+  if (camera == NULL || camera->width < 1 || camera->height < 1 || width < 1 || height < 1) return (ern_camera){0};
   const ern_box box = ern_fit_box(camera->width, camera->height, width, height, fit);
   const int wide = box.right - box.left, high = box.bottom - box.top;
   const float scale = high == height ? (float)height / (float)camera->height : (float)width / (float)camera->width;
@@ -202,6 +202,7 @@ static bool rotation_in(double m[9], const float pose[16]) {
 
 void ern_pose_interpolate(float out[16], const float from[16], const float to[16], double share) {
   ERN_PLAIN_FLOATS;
+  if (out == NULL || from == NULL || to == NULL) return;
   if (!(share > 0) || memcmp(from, to, 16 * sizeof *from) == 0) {
     memmove(out, from, 16 * sizeof *out);
     return;

@@ -362,6 +362,8 @@ fail:
 
 ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int window_length) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(renderer->context, windows);
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   const ern_frame_input input = {.windows = windows, .window_length = window_length};
   ern_status status = ERN_OK;

@@ -353,6 +353,9 @@ fail:
 
 ern_status ern_train_state_describe(ern_context *context, const char *output, ern_train_state *state) {
   ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, output);
+  ERN_NEED(context, state);
   struct ern_run_folder run;
   struct candidate best = {0};
   ern_status status = ERN_OK;

@@ -130,7 +130,16 @@ CHECK(ern_pose_list_free) {
   ern_pose_list_free(NULL, &list);
   assert_ptr_equal(list.poses, &pose);
 }
-CHECK(ern_leftovers_remove) { ern_leftovers_remove(NULL); }
+CHECK(ern_file_check_output) {
+  REFUSED_ALONE(ern_file_check_output(NULL, junk));
+  REFUSED(w.context, "ern_file_check_output: path is NULL", ern_file_check_output(w.context, NULL));
+}
+CHECK(ern_file_save) {
+  REFUSED_ALONE(ern_file_save(NULL, "saved", "x", 1));
+  REFUSED(w.context, "ern_file_save: path is NULL", ern_file_save(w.context, NULL, "x", 1));
+  REFUSED(w.context, "ern_file_save: bytes is NULL", ern_file_save(w.context, "saved", NULL, 1));
+  support_ok(w.context, ern_file_save(w.context, "saved", NULL, 0));
+}
 
 /* ---- model.h ----------------------------------------------------------------------------------------------------- */
 
@@ -141,6 +150,7 @@ CHECK(ern_backbone_name) {
   assert_null(ern_backbone_name((ern_backbone)99));
 }
 CHECK(ern_attention_name) { assert_null(ern_attention_name((ern_attention)99)); }
+CHECK(ern_audio_pad_name) { assert_null(ern_audio_pad_name((ern_audio_pad)99)); }
 CHECK(ern_eye_attention_name) { assert_null(ern_eye_attention_name((ern_eye_attention)99)); }
 CHECK(ern_model_load) {
   ern_model *made = w.model;
@@ -215,6 +225,28 @@ CHECK(ern_pose_turn) { ern_pose_turn(NULL, 1, 1); }
 CHECK(ern_camera_resized) {
   assert_int_equal(ern_camera_resized(NULL, 4, 4).width, 0);
   assert_int_equal(ern_camera_resized(&(ern_camera){.width = 3}, 4, 4).width, 0);
+}
+CHECK(ern_fit_box) {
+  const int bad[4][4] = {{0, 1, 1, 1}, {1, -1, 1, 1}, {1, 1, 0, 1}, {1, 1, 1, INT32_MIN}};
+  for (int i = 0; i < 4; i++) {
+    const ern_box box = ern_fit_box(bad[i][0], bad[i][1], bad[i][2], bad[i][3], ERN_FIT_COVER);
+    assert_int_equal(box.right - box.left + box.bottom - box.top, 0);
+  }
+  const ern_box wide = ern_fit_box(1, INT32_MAX, INT32_MAX, 1, ERN_FIT_COVER);
+  assert_true(wide.bottom > wide.top && wide.right > wide.left);
+}
+CHECK(ern_camera_fitted) {
+  const ern_camera camera = {.focal = 1, .width = 4, .height = 4};
+  assert_int_equal(ern_camera_fitted(NULL, 4, 4, ERN_FIT_COVER).width, 0);
+  assert_int_equal(ern_camera_fitted(&camera, -4, 4, ERN_FIT_COVER).width, 0);
+  assert_int_equal(ern_camera_fitted(&camera, 4, 0, (ern_fit)99).width, 0);
+}
+CHECK(ern_pose_interpolate) {
+  float pose[16] = {3};
+  ern_pose_interpolate(NULL, pose, pose, 0.5);
+  ern_pose_interpolate(pose, NULL, pose, 0.5);
+  ern_pose_interpolate(pose, pose, NULL, 0.5);
+  assert_true(pose[0] == 3);
 }
 CHECK(ern_pose_index) { assert_int_equal(ern_pose_index(5, 0), 0); }
 CHECK(ern_poses_smooth) {
@@ -332,6 +364,11 @@ CHECK(ern_renderer_code) {
   REFUSED(w.context, "ern_renderer_code: code is NULL", ern_renderer_code(w.renderer, w.windows, 16, NULL));
   REFUSED(w.context, "window_length is -1", ern_renderer_code(w.renderer, w.windows, -1, code));
 }
+CHECK(ern_renderer_skip) {
+  REFUSED_ALONE(ern_renderer_skip(NULL, w.windows, 16));
+  REFUSED(w.context, "ern_renderer_skip: windows is NULL", ern_renderer_skip(w.renderer, NULL, 16));
+  REFUSED(w.context, "window_length is -1", ern_renderer_skip(w.renderer, w.windows, -1));
+}
 CHECK(ern_renderer_keep_still) {
   const float eye = 0.5f;
   REFUSED_ALONE(ern_renderer_keep_still(NULL, w.windows, 16, &eye, 1, 0.1f));
@@ -435,7 +472,13 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_eyes_free),
                                                ROW(ern_pose_list_load),
                                                ROW(ern_pose_list_free),
-                                               ROW(ern_leftovers_remove),
+                                               ROW(ern_file_check_output),
+                                               ROW(ern_file_save),
+                                               ROW(ern_audio_pad_name),
+                                               ROW(ern_fit_box),
+                                               ROW(ern_camera_fitted),
+                                               ROW(ern_pose_interpolate),
+                                               ROW(ern_renderer_skip),
                                                ROW(ern_backbone_name),
                                                ROW(ern_attention_name),
                                                ROW(ern_eye_attention_name),

@@ -162,6 +162,12 @@ CHECK(ern_trainer_create) {
   check_configs();
   check_datasets();
 }
+CHECK(ern_train_state_describe) {
+  ern_train_state state;
+  REFUSED_ALONE(ern_train_state_describe(NULL, "none", &state));
+  REFUSED(w.context, "output is NULL", ern_train_state_describe(w.context, NULL, &state));
+  REFUSED(w.context, "state is NULL", ern_train_state_describe(w.context, "none", NULL));
+}
 CHECK(ern_trainer_free) {
   ern_trainer *none = NULL;
   ern_trainer_free(NULL);
@@ -323,11 +329,13 @@ CHECK(ern_bench_collisions) {
 /* ------------------------------------------------------------------------------------------------------------------ */
 
 static const struct arguments_check table[] = {
-    ROW(ern_train_config_default), ROW(ern_trainer_create), ROW(ern_trainer_free),          ROW(ern_trainer_describe),
-    ROW(ern_trainer_step),         ROW(ern_trainer_check),  ROW(ern_trainer_run),           ROW(ern_trainer_save),
-    ROW(ern_trainer_model),        ROW(ern_trainer_folder), ROW(ern_bench_options_default), ROW(ern_bench_peaks),
-    ROW(ern_bench_scene_make),     ROW(ern_bench_scene_of), ROW(ern_bench_scene_free),      ROW(ern_bench_sample_flops),
-    ROW(ern_bench_scene_describe), ROW(ern_bench_kernels),  ROW(ern_bench_frame),           ROW(ern_bench_step),
+    ROW(ern_train_config_default), ROW(ern_trainer_create),     ROW(ern_train_state_describe),
+    ROW(ern_trainer_free),         ROW(ern_trainer_describe),   ROW(ern_trainer_step),
+    ROW(ern_trainer_check),        ROW(ern_trainer_run),        ROW(ern_trainer_save),
+    ROW(ern_trainer_model),        ROW(ern_trainer_folder),     ROW(ern_bench_options_default),
+    ROW(ern_bench_peaks),          ROW(ern_bench_scene_make),   ROW(ern_bench_scene_of),
+    ROW(ern_bench_scene_free),     ROW(ern_bench_sample_flops), ROW(ern_bench_scene_describe),
+    ROW(ern_bench_kernels),        ROW(ern_bench_frame),        ROW(ern_bench_step),
     ROW(ern_bench_collisions)};
 enum { CHECKS = sizeof table / sizeof *table };
 
