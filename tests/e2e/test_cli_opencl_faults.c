@@ -3,7 +3,6 @@
  * damaged: a message in words and exit status 1, or the same result; nothing half-written in any case. */
 #include "cli.h"
 
-#if defined(ERN_OPENCL)
 #include <math.h>
 
 #include "io/file.h"
@@ -401,6 +400,3 @@ int main(void) {
       cmocka_unit_test(test_driver_with_a_cache), cmocka_unit_test(test_no_cache)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }
-#else
-int main(void) { return 0; }
-#endif

@@ -4,7 +4,6 @@
  * afterwards. */
 #include "support.h"
 
-#if defined(ERN_OPENCL)
 #include <math.h>
 
 #include "backend_opencl/opencl.h"
@@ -504,6 +503,3 @@ int main(void) {
                                      cmocka_unit_test(test_picture_unprepared)};
   return cmocka_run_group_tests_name("opencl step", tests, NULL, NULL);
 }
-#else
-int main(void) { return 0; }
-#endif

@@ -3,7 +3,6 @@
 #include "kernelcheck.h"
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "mlp/audio_ops.h"
 
 static ern_context *context;
@@ -417,6 +416,3 @@ int main(int argc, char **argv) {
                                      cmocka_unit_test(test_again)};
   return cmocka_run_group_tests_name("opencl audio", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

@@ -2,7 +2,6 @@
  * Volume rendering on an OpenCL device, and its gradient, against the reference. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include <float.h>
 
 static ern_context *context;
@@ -432,6 +431,3 @@ int main(void) {
   };
   return cmocka_run_group_tests_name("opencl composite", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

@@ -4,7 +4,6 @@
  * differ where 2*bound is no power of two); but for the table's gradient by atomics, which add in any order. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include <time.h>
 
 #include "hashgrid/hashgrid.h"
@@ -287,6 +286,3 @@ int main(int argc, char **argv) {
                                      cmocka_unit_test(test_odd_modulo), cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests_name("opencl grids", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

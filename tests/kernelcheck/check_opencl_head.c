@@ -4,7 +4,6 @@
 #include "kernelcheck.h"
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "backend_opencl/opencl.h"
 #include "model/head.h"
 #include "model/parameters.h"
@@ -182,6 +181,3 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_heads)};
   return cmocka_run_group_tests_name("opencl heads", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

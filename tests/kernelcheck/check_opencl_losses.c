@@ -2,7 +2,6 @@
  * The losses on an OpenCL device against the reference; points and differences to the bit. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include <float.h>
 
 #include "backend_opencl/opencl.h"
@@ -416,6 +415,3 @@ int main(void) {
   };
   return cmocka_run_group_tests_name("opencl losses", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

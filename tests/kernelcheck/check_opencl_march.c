@@ -3,7 +3,6 @@
  * so that all backends look at the same points. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "march_scenes.h"
 
 static ern_context *context;
@@ -314,6 +313,3 @@ int main(int argc, char **argv) {
   };
   return cmocka_run_group_tests_name("opencl march", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

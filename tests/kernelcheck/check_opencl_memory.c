@@ -2,7 +2,6 @@
  * What moves bytes to, from and on an OpenCL device. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 static ern_context *context;
 static struct twin twin;
 
@@ -25,14 +24,25 @@ static void test_moves(void **state) {
 
 static void test_buffers_are_clear(void **state) {
   (void)state;
+  enum { N = 65 };
   struct ern_backend *device = twin.backend[1];
-  for (int element = 0; element < 3; element++) {
+  struct ern_stream *stream = twin.stream[1];
+  static const ern_element elements[] = {ERN_ELEMENT_REAL, ERN_ELEMENT_INT32, ERN_ELEMENT_BYTE};
+  for (size_t e = 0; e < sizeof elements / sizeof *elements; e++) {
     struct ern_buffer *buffer = NULL;
-    float values[65];
-    support_ok(context, device->buffer_make(device, (ern_element)element, 65, &buffer));
-    if (element == ERN_ELEMENT_REAL) {
-      support_ok(context, device->download_reals(twin.stream[1], values, (ern_span){buffer, 0, 65}, 65));
-      for (int i = 0; i < 65; i++) assert_true(values[i] == 0);
+    float reals[N] = {0};
+    int32_t numbers[N] = {0};
+    uint8_t bytes[N] = {0};
+    support_ok(context, device->buffer_make(device, elements[e], N, &buffer));
+    const ern_span whole = {buffer, 0, N};
+    memset(reals, 0x5a, sizeof reals), memset(numbers, 0x5a, sizeof numbers), memset(bytes, 0x5a, sizeof bytes);
+    if (elements[e] == ERN_ELEMENT_REAL) support_ok(context, device->download_reals(stream, reals, whole, N));
+    if (elements[e] == ERN_ELEMENT_INT32) support_ok(context, device->download_int32(stream, numbers, whole, N));
+    if (elements[e] == ERN_ELEMENT_BYTE) support_ok(context, device->download_bytes(stream, bytes, whole, N));
+    for (int i = 0; i < N; i++) {
+      if (elements[e] == ERN_ELEMENT_REAL) assert_true(reals[i] == 0);
+      if (elements[e] == ERN_ELEMENT_INT32) assert_int_equal(numbers[i], 0);
+      if (elements[e] == ERN_ELEMENT_BYTE) assert_int_equal(bytes[i], 0);
     }
     device->buffer_free(device, buffer);
     device->buffer_free(device, NULL);
@@ -69,6 +79,3 @@ int main(void) {
                                      cmocka_unit_test(test_too_much)};
   return cmocka_run_group_tests_name("opencl memory", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

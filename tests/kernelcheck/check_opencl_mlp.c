@@ -3,7 +3,6 @@
 #include "kernelcheck.h"
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "backend_opencl/opencl.h"
 
 static ern_context *context;
@@ -441,6 +440,3 @@ int main(int argc, char **argv) {
                                      cmocka_unit_test(test_again)};
   return cmocka_run_group_tests_name("opencl mlp", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

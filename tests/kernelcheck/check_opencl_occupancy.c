@@ -3,7 +3,6 @@
  * the same bits is accepted, but of the mean. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include <float.h>
 
 #include "kernelcheck.h"
@@ -364,6 +363,3 @@ int main(int argc, char **argv) {
   };
   return cmocka_run_group_tests_name("opencl occupancy", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

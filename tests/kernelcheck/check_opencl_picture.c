@@ -3,7 +3,6 @@
  * a tolerance has nothing to allow for but division that is not correctly rounded. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "backend_opencl/opencl.h"
 
 enum { EVERY_PAIR = 65536, SOME_PAIRS = 4096 };
@@ -220,6 +219,3 @@ int main(void) {
                                      cmocka_unit_test(test_enlarge), cmocka_unit_test(test_some_pixels)};
   return cmocka_run_group_tests_name("opencl picture", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

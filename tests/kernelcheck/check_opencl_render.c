@@ -5,7 +5,6 @@
 
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "model/parameters.h"
 #include "render/morton.h"
 
@@ -398,6 +397,3 @@ int main(int argc, char **argv) {
       cmocka_unit_test(test_torso)};
   return cmocka_run_group_tests_name("opencl render", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

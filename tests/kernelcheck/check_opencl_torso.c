@@ -3,7 +3,6 @@
 #include "kernelcheck.h"
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include "model/torso_ops.h"
 
 static ern_context *context;
@@ -452,6 +451,3 @@ int main(int argc, char **argv) {
                                      cmocka_unit_test(test_points), cmocka_unit_test(test_update)};
   return cmocka_run_group_tests_name("opencl torso", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

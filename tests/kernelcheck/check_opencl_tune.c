@@ -3,7 +3,6 @@
  * and that results do not depend on it. */
 #include "twin.h"
 
-#if defined(ERN_OPENCL)
 #include <unistd.h>
 
 #include "backend_opencl/device_tune.h"
@@ -320,6 +319,3 @@ int main(void) {
                                      cmocka_unit_test(test_results)};
   return cmocka_run_group_tests_name("opencl tuner", tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif

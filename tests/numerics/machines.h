@@ -41,7 +41,7 @@ static inline void machines_add(const char *name, const char *isa, const char *f
   if (form != NULL) setenv("ERNERF_OPENCL_FORM", form, 1);
   const ern_status made = ern_backend_create(&machines.backend[machines.count], machines.context, &config);
   unsetenv("ERNERF_OPENCL_FORM");
-  if (made != ERN_OK && machines.count >= 2) return; /* not of this machine */
+  if (made == ERN_E_UNSUPPORTED && machines.count >= 2) return; /* not of this machine; anything else is a fault */
   support_ok(machines.context, made);
   support_ok(machines.context, machines.backend[machines.count]->stream_make(machines.backend[machines.count], 1,
                                                                              &machines.stream[machines.count]));

@@ -3,7 +3,6 @@
  * same samples, and memory that does not grow with the time they are given. */
 #include "../support.h"
 
-#if defined(ERN_OPENCL)
 #include <math.h>
 #include <stdbool.h>
 #include <sys/resource.h>
@@ -132,6 +131,3 @@ int main(void) {
                                      cmocka_unit_test(test_memory)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }
-#else
-int main(void) { return 0; }
-#endif
