@@ -117,7 +117,7 @@ static ern_status fill_pictures(struct ern_cl_loads *p, int side) {
   *r = (struct ern_render_rays_args){.view = view,
                                      .parameters = p->prepare.parameters,
                                      .field = &p->field,
-                                     .settings = {1, 16, 1.0f / 256, 0.05f},
+                                     .settings = {1, 16, 1.0f / 256, ERN_NEAR_PLANE},
                                      .n = pixels};
   ERN_TRY(take_rows(p, 3, pixels, &r->pixel));
   ERN_TRY(take_rows(p, 3, pixels, &r->background));

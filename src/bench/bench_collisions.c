@@ -44,7 +44,7 @@ static ern_status make_room(ern_context *context, struct points *points, size_t 
 static ern_status march_tile(struct ern_stream *stream, const struct ern_bench_scene *scene, ern_span bits,
                              ern_span pixels, struct points *points) {
   const struct ern_march_settings settings = {scene->model->field.config.bound, STEPS, scene->model->view.dt_gamma,
-                                              0.05f};
+                                              ERN_NEAR_PLANE};
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const struct ern_view view = ern_bench_view(scene);
   struct ern_marched marched;

@@ -299,7 +299,7 @@ static ern_status count_tile(const struct ern_bench_scene *scene, struct count *
   const struct ern_backend *backend = stream->backend;
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const struct ern_march_settings settings = {scene->model->field.config.bound, COUNT_STEPS,
-                                              scene->model->view.dt_gamma, 0.05f};
+                                              scene->model->view.dt_gamma, ERN_NEAR_PLANE};
   const ern_span numbers = {count->numbers, 0, n};
   const struct ern_view view = ern_bench_view(scene);
   struct ern_marched marched;

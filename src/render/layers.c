@@ -80,7 +80,7 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
       .code = ern_whole(r->code, ERN_AUDIO_CODE),
       .eye_value = input->eye,
       .individual = input->individual,
-      .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, 0.05f},
+      .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, ERN_NEAR_PLANE},
       .transmittance_stop = r->options.transmittance_stop,
       .n = to->pixels};
   ern_status status = ERN_OK;

@@ -28,11 +28,13 @@ struct ern_rays_args {
 };
 typedef void ern_rays_kernel(ern_real *dir, size_t stride, const int32_t *pixel, const struct ern_view *view, size_t n);
 
+#define ERN_NEAR_PLANE 0.05f /* where marching may begin, scene units */
+
 struct ern_march_settings {
   float bound;    /* the box is x in [-b, b], y in [-b/2, b/2], z in [-b, b] */
   int max_steps;  /* samples a ray, 1..ERN_MAX_STEPS */
   float dt_gamma; /* step = clamp(t*dt_gamma, dt_min, dt_max), model.md section 5 */
-  float near;     /* smallest distance of a sample, 0.05 */
+  float near;     /* smallest distance of a sample, ERN_NEAR_PLANE */
 };
 
 /* Marching always computes in float, so that every build and backend looks at the same points. */

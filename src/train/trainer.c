@@ -42,7 +42,14 @@ static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, doubl
                                     .windows = batch->windows,
                                     .eye_value = batch->eye,
                                     .individual = ern_trainer_code(t, batch->frame),
-                                    .weights = {(float)progress(t), 1, 1e-3f, 1e-4f, 1e-4f, 1e-4f, 1e-5f, true},
+                                    .weights = {.s = (float)progress(t),
+                                                .uncertainty = 1,
+                                                .static_uncertainty = 1e-3f,
+                                                .entropy = 1e-4f,
+                                                .audio_ambient = 1e-4f,
+                                                .eye_ambient = 1e-4f,
+                                                .smoothness = 1e-5f,
+                                                .adaptive = true},
                                     .transmittance_stop = 1e-4f,
                                     .smooth = t->step % ERN_SMOOTH_EVERY == 0,
                                     .seed = t->config.seed,
@@ -99,6 +106,10 @@ static ern_status check_finite(ern_trainer *t, const double *terms) {
   return ERN_OK;
 }
 
+/* Weight decay of AdamW, by learning-rate group; that of the other networks is 0. */
+static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
+static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
+
 /* AdamW by learning-rate group (model.md section 6); rates fall as 0.5^s. */
 static ern_status update(ern_trainer *t) {
   const float factor = (float)pow(0.5, progress(t));
@@ -106,15 +117,15 @@ static ern_status update(ern_trainer *t) {
     const struct ern_parameter *row = &t->model->table.row[r];
     if (row->torso != t->config.torso) continue;
     float rate = t->config.lr_net, decay = 0;
-    if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = 1e-2f;
-    if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = 1e-4f;
+    if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;
+    if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = audio_attention_decay;
     struct ern_adamw_args args = {.parameters = ern_span_part(t->parameters, row->at, row->count),
                                   .second_moment = ern_span_part(t->moment, row->at, row->count),
                                   .gradient = ern_span_part(t->gradient, row->at, row->count),
                                   .rate = rate * factor,
                                   .decay = decay,
-                                  .beta2 = 0.99f,
-                                  .eps = 1e-8f,
+                                  .beta2 = adamw_beta2,
+                                  .eps = adamw_eps,
                                   .step = t->step + 1,
                                   .n = row->count};
     const ern_status status = t->backend->adamw(t->stream, &args);

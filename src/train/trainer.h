@@ -70,7 +70,7 @@ struct ern_batch {
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
-  return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, 0.05f};
+  return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, ERN_NEAR_PLANE};
 }
 
 /* trainer_make.c */

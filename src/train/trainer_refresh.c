@@ -7,6 +7,7 @@
 #include "model/torso.h"
 #include "train/trainer.h"
 
+static const float occupancy_decay = 0.95f; /* of a cell's density, a refresh */
 enum { CHUNK = 1 << 18 /* cells looked at in one go: a bound on the memory of their points */ };
 
 ern_status ern_trainer_mark(ern_trainer *t) {
@@ -61,7 +62,7 @@ static ern_status refresh_head(ern_trainer *t, size_t frame) {
   for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
     ERN_TRY(look_at(t, audio.code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
-      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = 0.95f, .limit = 10};
+      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = occupancy_decay, .limit = 10};
   ERN_TRY(t->backend->occupancy_update(t->stream, &update));
 fail:
   ern_arena_release(t->stream, mark);
@@ -80,7 +81,7 @@ static ern_status refresh_torso(ern_trainer *t, size_t frame) {
   ERN_TRY(t->backend->torso_points(t->stream, &points));
   ERN_TRY(ern_torso_fwd(t->stream, &in, &batch));
   struct ern_torso_update_args update = {
-      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = 0.95f};
+      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = occupancy_decay};
   ERN_TRY(t->backend->torso_update(t->stream, &update));
   t->torso_mean = update.mean;
 fail:
