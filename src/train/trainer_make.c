@@ -43,17 +43,6 @@ static ern_status check_range(ern_context *context, const char *name, double fou
   return ern_fail(context, ERN_E_ARGUMENT, "train: %s is %g, expected %g to %g", name, found, least, most);
 }
 
-/* Words of the configuration that are none of their enum's. The model's are looked at where it is made. */
-static ern_status check_words(ern_context *context, const ern_train_config *c) {
-  if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
-  if (ern_backbone_name(c->backbone) == NULL || ern_attention_name(c->attention) == NULL ||
-      ern_eye_attention_name(c->eye_attention) == NULL)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: backbone %d, attention %d, eye_attention %d: not all are known",
-                    (int)c->backbone, (int)c->attention, (int)c->eye_attention);
-  return ERN_OK;
-}
-
 static ern_status check_config(ern_context *context, const ern_train_config *c) {
   const struct {
     const char *name;
@@ -80,7 +69,9 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   }
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
-  return check_words(context, c);
+  if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
+  return ERN_OK;
 }
 
 static ern_status check_features(ern_context *context, const ern_features *features) {
@@ -111,7 +102,7 @@ static ern_status check_data(ern_trainer *t) {
   if (c->torso && !d->has_torso)
     return ern_fail(t->context, ERN_E_MISSING,
                     "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
-  if (!c->torso && c->eye_attention != ERN_EYE_ATTENTION_SIGMOID && !d->has_eye)
+  if (!c->torso && c->eye_attention == ERN_EYE_ATTENTION_CONCAT && !d->has_eye)
     return ern_fail(t->context, ERN_E_MISSING,
                     "train: the eye attention is %s, but the clip has no eye values (au.csv) for it",
                     ern_eye_attention_name(c->eye_attention));

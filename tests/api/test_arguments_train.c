@@ -107,9 +107,9 @@ static void check_configs(void) {
   REFUSED_CONFIG(threads, ERN_THREADS_MOST + 1, "threads is 257");
   REFUSED_CONFIG(bound, 0.1f, "bound is 0.1, expected 0.125 to 16");
   REFUSED_CONFIG(bound, 17, "bound is 17");
-  REFUSED_CONFIG(backbone, (ern_backbone)99, "backbone 99");
-  REFUSED_CONFIG(attention, (ern_attention)99, "attention 99");
-  REFUSED_CONFIG(eye_attention, (ern_eye_attention)99, "eye_attention 99");
+  REFUSED_CONFIG(backbone, (ern_backbone)99, "backbone is of no known kind");
+  REFUSED_CONFIG(attention, (ern_attention)99, "attention is of no known kind");
+  REFUSED_CONFIG(eye_attention, (ern_eye_attention)99, "eye_attention is of no known kind");
   REFUSED_CONFIG(audio_pad, (ern_audio_pad)99, "audio_pad is 99");
   REFUSED_CONFIG(max_steps, 0, "max_steps is 0");
   REFUSED_CONFIG(lr, NAN, "lr is nan");
