@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * The peak of what every processor of the architecture has. The reference is compiled so: products and sums are rounded
  * apart (no multiply-add in one), registers of four floats. */
-#define ERN_ISA(name) name##_base
-#include "backend_cpu/peak_body.h"
+#define ERN_ISA_NAME base
+#include "backend_cpu/simd/peak_simd.c"
 
 typedef double vd __attribute__((vector_size(LANES * 4)));
 

@@ -4,6 +4,6 @@
 #define BF16_NAME(name) name##_emulated
 #include "kernelcheck/bf16_kernels_body.h"
 
-#define ERN_ISA(name) name##_bf16_emulated
+#define ERN_ISA_NAME bf16_emulated
 #define ERN_TILE_PAIRS
-#include "backend_cpu/render_body.h"
+#include "backend_cpu/simd/render_simd.c"

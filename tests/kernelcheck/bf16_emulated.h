@@ -11,7 +11,7 @@
 
 #include <float.h>
 
-#include "backend_cpu/lanes.h"
+#include "backend_cpu/simd/lanes.h"
 
 LANES_INLINE vf bf16_magnitude(vf value) { return (vf)((vi)value & INT32_MAX); }
 LANES_INLINE vf bf16_flushed(vf value, vi tiny) { return vf_select(tiny, (vf)((vi)value & INT32_MIN), value); }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The functions of bf16_kernels.h, by the pairs of bf16 that the including file has chosen; BF16_NAME gives the suffix.
  */
-#include "backend_cpu/tile_pairs.h"
+#include "backend_cpu/simd/tile_pairs.h"
 #include "kernelcheck/bf16_kernels.h"
 
 void BF16_NAME(bf16_product)(float *out, const float *start, const float *packed, const float *x, size_t rows,

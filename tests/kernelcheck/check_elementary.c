@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "backend_cpu/lanes_math.h"
+#include "backend_cpu/simd/lanes_math.h"
 #include "core/rng.h"
 
 typedef vf lanes_function(vf x);

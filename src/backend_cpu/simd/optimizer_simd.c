@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT
+ * AdamW, the moving average and the test for finite values for any instruction set (simd/isa.h). Every product is
+ * rounded by itself, so that the numbers are the reference's to the bit; memory is slower than that. */
+#include <float.h>
+#include <math.h>
+
+#include "backend_cpu/kernels_isa.h"
+#include "backend_cpu/simd/isa.h"
+#include "backend_cpu/simd/lanes_double.h"
+
+struct adamw_scales {
+  vf keep, fresh, unbias, rate, beta2, eps;
+};
+
+/* The second moment of an entry that has no gradient any more halves every 69 steps (beta2 = 0.99), gets among the
+ * denormal numbers, and stays there for good. Processors that take 100 ns for a product or a root of those convert and
+ * add them as fast as any. So where there is one, products and root are taken in double: exact, and rounded to float
+ * once. */
+
+/* Whether v, or a product, may be denormal. */
+LANES_INLINE bool near_denormal(vf v, vf g) {
+  const vi v_bits = (vi)v & INT32_MAX, g_bits = (vi)g & INT32_MAX;
+  const vi low_v = (v_bits > 0) & (v_bits < 0x01000000);              /* 2^-125 */
+  return vi_any(low_v | ((g_bits > 0) & (g_bits < 0x21800000))) != 0; /* 2^-60 */
+}
+
+/* The product rounded to float. */
+LANES_INLINE vf product_by_doubles(vf a, vf b) {
+  struct vd_pair product = vd_of(a);
+  const struct vd_pair wide_b = vd_of(b);
+  for (int h = 0; h < 2; h++) product.half[h] *= wide_b.half[h];
+  return vf_of(product);
+}
+
+/* beta2 v + (fresh g) g, and its root */
+LANES_INLINE vf next_moment(vf v, vf g, const struct adamw_scales *s, vf *root) {
+  if (!near_denormal(v, g)) {
+    const vf next = vf_multiply_rounded(s->beta2, v) + vf_multiply_rounded(vf_multiply_rounded(s->fresh, g), g);
+    *root = vf_sqrt(next);
+    return next;
+  }
+  const vf next = product_by_doubles(s->beta2, v) + product_by_doubles(product_by_doubles(s->fresh, g), g);
+  struct vd_pair wide = vd_of(next);
+  for (int h = 0; h < 2; h++) wide.half[h] = vd_root(wide.half[h]); /* as good as one rounding: 53 >= 2*24 + 2 bits */
+  *root = vf_of(wide);
+  return next;
+}
+
+/* Of a gradient whose square is too large: as the reference, both 2^-64 as large. */
+LANES_INLINE vf far_quotient(vf v, vf g, const struct adamw_scales *s) {
+  const vf less = g * 0x1p-64f, moment = v * 0x1p-64f * 0x1p-64f;
+  const vf next =
+      vf_multiply_rounded(s->beta2, moment) + vf_multiply_rounded(vf_multiply_rounded(s->fresh, less), less);
+  return less / vf_multiply_rounded(vf_sqrt(next), s->unbias);
+}
+
+LANES_INLINE void adamw_some(float *parameters, float *second_moment, const float *gradient,
+                             const struct adamw_scales *s, size_t count) {
+  const vf g = vf_load_some(gradient, count), before = vf_load_some(second_moment, count);
+  vf root;
+  const vf v = next_moment(before, g, s, &root);
+  vf quotient = g / (vf_multiply_rounded(root, s->unbias) + s->eps);
+  const vi far = v > FLT_MAX;
+  if (vi_any(far)) quotient = vf_select(far, far_quotient(before, g, s), quotient);
+  const vf step = vf_multiply_rounded(s->rate, quotient);
+  vf_store_some(parameters, vf_multiply_rounded(s->keep, vf_load_some(parameters, count)) - step, count);
+  vf_store_some(second_moment, vf_select(far, vf_all(FLT_MAX), v), count);
+}
+
+void ERN_ISA(ern_adamw)(float *parameters, float *second_moment, const float *gradient, float rate, float decay,
+                        float beta2, float eps, double bias_correction, size_t n) {
+  const struct adamw_scales scales = {.keep = vf_all((float)(1 - (double)rate * (double)decay)),
+                                      .fresh = vf_all((float)(1 - (double)beta2)),
+                                      .unbias = vf_all((float)(1 / sqrt(bias_correction))),
+                                      .rate = vf_all(rate),
+                                      .beta2 = vf_all(beta2),
+                                      .eps = vf_all(eps)};
+  size_t i = 0;
+  for (; i + LANES <= n; i += LANES) adamw_some(parameters + i, second_moment + i, gradient + i, &scales, LANES);
+  if (i < n) adamw_some(parameters + i, second_moment + i, gradient + i, &scales, n - i);
+}
+
+LANES_INLINE void ema_some(float *average, const float *parameters, vf fresh, size_t count) {
+  const vf own = vf_load_some(average, count);
+  vf_store_some(average, own + vf_multiply_rounded(fresh, vf_load_some(parameters, count) - own), count);
+}
+
+void ERN_ISA(ern_ema)(float *average, const float *parameters, float decay, size_t n) {
+  const vf fresh = vf_all((float)(1 - (double)decay));
+  size_t i = 0;
+  for (; i + LANES <= n; i += LANES) ema_some(average + i, parameters + i, fresh, LANES);
+  if (i < n) ema_some(average + i, parameters + i, fresh, n - i);
+}
+
+bool ERN_ISA(ern_finite)(const float *values, size_t n) {
+  enum { ABREAST = 8, TURN = ABREAST * LANES };
+  const int32_t exponent = 0x7f800000;
+  size_t i = 0;
+  for (; i + TURN <= n; i += TURN) {
+    vi odd = {0};
+    for (size_t k = 0; k < ABREAST; k++) odd |= ((vi)vf_load(values + i + k * LANES) & exponent) == exponent;
+    if (vi_any(odd)) return false;
+  }
+  for (; i < n; i += LANES) {
+    const vi bits = (vi)vf_load_some(values + i, n - i < LANES ? n - i : LANES);
+    if (vi_any((bits & exponent) == exponent)) return false;
+  }
+  return true;
+}

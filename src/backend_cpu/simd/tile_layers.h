@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ * The layers of a network over a tile: in float, or, where ERN_TILE_PAIRS is defined, with weights and inputs in pairs
+ * of bf16 and all else in float. */
+#ifndef ERN_TILE_LAYERS_H
+#define ERN_TILE_LAYERS_H
+
+#if defined(ERN_TILE_PAIRS)
+#include "backend_cpu/pack_pairs.h"
+#include "backend_cpu/simd/tile_pairs.h"
+
+/* Rows of TILE floats that n inputs of a layer take. */
+LANES_INLINE size_t tile_room(size_t n) { return ern_pairs(n); }
+
+/* x [n][TILE], as the inputs of a layer: themselves, or in `room`. */
+LANES_INLINE float *tile_inputs(float *room, float *x, size_t n) {
+  pairs_of_rows(room, x, n);
+  return room;
+}
+
+/* The last input of a layer, behind which its room ends. */
+LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, (vf)vf_pairs(value, (vf){0})); }
+
+/* Inputs of the next layer, relu(start + A x); x takes `room` rows. */
+LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
+                             size_t room) {
+  pairs_product(next, start, packed, x, rows, room, TILE_RELU);
+}
+
+/* A x, in float. */
+LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t room) {
+  pairs_product(out, NULL, packed, x, rows, room, TILE_STORE);
+}
+
+#else
+#include "backend_cpu/simd/tile.h"
+
+LANES_INLINE size_t tile_room(size_t n) { return n; }
+
+LANES_INLINE float *tile_inputs(float *room, float *x, size_t n) {
+  (void)room, (void)n;
+  return x;
+}
+
+LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, value); }
+
+LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
+                             size_t room) {
+  tile_product(next, start, packed, x, rows, room, TILE_RELU);
+}
+
+LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t room) {
+  tile_product(out, NULL, packed, x, rows, room, TILE_STORE);
+}
+
+#endif
+#endif
