@@ -58,7 +58,15 @@ enum {
   ERN_MLP_MAX_WIDTH = 256,
   ERN_GRID_MAX_DIMS = 3,
   ERN_GRID_MAX_LEVELS = 24,
-  ERN_SHARDS = 16 /* parts into which sums over samples are split, whatever the number of threads */
+  ERN_MAX_STEPS = 1024, /* samples a ray */
+  ERN_SHARDS = 16       /* parts into which sums over samples are split, whatever the number of threads */
+};
+
+/* The occupancy grid, which the model keeps and the renderer marches through. */
+enum {
+  ERN_OCCUPANCY_SIDE = 128,                     /* cells an axis of [-bound, bound]^3 */
+  ERN_OCCUPANCY_CELLS = 128 * 128 * 128,        /* in Morton order: x in bit 0, y in bit 1, z in bit 2 */
+  ERN_OCCUPANCY_BYTES = ERN_OCCUPANCY_CELLS / 8 /* cell 8n+k is bit k of byte n */
 };
 
 #endif

@@ -8,7 +8,6 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "model/torso_ops.h"
-#include "render/render_ops.h"
 
 ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config) {
   void *room = NULL;

@@ -14,7 +14,6 @@
 #include "model/kinds.h"
 #include "model/model.h"
 #include "model/torso_ops.h"
-#include "render/render_ops.h"
 
 static bool put_view(json_t *root, const struct ern_view_settings *view) {
   json_t *own = json_pack("{s:i, s:f, s:f, s:f, s:s}", "max_steps", view->max_steps, "dt_gamma", (double)view->dt_gamma,

@@ -11,7 +11,6 @@
 #include "model/checkpoint.h"
 #include "model/kinds.h"
 #include "model/torso_ops.h"
-#include "render/render_ops.h"
 
 enum { PUBLIC_CODES = 10000, PUBLIC_LEVELS = 12 };
 

@@ -6,13 +6,6 @@
 
 #include "core/types.h"
 
-enum {
-  ERN_OCCUPANCY_SIDE = 128,                      /* cells an axis of [-bound, bound]^3 */
-  ERN_OCCUPANCY_CELLS = 128 * 128 * 128,         /* in Morton order: x in bit 0, y in bit 1, z in bit 2 */
-  ERN_OCCUPANCY_BYTES = ERN_OCCUPANCY_CELLS / 8, /* cell 8n+k is bit k of byte n */
-  ERN_MAX_STEPS = 1024
-};
-
 /* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right. */
 struct ern_view {
   float pose[16];      /* camera to world, row-major */

@@ -4,7 +4,6 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "render/cell_points.h"
-#include "train/train_ops.h"
 
 enum { CHUNK = 1 << 13 /* cells looked at in one go */ };
 
