@@ -138,6 +138,41 @@ static void test_links(void **state) {
   }
 }
 
+/* What is read is not written over through a link either, whatever it is asked to replace. */
+static void test_links_to_inputs(void **state) {
+  (void)state;
+  static const struct {
+    const char *link, *input, *line;
+  } cases[] = {
+      {"in.mp4", "m.safetensors", "render m.safetensors --clip clip --frames 0:1 -o in.mp4"},
+      {"in.mp4", "clip/aud_ds.npy", "render m.safetensors --clip clip --frames 0:1 -o in.mp4"},
+      {"in.mp4", "other.npy", "render m.safetensors --clip clip --audio other.npy --frames 0:1 -o in.mp4"},
+      {"in0.png", "clip/torso_imgs/3.png", "render m.safetensors --clip clip --frames 0:1 -o in%d.png"},
+      {"in.json", "m.safetensors", "render m.safetensors --clip clip --frames 0:1 -o new.mp4 --json in.json"},
+      {"in.json", "m.safetensors", "eval m.safetensors clip --json in.json"},
+      {"in.json", "m.safetensors", "info m.safetensors --json in.json"},
+      {"in.json", "m.safetensors", "convert m.safetensors new.pth --json in.json"},
+      {"in.json", "clip/bc.jpg", "check clip --json in.json"},
+      {"in.safetensors", "clip/au.csv", "train clip -o in.safetensors --rays 32 --iters 1 --levels 2"},
+      {"in.json", "clip/gt_imgs/0.jpg", "train clip -o new.safetensors --rays 32 --iters 1 --levels 2 --json in.json"}};
+  size_t speech_bytes = 0;
+  uint8_t *speech = cli_bytes("clip/aud_ds.npy", &speech_bytes);
+  support_write("other.npy", speech, speech_bytes);
+  free(speech);
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    size_t before = 0, after = 0;
+    uint8_t *was = cli_bytes(cases[i].input, &before);
+    (void)unlink(cases[i].link);
+    assert_int_equal(symlink(cases[i].input, cases[i].link), 0);
+    cli_run(&cli, "%s --quiet -y", cases[i].line);
+    cli_expect(&cli, 1, cases[i].link, "expected another", NULL);
+    uint8_t *is = cli_bytes(cases[i].input, &after);
+    assert_true(before == after && memcmp(was, is, before) == 0);
+    free(was), free(is);
+  }
+  assert_false(cli_there("new.mp4") || cli_there("new.pth") || cli_there("new.run"));
+}
+
 static void test_devices(void **state) {
   (void)state;
   struct stat about;
@@ -188,9 +223,10 @@ static void test_two_renders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_empty_folder), cmocka_unit_test(test_refused),
-      cmocka_unit_test(test_overwritten), cmocka_unit_test(test_training),     cmocka_unit_test(test_links),
-      cmocka_unit_test(test_devices),     cmocka_unit_test(test_odd_names),    cmocka_unit_test(test_two_renders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder),
+                                     cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
+                                     cmocka_unit_test(test_training),        cmocka_unit_test(test_links),
+                                     cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_devices),
+                                     cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

@@ -18,10 +18,7 @@ struct clip_source {
 /* --asr_model --memory. */
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]);
 
-/* Fails where an output (NULL: none) would lie among a clip's pictures or replace its poses. Returns 0, or EXIT_FAILURE
- * after a message, as the next one does, which looks at that of --json. */
-int clip_source_keep(struct session *session, const char *clip, const char *output);
-
+/* Returns 0, or EXIT_FAILURE after a message. */
 int clip_source_open(const struct clip_source *source, struct session *session, ern_clip **clip);
 
 #endif

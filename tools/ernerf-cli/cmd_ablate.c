@@ -401,6 +401,7 @@ int cmd_ablate(int argc, char **argv) {
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
   if (status < 0) status = choose_rows(&job, &args);
   job.session.rewrites = job.resume;
+  job.session.inputs[0] = job.source.path;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

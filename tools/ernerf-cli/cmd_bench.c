@@ -431,6 +431,8 @@ int cmd_bench(int argc, char **argv) {
   if (status < 0) status = check_words(&job, &args);
   if (job.place != PLACE_CPU) job.session.backend_choice = SESSION_OPENCL;
   job.session.beside_cpu = job.place == PLACE_ALL;
+  job.session.inputs[0] = job.portrait.model_path;
+  job.session.inputs[1] = job.portrait.source.path;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   job.session.backend_choice = SESSION_CPU; /* where the scene is read and counted; backends to be measured are apart */

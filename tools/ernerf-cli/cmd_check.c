@@ -65,12 +65,9 @@ int cmd_check(int argc, char **argv) {
       .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
+  session.inputs[0] = clip;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
-  if (clip_source_keep(&session, clip, session.json) != 0) {
-    session_close(&session);
-    return EXIT_FAILURE;
-  }
   struct findings findings = {.session = &session, .list = json_array(), .effects = json_object()};
   json_t *measures = json_null();
   ern_status found = ern_clip_check(session.context, clip, take_finding, &findings);

@@ -18,7 +18,7 @@ static void count_tensor(void *user, const ern_tensor_info *tensor) {
 
 static int convert(struct session *session, const char *in, const char *out) {
   struct tensor_sum sum = {0};
-  if (session_keep(session, in, out) != 0 || session_check_output(session, out) != 0) return EXIT_FAILURE;
+  if (session_check_output(session, out) != 0) return EXIT_FAILURE;
   if (ern_file_convert(session->context, in, out) != ERN_OK) return session_fail(session);
   if (ern_file_tensors(session->context, out, count_tensor, &sum) != ERN_OK) return session_fail(session);
   session_note(session, "%s: %zu tensors, from %s", out, sum.count, in);
@@ -45,6 +45,7 @@ int cmd_convert(int argc, char **argv) {
       .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
+  session.inputs[0] = in;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
   status = convert(&session, in, out);

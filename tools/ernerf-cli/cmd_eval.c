@@ -180,6 +180,9 @@ int cmd_eval(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.portrait.source.features != NULL)
     status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
+  job.session.inputs[0] = job.portrait.model_path;
+  job.session.inputs[1] = job.portrait.source.path;
+  job.session.inputs[2] = job.portrait.source.features;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

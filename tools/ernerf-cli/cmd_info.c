@@ -333,6 +333,7 @@ int cmd_info(int argc, char **argv) {
   if (status < 0 && strcmp(path, "devices") != 0) status = args_forbid(&args, "tune device", "is for `info devices`");
   if (status < 0 && !session.tune) status = args_forbid(&args, "device", "goes with --tune");
   if (session.tune) session.backend_choice = SESSION_OPENCL;
+  session.inputs[0] = path;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
   status = session.tune ? tune_device(&session) : describe(&session, path);

@@ -293,24 +293,13 @@ static int draw(struct render_job *job, size_t k) {
   return 0;
 }
 
-/* What is read must not be what is written. */
-static int keep_inputs(struct render_job *job) {
-  struct session *session = &job->session;
-  int status = 0;
-  if (job->portrait.source.path != NULL) status = clip_source_keep(session, job->portrait.source.path, job->out);
-  if (status == 0) status = session_keep(session, job->wav, job->out);
-  if (status == 0) status = session_keep(session, job->background, job->out);
-  return status == 0 ? session_keep(session, job->poses, session->json) : status;
-}
-
 static int open_all(struct render_job *job, const struct args *args) {
   struct session *session = &job->session;
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
     return session_fail_with(session, "%s: its folder is not there", job->out);
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
-  int status = keep_inputs(job);
-  if (status == 0 && job->sink.kind == SINK_VIDEO) status = sink_check(&job->sink, session, NULL);
+  int status = job->sink.kind == SINK_VIDEO ? sink_check(&job->sink, session, NULL) : 0;
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
@@ -432,6 +421,10 @@ int cmd_render(int argc, char **argv) {
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
+  const char *const inputs[SESSION_INPUTS] = {
+      job.portrait.model_path, job.portrait.source.path, job.poses,         job.audio, job.wav,
+      job.background,          job.control.eye,          job.governor.front};
+  memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

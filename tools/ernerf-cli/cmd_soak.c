@@ -290,6 +290,7 @@ int cmd_soak(int argc, char **argv) {
   session_seed_options(&job.session, how + SESSION_COMPUTE_OPTIONS);
   session_output_options(&job.session, how + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
   int status = args_parse(&args, argc, argv);
+  job.session.inputs[0] = job.clip_path;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job);

@@ -165,6 +165,8 @@ int cmd_tradeoff(int argc, char **argv) {
   session_output_options(&t.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&t, &args);
+  t.session.inputs[0] = t.portrait.model_path;
+  t.session.inputs[1] = t.portrait.source.path;
   if (status < 0) status = session_open(&t.session, &args);
   if (status >= 0) return status;
   status = open_all(&t, &args);

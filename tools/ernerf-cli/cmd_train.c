@@ -428,9 +428,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   ern_dataset dataset;
   if (!session_folder_there(job->config.output))
     return session_fail_with(session, "%s: its folder is not there", job->config.output);
-  if (session_keep(session, job->head_path, job->config.output) != 0 ||
-      session_keep(session, job->config.from, job->config.output) != 0)
-    return EXIT_FAILURE;
+  if (session_keep_inputs(session, job->config.output) != 0) return EXIT_FAILURE;
   int status = open_clip(job, args);
   if (status != 0) return status;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
@@ -584,6 +582,8 @@ int cmd_train(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   job.session.rewrites = true; /* X.run; the trainer looks after X */
+  const char *const inputs[] = {job.source.path, job.source.features, job.head_path, job.config.from};
+  memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#define _XOPEN_SOURCE 700 /* realpath */
 #include "session.h"
 
 #include <errno.h>
@@ -291,11 +292,61 @@ int session_report(struct session *session, json_t *object) {
 
 /* ---- small things ------------------------------------------------------------------------------------------------ */
 
-int session_keep(struct session *session, const char *input, const char *output) {
-  struct stat one, other;
-  if (input == NULL || output == NULL || stat(input, &one) != 0 || stat(output, &other) != 0) return 0;
-  if (one.st_dev != other.st_dev || one.st_ino != other.st_ino) return 0;
+static bool same_file(const char *one, const char *other) {
+  struct stat a, b;
+  return stat(one, &a) == 0 && stat(other, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+}
+
+static int keep_file(struct session *session, const char *input, const char *output) {
+  if (!same_file(input, output)) return 0;
   return session_fail_with(session, "%s: is an input (%s), expected another name for the output", output, input);
+}
+
+/* Whether `output`, or what it leads to where it is a symbolic link, lies in the folder. */
+static bool lies_in(const char *output, const char *folder) {
+  char own[4096] = ".";
+  char *real = realpath(output, NULL);
+  const char *place = real != NULL ? real : output, *slash = strrchr(place, '/');
+  if (slash != NULL) snprintf(own, sizeof own, "%.*s", (int)(slash - place) + 1, place);
+  free(real);
+  return same_file(own, folder);
+}
+
+static int keep_clip(struct session *session, const char *clip, const char *output) {
+  static const char *const files[] = {"transforms_train.json",
+                                      "transforms_val.json",
+                                      "bc.jpg",
+                                      "aud_ds.npy",
+                                      "aud_eo.npy",
+                                      "aud_hu.npy",
+                                      "aud.npy",
+                                      "au.csv",
+                                      "aud.wav"};
+  static const char *const folders[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
+  char path[4096];
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    snprintf(path, sizeof path, "%s/%s", clip, files[i]);
+    if (keep_file(session, path, output) != 0) return EXIT_FAILURE;
+  }
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+    snprintf(path, sizeof path, "%s/%s", clip, folders[i]);
+    if (lies_in(output, path))
+      return session_fail_with(session, "%s: lies among the clip's pictures in %s, expected another folder", output,
+                               path);
+  }
+  return 0;
+}
+
+int session_keep(struct session *session, const char *input, const char *output) {
+  struct stat about;
+  if (input == NULL || output == NULL || stat(input, &about) != 0) return 0;
+  return S_ISDIR(about.st_mode) ? keep_clip(session, input, output) : keep_file(session, input, output);
+}
+
+int session_keep_inputs(struct session *session, const char *output) {
+  int status = 0;
+  for (size_t i = 0; status == 0 && i < SESSION_INPUTS; i++) status = session_keep(session, session->inputs[i], output);
+  return status;
 }
 
 bool session_folder_there(const char *path) {
@@ -311,6 +362,7 @@ bool session_folder_there(const char *path) {
 int session_check_output(struct session *session, const char *path) {
   struct stat about;
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
+  if (session_keep_inputs(session, path) != 0) return EXIT_FAILURE;
   if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
     return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
   return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);

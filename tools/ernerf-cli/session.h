@@ -11,6 +11,7 @@
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
+enum { SESSION_INPUTS = 8 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {
@@ -25,11 +26,12 @@ struct session {
   bool beside_cpu; /* the CPU computes too beside --backend's device, so its options count; set by the verb */
   uint64_t seed;
   bool quiet, deterministic, tune;
-  bool overwrite;   /* files that are there are replaced */
-  bool rewrites;    /* set by a verb before session_open: it writes files of its own again and again, and looks after
-                       those of others itself */
-  const char *json; /* NULL: none, "-": standard output, else a file */
-  bool line_open;   /* the progress line stands on the terminal without its newline */
+  bool overwrite; /* files that are there are replaced */
+  bool rewrites;  /* set by a verb before session_open: it writes files of its own again and again, and looks after
+                     those of others itself */
+  const char *inputs[SESSION_INPUTS]; /* files and clips that are read, NULL: none; set by a verb before session_open */
+  const char *json;                   /* NULL: none, "-": standard output, else a file */
+  bool line_open;                     /* the progress line stands on the terminal without its newline */
 };
 
 enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };
@@ -75,8 +77,8 @@ int session_write(struct session *session, const char *path, const void *bytes, 
 int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes);
 /* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
 int session_write_json(struct session *session, const char *path, json_t *object);
-/* Fails where a file is at `path` and --overwrite was not given, where a file cannot be, and where the folder of `path`
- * is not there. To be asked before the work begins. */
+/* Fails where a file is at `path` and --overwrite was not given, where it is an input, where a file cannot be, and
+ * where the folder of `path` is not there. To be asked before the work begins. */
 int session_check_output(struct session *session, const char *path);
 /* The same of FOLDER/NAME for each of `count` names; the folder may be missing. */
 int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count);
@@ -89,8 +91,11 @@ json_t *session_number(double value);
 /* A whole number; from 2^63 on, which is more than the JSON library's numbers hold, a string of its digits. */
 json_t *session_whole(uint64_t value);
 
-/* Fails where `output` is the file `input`, whatever the two are called; NULL is none. */
+/* Fails where `output` is the file `input`, or one that the clip `input` has, whatever the two are called, or lies
+ * among the clip's pictures; NULL is none. */
 int session_keep(struct session *session, const char *input, const char *output);
+/* The same of all inputs. */
+int session_keep_inputs(struct session *session, const char *output);
 /* Whether the folder that `path` lies in is there. */
 bool session_folder_there(const char *path);
 

@@ -289,6 +289,7 @@ int tradeoff_training(int argc, char **argv) {
                                                    .help = "of the CPU (default one a core)"};
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
+  job.session.inputs[0] = job.source.path;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job);
