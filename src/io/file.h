@@ -29,6 +29,9 @@ void ern_file_reader_close(struct ern_file_reader *reader);
 /* Says what the operating system refused; errno is that of the call that failed. */
 ern_status ern_file_refused(ern_context *context, const char *path, const char *verb);
 
+/* Whether a name is one that a writer gives its file until it is whole. */
+bool ern_file_is_temporary(const char *name);
+
 /* ERN_E_IO where `path` is a folder, a device or a pipe, or a file that may not be written. */
 ERN_NODISCARD ern_status ern_file_check_replaceable(ern_context *context, const char *path);
 

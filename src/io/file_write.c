@@ -63,6 +63,11 @@ static ern_status temporary_of(ern_context *context, const char *place, char **t
   return join(context, place, folder, name, temporary);
 }
 
+bool ern_file_is_temporary(const char *name) {
+  const size_t length = strlen(name), tail = sizeof suffix - 1;
+  return length > tail && strcmp(name + length - tail, suffix) == 0;
+}
+
 ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
   if (stat(path, &about) != 0) return ERN_OK;

@@ -88,12 +88,14 @@ fail:
   return status;
 }
 
-/* The first name in X.run that is not its lock, in `name`; false: there is none. */
+/* The first name in X.run that is neither its lock nor left by a process that was killed while it wrote, in `name`;
+ * false: there is none. */
 static bool find_earlier(const char *folder, char name[256]) {
   DIR *list = opendir(folder);
   bool found = false;
   for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL && !found; entry = readdir(list)) {
-    found = strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0 && strcmp(entry->d_name, "lock") != 0;
+    found = strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0 && strcmp(entry->d_name, "lock") != 0 &&
+            !ern_file_is_temporary(entry->d_name);
     if (found) snprintf(name, 256, "%s", entry->d_name);
   }
   if (list != NULL) closedir(list);
@@ -104,6 +106,8 @@ ern_status ern_run_folder_check_free(ern_context *context, const char *output, c
                                      bool resume) {
   char name[256] = "";
   const bool model = access(output, F_OK) == 0;
+  const bool resumable =
+      !resume && (access(run->state, F_OK) == 0 || access(run->next, F_OK) == 0 || access(run->previous, F_OK) == 0);
   if (!model && !find_earlier(run->folder, name)) return ERN_OK;
   if (run->made) { /* by this call: it leaves nothing */
     char *lock = NULL;
@@ -114,7 +118,7 @@ ern_status ern_run_folder_check_free(ern_context *context, const char *output, c
   return ern_fail(context, ERN_E_EXISTS,
                   "%s%s%s: is there already, from an earlier training; %s, --overwrite replaces it",
                   model ? output : run->folder, model ? "" : "/", name,
-                  resume ? "it has no state that --resume could go on from" : "--resume goes on with it");
+                  resumable ? "--resume goes on with it" : "it has no state that --resume could go on from");
 }
 
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {

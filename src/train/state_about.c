@@ -201,7 +201,14 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
   const struct change both[] = {{"seed", count(about->seed), count(c->seed)},
                                 {"rays", count((uint64_t)about->rays), count((uint64_t)c->rays)}};
   if (about->rays == 0) return ERN_OK;
-  if (!about->said) return compare(t, path, NULL, 0, both, 2);
+  if (!about->said) {
+    ern_log(t->context, ERN_LOG_WARNING,
+            "%s: does not say how it was trained; going on with scale %s, dt_gamma %s, audio_pad %s, torso_shrink %s, "
+            "frames %zu to %zu, lr %s, lr_net %s: give other options where it was trained with those",
+            path, number(t->data.scale).text, number(c->dt_gamma).text, ern_audio_pad_name(c->audio_pad),
+            number(c->torso_shrink).text, c->data_begin, c->data_end, number(c->lr).text, number(c->lr_net).text);
+    return compare(t, path, NULL, 0, both, 2);
+  }
   const struct change strict[] = {{"the speech features' SHA-256", word(about->features), word(t->features)},
                                   {"data_begin", count(about->data_begin), count(c->data_begin)},
                                   {"data_end", count(about->data_end), count(c->data_end)},

@@ -252,19 +252,24 @@ static void test_earlier_is_kept(void **state) {
   /* a model whose X.run is gone: a resume has nothing to go on from, and would replace the model */
   assert_int_equal(rename("moved.safetensors", "alone.safetensors"), 0);
   config.output = "alone.safetensors";
-  expect_refused(&m, &config, "alone.safetensors", "--resume");
+  expect_refused(&m, &config, "alone.safetensors", "no state");
   config.resume = true;
   expect_refused(&m, &config, "alone.safetensors", "no state");
   assert_int_not_equal(access("alone.run", F_OK), 0);
   expect_same("alone.safetensors", "copy.safetensors");
-  /* a start that saved nothing left a lock alone */
-  config = small_config(3, "kept.safetensors");
-  config.overwrite = false;
-  clear_run("kept");
-  assert_int_equal(mkdir("kept.run", 0777), 0);
-  support_write_text("kept.run/lock", "");
-  support_ok(m.context, train(&m, &config, NULL));
-  expect_same("kept.safetensors", "copy.safetensors");
+  /* a start that was killed during its first save left a lock and half of a state */
+  for (int resume = 0; resume < 2; resume++) {
+    config = small_config(3, "kept.safetensors");
+    config.overwrite = false;
+    config.resume = resume == 1;
+    clear_run("kept");
+    assert_int_equal(mkdir("kept.run", 0777), 0);
+    support_write_text("kept.run/lock", "");
+    support_write_text("kept.run/state.next.safetensors.ernerf-tmp", "half");
+    support_ok(m.context, train(&m, &config, NULL));
+    expect_same("kept.safetensors", "copy.safetensors");
+    assert_int_not_equal(access("kept.run/state.next.safetensors.ernerf-tmp", F_OK), 0);
+  }
   made_close(&m);
 }
 

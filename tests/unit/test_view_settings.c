@@ -251,6 +251,31 @@ static void test_states_of_other_versions(void **state) {
                  ERN_E_FORMAT, "training.iters", NULL);
 }
 
+/* What such a state cannot be held against is told. */
+static void test_old_state_is_told(void **state) {
+  (void)state;
+  static const char word[] = "training\\\":";
+  size_t count = 0;
+  clear_run("old");
+  ern_train_config config = seen_config(2, "old.safetensors");
+  support_ok(made.context, train(&made, &config, NULL));
+  char *bytes = read_file("old.run/state.safetensors", &count), *at = bytes;
+  while (at < bytes + count - sizeof word && memcmp(at, word, sizeof word - 1) != 0) at++;
+  assert_memory_equal(at, word, sizeof word - 1);
+  at[0] = 'x'; /* a name that nobody reads */
+  support_write("old.run/state.safetensors", bytes, count);
+  free(bytes);
+  config.resume = true;
+  config.iters = 3;
+  made.data.scale = 4;
+  told[0] = 0;
+  support_ok(made.context, train(&made, &config, NULL));
+  if (strstr(told,
+             "old.run/state.safetensors: does not say how it was trained; going on with scale 4, dt_gamma 0.01, "
+             "audio_pad zero") == NULL)
+    fail_msg("the log says \"%s\"", told);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_kept_by_files),
@@ -260,6 +285,7 @@ int main(void) {
       cmocka_unit_test(test_resume_mixes_nothing),
       cmocka_unit_test(test_state_describes_itself),
       cmocka_unit_test(test_states_of_other_versions),
+      cmocka_unit_test(test_old_state_is_told),
   };
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }
