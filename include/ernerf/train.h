@@ -149,7 +149,8 @@ typedef struct ern_train_hooks {
                            int height, const char *name);
 } ern_train_hooks;
 
-/* Steps until config.iters, saving and validating on the way and at the end. */
+/* Steps until config.iters, saving and validating on the way and at the end. Where a validation fails, a save that is
+ * due at the same step is made before the error is returned, unless that is ERN_E_NONFINITE or ERN_E_DEVICE. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks);
 
 /* Writes X.run/state.safetensors (its predecessor is kept) and then X. ERN_E_STATE without an output. */

@@ -210,11 +210,24 @@ static ern_status note(ern_trainer *t, const ern_train_report *r, double validat
 
 static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
 
+/* A validation that failed does not take with it what a save that is due keeps. The values are not known to be sound
+ * after ERN_E_NONFINITE, and cannot be had after ERN_E_DEVICE. */
+static ern_status save_after(ern_trainer *t, ern_status failed) {
+  char cause[1800]; /* room is left for the rest of an error text of 2048 */
+  if (failed == ERN_E_NONFINITE || failed == ERN_E_DEVICE) return failed;
+  (void)ern_last_error_copy(t->context, cause, sizeof cause);
+  const ern_status saved = ern_trainer_save(t);
+  if (saved != ERN_OK) return saved;
+  return ern_fail(t->context, failed, "%s; step %" PRIu64 " is saved", cause, t->step);
+}
+
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
   const bool last = t->step == t->config.iters;
+  const bool save = t->output != NULL && (last || due(t->step, t->config.save_every));
   double validation = 0;
   ern_status status = ERN_OK;
-  if (last || due(t->step, t->config.validate_every)) ERN_TRY(ern_trainer_validate(t, hooks, &validation));
+  if (last || due(t->step, t->config.validate_every)) status = ern_trainer_validate(t, hooks, &validation);
+  if (status != ERN_OK) return save ? save_after(t, status) : status;
   const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
   if (say) {
     const ern_train_report report = tell(t, tally);
@@ -225,7 +238,7 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
                        t->config.iters, t->output != NULL ? "; the state is saved" : ""));
     }
   }
-  if (t->output != NULL && (last || due(t->step, t->config.save_every))) ERN_TRY(ern_trainer_save(t));
+  if (save) ERN_TRY(ern_trainer_save(t));
 fail:
   return status;
 }

@@ -84,6 +84,9 @@ void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
 ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
 ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
                                             const uint8_t **torso); /* *torso NULL: none */
+/* Whether a callback of the caller that failed left the text of the error as it was `before`: the trainer then says
+ * what failed, as that text is of something else. */
+bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_BYTES]);
 
 /* trainer_batch.c */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);

@@ -8,12 +8,15 @@
 
 static const char *name_of(int split) { return split == 0 ? "training" : "validation"; }
 
-/* A callback that fails without a word of its own gets one: what was said before it is of something else. */
-static ern_status answered(const ern_trainer *t, ern_status status, const char *callback, int split, size_t frame,
-                           const char before[ERN_ERROR_BYTES]) {
+bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_BYTES]) {
   char now[ERN_ERROR_BYTES];
   ern_error_keep(t->context, now);
-  if (strcmp(before, now) != 0) return status;
+  return strcmp(before, now) == 0;
+}
+
+static ern_status answered(const ern_trainer *t, ern_status status, const char *callback, int split, size_t frame,
+                           const char before[ERN_ERROR_BYTES]) {
+  if (!ern_trainer_said_nothing(t, before)) return status;
   return ern_fail(t->context, status, "train: the dataset's `%s` answered %s for %s frame %zu", callback,
                   ern_status_name(status), name_of(split), frame);
 }

@@ -104,7 +104,7 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   const size_t all = split == 1 ? t->data.frames[1] : 1, count = all < most ? all : most;
   struct look look = {0};
   ern_status status = ERN_OK;
-  char name[40];
+  char name[40], before[ERN_ERROR_BYTES];
   *psnr = 0;
   ERN_TRY(ern_trainer_download(t, t->parameters));
   ern_arena_trim(t->stream); /* a renderer needs memory too; the download has waited for all that ran */
@@ -117,9 +117,14 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
     if (k == 0) draw(t, &look, truth);
   }
   snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
-  if (hooks != NULL && hooks->validation != NULL)
+  if (hooks != NULL && hooks->validation != NULL) {
+    ern_error_keep(t->context, before);
     status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height,
                                name);
+    if (status != ERN_OK && ern_trainer_said_nothing(t, before))
+      ERN_TRY(ern_fail(t->context, status, "train: the hook `validation` answered %s at step %llu",
+                       ern_status_name(status), (unsigned long long)t->step));
+  }
 fail:
   look_free(t, &look);
   return status;
