@@ -86,7 +86,13 @@ typedef enum ern_log_level {
  * disk, and then gives it its name: a reader sees the old file or the new one, never a part. The temporary file of
  * FOLDER/NAME is FOLDER/NAME.ernerf-tmp. It is locked while it is written, so a second process that writes the same
  * file gets ERN_E_BUSY. A process that is killed leaves it; the next one that writes FOLDER/NAME reuses it, and no
- * other file is ever removed. A symbolic link is followed: the file that it names is written. */
+ * other file is ever removed. Where another process removed or replaced it while it was written, the function fails
+ * with ERN_E_IO. A symbolic link is followed: the file that it names is written. */
+
+/* Processes. After a fork() during which no other thread is in a call, the child may go on with contexts, models,
+ * features, poses and pictures, and with backends of the CPU, from which it makes renderers and trainers of its own. It
+ * neither uses nor frees the parent's renderers, trainers and video writers: the child does not have their threads, and
+ * the call would never return. */
 
 /* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
  * before it. One context may serve several threads; the text of the last error is then that of whoever failed last, and

@@ -70,6 +70,7 @@ bool ern_file_is_temporary(const char *name) {
 
 ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
+  if (path[0] == 0) return ern_fail(context, ERN_E_ARGUMENT, "the path of a file to write is empty");
   if (stat(path, &about) != 0) return ERN_OK;
   if (!S_ISREG(about.st_mode))
     return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
@@ -93,10 +94,21 @@ ern_status ern_file_check_output(ern_context *context, const char *path) {
 
 /* ---- the temporary file ------------------------------------------------------------------------------------------ */
 
+/* Whether the temporary name is still that of the open file: what removed it may have made another one there. */
+static bool is_named(const char *temporary, const struct stat *opened) {
+  struct stat named;
+  return lstat(temporary, &named) == 0 && named.st_dev == opened->st_dev && named.st_ino == opened->st_ino;
+}
+
+static bool owns_temporary(const struct ern_file_writer *writer) {
+  struct stat opened;
+  return fstat(writer->descriptor, &opened) == 0 && is_named(writer->temporary, &opened);
+}
+
 /* Why a file that is open under the temporary name may not be written, in words; NULL: it is locked and may be. `made`:
  * it was made by this open. *again: it went away while it was being locked. */
 static const char *lock_temporary(const char *temporary, int descriptor, bool made, bool *again) {
-  struct stat opened, named;
+  struct stat opened;
   if (fstat(descriptor, &opened) != 0 || !S_ISREG(opened.st_mode)) return "is no regular file";
   if (opened.st_uid != geteuid()) return "belongs to another user";
   if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
@@ -104,7 +116,7 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
     if (!made) return "was left over, and this file system has no locks to tell whether a process still writes it";
   }
   /* The process that held the lock may have renamed or removed the file in between. */
-  *again = lstat(temporary, &named) != 0 || named.st_dev != opened.st_dev || named.st_ino != opened.st_ino;
+  *again = !is_named(temporary, &opened);
   /* A kill between link() and unlink() leaves a second name of a finished file: only the temporary name goes. */
   if (!*again && opened.st_nlink > 1) *again = unlink(temporary) == 0;
   return *again || opened.st_nlink > 1 ? "is made and removed over and over" : NULL;
@@ -165,7 +177,7 @@ fail:
 void ern_file_writer_abandon(struct ern_file_writer *writer) {
   if (writer == NULL) return;
   if (writer->temporary != NULL && writer->descriptor >= 0) {
-    unlink(writer->temporary);
+    if (owns_temporary(writer)) unlink(writer->temporary);
     close(writer->descriptor);
   }
   ern_release(writer->context, writer->path);
@@ -223,6 +235,9 @@ fail:
 /* Gives the file its name. link() never replaces; where a file system has no links, a look comes before the rename. */
 static ern_status put_in_place(struct ern_file_writer *writer) {
   const char *from = writer->temporary, *to = writer->place;
+  if (!owns_temporary(writer))
+    return ern_fail(writer->context, ERN_E_IO, "%s: cannot put in place: %s was removed or replaced by another process",
+                    writer->path, from);
   if (writer->keep) {
     if (link(from, to) == 0) return unlink(from) == 0 ? ERN_OK : ern_file_refused(writer->context, from, "remove");
     if (errno == EEXIST || access(to, F_OK) == 0) return refuse_existing(writer->context, writer->path);

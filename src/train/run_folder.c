@@ -122,7 +122,10 @@ ern_status ern_run_folder_check_free(ern_context *context, const char *output, c
 }
 
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
-  if (run->lock >= 0) close(run->lock);
+  if (run->lock >= 0) {
+    (void)flock(run->lock, LOCK_UN); /* a child that the host forked holds the same open file */
+    close(run->lock);
+  }
   ern_release(context, run->folder);
   ern_release(context, run->state);
   ern_release(context, run->next);

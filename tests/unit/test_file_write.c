@@ -198,6 +198,32 @@ static void test_in_the_way(void **state) {
   assert_false(is_there("d/e.ernerf-tmp"));
 }
 
+/* The temporary file is removed while it is written, and another writer makes it anew: its half is not put in place. */
+static void test_taken_away(void **state) {
+  (void)state;
+  struct ern_file_writer first, second;
+  support_write_text("d/a", "old");
+  support_ok(context, ern_file_writer_open(context, "d/a", ERN_EXISTING_REPLACE, &first));
+  support_ok(context, ern_file_writer_write(&first, "first", 5));
+  assert_int_equal(unlink("d/a.ernerf-tmp"), 0);
+  support_ok(context, ern_file_writer_open(context, "d/a", ERN_EXISTING_REPLACE, &second));
+  support_ok(context, ern_file_writer_write(&second, "sec", 3));
+  support_expect(context, ern_file_writer_commit(&first), ERN_E_IO, "d/a", "removed or replaced", NULL);
+  expect_text("d/a", "old");
+  support_ok(context, ern_file_writer_write(&second, "ond", 3));
+  support_ok(context, ern_file_writer_commit(&second));
+  expect_text("d/a", "second");
+}
+
+/* An empty path is no name for a file beside .ernerf-tmp of the working folder. */
+static void test_no_name(void **state) {
+  (void)state;
+  support_write_text(".ernerf-tmp", "mine");
+  support_expect(context, ern_file_save(context, "", "text", 4), ERN_E_ARGUMENT, "empty", NULL);
+  expect_text(".ernerf-tmp", "mine");
+  assert_int_equal(unlink(".ernerf-tmp"), 0);
+}
+
 static void test_long_names(void **state) {
   (void)state;
   char path[300] = "d/";
@@ -300,6 +326,8 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_held_in_namespace, start, end),
                                      cmocka_unit_test_setup_teardown(test_held_by_descriptor, start, end),
                                      cmocka_unit_test_setup_teardown(test_in_the_way, start, end),
+                                     cmocka_unit_test_setup_teardown(test_taken_away, start, end),
+                                     cmocka_unit_test_setup_teardown(test_no_name, start, end),
                                      cmocka_unit_test_setup_teardown(test_long_names, start, end),
                                      cmocka_unit_test_setup_teardown(test_links, start, end),
                                      cmocka_unit_test_setup_teardown(test_modes, start, end),
