@@ -287,8 +287,13 @@ static void test_output_is_input(void **state) {
       {"eval m.safetensors base -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
       {"train base --from m.safetensors -o ./m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
       {"train base --torso --head m.safetensors -o m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
-      {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "lies among the clip's pictures"}};
+      {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "lies among the clip's pictures"},
+      {"info base/transforms_val.json -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
+      {"soak base --steps 1 -y --json base/transforms_train.json", "base/transforms_train.json: is an input"},
+      {"render m.safetensors --clip base --bg_img behind1.png -y -o behind%d.png", "behind1.png: is an input"}};
   size_t count = 0, after = 0;
+  cli_run(&cli, "render m.safetensors --clip base --frames 1:2 -y -o behind%%d.png");
+  cli_expect(&cli, 0, NULL);
   uint8_t *model = cli_bytes("m.safetensors", &count);
   cli_copy("base", "broken");
   for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
@@ -298,6 +303,7 @@ static void test_output_is_input(void **state) {
   uint8_t *same = cli_bytes("m.safetensors", &after);
   assert_true(count == after && memcmp(model, same, count) == 0);
   free(model), free(same);
+  assert_false(cli_there("behind0.png"));
   cli_run(&cli, "check base");
   cli_expect(&cli, 0, NULL);
 }
