@@ -36,8 +36,8 @@ typedef struct ern_camera {
   float pose[16];      /* camera to world, row-major */
   float focal, cx, cy; /* pixels */
   int width, height;   /* pixels, 1..8192 */
-  ern_box frame;       /* where the frame that the model's torso was trained on lies in the picture (ern_fit_box), ends
-                          within 32768; pixels beside it show the torso of its nearest pixel. Zeros: it is the picture */
+  ern_box frame;       /* where the frame that the model was trained on lies in the picture (ern_fit_box), ends within
+                          32768; pixels beside it show head and torso of its nearest pixel. Zeros: it is the picture */
 } ern_camera;
 
 /* matrix: camera to world of a transforms file. Rows of the result: (m10, -m11, -m12, s m13), (m20, -m21, -m22, s m23),

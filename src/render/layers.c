@@ -62,6 +62,41 @@ static struct ern_view view_of(const ern_frame_input *input) {
   return view;
 }
 
+/* Pixels [low, high] of `count` along an axis whose rays go through the frame [begin, end), the picture being drawn at
+ * `ratio` times its size. A frame that lies beside the picture bounds nothing. */
+static void bound_rays(int *low, int *high, int begin, int end, float ratio, int count) {
+  const int first = (int)ceilf((float)begin * ratio - 0.5f), last = (int)ceilf((float)end * ratio - 0.5f) - 1;
+  *low = first > 0 ? first : 0;
+  *high = last < first ? first : last;
+  if (*high > count - 1) *high = count - 1;
+  if (*low > *high) *low = 0, *high = count - 1;
+}
+
+/* *number = numbers of the pixels that rays go through: beside the frame those of its nearest pixel. No training saw
+ * what is beside it: there the head may be anything. Stays as it is where the frame is the picture. */
+static ern_status number_rays(ern_renderer *r, const ern_box *frame, const struct ern_view *view, float ratio,
+                              ern_span *number) {
+  const size_t pixels = (size_t)view->width * (size_t)view->height;
+  int left, right, top, bottom;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  if (frame->right == frame->left) return ERN_OK;
+  bound_rays(&left, &right, frame->left, frame->right, ratio, view->width);
+  bound_rays(&top, &bottom, frame->top, frame->bottom, ratio, view->height);
+  if (left == 0 && right == view->width - 1 && top == 0 && bottom == view->height - 1) return ERN_OK;
+  ERN_TRY(ern_allocate(r->context, pixels, sizeof(int32_t), &room));
+  int32_t *to = room;
+  for (int y = 0; y < view->height; y++) {
+    const int row = y < top ? top : y > bottom ? bottom : y;
+    for (int x = 0; x < view->width; x++) *to++ = row * view->width + (x < left ? left : x > right ? right : x);
+  }
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, pixels, number));
+  status = r->backend->upload_int32(r->stream, *number, room, pixels);
+fail:
+  ern_release(r->context, room);
+  return status;
+}
+
 /* The head over the background rows of `to`, as a picture of the view's size. over: they are the frame's. */
 static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const struct ern_view *view,
                             const struct frame *to, bool over) {
@@ -83,14 +118,16 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
       .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, ERN_NEAR_PLANE},
       .transmittance_stop = r->options.transmittance_stop,
       .n = to->pixels};
+  const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
-  if (!r->still.on) return r->backend->render_rays(r->stream, &args);
-  if (over) {
+  ERN_TRY(number_rays(r, &input->camera.frame, view, over ? 1 : r->options.image_scale, &args.pixel_number));
+  if (r->still.on && over) {
     args.colour = (ern_rows){.stride = to->pixel.stride, .rows = 3, .per = ERN_PER_SAMPLE};
     ERN_TRY(ern_renderer_room(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));
   }
-  status = ern_still_head(r, &args, over);
+  status = r->still.on ? ern_still_head(r, &args, over) : r->backend->render_rays(r->stream, &args);
 fail:
+  ern_arena_release(r->stream, mark);
   return status;
 }
 

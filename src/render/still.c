@@ -93,6 +93,7 @@ ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) 
   if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual ||
                 memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
     same = false;
+  if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->still.known = false; /* other rays beside it */
   memcpy(b->pose, input->camera.pose, sizeof b->pose);
   b->frame = input->camera.frame;
   b->individual = input->individual;
@@ -127,7 +128,7 @@ static ern_status render_whole(ern_renderer *r, const struct ern_render_rays_arg
   return r->backend->render_rays(r->stream, &args);
 }
 
-ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list,
+ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list, ern_span ray,
                             struct ern_render_rays_args *some) {
   const size_t n = list.count;
   const ern_span *const from[] = {&all->opacity, &all->depth, &all->attention, &all->eye};
@@ -135,7 +136,7 @@ ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *
   ern_status status = ERN_OK;
   *some = *all;
   some->n = n;
-  some->pixel_number = list;
+  some->pixel_number = ray;
   ERN_TRY(ern_take_rows(r->stream, 3, n, &some->pixel));
   if (all->colour.span.buffer != NULL) ERN_TRY(ern_take_rows(r->stream, 3, n, &some->colour));
   for (size_t k = 0; k < sizeof from / sizeof *from; k++)
@@ -169,11 +170,12 @@ size_t ern_still_rows(ern_rows rows[ERN_STILL_CHANNELS], const ern_renderer *r,
 static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
   struct ern_still *s = &r->still;
   const ern_span list = {s->rays.list, s->rays.steady, s->rays.hits - s->rays.steady};
+  const ern_span ray = {s->rays.ray, list.at, list.count};
   struct ern_render_rays_args some;
   ern_rows to[ERN_STILL_CHANNELS + 1], from[ERN_STILL_CHANNELS + 1];
   ern_status status = ERN_OK;
   if (list.count == 0) return ERN_OK;
-  ERN_TRY(ern_still_render(r, all, list, &some));
+  ERN_TRY(ern_still_render(r, all, list, ray, &some));
   size_t count = ern_still_rows(to, r, all);
   ern_still_rows(from, r, &some);
   if (over) {

@@ -18,6 +18,7 @@ struct ern_still_rays {
   bool sorted;
   size_t hits, steady;           /* rays with samples; and those of them that are interpolated */
   struct ern_buffer *list;       /* int32 [hits]: pixel numbers, the steady ones first, ascending in each kind */
+  struct ern_buffer *ray;        /* int32 [hits]: numbers of the pixels that their rays go through */
   struct ern_buffer *known;      /* real: channels of the steady rays at each moment */
   ern_rows moments;              /* of it: [moments * channels] per steady ray */
   uint64_t samples, all_samples; /* in occupied cells: of the rays that are rendered anew; of all */
@@ -61,9 +62,9 @@ ERN_NODISCARD ern_status ern_still_sort(ern_renderer *r, const struct ern_render
 void ern_still_rays_free(ern_renderer *r);
 
 /* Renders some of the rays of `all`, those of the pixels in `list` (int32), into rows in the order of the list, made in
- * scratch: what `all` wants of them. */
+ * scratch: what `all` wants of them. ray: their numbers in all->pixel_number. */
 ERN_NODISCARD ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list,
-                                          struct ern_render_rays_args *some);
+                                          ern_span ray, struct ern_render_rays_args *some);
 
 /* Renders all rays of a picture, or only those that have changed since the frame before. over: the background is the
  * frame's, and may be another one in the next; else there is none. */

@@ -19,8 +19,14 @@ struct sorting {
   ern_renderer *r;
   const struct ern_render_rays_args *all;
   int32_t *pixel, *samples; /* [count]: its number, samples of its ray in occupied cells */
+  int32_t *ray;             /* [count]: number of the pixel that its ray goes through */
+  int32_t *through;         /* [all->n]: all->pixel_number */
   size_t count;
 };
+
+static void number_rays(struct sorting *s) {
+  for (size_t i = 0; i < s->count; i++) s->ray[i] = s->through[s->pixel[i]];
+}
 
 /* ---- marching ---------------------------------------------------------------------------------------------------- */
 
@@ -53,7 +59,7 @@ static ern_status march(const struct sorting *s, ern_span bits, int32_t *samples
   ern_status status = ERN_OK;
   for (size_t begin = 0; begin < s->count && status == ERN_OK; begin += MARCHED)
     status =
-        march_some(s, bits, s->pixel + begin, samples + begin, s->count - begin < MARCHED ? s->count - begin : MARCHED);
+        march_some(s, bits, s->ray + begin, samples + begin, s->count - begin < MARCHED ? s->count - begin : MARCHED);
   return status;
 }
 
@@ -67,10 +73,12 @@ static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
   const float *nearest = room;
   ern_visible_blocks(room, bits, view, s->all->settings.bound);
   for (size_t i = 0; i < s->all->n; i++) {
-    const size_t row = i / (size_t)view->width, column = i % (size_t)view->width;
+    const size_t through = (size_t)s->through[i], row = through / (size_t)view->width;
+    const size_t column = through % (size_t)view->width;
     if (nearest[row / ERN_VISIBLE_SIDE * across + column / ERN_VISIBLE_SIDE] < INFINITY)
       s->pixel[s->count++] = (int32_t)i;
   }
+  number_rays(s);
   ERN_TRY(march(s, s->all->bits, s->samples));
   size_t hits = 0;
   for (size_t i = 0; i < s->count; i++) {
@@ -79,6 +87,7 @@ static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
     s->samples[hits++] = s->samples[i];
   }
   s->count = hits;
+  number_rays(s);
 fail:
   ern_release(s->r->context, room);
   return status;
@@ -92,7 +101,8 @@ struct measured {
   size_t channels, moments;
 };
 
-static ern_status try_moment(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span code) {
+static ern_status try_moment(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span ray,
+                             ern_span code) {
   ern_renderer *r = s->r;
   const struct ern_moments *moments = &r->still.moments;
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
@@ -102,7 +112,7 @@ static ern_status try_moment(const struct sorting *s, struct measured *m, size_t
   all.code = code;
   all.eye_value = moments->eye[k];
   ERN_TRY(r->backend->upload_reals(r->stream, code, moments->code[k], ERN_AUDIO_CODE));
-  ERN_TRY(ern_still_render(r, &all, list, &some));
+  ERN_TRY(ern_still_render(r, &all, list, ray, &some));
   ern_still_rows(rows, r, &some);
   for (size_t c = 0; c < m->channels; c++)
     ERN_TRY(r->backend->download_reals(r->stream, m->value + (c * m->moments + k) * s->count, rows[c].span, s->count));
@@ -185,15 +195,17 @@ static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
   ern_rows rows[ERN_STILL_CHANNELS];
   struct measured m = {.channels = ern_still_rows(rows, r, s->all), .moments = r->still.moments.count};
   void *room = NULL;
-  ern_span list, code;
+  ern_span list, ray, code;
   ern_status status = ERN_OK;
   if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.moments)) return ERN_OK;
   ERN_TRY(ern_allocate(r->context, m.channels * m.moments * s->count, sizeof(float), &room));
   m.value = room;
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &ray));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(r->backend->upload_int32(r->stream, list, s->pixel, s->count));
-  for (size_t k = 0; k < m.moments; k++) ERN_TRY(try_moment(s, &m, k, list, code));
+  ERN_TRY(r->backend->upload_int32(r->stream, ray, s->ray, s->count));
+  for (size_t k = 0; k < m.moments; k++) ERN_TRY(try_moment(s, &m, k, list, ray, code));
   r->still.work.rays += (double)m.moments;
   r->still.work.samples += (double)m.moments;
   status = judge(s, &m, share / gain * r->still.bound, rays);
@@ -207,6 +219,7 @@ fail:
 
 void ern_still_rays_free(ern_renderer *r) {
   r->backend->buffer_free(r->backend, r->still.rays.list);
+  r->backend->buffer_free(r->backend, r->still.rays.ray);
   r->backend->buffer_free(r->backend, r->still.rays.known);
   r->still.rays = (struct ern_still_rays){0};
 }
@@ -222,8 +235,11 @@ static ern_status sort(struct sorting *s, struct ern_still_rays *rays) {
   for (size_t i = 0; i < s->count; i++) rays->all_samples += (uint64_t)s->samples[i];
   rays->samples = rays->all_samples;
   if (r->still.bound > 0) ERN_TRY(measure(s, rays));
+  number_rays(s);
   ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_INT32, s->count > 0 ? s->count : 1, &rays->list));
+  ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_INT32, s->count > 0 ? s->count : 1, &rays->ray));
   ERN_TRY(r->backend->upload_int32(r->stream, ern_whole(rays->list, s->count), s->pixel, s->count));
+  ERN_TRY(r->backend->upload_int32(r->stream, ern_whole(rays->ray, s->count), s->ray, s->count));
   rays->sorted = true;
 fail:
   ern_release(r->context, bits);
@@ -232,15 +248,18 @@ fail:
 
 ern_status ern_still_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
   struct sorting s = {.r = r, .all = all};
-  void *room[2] = {NULL};
+  void *room[4] = {NULL};
   ern_status status = ERN_OK;
   ern_still_rays_free(r);
-  for (int k = 0; k < 2; k++) ERN_TRY(ern_allocate(r->context, all->n, sizeof(int32_t), &room[k]));
+  for (int k = 0; k < 4; k++) ERN_TRY(ern_allocate(r->context, all->n, sizeof(int32_t), &room[k]));
   s.pixel = room[0];
   s.samples = room[1];
+  s.ray = room[2];
+  s.through = room[3];
+  ERN_TRY(r->backend->download_int32(r->stream, s.through, all->pixel_number, all->n));
   status = sort(&s, &r->still.rays);
 fail:
-  for (int k = 0; k < 2; k++) ern_release(r->context, room[k]);
+  for (int k = 0; k < 4; k++) ern_release(r->context, room[k]);
   if (status != ERN_OK) ern_still_rays_free(r);
   return status;
 }
