@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Files, written whole: a locked temporary file beside the final place, flushed, and then given its name. */
+#define _XOPEN_SOURCE 700 /* S_ISVTX */
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -14,6 +15,8 @@
 #include "io/file.h"
 
 static const char suffix[] = ".ernerf-tmp";
+/* The sticky bit, which says nothing of a file on Linux, marks a temporary file as made by this program. */
+static const mode_t mark = S_ISVTX;
 enum { NAME_BYTES = 255 /* of one name, on the usual file systems */, MOST_LINKS = 40, MOST_TRIES = 100 };
 
 /* ---- the place --------------------------------------------------------------------------------------------------- */
@@ -115,6 +118,7 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
     if (errno == EWOULDBLOCK) return "is being written by another process";
     if (!made) return "was left over, and this file system has no locks to tell whether a process still writes it";
   }
+  if (!made && (opened.st_mode & mark) == 0) return "is there, and was not made by this program";
   /* The process that held the lock may have renamed or removed the file in between. */
   *again = !is_named(temporary, &opened);
   /* A kill between link() and unlink() leaves a second name of a finished file: only the temporary name goes. */
@@ -123,13 +127,13 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
 }
 
 /* Opens the temporary file, locked and empty. A file that is there is reused only where it is a regular file of this
- * user that nobody has locked. */
+ * user that has the mark and that nobody has locked. */
 static ern_status open_temporary(struct ern_file_writer *writer) {
   const char *wrong = NULL, *name = writer->temporary;
   const int flags = O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK;
   bool again = true;
   for (int tries = 0; again && tries < MOST_TRIES; tries++) {
-    int descriptor = open(name, flags | O_CREAT | O_EXCL, 0666);
+    int descriptor = open(name, flags | O_CREAT | O_EXCL, 0666 | mark);
     const bool made = descriptor >= 0;
     if (!made && errno == EEXIST) {
       descriptor = open(name, flags);
@@ -167,7 +171,7 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern
   ERN_TRY(temporary_of(context, writer->place, &writer->temporary));
   ERN_TRY(open_temporary(writer));
   /* what others may not read stays so; a file system without modes is no reason to fail */
-  if (stat(writer->place, &before) == 0) (void)fchmod(writer->descriptor, before.st_mode & 0777);
+  if (stat(writer->place, &before) == 0) (void)fchmod(writer->descriptor, (before.st_mode & 0777) | mark);
   return ERN_OK;
 fail:
   ern_file_writer_abandon(writer);
@@ -250,6 +254,8 @@ ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
   if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
   ERN_TRY(sync_descriptor(writer->context, writer->path, writer->descriptor));
   ERN_TRY(put_in_place(writer));
+  struct stat placed;
+  if (fstat(writer->descriptor, &placed) == 0) (void)fchmod(writer->descriptor, placed.st_mode & 0777);
   const int closed = close(writer->descriptor); /* and with it the lock, which was held until now */
   const int number = errno;
   writer->descriptor = -1;

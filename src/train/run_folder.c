@@ -34,7 +34,7 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
   char *path = NULL;
   ern_status status = ern_path_join(context, run->folder, "lock", &path);
   if (status != ERN_OK) return status;
-  run->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  run->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (run->lock < 0)
     status = ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
   else if (flock(run->lock, LOCK_EX | LOCK_NB) != 0)
@@ -50,6 +50,11 @@ static ern_status check_places(ern_context *context, const char *output, const s
   ern_status status = ERN_OK;
   for (size_t i = 0; status == ERN_OK && i < sizeof files / sizeof *files; i++)
     status = ern_file_check_replaceable(context, files[i]);
+  const char *const appended[] = {run->log, run->curve}; /* states are renamed, which replaces a link itself */
+  struct stat about;
+  for (size_t i = 0; status == ERN_OK && i < sizeof appended / sizeof *appended; i++)
+    if (lstat(appended[i], &about) == 0 && S_ISLNK(about.st_mode))
+      status = ern_fail(context, ERN_E_IO, "%s: is a symbolic link, expected a regular file or nothing", appended[i]);
   return status;
 }
 
@@ -176,7 +181,7 @@ static bool write_lines(int file, const struct ern_lines *lines) {
 
 /* All of the lines, or none: half a line would stand before the next one for good. */
 static ern_status append(ern_context *context, const char *path, struct ern_lines *lines) {
-  const int file = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  const int file = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, 0666);
   if (file < 0) return ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
   const off_t before = lseek(file, 0, SEEK_END);
   bool failed = before < 0 || !write_lines(file, lines);

@@ -328,6 +328,20 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
   return best->model != NULL ? ERN_OK : damaged;
 }
 
+/* A torso goes on under the head that it was trained under. The individual codes of a head are not drawn with a
+ * torso's, and a longer clip has added to them. */
+static ern_status check_same_head(ern_trainer *t, const ern_model *found, const char *path) {
+  for (int r = 0; t->config.torso && r < t->model->table.rows; r++) {
+    const struct ern_parameter *row = &t->model->table.row[r];
+    if (row->torso || strcmp(row->name, "individual_codes") == 0) continue;
+    if (memcmp(found->block + row->at, t->model->block + row->at, row->count * sizeof(float)) != 0)
+      return ern_fail(t->context, ERN_E_MISMATCH,
+                      "%s: %s is that of another head, expected the head that this torso was trained under", path,
+                      row->name);
+  }
+  return ERN_OK;
+}
+
 ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   struct candidate best;
   *resumed = false;
@@ -340,6 +354,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)",
                      best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
+  ERN_TRY(check_same_head(t, best.model, best.path));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));

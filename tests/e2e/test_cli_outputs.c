@@ -122,6 +122,26 @@ static void test_training(void **state) {
   cli_same_bytes("t.safetensors", "m.safetensors");
 }
 
+/* Pictures and plots of X.run are not written through a link, and a file with a temporary name is no leftover. */
+static void test_run_folder(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 2 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  support_write_text("picture", "mine");
+  support_write_text("plot", "mine");
+  assert_int_equal(symlink("../picture", "r.run/val_000004.png"), 0);
+  assert_int_equal(remove("r.run/curve_steps.svg"), 0);
+  assert_int_equal(symlink("../plot", "r.run/curve_steps.svg"), 0);
+  cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 4 --resume --quiet");
+  cli_expect(&cli, 0, "val_000004.png", "curve_steps.svg", "symbolic link", NULL);
+  expect_text("picture", "mine");
+  expect_text("plot", "mine");
+  support_write_text("n.safetensors.ernerf-tmp", "mine");
+  cli_run(&cli, "convert m.safetensors n.safetensors --quiet");
+  cli_expect(&cli, 1, "n.safetensors.ernerf-tmp", "not made by this program", NULL);
+  expect_text("n.safetensors.ernerf-tmp", "mine");
+}
+
 /* ---- what a name leads to ---------------------------------------------------------------------------------------- */
 
 static void test_links(void **state) {
@@ -223,10 +243,10 @@ static void test_two_renders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder),
-                                     cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
-                                     cmocka_unit_test(test_training),        cmocka_unit_test(test_links),
-                                     cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_devices),
-                                     cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_empty_folder),    cmocka_unit_test(test_refused),
+      cmocka_unit_test(test_overwritten), cmocka_unit_test(test_training),        cmocka_unit_test(test_run_folder),
+      cmocka_unit_test(test_links),       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_devices),
+      cmocka_unit_test(test_odd_names),   cmocka_unit_test(test_two_renders)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

@@ -17,6 +17,11 @@ int session_fail_with(struct session *session, const char *format, ...) {
 }
 
 /* The file is never drawn here. */
+bool session_skips_link(struct session *session, const char *path) {
+  (void)session, (void)path;
+  return false;
+}
+
 int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
   (void)session, (void)path, (void)bytes, (void)count;
   return EXIT_FAILURE;

@@ -70,6 +70,7 @@ static void test_neighbours(void **state) {
 static void test_left_over(void **state) {
   (void)state;
   support_write_text("d/out.mp4.ernerf-tmp", "the longer half of a video");
+  assert_int_equal(chmod("d/out.mp4.ernerf-tmp", 01644), 0); /* the mark */
   support_ok(context, put("d/out.mp4", "made"));
   expect_text("d/out.mp4", "made");
   assert_false(is_there("d/out.mp4.ernerf-tmp"));
@@ -190,12 +191,26 @@ static void test_in_the_way(void **state) {
   assert_int_equal(mkdir("d/c.ernerf-tmp", 0700), 0);
   assert_int_not_equal(put("d/c", "made"), ERN_OK);
   assert_true(is_there("d/b.ernerf-tmp") && is_there("d/c.ernerf-tmp") && is_there("d/a.ernerf-tmp"));
-  /* a second name: that name goes, the file stays whole */
+  /* a second name of a file, and a file of somebody's: neither has the mark */
   assert_int_equal(link("d/thesis", "d/e.ernerf-tmp"), 0);
-  support_ok(context, put("d/e", "made"));
+  support_expect(context, put("d/e", "made"), ERN_E_BUSY, "not made by this program", NULL);
+  support_write_text("d/f.ernerf-tmp", "mine");
+  support_expect(context, put("d/f", "made"), ERN_E_BUSY, "d/f.ernerf-tmp", "not made by this program", NULL);
   expect_text("d/thesis", "years of work");
-  expect_text("d/e", "made");
-  assert_false(is_there("d/e.ernerf-tmp"));
+  expect_text("d/f.ernerf-tmp", "mine");
+  assert_true(is_there("d/e.ernerf-tmp") && !is_there("d/e") && !is_there("d/f"));
+}
+
+/* Killed after it had its final name: only the temporary name goes. */
+static void test_killed_between_names(void **state) {
+  (void)state;
+  support_write_text("d/g", "whole");
+  assert_int_equal(link("d/g", "d/g.ernerf-tmp"), 0);
+  assert_int_equal(chmod("d/g", 01644), 0);
+  support_expect(context, ern_file_write(context, "d/g", "new", 3, ERN_EXISTING_KEEP), ERN_E_EXISTS, "d/g", NULL);
+  support_ok(context, put("d/g", "new"));
+  expect_text("d/g", "new");
+  assert_false(is_there("d/g.ernerf-tmp"));
 }
 
 /* The temporary file is removed while it is written, and another writer makes it anew: its half is not put in place. */
@@ -269,7 +284,7 @@ static void test_modes(void **state) {
   assert_int_equal(chmod("d/private", 0600), 0);
   support_ok(context, put("d/private", "new"));
   assert_int_equal(stat("d/private", &about), 0);
-  assert_int_equal(about.st_mode & 0777, 0600);
+  assert_int_equal(about.st_mode & 07777, 0600);
   assert_int_equal(chmod("d/private", 0400), 0);
   if (geteuid() == 0) return; /* who may write anything */
   support_expect(context, put("d/private", "newer"), ERN_E_IO, "write-protected", NULL);
@@ -328,6 +343,7 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_in_the_way, start, end),
                                      cmocka_unit_test_setup_teardown(test_taken_away, start, end),
                                      cmocka_unit_test_setup_teardown(test_no_name, start, end),
+                                     cmocka_unit_test_setup_teardown(test_killed_between_names, start, end),
                                      cmocka_unit_test_setup_teardown(test_long_names, start, end),
                                      cmocka_unit_test_setup_teardown(test_links, start, end),
                                      cmocka_unit_test_setup_teardown(test_modes, start, end),

@@ -268,6 +268,7 @@ static void test_earlier_is_kept(void **state) {
     assert_int_equal(mkdir("kept.run", 0777), 0);
     support_write_text("kept.run/lock", "");
     support_write_text("kept.run/state.next.safetensors.ernerf-tmp", "half");
+    assert_int_equal(chmod("kept.run/state.next.safetensors.ernerf-tmp", 01644), 0); /* its mark */
     support_ok(m.context, train(&m, &config, NULL));
     expect_same("kept.safetensors", "copy.safetensors");
     assert_int_not_equal(access("kept.run/state.next.safetensors.ernerf-tmp", F_OK), 0);

@@ -70,6 +70,8 @@ static int write_form(const struct plot *plot, enum plot_form form, struct sessi
     session_fail_with(session, "%s: the name is too long", folder);
   else if (plot_draw(plot, form, &bytes) != 0 || bytes.failed)
     session_fail_with(session, "%s: cannot be drawn: no memory", path);
+  else if (session->rewrites && session_skips_link(session, path))
+    status = 0;
   else
     status = session_write(session, path, bytes.data, bytes.count);
   bytes_free(&bytes);

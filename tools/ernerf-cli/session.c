@@ -349,6 +349,13 @@ int session_keep_inputs(struct session *session, const char *output) {
   return status;
 }
 
+bool session_skips_link(struct session *session, const char *path) {
+  struct stat about;
+  if (lstat(path, &about) != 0 || !S_ISLNK(about.st_mode)) return false;
+  session_warn(session, "%s: is a symbolic link, nothing is written to it", path);
+  return true;
+}
+
 bool session_folder_there(const char *path) {
   char folder[4096];
   struct stat about;

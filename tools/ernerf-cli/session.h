@@ -96,6 +96,9 @@ json_t *session_whole(uint64_t value);
 int session_keep(struct session *session, const char *input, const char *output);
 /* The same of all inputs. */
 int session_keep_inputs(struct session *session, const char *output);
+/* Whether a symbolic link is at `path`, after a warning that it is not written through: for files that a training names
+ * itself. */
+bool session_skips_link(struct session *session, const char *path);
 /* Whether the folder that `path` lies in is there. */
 bool session_folder_there(const char *path);
 
