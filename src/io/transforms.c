@@ -63,6 +63,26 @@ static ern_status read_id(const struct place *place, const json_t *frame, const 
   return ERN_OK;
 }
 
+/* R^T R = 1 and det R = 1, as far as files with a few decimals hold it: a camera that scales, shears or mirrors draws
+ * another head. */
+static ern_status check_rotation(const struct place *place, const json_t *rows, const float m[16]) {
+  static const double tolerance = 1e-2;
+  double worst = 0;
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j <= i; j++) {
+      double product = i == j ? -1 : 0;
+      for (int k = 0; k < 3; k++) product += (double)m[4 * k + i] * (double)m[4 * k + j];
+      worst = fmax(worst, fabs(product));
+    }
+  const double minor[3] = {(double)m[5] * (double)m[10] - (double)m[6] * (double)m[9],
+                           (double)m[4] * (double)m[10] - (double)m[6] * (double)m[8],
+                           (double)m[4] * (double)m[9] - (double)m[5] * (double)m[8]};
+  const double determinant = (double)m[0] * minor[0] - (double)m[1] * minor[1] + (double)m[2] * minor[2];
+  if (worst <= tolerance && determinant > 0) return ERN_OK;
+  return wrong(place, ERN_E_FORMAT, "transform_matrix", rows,
+               "a rotation in its first 3 rows and columns: columns of length 1 at right angles, determinant 1");
+}
+
 static ern_status read_matrix(const struct place *place, const json_t *frame, float matrix[16]) {
   const json_t *rows = json_object_get(frame, "transform_matrix");
   if (rows == NULL) return wrong(place, ERN_E_FORMAT, "transform_matrix", rows, "4 rows of 4 numbers");
@@ -84,7 +104,7 @@ static ern_status read_matrix(const struct place *place, const json_t *frame, fl
     if (fabs(value - (double)last) > 1e-6) return wrong(place, ERN_E_FORMAT, field, cell, i == 15 ? "1" : "0");
     matrix[i] = last;
   }
-  return ERN_OK;
+  return check_rotation(place, rows, matrix);
 }
 
 /* One side of the picture in pixels: field `field`, else twice the principal point. */

@@ -156,8 +156,9 @@ ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
+  ERN_TRY(
+      ern_trainer_batch(t, &batch)); /* first: where a picture cannot be read, the state is that after the last step */
   if (t->step % t->config.refresh_every == 0) ERN_TRY(ern_trainer_refresh(t));
-  ERN_TRY(ern_trainer_batch(t, &batch));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
   ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));
   ERN_TRY(check_finite(t, terms));
@@ -210,8 +211,8 @@ static ern_status note(ern_trainer *t, const ern_train_report *r, double validat
 
 static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
 
-/* A validation that failed does not take with it what a save that is due keeps. The values are not known to be sound
- * after ERN_E_NONFINITE, and cannot be had after ERN_E_DEVICE. */
+/* Saves what was learnt before `failed`: a picture that cannot be read, or a validation, does not cost it. The values
+ * are not known to be sound after ERN_E_NONFINITE, and cannot be had after ERN_E_DEVICE. */
 static ern_status save_after(ern_trainer *t, ern_status failed) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (failed == ERN_E_NONFINITE || failed == ERN_E_DEVICE) return failed;
@@ -279,7 +280,8 @@ ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
   while (t->step < t->config.iters) {
     ern_train_report report;
     ern_status status = ern_trainer_step(t, &report);
-    if (status != ERN_OK) return stopped(t, status);
+    const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* it may end an update */
+    if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     if (t->config.rays >= 64 && ern_decline_step(&decline, report.psnr)) tell_of_decline(t, &decline);
     tally.loss += report.loss;
     tally.psnr += report.psnr;

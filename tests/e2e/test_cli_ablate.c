@@ -108,6 +108,24 @@ static void test_resume(void **state) {
   assert_int_equal(access("again/trihash-channel-s1.safetensors", R_OK), 0);
 }
 
+/* --resume replaces tables only where they are those of these rows. */
+static void test_resume_keeps_tables(void **state) {
+  (void)state;
+  static const char words[] = "ablate %s -o %s --iters 2 --rays 32 --frames 0:1 --repeats 3 --only %s --quiet %s";
+  cli_run(&cli, words, clip(), "rows", "trihash-channel", "");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, words, clip(), "rows", "hash3d-channel", "--resume");
+  cli_expect(&cli, 1, "rows/ablation.json", "holds the row trihash-channel", "--overwrite", NULL);
+  cli_run(&cli, words, clip(), "rows", "hash3d-channel,trihash-channel", "--resume");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(mkdir("notes", 0777), 0);
+  support_write_text("notes/ablation.md", "mine");
+  cli_run(&cli, words, clip(), "notes", "trihash-channel", "--resume");
+  cli_expect(&cli, 1, "notes: ", "no tables of an earlier ablation", "--overwrite", NULL);
+  cli_run(&cli, words, clip(), "notes", "trihash-channel", "--resume --overwrite");
+  cli_expect(&cli, 0, NULL);
+}
+
 static void test_refusals(void **state) {
   (void)state;
   cli_run(&cli, "ablate %s", clip());
@@ -132,6 +150,6 @@ static void test_refusals(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables), cmocka_unit_test(test_resume),
-                                     cmocka_unit_test(test_refusals)};
+                                     cmocka_unit_test(test_resume_keeps_tables), cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -136,6 +136,10 @@ static void test_run_folder(void **state) {
   cli_expect(&cli, 0, "val_000004.png", "curve_steps.svg", "symbolic link", NULL);
   expect_text("picture", "mine");
   expect_text("plot", "mine");
+  support_write_text("r.run/val_000006.png", "mine");
+  cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 6 --resume");
+  cli_expect(&cli, 0, "val_000006.png: is there already and is kept", NULL);
+  expect_text("r.run/val_000006.png", "mine");
   support_write_text("n.safetensors.ernerf-tmp", "mine");
   cli_run(&cli, "convert m.safetensors n.safetensors --quiet");
   cli_expect(&cli, 1, "n.safetensors.ernerf-tmp", "not made by this program", NULL);

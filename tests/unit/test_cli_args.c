@@ -125,6 +125,8 @@ static void test_names(void **state) {
   args = fresh();
   assert_int_equal(args_parse(&args, 4, given), -1);
   assert_true(args_given(&args, "real") && args_given(&args, "lr-net"));
+  refuse("-o one --output two", "is given twice", "\"one\" and as \"two\"");
+  accept("-o one -oone --number 1 --number 2");
   refuse("--flags", "--flags", "nearest is --flag");
   refuse("--memroy 5", "--memroy", "nearest is --memory");
   refuse("--outptu 5", "--outptu", "nearest is --output");

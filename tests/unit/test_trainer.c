@@ -330,41 +330,6 @@ static void test_stop_saves(void **state) {
   made_close(&m);
 }
 
-static ern_status validation_hook(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
-                                  int width, int height, const char *name) {
-  (void)step, (void)psnr, (void)frames, (void)picture, (void)width, (void)height, (void)name;
-  return *(ern_status *)user;
-}
-
-/* A validation that fails does not lose the model that is done, and has a word of its own. */
-static void test_failed_validation_saves(void **state) {
-  (void)state;
-  struct made m;
-  ern_trainer *trainer = NULL;
-  ern_status answer = ERN_E_MEDIA;
-  made_open(&m);
-  clear_run("unseen"), clear_run("seen");
-  assert_int_equal(ern_model_load(&(ern_model *){NULL}, m.context, "nowhere"), ERN_E_MISSING); /* an older error */
-  const ern_train_hooks hooks = {.user = &answer, .validation = validation_hook};
-  ern_train_config config = small_config(4, "unseen.safetensors");
-  config.save_every = config.validate_every = 2;
-  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
-  support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA,
-                 "`validation` answered ERN_E_MEDIA at step 2", "step 2 is saved", NULL);
-  assert_int_equal(access("unseen.run/state.safetensors", F_OK), 0);
-  support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA, "step 4 is saved", NULL);
-  ern_trainer_free(&trainer);
-  train_to(&m, "seen.safetensors", 4, 2, 2);
-  expect_same("unseen.safetensors", "seen.safetensors");
-  /* values that are not sound are not saved */
-  clear_run("unsound");
-  answer = ERN_E_NONFINITE;
-  config.output = "unsound.safetensors";
-  support_expect(m.context, train(&m, &config, &hooks), ERN_E_NONFINITE, "answered ERN_E_NONFINITE", NULL);
-  assert_int_not_equal(access("unsound.run/state.safetensors", F_OK), 0);
-  made_close(&m);
-}
-
 /* A child that the program forked does not keep the lock of a training that has been freed. */
 static void test_lock_after_fork(void **state) {
   (void)state;
@@ -561,7 +526,6 @@ int main(void) {
                                      cmocka_unit_test(test_model_that_came_meanwhile),
                                      cmocka_unit_test(test_resume_past_the_end),
                                      cmocka_unit_test(test_stop_saves),
-                                     cmocka_unit_test(test_failed_validation_saves),
                                      cmocka_unit_test(test_lock_after_fork),
                                      cmocka_unit_test(test_from),
                                      cmocka_unit_test(test_ema),

@@ -115,7 +115,11 @@ static void test_bad(void **state) {
        {"frame 1", "transform_matrix[3][3] is 2", "expected 1"}},
       {WITH_MATRIX("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0.1,0,1]]"),
        ERN_E_FORMAT,
-       {"frame 1", "transform_matrix[3][1] is 0.1", "expected 0"}}};
+       {"frame 1", "transform_matrix[3][1] is 0.1", "expected 0"}},
+      {WITH_MATRIX("[[0,0,0,1],[0,0,0,1],[0,0,0,1],[0,0,0,1]]"), ERN_E_FORMAT, {"frame 1", "is [[0", "a rotation"}},
+      {WITH_MATRIX("[[1,0,0,1],[0,1,0,1],[0,0,-1,1],[0,0,0,1]]"), ERN_E_FORMAT, {"frame 1", "is [[1", "determinant 1"}},
+      {WITH_MATRIX("[[1.01,0,0,1],[0,1,0,1],[0,0,1,1],[0,0,0,1]]"), ERN_E_FORMAT, {"frame 1", "is [[1", "length 1"}},
+      {WITH_MATRIX("[[1,0.02,0,1],[0,1,0,1],[0,0,1,1],[0,0,0,1]]"), ERN_E_FORMAT, {"frame 1", "is [[1", "angles"}}};
   for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
     ern_pose_list list;
     support_write_text("bad.json", cases[i].text);

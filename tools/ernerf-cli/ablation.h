@@ -21,6 +21,9 @@ struct ablation_kind {
 /* The rows of the paper's two tables, in their order. */
 extern const struct ablation_kind ablation_kinds[ABLATION_ROWS];
 
+enum { ABLATION_FILES = 3 };
+extern const char *const ablation_files[ABLATION_FILES]; /* names in DIR */
+
 struct ablation_row {
   const struct ablation_kind *kind;
   /* One figure a seed: the mean over the frames. */
@@ -55,6 +58,9 @@ json_t *ablation_json(const struct ablation *ablation);
 /* Writes DIR/ablation.csv, ablation.json and ablation.md, each whole or not at all. Returns 0, or EXIT_FAILURE after a
  * message. */
 int ablation_write(const struct ablation *ablation, struct session *session, const char *folder);
+/* Whether --resume may replace the tables in the folder: there are none, or ablation.json says that each of their rows
+ * is among these. Returns 0, or EXIT_FAILURE after a message. */
+int ablation_check_earlier(const struct ablation *ablation, struct session *session, const char *folder);
 /* Adds the tables as Markdown, which is what ablation.md holds. */
 void ablation_text(const struct ablation *ablation, struct bytes *text);
 

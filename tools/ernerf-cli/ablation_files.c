@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "ablation.h"
 #include "front.h"
@@ -17,6 +18,8 @@ const struct ablation_kind ablation_kinds[ABLATION_ROWS] = {
     {"trihash-concat", ERN_BACKBONE_TRIHASH, ERN_ATTENTION_CONCAT, 33.25, 2.881},
     {"trihash-feature", ERN_BACKBONE_TRIHASH, ERN_ATTENTION_FEATURE, 33.14, 2.781},
     {"trihash-channel", ERN_BACKBONE_TRIHASH, ERN_ATTENTION_CHANNEL, 33.10, 2.740}};
+
+const char *const ablation_files[ABLATION_FILES] = {"ablation.json", "ablation.csv", "ablation.md"};
 
 /* The paper's supplement, "The Number of Hash Collisions": Instant-NGP; frontal, side 1, side 2. */
 static const double paper_volume = 835186, paper_plane[3] = {138345, 31041, 26048};
@@ -177,16 +180,52 @@ static void add_csv(const struct ablation *ablation, struct bytes *text) {
   }
 }
 
+/* The JSON goes first: a folder with any of the tables then has the one that ablation_check_earlier reads. */
 int ablation_write(const struct ablation *ablation, struct session *session, const char *folder) {
   struct bytes csv = {0}, text = {0};
   char path[4096];
+  if (snprintf(path, sizeof path, "%s/%s", folder, ablation_files[0]) >= (int)sizeof path)
+    return session_fail_with(session, "%s: the name is too long", folder);
+  int status = session_write_json(session, path, ablation_json(ablation));
+  if (status != 0) return status;
   add_csv(ablation, &csv);
-  int status = session_write_in(session, folder, "ablation.csv", &csv);
+  status = session_write_in(session, folder, ablation_files[1], &csv);
   if (status != 0) return status;
   ablation_text(ablation, &text);
-  status = session_write_in(session, folder, "ablation.md", &text);
-  if (status != 0) return status;
-  if (snprintf(path, sizeof path, "%s/ablation.json", folder) >= (int)sizeof path)
-    return session_fail_with(session, "%s: the name is too long", folder);
-  return session_write_json(session, path, ablation_json(ablation));
+  return session_write_in(session, folder, ablation_files[2], &text);
+}
+
+static bool has_row(const struct ablation *ablation, const char *name) {
+  for (size_t r = 0; name != NULL && r < ablation->rows; r++)
+    if (strcmp(ablation->row[r].kind->name, name) == 0) return true;
+  return false;
+}
+
+int ablation_check_earlier(const struct ablation *ablation, struct session *session, const char *folder) {
+  char path[ABLATION_FILES][4096];
+  bool any = false;
+  for (int i = 0; i < ABLATION_FILES; i++) {
+    if (snprintf(path[i], sizeof path[i], "%s/%s", folder, ablation_files[i]) >= (int)sizeof path[i])
+      return session_fail_with(session, "%s: the name is too long", folder);
+    any = any || access(path[i], F_OK) == 0;
+  }
+  if (!any) return 0;
+  json_t *root = json_load_file(path[0], 0, NULL);
+  const json_t *rows = json_object_get(root, "rows");
+  const char *lost = NULL;
+  int status = 0;
+  for (size_t i = 0; lost == NULL && i < json_array_size(rows); i++) {
+    lost = json_string_value(json_object_get(json_array_get(rows, i), "name"));
+    if (has_row(ablation, lost)) lost = NULL;
+  }
+  if (json_array_size(rows) == 0)
+    status = session_fail_with(session,
+                               "%s: holds no tables of an earlier ablation, but %s, %s or %s is there; "
+                               "--overwrite (-y) replaces them",
+                               folder, ablation_files[0], ablation_files[1], ablation_files[2]);
+  else if (lost != NULL)
+    status = session_fail_with(
+        session, "%s: holds the row %s, which --only leaves out; --overwrite (-y) replaces the tables", path[0], lost);
+  json_decref(root);
+  return status;
 }

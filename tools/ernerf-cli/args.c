@@ -299,6 +299,7 @@ static int take_value(const struct args *args, struct option *option, const char
 /* Takes the option in argv[0] and as many words as it needs; *used says how many. `value` is what stood behind '='. */
 static int take_option(const struct args *args, struct option *option, const char *value, int argc, char **argv,
                        int *used) {
+  const bool again = option->given;
   *used = 1;
   option->given = true;
   if (option->kind == OPTION_FLAG || option->kind == OPTION_OFF) {
@@ -322,6 +323,9 @@ static int take_option(const struct args *args, struct option *option, const cha
     value = argv[1];
     *used = 2;
   }
+  if (again && option->kind == OPTION_TEXT && strcmp(value, *(const char **)option->target) != 0)
+    return args_refuse(args, "%s%s is given twice, as \"%s\" and as \"%s\"", dashes_of(option->name), option->name,
+                       *(const char **)option->target, value);
   if (option->kind == OPTION_RANGE_PAIR && strchr(value, ':') == NULL && argc > *used) {
     char pair[TEXT_BYTES];
     if (snprintf(pair, sizeof pair, "%s:%s", value, argv[*used]) < (int)sizeof pair) {
@@ -426,13 +430,15 @@ static void print_wrapped(int column, const char *text) {
   printf("\n");
 }
 
-/* What a number is without the option, where the help does not tell it already. */
+/* What a number is without the option, where the help does not tell it already. A 0 that the option itself refuses
+ * means that nothing is set. */
 static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
   text[0] = 0;
   if (strstr(option->help, "default") != NULL) return text;
   if (option->kind == OPTION_INT) snprintf(text, TEXT_BYTES, " (default %d)", *(int *)option->target);
   if (option->kind == OPTION_COUNT) snprintf(text, TEXT_BYTES, " (default %" PRIu64 ")", *(uint64_t *)option->target);
-  if (option->kind == OPTION_FLOAT) snprintf(text, TEXT_BYTES, " (default %g)", (double)*(float *)option->target);
+  if (option->kind == OPTION_FLOAT && !(*(float *)option->target < (float)option->low))
+    snprintf(text, TEXT_BYTES, " (default %g)", (double)*(float *)option->target);
   return text;
 }
 

@@ -490,7 +490,7 @@ static ern_status take_validation(void *user, uint64_t step, double psnr, size_t
   session_note(&job->session, "step %" PRIu64 ": PSNR %.3f over %zu validation frames, %s", step, psnr, frames, name);
   snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(job->trainer), name);
   extend_curve(job, step, psnr);
-  return session_skips_link(&job->session, path) ? ERN_OK : ern_image_write(job->session.context, path, &image, 100);
+  return session_keeps_file(&job->session, path) ? ERN_OK : ern_image_write(job->session.context, path, &image, 100);
 }
 
 static json_t *report(const struct train_job *job) {

@@ -356,6 +356,14 @@ bool session_skips_link(struct session *session, const char *path) {
   return true;
 }
 
+bool session_keeps_file(struct session *session, const char *path) {
+  struct stat about;
+  if (session_skips_link(session, path)) return true;
+  if (session->overwrite || lstat(path, &about) != 0) return false;
+  session_note(session, "%s: is there already and is kept; --overwrite replaces it", path);
+  return true;
+}
+
 bool session_folder_there(const char *path) {
   char folder[4096];
   struct stat about;

@@ -99,6 +99,8 @@ int session_keep_inputs(struct session *session, const char *output);
 /* Whether a symbolic link is at `path`, after a warning that it is not written through: for files that a training names
  * itself. */
 bool session_skips_link(struct session *session, const char *path);
+/* The same, and whether any file is there that --overwrite does not let go, after a note. */
+bool session_keeps_file(struct session *session, const char *path);
 /* Whether the folder that `path` lies in is there. */
 bool session_folder_there(const char *path);
 

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT
+ * What the host answers with an error in a training costs no step that was made. */
+#include <math.h>
+#include <unistd.h>
+
+#include "made_clip.h"
+
+static void train_to(struct made *m, const char *output, uint64_t iters, int threads, uint64_t save_every) {
+  ern_train_config config = small_config(iters, output);
+  config.threads = threads;
+  config.save_every = save_every;
+  support_ok(m->context, train(m, &config, NULL));
+}
+
+static ern_status validation_hook(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
+                                  int width, int height, const char *name) {
+  (void)step, (void)psnr, (void)frames, (void)picture, (void)width, (void)height, (void)name;
+  return *(ern_status *)user;
+}
+
+/* A validation that fails does not lose the model that is done, and has a word of its own. */
+static void test_failed_validation_saves(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_status answer = ERN_E_MEDIA;
+  made_open(&m);
+  clear_run("unseen"), clear_run("seen");
+  assert_int_equal(ern_model_load(&(ern_model *){NULL}, m.context, "nowhere"), ERN_E_MISSING); /* an older error */
+  const ern_train_hooks hooks = {.user = &answer, .validation = validation_hook};
+  ern_train_config config = small_config(4, "unseen.safetensors");
+  config.save_every = config.validate_every = 2;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA,
+                 "`validation` answered ERN_E_MEDIA at step 2", "step 2 is saved", NULL);
+  assert_int_equal(access("unseen.run/state.safetensors", F_OK), 0);
+  support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA, "step 4 is saved", NULL);
+  ern_trainer_free(&trainer);
+  train_to(&m, "seen.safetensors", 4, 2, 2);
+  expect_same("unseen.safetensors", "seen.safetensors");
+  /* values that are not sound are not saved */
+  clear_run("unsound");
+  answer = ERN_E_NONFINITE;
+  config.output = "unsound.safetensors";
+  support_expect(m.context, train(&m, &config, &hooks), ERN_E_NONFINITE, "answered ERN_E_NONFINITE", NULL);
+  assert_int_not_equal(access("unsound.run/state.safetensors", F_OK), 0);
+  made_close(&m);
+}
+
+struct failing {
+  struct made *made;
+  int good; /* calls that are answered before one fails */
+};
+
+static ern_status failing_pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
+  struct failing *failing = user;
+  return failing->good-- == 0 ? ERN_E_IO : made_pixels(failing->made, split, index, truth, torso);
+}
+
+static ern_status failing_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  return made_frame(((struct failing *)user)->made, split, index, frame);
+}
+
+/* A picture that cannot be read costs no step that was made; a resume ends where a training without the fault does. */
+static void test_failed_picture_saves(void **state) {
+  (void)state;
+  struct made m;
+  made_open(&m);
+  clear_run("whole"), clear_run("gap");
+  train_to(&m, "whole.safetensors", 40, 2, 0);
+  ern_train_config config = small_config(40, "gap.safetensors");
+  struct failing failing = {&m, 32}; /* the occupancy grid is refreshed before step 33 */
+  m.data.user = &failing;
+  m.data.pixels = failing_pixels;
+  m.data.frame = failing_frame;
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_IO, "`pixels` answered ERN_E_IO", "step 32 is saved", NULL);
+  config.resume = true;
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("whole.safetensors", "gap.safetensors");
+  made_close(&m);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
+                                     cmocka_unit_test(test_failed_picture_saves)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
