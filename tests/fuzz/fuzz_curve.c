@@ -2,8 +2,8 @@
  * Any bytes as the curve.csv that a training left, and that a plot is made from. */
 #include <stdarg.h>
 
-#include "curve.h"
 #include "fuzz.h"
+#include "output/curve.h"
 
 /* The program's words, formatted and not said. */
 int session_fail_with(struct session *session, const char *format, ...) {

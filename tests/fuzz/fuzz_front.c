@@ -3,8 +3,8 @@
 #include <math.h>
 #include <stdarg.h>
 
-#include "front_read.h"
 #include "fuzz.h"
+#include "session/pareto_read.h"
 
 /* The program's words, formatted and not said. */
 int session_fail_with(struct session *session, const char *format, ...) {
@@ -21,17 +21,17 @@ int session_fail_with(struct session *session, const char *format, ...) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   struct session session = {.verb = "fuzz"};
-  struct front front;
+  struct pareto_front front;
   fuzz_file("fuzz.json", bytes, count);
-  if (front_read(&front, &session, "fuzz.json") == 0) {
+  if (pareto_read(&front, &session, "fuzz.json") == 0) {
     FUZZ_REQUIRE(front.count > 0 && front.cores >= 1 && front.width >= 1 && front.height >= 1);
     for (size_t i = 0; i < front.count; i++) {
-      const struct front_point *point = &front.points[i];
+      const struct pareto_point *point = &front.points[i];
       FUZZ_REQUIRE(point->ms.low > 0 && point->ms.low <= point->ms.median && point->ms.median <= point->ms.high);
       FUZZ_REQUIRE(isfinite(point->exact_db) && isfinite(point->clip_db));
       FUZZ_REQUIRE(point->settings.max_steps >= 1 && point->settings.image_scale > 0);
     }
   }
-  front_free(&front);
+  pareto_free(&front);
   return 0;
 }

@@ -18,7 +18,7 @@ if ! $cc $flags probe.c -o probe 2>/dev/null || ! ./probe; then
   exit 77
 fi
 
-list=("$source"/src/core/*.c "$source"/src/io/*.c "$source"/tools/ernerf-cli/{front_read,settings,bytes}.c)
+list=("$source"/src/core/*.c "$source"/src/io/*.c "$source"/tools/ernerf-cli/{session/pareto_read,session/settings,bytes}.c)
 for name in "${targets[@]}"; do list+=("$source/tests/fuzz/fuzz_$name.c"); done
 for name in "${tests[@]}"; do list+=("$source/tests/unit/$name.c"); done
 printf '%s\n' "${list[@]}" | CC="$cc" FLAGS="$flags" xargs -P 2 -I{} sh -c '$CC $FLAGS -c "{}" -o "objects/$(basename "{}" .c).o"'

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * How long a training will take, from reports on a clock that the test moves. */
-#include "forecast.h"
+#include "output/forecast.h"
 
 #include <math.h>
 

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "../../tools/ernerf-cli/front.c"
+#include "../../tools/ernerf-cli/session/pareto.c"
 
 enum { FRAMES = 4 };
 
@@ -15,18 +15,18 @@ static void near(double found, double expected) {
 static void test_spread(void **state) {
   (void)state;
   double one[] = {7}, two[] = {3, 1}, three[] = {5, 1, 3}, five[] = {5, 4, 1, 2, 3};
-  struct spread s = front_spread(one, 1);
+  struct quartiles s = quartiles_of(one, 1);
   near(s.low, 7), near(s.median, 7), near(s.high, 7);
-  s = front_spread(two, 2);
+  s = quartiles_of(two, 2);
   near(s.low, 1.5), near(s.median, 2), near(s.high, 2.5);
-  s = front_spread(three, 3);
+  s = quartiles_of(three, 3);
   near(s.low, 2), near(s.median, 3), near(s.high, 4);
-  s = front_spread(five, 5);
+  s = quartiles_of(five, 5);
   near(s.low, 2), near(s.median, 3), near(s.high, 4);
   const double values[] = {1, 2, 3, 4};
-  struct moments m = front_moments(values, 4);
+  struct mean_and_deviation m = mean_of(values, 4);
   near(m.mean, 2.5), near(m.deviation, sqrt(5.0 / 3));
-  m = front_moments(values, 1);
+  m = mean_of(values, 1);
   near(m.mean, 1), near(m.deviation, 0);
 }
 
@@ -58,13 +58,13 @@ static void test_turns(void **state) {
   static const double slow[] = {10, 25, 12, 40, 11, 18}, fast[] = {9, 22.5, 10.8, 36, 9.9, 16.2};
   static const double hair[] = {9.95, 24.9, 11.95, 39.8, 10.95, 17.9}, other[] = {12, 18, 14, 30, 12, 20};
   const struct candidate a = timed(slow, 6), b = timed(fast, 6), c = timed(hair, 6), d = timed(other, 6);
-  assert_int_equal(front_compare_ms(&b, &a), 1);
-  assert_int_equal(front_compare_ms(&a, &b), -1);
-  assert_int_equal(front_compare_ms(&c, &a), 0); /* always faster, by what nobody feels */
-  assert_int_equal(front_compare_ms(&d, &a), 0); /* now faster, now slower */
-  assert_int_equal(front_compare_ms(&a, &a), 0);
+  assert_int_equal(pareto_compare_ms(&b, &a), 1);
+  assert_int_equal(pareto_compare_ms(&a, &b), -1);
+  assert_int_equal(pareto_compare_ms(&c, &a), 0); /* always faster, by what nobody feels */
+  assert_int_equal(pareto_compare_ms(&d, &a), 0); /* now faster, now slower */
+  assert_int_equal(pareto_compare_ms(&a, &a), 0);
   const struct candidate once = timed(fast, 1);
-  assert_int_equal(front_compare_ms(&once, &a), 0); /* one turn is never enough */
+  assert_int_equal(pareto_compare_ms(&once, &a), 0); /* one turn is never enough */
 }
 
 static void test_compare(void **state) {
@@ -73,16 +73,16 @@ static void test_compare(void **state) {
   static const double hair[] = {30.005, 31.005, 32.005, 33.005}, up_far[] = {30, 31, 32, 40};
   const struct candidate a = point(10, 1, base, 0), b = point(10.2, 1, up, 0), c = point(14.1, 1, mixed, 0);
   const struct candidate d = point(10, 1, hair, 0), e = point(10, 1, up_far, 0);
-  assert_int_equal(front_compare_ms(&a, &b), 0);
-  assert_int_equal(front_compare_ms(&a, &c), 1);
-  assert_int_equal(front_compare_ms(&c, &a), -1);
-  assert_int_equal(front_compare_db(&b, &a, FRAMES), 1);
-  assert_int_equal(front_compare_db(&a, &b, FRAMES), -1);
-  assert_int_equal(front_compare_db(&c, &a, FRAMES), 0); /* now better, now worse */
-  assert_int_equal(front_compare_db(&d, &a, FRAMES), 0); /* always better, by what nobody sees */
-  assert_int_equal(front_compare_db(&e, &a, FRAMES), 0); /* in one frame alone */
-  assert_int_equal(front_compare_db(&b, &a, 1), 0);      /* one frame is never enough */
-  assert_int_equal(front_compare_db(&a, &a, FRAMES), 0);
+  assert_int_equal(pareto_compare_ms(&a, &b), 0);
+  assert_int_equal(pareto_compare_ms(&a, &c), 1);
+  assert_int_equal(pareto_compare_ms(&c, &a), -1);
+  assert_int_equal(pareto_compare_db(&b, &a, FRAMES), 1);
+  assert_int_equal(pareto_compare_db(&a, &b, FRAMES), -1);
+  assert_int_equal(pareto_compare_db(&c, &a, FRAMES), 0); /* now better, now worse */
+  assert_int_equal(pareto_compare_db(&d, &a, FRAMES), 0); /* always better, by what nobody sees */
+  assert_int_equal(pareto_compare_db(&e, &a, FRAMES), 0); /* in one frame alone */
+  assert_int_equal(pareto_compare_db(&b, &a, 1), 0);      /* one frame is never enough */
+  assert_int_equal(pareto_compare_db(&a, &a, FRAMES), 0);
 }
 
 /* Offsets of a quality that varies from frame to frame alike for all points. */
@@ -102,7 +102,7 @@ static void test_front(void **state) {
   struct place places[COUNT];
   qualities(db, means, COUNT);
   for (size_t k = 0; k < COUNT; k++) c[k] = point(ms[k], 0.02 * ms[k], db[k], changes[k]);
-  front_find(places, c, COUNT, FRAMES);
+  pareto_find(places, c, COUNT, FRAMES);
   assert_int_equal(places[0].standing, STANDING_FRONT);
   assert_int_equal(places[1].standing, STANDING_FRONT);
   assert_int_equal(places[2].standing, STANDING_BEATEN); /* slower than 1 and worse */
@@ -131,7 +131,7 @@ static void test_one_of_many(void **state) {
     c[k].db = db[k];
     c[k].changes = 1 + k % 3;
   }
-  front_find(places, c, COUNT, FRAMES);
+  pareto_find(places, c, COUNT, FRAMES);
   size_t shown = 0;
   for (size_t k = 0; k < COUNT; k++) {
     shown += places[k].standing == STANDING_FRONT;
@@ -151,7 +151,7 @@ static void test_noise(void **state) {
   for (int round = 0; round < ROUNDS; round++) {
     struct candidate c[COUNT];
     for (size_t k = 0; k < COUNT; k++) c[k] = point(10, 2, db, 0);
-    for (size_t k = 0; k + 1 < COUNT; k += 2, pairs++) told_apart += front_compare_ms(&c[k], &c[k + 1]) != 0;
+    for (size_t k = 0; k + 1 < COUNT; k += 2, pairs++) told_apart += pareto_compare_ms(&c[k], &c[k + 1]) != 0;
   }
   assert_true(told_apart <= pairs / 50);
 }
@@ -174,7 +174,7 @@ static void test_chain(void **state) {
   assert_true(beats(&c[1], &c[0], FRAMES)); /* faster, and nothing tells the qualities apart */
   assert_true(beats(&c[2], &c[1], FRAMES));
   assert_false(beats(&c[2], &c[0], FRAMES)); /* what it loses is seen */
-  front_find(places, c, COUNT, FRAMES);
+  pareto_find(places, c, COUNT, FRAMES);
   assert_int_equal(places[2].standing, STANDING_FRONT);
   assert_int_equal(places[1].standing, STANDING_BEATEN);
   assert_int_equal(places[1].by, 2);
@@ -209,7 +209,7 @@ static void test_always_a_front(void **state) {
       seed = seed * 1664525u + 1013904223u;
       c[k] = point(10 + (double)(seed >> 16) / 6553.6, 0.2 * (double)(turn % 5), db[k], seed >> 20 & 3);
     }
-    front_find(places, c, COUNT, FRAMES);
+    pareto_find(places, c, COUNT, FRAMES);
     close_over(reach, c, COUNT);
     size_t shown = 0;
     for (size_t k = 0; k < COUNT; k++) {
@@ -217,8 +217,8 @@ static void test_always_a_front(void **state) {
       assert_true(places[k].standing != STANDING_UNKNOWN);
       assert_true(places[k].by < COUNT && (places[k].by != k || places[k].standing == STANDING_FRONT));
       if (places[k].standing == STANDING_EQUAL) {
-        assert_int_equal(front_compare_ms(&c[k], &c[places[k].by]), 0);
-        assert_int_equal(front_compare_db(&c[k], &c[places[k].by], FRAMES), 0);
+        assert_int_equal(pareto_compare_ms(&c[k], &c[places[k].by]), 0);
+        assert_int_equal(pareto_compare_db(&c[k], &c[places[k].by], FRAMES), 0);
       }
       if (places[k].standing == STANDING_BEATEN) assert_true(beats(&c[places[k].by], &c[k], FRAMES));
       for (size_t i = 0; i < COUNT && places[k].standing == STANDING_FRONT; i++)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The output's rate: how it is read, and where its frames lie among those of a clip. */
-#include "rate.h"
+#include "session/rate.h"
 
 #include <math.h>
 #include <stdint.h>

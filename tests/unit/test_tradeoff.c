@@ -5,11 +5,11 @@
 #include <math.h>
 
 #include "bytes.h"
-#include "front_read.h"
-#include "plot.h"
-#include "plot_axis.h"
-#include "points.h"
-#include "settings.h"
+#include "lab/tradeoff_points.h"
+#include "output/plot.h"
+#include "output/plot_axis.h"
+#include "session/pareto_read.h"
+#include "session/settings.h"
 
 static const struct settings base = {
     .max_steps = 16, .transmittance_stop = 0.003f, .image_scale = 1, .backend = "cpu", .isa = "avx2", .threads = 2};
@@ -93,16 +93,16 @@ static void test_combinations(void **state) {
                                    {{AXIS_STOP, 0.03, NULL, NULL}, 0.9, 1e-6},
                                    {{AXIS_STEPS, 4, NULL, NULL}, 1.2, 1e-2},
                                    {{AXIS_THREADS, 1, NULL, NULL}, 0.1, 0}};
-  struct settings found[POINTS_COMBINATIONS];
-  double ms[POINTS_COMBINATIONS];
-  const size_t count = points_combine(&base, 100, 1e-8, effects, 4, found, ms);
+  struct settings found[TRADEOFF_POINTS_COMBINATIONS];
+  double ms[TRADEOFF_POINTS_COMBINATIONS];
+  const size_t count = tradeoff_points_combine(&base, 100, 1e-8, effects, 4, found, ms);
   assert_int_equal(count, 1); /* both good ones together; nothing with what is slower and worse */
   assert_true(fabs(ms[0] - 45) < 1e-9);
   assert_int_equal(found[0].max_steps, 16);
   assert_int_equal(found[0].threads, 2);
   assert_true(found[0].image_scale == 0.5f && found[0].transmittance_stop == 0.03f);
-  assert_int_equal(points_combine(&base, 100, 0, effects, 1, found, ms), 0);
-  assert_int_equal(points_combine(&base, 100, 0, effects, 0, found, ms), 0);
+  assert_int_equal(tradeoff_points_combine(&base, 100, 0, effects, 1, found, ms), 0);
+  assert_int_equal(tradeoff_points_combine(&base, 100, 0, effects, 0, found, ms), 0);
 }
 
 static void test_many_combinations(void **state) {
@@ -115,10 +115,10 @@ static void test_many_combinations(void **state) {
                                  pow(10, (double)rung - 8) * (1 + 0.1 * (double)(i % 3))};
     if (effects[i].choice.axis == AXIS_STEPS) effects[i].choice.value = (double)(2 + rung);
   }
-  struct settings found[POINTS_COMBINATIONS];
-  double ms[POINTS_COMBINATIONS];
-  const size_t count = points_combine(&base, 100, 1e-9, effects, 18, found, ms);
-  assert_true(count > 5 && count <= POINTS_COMBINATIONS);
+  struct settings found[TRADEOFF_POINTS_COMBINATIONS];
+  double ms[TRADEOFF_POINTS_COMBINATIONS];
+  const size_t count = tradeoff_points_combine(&base, 100, 1e-9, effects, 18, found, ms);
+  assert_true(count > 5 && count <= TRADEOFF_POINTS_COMBINATIONS);
   for (size_t i = 0; i < count; i++) {
     assert_true(settings_changes(&found[i], &base) >= 2);
     assert_true(ms[i] > 0 && ms[i] < 100);
@@ -170,17 +170,17 @@ static void write_front(const char *text, const char *from, const char *to) {
 static void test_front_is_read(void **state) {
   (void)state;
   struct session session = {.verb = "test"};
-  struct front front;
+  struct pareto_front front;
   write_front(good, NULL, NULL);
-  assert_int_equal(front_read(&front, &session, "front.json"), 0);
+  assert_int_equal(pareto_read(&front, &session, "front.json"), 0);
   assert_int_equal(front.count, 2);
   assert_int_equal(front.width, 64);
   assert_int_equal(front.cores, 2);
   assert_string_equal(front.points[0].name, "scale 0.5");
   assert_true(front.points[0].ms.median == 3.5 && front.points[1].exact_db == 50);
   assert_int_equal(settings_changes(&front.points[1].settings, &base), 0);
-  front_free(&front);
-  front_free(&front);
+  pareto_free(&front);
+  pareto_free(&front);
 }
 
 static void test_hostile_fronts(void **state) {
@@ -213,21 +213,21 @@ static void test_hostile_fronts(void **state) {
                  {"{'format'", "[{'format'"},
                  {"'front'", "'front': [0], 'front'"}};
   struct session session = {.verb = "test"};
-  struct front front;
+  struct pareto_front front;
   for (size_t i = 0; i < sizeof changes / sizeof *changes; i++) {
     write_front(good, changes[i].from, changes[i].to);
-    if (front_read(&front, &session, "front.json") == 0) fail_msg("%s was taken", changes[i].to);
-    front_free(&front);
+    if (pareto_read(&front, &session, "front.json") == 0) fail_msg("%s was taken", changes[i].to);
+    pareto_free(&front);
   }
-  assert_int_not_equal(front_read(&front, &session, "not_there.json"), 0);
-  assert_int_not_equal(front_read(&front, &session, "."), 0);
+  assert_int_not_equal(pareto_read(&front, &session, "not_there.json"), 0);
+  assert_int_not_equal(pareto_read(&front, &session, "."), 0);
 }
 
 /* A member that nobody asks for, of 131,072 values and more: refused before JSON takes memory for each. */
 static void test_many_values(void **state) {
   (void)state;
   struct session session = {.verb = "test"};
-  struct front front;
+  struct pareto_front front;
   for (int many = 0; many < 2; many++) {
     write_front(good, NULL, NULL);
     FILE *file = fopen("front.json", "r+b");
@@ -237,8 +237,8 @@ static void test_many_values(void **state) {
     for (int i = 0; i < (many ? 131072 : 130000); i++) fputs(",0", file);
     fputs("]}", file);
     assert_int_equal(fclose(file), 0);
-    assert_int_equal(front_read(&front, &session, "front.json") != 0, many);
-    front_free(&front);
+    assert_int_equal(pareto_read(&front, &session, "front.json") != 0, many);
+    pareto_free(&front);
   }
 }
 

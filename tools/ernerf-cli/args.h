@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "ernerf/base.h"
-#include "rate.h"
+#include "session/rate.h"
 
 enum { EXIT_USAGE = 2 }; /* wrong words; 1 (EXIT_FAILURE) is for work that failed */
 

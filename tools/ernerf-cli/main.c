@@ -9,7 +9,7 @@
 
 #include "args.h"
 #include "ernerf/base.h"
-#include "session.h"
+#include "session/session.h"
 #include "verbs.h"
 
 static const struct verb {

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: MIT */
+#include "bounded_queue.h"
+
+void queue_make(struct bounded_queue *queue, size_t places) {
+  *queue = (struct bounded_queue){.places = places};
+  pthread_mutex_init(&queue->mutex, NULL); /* neither fails on Linux */
+  pthread_cond_init(&queue->moved, NULL);
+}
+
+void queue_free(struct bounded_queue *queue) {
+  pthread_cond_destroy(&queue->moved);
+  pthread_mutex_destroy(&queue->mutex);
+}
+
+int queue_free_place(struct bounded_queue *queue) {
+  pthread_mutex_lock(&queue->mutex);
+  while (!queue->broken && queue->filled - queue->emptied == queue->places)
+    pthread_cond_wait(&queue->moved, &queue->mutex);
+  const int place = queue->broken ? QUEUE_OVER : (int)(queue->filled % queue->places);
+  pthread_mutex_unlock(&queue->mutex);
+  return place;
+}
+
+int queue_item(struct bounded_queue *queue) {
+  pthread_mutex_lock(&queue->mutex);
+  while (!queue->broken && !queue->ended && queue->filled == queue->emptied)
+    pthread_cond_wait(&queue->moved, &queue->mutex);
+  const bool over = queue->broken || queue->filled == queue->emptied;
+  const int place = over ? QUEUE_OVER : (int)(queue->emptied % queue->places);
+  pthread_mutex_unlock(&queue->mutex);
+  return place;
+}
+
+/* Changes the queue and wakes whoever waits for it; by name of the member, as `+= 1` or `= true`. */
+#define BELT_CHANGE(queue, change)      \
+  pthread_mutex_lock(&(queue)->mutex);  \
+  (queue)->change;                      \
+  pthread_cond_signal(&(queue)->moved); \
+  pthread_mutex_unlock(&(queue)->mutex)
+
+void queue_fill(struct bounded_queue *queue) { BELT_CHANGE(queue, filled++); }
+void queue_empty(struct bounded_queue *queue) { BELT_CHANGE(queue, emptied++); }
+void queue_end(struct bounded_queue *queue) { BELT_CHANGE(queue, ended = true); }
+void queue_break(struct bounded_queue *queue) { BELT_CHANGE(queue, broken = true); }

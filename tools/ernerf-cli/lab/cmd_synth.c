@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf synth: a made-up clip. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "ernerf/media.h"
+#include "output/progress.h"
+#include "session/session.h"
+#include "verbs.h"
+
+static int say_progress(void *user, int done, int total) {
+  progress_at(user, (uint64_t)done, (uint64_t)total, "");
+  return session_interrupted();
+}
+
+static int make(struct session *session, ern_synth_options *options, const char *folder) {
+  struct progress progress;
+  const double began = session_seconds();
+  progress_begin(&progress, session, "synth", "frames");
+  options->seed = session->seed;
+  options->progress = say_progress;
+  options->user = &progress;
+  const ern_status status = ern_synth_write(session->context, folder, options);
+  progress_end(&progress);
+  if (status == ERN_E_CANCELLED && session_interrupted())
+    return session_stop_with(session, "stopped; nothing of %s was kept", folder);
+  if (status != ERN_OK) return session_fail(session);
+  session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, options->frames,
+               options->size, options->size, folder);
+  return session_report(
+      session, json_pack("{s:o, s:i, s:i, s:o, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
+                         options->size, "frames", options->frames, "seed", session_whole(session->seed), "blink",
+                         options->blink, "torso", options->torso, "moving_camera", options->moving_camera, "seconds",
+                         session_number(session_seconds() - began)));
+}
+
+int cmd_synth(int argc, char **argv) {
+  struct session session = {0};
+  const char *folder = NULL;
+  ern_synth_options synth = ern_synth_options_default();
+  struct option own[] = {
+      {.name = "size",
+       .kind = OPTION_INT,
+       .target = &synth.size,
+       .low = 64,
+       .high = 1024,
+       .choices = "S",
+       .help = "pixels a side"},
+      {.name = "frames",
+       .kind = OPTION_INT,
+       .target = &synth.frames,
+       .low = 8,
+       .high = 100000,
+       .help = "25 a second; one in eleven is for validation"},
+      {.name = "seed",
+       .kind = OPTION_COUNT,
+       .target = &session.seed,
+       .low = 0,
+       .help = "another person, other speech; same seed, same bytes (default 0)"},
+      {.name = "no-blink", .kind = OPTION_OFF, .target = &synth.blink, .help = "eyes stay open, no au.csv"},
+      {.name = "no-torso", .kind = OPTION_OFF, .target = &synth.torso, .help = "a head alone, empty torso pictures"},
+      {.name = "static-camera",
+       .kind = OPTION_OFF,
+       .target = &synth.moving_camera,
+       .help = "the head keeps still: every frame has the first one's pose"}};
+  struct option output[SESSION_OUTPUT_OPTIONS];
+  struct word words[] = {{"DIR", &folder, "folder to make; it must not exist, or be empty"}};
+  struct args args = {
+      .verb = "synth",
+      .summary = "Makes up a preprocessed clip: a head that talks, blinks and moves, with its sound.",
+      .usage = "synth DIR [--size S] [--frames N] [--seed K]",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"The clip:", own, sizeof own / sizeof own[0]}, {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  session_output_options(&session, output);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = session_open(&session, &args);
+  if (status >= 0) return status;
+  status = make(&session, &synth, folder);
+  session_close(&session);
+  return status;
+}

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * The same mouth and eyes at every point of the front, and what is wrong with them. */
+#ifndef ERN_CLI_TRADEOFF_CROPS_H
+#define ERN_CLI_TRADEOFF_CROPS_H
+
+#include "bytes.h"
+#include "lab/tradeoff.h"
+
+/* Returns 0, or EXIT_FAILURE after a message. */
+int page_crops(struct tradeoff *t, struct bytes *page);
+
+#endif

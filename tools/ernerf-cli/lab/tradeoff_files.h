@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: MIT
+ * The results of `ernerf tradeoff` as a table, as JSON for programs, and as plots (docs/formats.md). */
+#ifndef ERN_CLI_TRADEOFF_FILES_H
+#define ERN_CLI_TRADEOFF_FILES_H
+
+#include <jansson.h>
+
+#include "lab/tradeoff.h"
+#include "output/plot.h"
+
+/* "front", "beaten" or "equal". */
+const char *tradeoff_standing(const struct point *point, enum truth truth);
+
+void tradeoff_csv(const struct tradeoff *t, struct bytes *csv);
+/* NULL without memory, or where a path is not UTF-8. */
+json_t *tradeoff_json(const struct tradeoff *t);
+/* Time against the PSNR that a truth gives. Returns 0, or -1 without memory. */
+int tradeoff_plot(const struct tradeoff *t, enum truth truth, enum plot_form form, struct bytes *bytes);
+
+#endif

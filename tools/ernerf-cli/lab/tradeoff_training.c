@@ -1,0 +1,301 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf tradeoff --training: what the next decibel of a training costs, by rays a step, levels and what computes. Each
+ * kind of training gets the same seconds; one thing is changed at a time. */
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/media.h"
+#include "ernerf/train.h"
+#include "lab/tradeoff_training.h"
+#include "output/curve.h"
+#include "output/progress.h"
+#include "output/training_report.h"
+#include "session/clip_source.h"
+#include "session/pareto.h"
+#include "verbs.h"
+
+enum { OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
+
+struct training_job {
+  struct session session;
+  struct clip_source source;
+  const char *folder;
+  int rays, levels, seeds;
+  float seconds;
+  bool training, opencl, in_double;
+  /* made */
+  ern_clip *clip;
+  struct training_study study;
+  struct curve *taking; /* what validations are added to */
+  ern_trainer *trainer;
+  struct progress progress;
+};
+
+static void own_options(struct training_job *job, struct option options[OWN_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "training", .kind = OPTION_FLAG, .target = &job->training, .help = "compare trainings, not renders"},
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &job->folder,
+       .choices = "DIR",
+       .help = "table, curves and plots; made where it is missing"},
+      {.name = "seconds",
+       .kind = OPTION_FLOAT,
+       .target = &job->seconds,
+       .low = 1,
+       .high = 1e6,
+       .help = "of training for each curve and seed"},
+      {.name = "rays",
+       .alias = "num_rays",
+       .kind = OPTION_INT,
+       .target = &job->rays,
+       .low = 16,
+       .high = 65536,
+       .help = "a step, of the training that the others are compared with: they take a quarter, 4 and 16 times as "
+               "many"},
+      {.name = "levels",
+       .kind = OPTION_INT,
+       .target = &job->levels,
+       .low = 4,
+       .high = 20,
+       .help = "of its hash encoder: the others have 4 less and 4 more"},
+      {.name = "seeds",
+       .kind = OPTION_INT,
+       .target = &job->seeds,
+       .low = 1,
+       .high = TRAINING_SEEDS,
+       .help = "trainings of each kind: their spread says what a difference means"},
+      {.name = "opencl", .kind = OPTION_FLAG, .target = &job->opencl, .help = "OpenCL devices too"},
+      {.name = "double",
+       .kind = OPTION_FLAG,
+       .target = &job->in_double,
+       .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
+      {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
+  ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS);
+  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
+}
+
+/* ---- what is compared -------------------------------------------------------------------------------------------- */
+
+static void add_kind(struct training_study *study, struct training_kind kind) {
+  if (study->count < TRAINING_KINDS) study->kind[study->count++] = kind;
+}
+
+/* Instruction sets whose training has kernels of its own; bf16 has none. */
+static bool trains(const char *isa) {
+  return strcmp(isa, "avx2") == 0 || strcmp(isa, "avx512") == 0 || strcmp(isa, "neon") == 0;
+}
+
+static void take_device(void *user, const ern_device_info *device) {
+  struct training_job *job = user;
+  struct training_study *study = &job->study;
+  struct training_kind kind = {.rays = job->rays, .levels = job->levels, .device = device->number};
+  if (strcmp(device->kind, "cpu") == 0) {
+    char sets[256];
+    snprintf(study->processor, sizeof study->processor, "%s", device->name);
+    study->cores = (int)device->compute_units;
+    snprintf(sets, sizeof sets, "%s", device->instruction_sets);
+    for (char *rest = sets, *isa; (isa = strtok_r(rest, " ", &rest)) != NULL;) {
+      if (!trains(isa) || strcmp(isa, study->base_isa) == 0) continue;
+      snprintf(kind.isa, sizeof kind.isa, "%s", isa);
+      snprintf(kind.name, sizeof kind.name, "%s", isa);
+      add_kind(study, kind);
+    }
+  } else if (job->opencl) {
+    kind.opencl = true;
+    snprintf(kind.name, sizeof kind.name, "OpenCL device %d, %.40s", device->number, device->name);
+    add_kind(study, kind);
+  }
+}
+
+static int choose_kinds(struct training_job *job) {
+  struct training_study *study = &job->study;
+  const struct training_kind base = {.name = "base", .rays = job->rays, .levels = job->levels};
+  ern_backend *backend = NULL;
+  ern_backend_info info;
+  if (ern_backend_create(&backend, job->session.context, NULL) != ERN_OK) return session_fail(&job->session);
+  ern_backend_describe(backend, &info);
+  snprintf(study->base_isa, sizeof study->base_isa, "%s", strcmp(info.isa, "avx512bf16") == 0 ? "avx512" : info.isa);
+  ern_backend_free(&backend);
+  add_kind(study, base);
+  snprintf(study->kind[0].name, sizeof study->kind[0].name, "%d rays, %d levels, %s", job->rays, job->levels,
+           study->base_isa);
+  for (int k = 0; k < 3; k++) {
+    struct training_kind kind = base;
+    kind.rays = k == 0 ? job->rays / 4 : k == 1 ? 4 * job->rays : 16 * job->rays;
+    snprintf(kind.name, sizeof kind.name, "%d rays", kind.rays);
+    add_kind(study, kind);
+  }
+  for (int k = 0; k < 2; k++) {
+    struct training_kind kind = base;
+    kind.levels = job->levels + (k == 0 ? -4 : 4);
+    snprintf(kind.name, sizeof kind.name, "%d levels", kind.levels);
+    if (kind.levels >= 2) add_kind(study, kind);
+  }
+  if (job->in_double) {
+    struct training_kind kind = base;
+    snprintf(kind.isa, sizeof kind.isa, "ref64");
+    snprintf(kind.name, sizeof kind.name, "double precision, ref64");
+    add_kind(study, kind);
+  }
+  if (ern_devices_list(job->session.context, take_device, job) != ERN_OK) return session_fail(&job->session);
+  return 0;
+}
+
+/* ---- a training -------------------------------------------------------------------------------------------------- */
+
+static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
+                                  int width, int height, const char *name) {
+  struct training_job *job = user;
+  ern_train_report now;
+  (void)picture, (void)width, (void)height, (void)name;
+  job->study.frames = frames;
+  ern_trainer_describe(job->trainer, &now);
+  return curve_add(job->taking, &job->session, (struct curve_point){step, now.seconds, psnr}) == 0 ? ERN_OK
+                                                                                                   : ERN_E_NO_MEMORY;
+}
+
+static int say_progress(void *user, const ern_train_report *report) {
+  struct training_job *job = user;
+  char more[64];
+  job->progress.rate = report->steps_per_second;
+  snprintf(more, sizeof more, "PSNR %.2f", report->psnr);
+  progress_at(&job->progress, report->step, report->iters, more);
+  return session_interrupted();
+}
+
+static ern_status make_trainer(struct training_job *job, const struct training_kind *kind, ern_backend *backend,
+                               uint64_t seed, uint64_t iters) {
+  ern_train_config config = ern_train_config_default();
+  ern_dataset dataset;
+  ern_clip_dataset(job->clip, &dataset);
+  config.iters = iters;
+  config.rays = kind->rays;
+  config.levels = kind->levels;
+  config.seed = seed;
+  config.threads = job->session.threads;
+  config.validate_every = iters / POINTS > 0 ? iters / POINTS : 1;
+  return ern_trainer_create(&job->trainer, backend, &dataset, &config);
+}
+
+/* How many steps the seconds are enough for: the schedule of the rates must know. The first ones, with a refresh of the
+ * occupancy among them, warm up; half of the seconds are the most that is spent on it. */
+static ern_status probe(struct training_job *job, const struct training_kind *kind, ern_backend *backend,
+                        uint64_t *iters) {
+  const double began = session_seconds(), most = 0.5 * (double)job->seconds;
+  ern_train_report report;
+  double warm = began; /* when the steps that count began */
+  uint64_t steps = 0;
+  ern_status status = make_trainer(job, kind, backend, job->session.seed, 100000);
+  for (int step = 0; status == ERN_OK && step < PROBE_STEPS && !session_interrupted(); step++) {
+    status = ern_trainer_step(job->trainer, &report);
+    const double now = session_seconds();
+    if (step < PROBE_WARM) warm = now;
+    steps += step >= PROBE_WARM;
+    if (now - began > most && (steps > 0 || now - began > 2 * most)) break;
+  }
+  const double spent = session_seconds() - (steps > 0 ? warm : began);
+  const double fit = (double)job->seconds * (double)(steps > 0 ? steps : 1) / (spent > 0 ? spent : 1);
+  *iters = fit > POINTS ? (uint64_t)fmin(fit, 1e9) : POINTS;
+  ern_trainer_free(&job->trainer);
+  return status;
+}
+
+static int train_one(struct training_job *job, struct training_kind *kind, ern_backend *backend, int seed) {
+  const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
+  struct session *session = &job->session;
+  job->taking = &kind->curve[seed];
+  ern_status status = seed == 0 ? probe(job, kind, backend, &kind->iters) : ERN_OK;
+  if (status == ERN_OK) status = make_trainer(job, kind, backend, session->seed + (uint64_t)seed, kind->iters);
+  if (status == ERN_OK) {
+    progress_begin(&job->progress, session, kind->name, "steps");
+    status = ern_trainer_run(job->trainer, &hooks);
+    progress_end(&job->progress);
+  }
+  ern_trainer_free(&job->trainer);
+  if (session_interrupted()) return session_stop_with(session, "stopped: nothing is written");
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+static int train_kind(struct training_job *job, struct training_kind *kind) {
+  ern_backend_config config = ern_backend_config_default();
+  ern_backend *backend = NULL;
+  int status = 0;
+  config.name = kind->opencl ? "opencl" : "cpu";
+  config.isa = kind->opencl ? NULL : kind->isa[0] != 0 ? kind->isa : job->study.base_isa;
+  config.device = kind->device;
+  if (ern_backend_create(&backend, job->session.context, &config) != ERN_OK) return session_fail(&job->session);
+  for (int seed = 0; seed < job->seeds && status == 0; seed++) status = train_one(job, kind, backend, seed);
+  ern_backend_free(&backend);
+  if (status == 0)
+    session_note(&job->session, "%s: %" PRIu64 " steps, PSNR %.2f dB", kind->name, kind->iters,
+                 training_final(kind, (size_t)job->seeds).mean);
+  return status;
+}
+
+/* ---- the verb ---------------------------------------------------------------------------------------------------- */
+
+static int open_all(struct training_job *job) {
+  struct session *session = &job->session;
+  static const char *const names[] = {"training.md",          "training.csv",         "training.json",
+                                      "training_seconds.svg", "training_seconds.png", "training_steps.svg",
+                                      "training_steps.png"};
+  if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
+  if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
+  if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
+  job->study.clip = job->source.path;
+  job->study.seconds = (double)job->seconds;
+  job->study.seeds = (size_t)job->seeds;
+  return choose_kinds(job);
+}
+
+static int run(struct training_job *job) {
+  struct training_study *study = &job->study;
+  session_note(&job->session, "tradeoff: %zu kinds of training, %g s and %d seed%s each; writes %s", study->count,
+               (double)job->seconds, job->seeds, job->seeds == 1 ? "" : "s", job->folder);
+  for (size_t k = 0; k < study->count; k++)
+    if (train_kind(job, &study->kind[k]) != 0) return EXIT_FAILURE;
+  if (training_write(study, &job->session, job->folder) != 0) return EXIT_FAILURE;
+  return session_report(&job->session, job->session.json != NULL ? training_json(study) : NULL);
+}
+
+int tradeoff_training(int argc, char **argv) {
+  struct training_job job = {.rays = 4096, .levels = 14, .seeds = 2, .seconds = 30};
+  struct option own[OWN_OPTIONS], common[SESSION_OUTPUT_OPTIONS + 1];
+  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
+  struct args args = {
+      .verb = "tradeoff",
+      .summary = "Compares trainings of a clip: what the next decibel costs.",
+      .usage = "tradeoff --training CLIP -o DIR [--seconds 30] [--seeds 2]",
+      .notes =
+          "One thing is changed at a time: rays a step, levels, instruction set, with --opencl devices, with --double\n"
+          "precision. DIR gets training.md, .csv, .json and the curves as training_seconds and training_steps, .svg "
+          "and\n"
+          ".png. All else is in single precision: there are no kernels that train in bf16.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};
+  own_options(&job, own);
+  session_output_options(&job.session, common);
+  common[SESSION_OUTPUT_OPTIONS] = (struct option){.name = "threads",
+                                                   .kind = OPTION_INT,
+                                                   .target = &job.session.threads,
+                                                   .low = 1,
+                                                   .high = ERN_THREADS_MOST,
+                                                   .help = "of the CPU (default one a core)"};
+  int status = args_parse(&args, argc, argv);
+  if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
+  job.session.inputs[0] = job.source.path;
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job);
+  if (status == 0) status = run(&job);
+  training_free(&job.study);
+  ern_clip_free(&job.clip);
+  session_close(&job.session);
+  return status;
+}

@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: MIT */
+#include "output/training_report.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+
+void training_free(struct training_study *study) {
+  for (size_t k = 0; k < study->count; k++)
+    for (int seed = 0; seed < TRAINING_SEEDS; seed++) curve_free(&study->kind[k].curve[seed]);
+}
+
+/* Points that all seeds have. */
+static size_t common_points(const struct training_kind *kind, size_t seeds) {
+  size_t least = seeds > 0 ? kind->curve[0].count : 0;
+  for (size_t seed = 1; seed < seeds; seed++)
+    if (kind->curve[seed].count < least) least = kind->curve[seed].count;
+  return least;
+}
+
+static struct curve_point mean_point(const struct training_kind *kind, size_t seeds, size_t i) {
+  struct curve_point mean = {.step = kind->curve[0].point[i].step};
+  for (size_t seed = 0; seed < seeds; seed++) {
+    mean.seconds += kind->curve[seed].point[i].seconds / (double)seeds;
+    mean.psnr += kind->curve[seed].point[i].psnr / (double)seeds;
+  }
+  return mean;
+}
+
+struct mean_and_deviation training_final(const struct training_kind *kind, size_t seeds) {
+  double psnr[TRAINING_SEEDS];
+  const size_t points = common_points(kind, seeds);
+  if (points == 0) return (struct mean_and_deviation){NAN, NAN};
+  for (size_t seed = 0; seed < seeds; seed++) psnr[seed] = kind->curve[seed].point[points - 1].psnr;
+  return mean_of(psnr, seeds);
+}
+
+double training_seconds_to(const struct training_kind *kind, size_t seeds, double psnr) {
+  const size_t points = common_points(kind, seeds);
+  struct curve_point before = {0};
+  for (size_t i = 0; i < points; i++) {
+    const struct curve_point point = mean_point(kind, seeds, i);
+    if (point.psnr >= psnr) {
+      if (i == 0) return point.seconds;
+      const double part = (psnr - before.psnr) / (point.psnr - before.psnr);
+      return before.seconds + part * (point.seconds - before.seconds);
+    }
+    before = point;
+  }
+  return NAN;
+}
+
+/* Whole decibels up to the best end, the highest last. */
+static void marks_of(const struct training_study *study, double marks[TRAINING_MARKS]) {
+  double best = 0;
+  for (size_t k = 0; k < study->count; k++) best = fmax(best, training_final(&study->kind[k], study->seeds).mean);
+  for (int m = 0; m < TRAINING_MARKS; m++) marks[m] = floor(best) - (TRAINING_MARKS - 1 - m);
+}
+
+/* ---- JSON -------------------------------------------------------------------------------------------------------- */
+
+static json_t *curve_json(const struct curve *curve) {
+  json_t *points = json_array();
+  for (size_t i = 0; i < curve->count; i++)
+    json_array_append_new(
+        points, json_pack("{s:I, s:o, s:o}", "step", (json_int_t)curve->point[i].step, "seconds",
+                          session_number(curve->point[i].seconds), "psnr_db", session_number(curve->point[i].psnr)));
+  return points;
+}
+
+static json_t *kind_json(const struct training_study *study, const struct training_kind *kind) {
+  const struct mean_and_deviation end = training_final(kind, study->seeds);
+  double marks[TRAINING_MARKS];
+  json_t *curves = json_array(), *reached = json_array();
+  for (size_t seed = 0; seed < study->seeds; seed++) json_array_append_new(curves, curve_json(&kind->curve[seed]));
+  marks_of(study, marks);
+  for (int m = 0; m < TRAINING_MARKS; m++)
+    json_array_append_new(reached, json_pack("{s:o, s:o}", "psnr_db", session_number(marks[m]), "seconds",
+                                             session_number(training_seconds_to(kind, study->seeds, marks[m]))));
+  return json_pack("{s:s, s:i, s:i, s:s, s:s, s:I, s:o, s:o, s:o, s:o}", "name", kind->name, "rays", kind->rays,
+                   "levels", kind->levels, "backend", kind->opencl ? "opencl" : "cpu", "isa",
+                   kind->opencl        ? ""
+                   : kind->isa[0] != 0 ? kind->isa
+                                       : study->base_isa,
+                   "steps", (json_int_t)kind->iters, "psnr_db_mean", session_number(end.mean), "psnr_db_deviation",
+                   study->seeds > 1 ? session_number(end.deviation) : json_null(), "reached", reached, "seeds", curves);
+}
+
+json_t *training_json(const struct training_study *study) {
+  json_t *kinds = json_array();
+  for (size_t k = 0; k < study->count; k++) json_array_append_new(kinds, kind_json(study, &study->kind[k]));
+  return json_pack("{s:o, s:s, s:i, s:f, s:I, s:I, s:o}", "clip", session_text(study->clip), "processor",
+                   study->processor, "cores", study->cores, "seconds", study->seconds, "seeds",
+                   (json_int_t)study->seeds, "frames", (json_int_t)study->frames, "trainings", kinds);
+}
+
+/* ---- table ------------------------------------------------------------------------------------------------------- */
+
+static void add_table(const struct training_study *study, struct bytes *text) {
+  double marks[TRAINING_MARKS];
+  marks_of(study, marks);
+  bytes_print(
+      text,
+      "# What the next decibel costs\n\n%s; %g s of training for each curve, %zu seed%s; PSNR over %zu "
+      "validation frame%s.\n%s, %d cores. Seconds are those of training, without validations. ± is the standard "
+      "deviation over\nthe seeds; seconds to a PSNR are read off the mean curve between its points, at the "
+      "first point at the earliest.\n\n"
+      "| training | steps | steps/s | PSNR at the end, dB |",
+      study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
+      study->frames == 1 ? "" : "s", study->processor, study->cores);
+  for (int m = 0; m < TRAINING_MARKS; m++) bytes_print(text, " s to %.0f dB |", marks[m]);
+  bytes_print(text, "\n| --- | ---: | ---: | ---: |");
+  for (int m = 0; m < TRAINING_MARKS; m++) bytes_print(text, " ---: |");
+  for (size_t k = 0; k < study->count; k++) {
+    const struct training_kind *kind = &study->kind[k];
+    const struct mean_and_deviation end = training_final(kind, study->seeds);
+    const size_t points = common_points(kind, study->seeds);
+    const double seconds = points > 0 ? mean_point(kind, study->seeds, points - 1).seconds : NAN;
+    bytes_print(text, "\n| %s | %" PRIu64 " | %.1f | %.2f", kind->name, kind->iters, (double)kind->iters / seconds,
+                end.mean);
+    if (study->seeds > 1) bytes_print(text, " ± %.2f", end.deviation);
+    bytes_print(text, " |");
+    for (int m = 0; m < TRAINING_MARKS; m++) {
+      const double needed = training_seconds_to(kind, study->seeds, marks[m]);
+      if (isfinite(needed))
+        bytes_print(text, " %.1f |", needed);
+      else
+        bytes_print(text, " - |");
+    }
+  }
+  bytes_print(text, "\n");
+}
+
+static void add_csv(const struct training_study *study, struct bytes *csv) {
+  bytes_print(csv, "training,rays,levels,backend,isa,seed,step,seconds,psnr_db\n");
+  for (size_t k = 0; k < study->count; k++)
+    for (size_t seed = 0; seed < study->seeds; seed++) {
+      const struct training_kind *kind = &study->kind[k];
+      const struct curve *curve = &kind->curve[seed];
+      for (size_t i = 0; i < curve->count; i++) {
+        bytes_print_csv(csv, kind->name);
+        bytes_print(csv, ",%d,%d,%s,%s,%zu,%" PRIu64 ",%.3f,%.4f\n", kind->rays, kind->levels,
+                    kind->opencl ? "opencl" : "cpu",
+                    kind->opencl        ? ""
+                    : kind->isa[0] != 0 ? kind->isa
+                                        : study->base_isa,
+                    seed, curve->point[i].step, curve->point[i].seconds, curve->point[i].psnr);
+      }
+    }
+}
+
+/* ---- files ------------------------------------------------------------------------------------------------------- */
+
+/* The mean curves over the seeds on one plot. */
+static int plot_all(const struct training_study *study, struct session *session, const char *folder) {
+  struct curve mean[TRAINING_KINDS] = {{0}};
+  struct curve_named named[TRAINING_KINDS];
+  int status = 0;
+  for (size_t k = 0; k < study->count; k++) {
+    const struct training_kind *kind = &study->kind[k];
+    const size_t points = common_points(kind, study->seeds);
+    for (size_t i = 0; i < points && status == 0; i++)
+      status = curve_add(&mean[k], session, mean_point(kind, study->seeds, i));
+    named[k] = (struct curve_named){kind->name, &mean[k]};
+  }
+  if (status == 0)
+    status = curve_plot(
+        named, study->count, session, folder, "training",
+        study->seeds > 1 ? "What the next decibel costs (mean over the seeds)" : "What the next decibel costs");
+  for (size_t k = 0; k < study->count; k++) curve_free(&mean[k]);
+  return status;
+}
+
+int training_write(const struct training_study *study, struct session *session, const char *folder) {
+  struct bytes table = {0}, csv = {0};
+  char path[4096];
+  add_table(study, &table);
+  if (!session_json_on_stdout(session) && !table.failed) fwrite(table.data, 1, table.count, stdout);
+  int status = session_write_in(session, folder, "training.md", &table);
+  if (status != 0) return status;
+  add_csv(study, &csv);
+  status = session_write_in(session, folder, "training.csv", &csv);
+  if (status == 0) status = plot_all(study, session, folder);
+  if (status != 0) return status;
+  if (snprintf(path, sizeof path, "%s/training.json", folder) >= (int)sizeof path)
+    return session_fail_with(session, "%s: the name is too long", folder);
+  return session_write_json(session, path, training_json(study));
+}

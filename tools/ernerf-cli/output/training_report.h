@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT
+ * Trainings of several kinds side by side: their curves, what each decibel took, and the files that say so. */
+#ifndef ERN_CLI_TRAINING_REPORT_H
+#define ERN_CLI_TRAINING_REPORT_H
+
+#include <jansson.h>
+
+#include "output/curve.h"
+#include "session/pareto.h"
+#include "session/session.h"
+
+enum { TRAINING_KINDS = 20, TRAINING_SEEDS = 8, TRAINING_MARKS = 5 };
+
+struct training_kind {
+  char name[80]; /* what is not the base's, in words */
+  int rays, levels, device;
+  bool opencl;
+  char isa[24]; /* "": the base's */
+  uint64_t iters;
+  struct curve curve[TRAINING_SEEDS]; /* validations at the same steps for all seeds */
+};
+
+struct training_study {
+  struct training_kind kind[TRAINING_KINDS]; /* the first one is the base */
+  size_t count, seeds, frames;               /* frames: of a validation */
+  const char *clip;
+  double seconds; /* of training, for each curve */
+  char processor[128], base_isa[24];
+  int cores;
+};
+
+void training_free(struct training_study *study);
+
+/* PSNR of the last validation over the seeds, dB. */
+struct mean_and_deviation training_final(const struct training_kind *kind, size_t seeds);
+
+/* Seconds until the mean curve over the seeds first reaches `psnr`, between its points along a line; NaN where it does
+ * not. The time of the first point is all that is known of what was before. */
+double training_seconds_to(const struct training_kind *kind, size_t seeds, double psnr);
+
+/* The object of --json and of training.json; NULL without memory. */
+json_t *training_json(const struct training_study *study);
+/* Writes DIR/training.md, .csv, .json and the plots. Returns 0, or EXIT_FAILURE after a message. */
+int training_write(const struct training_study *study, struct session *session, const char *folder);
+
+#endif

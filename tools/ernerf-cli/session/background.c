@@ -1,0 +1,210 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/background.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { BLACK = 0, WHITE = 255 };
+
+typedef ern_status resize_function(ern_context *context, const ern_image *image, int width, int height,
+                                   ern_image *resized);
+
+/* All images of a background come from ern_image_resize or ern_image_read, so that one function frees them: a plain one
+ * is a pixel made large. */
+static int plain_background(struct background *background, struct session *session, uint8_t level) {
+  uint8_t pixel[3] = {level, level, level};
+  const ern_image one = {.width = 1, .height = 1, .channels = 3, .data = pixel};
+  const ern_status status =
+      ern_image_resize(session->context, &one, background->width, background->height, &background->image);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+static int held(int i, int first, int end) { return (i < first ? first : i < end ? i : end - 1) - first; }
+
+/* `image` has the size of the box: what of it is in the picture, beside it its nearest pixels. */
+static ern_status place_image(ern_context *context, const ern_image *image, const ern_box *box, int width, int height,
+                              ern_image *placed) {
+  uint8_t one[4] = {0};
+  const size_t channels = (size_t)image->channels;
+  const ern_image pixel = {.width = 1, .height = 1, .channels = image->channels, .data = one};
+  const ern_status status = ern_image_resize(context, &pixel, width, height, placed);
+  if (status != ERN_OK) return status;
+  uint8_t *to = placed->data;
+  for (int row = 0; row < height; row++) {
+    const size_t line = (size_t)held(row, box->top, box->bottom) * (size_t)image->width;
+    for (int column = 0; column < width; column++, to += channels)
+      memcpy(to, image->data + channels * (line + (size_t)held(column, box->left, box->right)), channels);
+  }
+  return ERN_OK;
+}
+
+/* *fitted = the image, scaled by `resize` and placed. */
+static ern_status fit_image(const struct background *background, ern_context *context, const ern_image *image,
+                            resize_function *resize, ern_image *fitted) {
+  const int width = background->width, height = background->height;
+  const ern_box box = ern_fit_box(image->width, image->height, width, height, background->fit);
+  const int wide = box.right - box.left, high = box.bottom - box.top;
+  ern_image scaled = {0};
+  if (wide == image->width && high == image->height) return place_image(context, image, &box, width, height, fitted);
+  if (wide == width && high == height) return resize(context, image, width, height, fitted);
+  ern_status status = resize(context, image, wide, high, &scaled);
+  if (status == ERN_OK) status = place_image(context, &scaled, &box, width, height, fitted);
+  ern_image_free(context, &scaled);
+  return status;
+}
+
+static int fitted_background(struct background *background, struct session *session, const ern_image *image) {
+  const ern_status status = fit_image(background, session->context, image, ern_image_resize, &background->image);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+int background_open(struct background *background, struct session *session, const char *choice, const ern_clip *clip,
+                    int width, int height, ern_fit fit) {
+  *background = (struct background){.width = width, .height = height, .fit = fit};
+  if (choice == NULL && clip == NULL) return 0;
+  if (choice == NULL) return fitted_background(background, session, ern_clip_background(clip));
+  if (strcmp(choice, "white") == 0) return plain_background(background, session, WHITE);
+  if (strcmp(choice, "black") == 0) return plain_background(background, session, BLACK);
+  ern_image image = {0};
+  if (ern_image_read(session->context, choice, 3, &image) != ERN_OK) return session_fail(session);
+  const int status = fitted_background(background, session, &image);
+  ern_image_free(session->context, &image);
+  return status;
+}
+
+int background_fill(struct background *background, struct session *session) {
+  return background->image.data != NULL ? 0 : plain_background(background, session, BLACK);
+}
+
+/* ---- torso pictures ---------------------------------------------------------------------------------------------- */
+
+/* Colours are averaged by how much of them is seen, else what is transparent would leave a rim. */
+static ern_status resize_rgba(ern_context *context, const ern_image *image, int width, int height, ern_image *resized) {
+  const size_t pixels = (size_t)image->width * (size_t)image->height;
+  ern_image seen = *image;
+  seen.data = malloc(pixels * 4);
+  if (seen.data == NULL) return ERN_E_NO_MEMORY;
+  for (size_t i = 0; i < pixels; i++) {
+    const uint8_t *from = image->data + 4 * i;
+    for (int c = 0; c < 3; c++) seen.data[4 * i + (size_t)c] = (uint8_t)((from[c] * from[3] + 127) / 255);
+    seen.data[4 * i + 3] = from[3];
+  }
+  const ern_status status = ern_image_resize(context, &seen, width, height, resized);
+  free(seen.data);
+  if (status != ERN_OK) return status;
+  const size_t new_pixels = (size_t)width * (size_t)height;
+  for (size_t i = 0; i < new_pixels; i++) {
+    uint8_t *pixel = resized->data + 4 * i;
+    const int alpha = pixel[3];
+    for (int c = 0; c < 3 && alpha > 0; c++) {
+      const int colour = (pixel[c] * 255 + alpha / 2) / alpha;
+      pixel[c] = (uint8_t)(colour < 255 ? colour : 255);
+    }
+  }
+  return ERN_OK;
+}
+
+/* *rgba = a frame's picture in the size of the frames, NULL where there is none. ERN_E_NO_MEMORY may come without
+ * words.
+ */
+static ern_status get_torso(struct background *background, ern_context *context, ern_clip *clip, ern_split split,
+                            size_t index, const uint8_t **rgba) {
+  ern_image torso = {0};
+  ern_status status = ern_clip_pixels(clip, split, index, NULL, &torso);
+  *rgba = torso.data;
+  if (status != ERN_OK || torso.data == NULL ||
+      (torso.width == background->width && torso.height == background->height))
+    return status;
+  ern_image_free(context, &background->resized);
+  status = fit_image(background, context, &torso, resize_rgba, &background->resized);
+  *rgba = background->resized.data;
+  return status;
+}
+
+static const char *words_of(ern_context *context, ern_status status) {
+  return status == ERN_E_NO_MEMORY ? "no memory for a torso picture" : ern_last_error(context);
+}
+
+int background_torso(struct background *background, struct session *session, ern_clip *clip, ern_split split,
+                     size_t index, const uint8_t **rgba) {
+  const ern_status status = get_torso(background, session->context, clip, split, index, rgba);
+  return status == ERN_OK ? 0 : session_fail_with(session, "%s", words_of(session->context, status));
+}
+
+/* ---- reading ahead: the reader's thread -------------------------------------------------------------------------- */
+
+static bool read_torso(struct background *background, const struct source_frame *source_frame, uint8_t *to) {
+  const uint8_t *rgba = NULL;
+  const ern_status status =
+      get_torso(background, background->context, background->clip, source_frame->split, source_frame->index, &rgba);
+  if (status == ERN_OK)
+    memcpy(to, rgba, (size_t)background->width * (size_t)background->height * 4);
+  else
+    background->trouble = strdup(words_of(background->context, status));
+  return status == ERN_OK;
+}
+
+static void *reader_main(void *argument) {
+  struct background *background = argument;
+  for (size_t k = 0; k < background->frame_source->count; k++) {
+    const int place = queue_free_place(&background->queue);
+    if (place == QUEUE_OVER) return NULL;
+    const double began = session_seconds();
+    const bool read = read_torso(background, &background->frame_source->source_frame[k], background->torso[place]);
+    background->seconds += session_seconds() - began;
+    if (!read) break;
+    queue_fill(&background->queue);
+  }
+  queue_end(&background->queue);
+  return NULL;
+}
+
+int background_read(struct background *background, struct session *session, ern_clip *clip,
+                    const struct frame_source *frame_source) {
+  const size_t bytes = (size_t)background->width * (size_t)background->height * 4; /* at most 2^28 */
+  background->context = session->context;
+  background->clip = clip;
+  background->frame_source = frame_source;
+  for (size_t i = 0; i < BACKGROUND_TORSOS; i++) {
+    background->torso[i] = malloc(bytes);
+    if (background->torso[i] == NULL) return session_fail_with(session, "no memory for a torso picture");
+  }
+  queue_make(&background->queue, BACKGROUND_TORSOS);
+  if (pthread_create(&background->reader, NULL, reader_main, background) != 0) {
+    queue_free(&background->queue);
+    return session_fail_with(session, "the system refused a thread that reads");
+  }
+  background->running = true;
+  return 0;
+}
+
+static void end_reader(struct background *background) {
+  if (!background->running) return;
+  queue_break(&background->queue);
+  pthread_join(background->reader, NULL);
+  queue_free(&background->queue);
+  background->running = false;
+}
+
+int background_next_torso(struct background *background, struct session *session, const uint8_t **rgba) {
+  *rgba = NULL;
+  if (background->holding) queue_empty(&background->queue);
+  const int place = queue_item(&background->queue);
+  background->holding = place != QUEUE_OVER;
+  if (place == QUEUE_OVER) {
+    end_reader(background);
+    return session_fail_with(session, "%s",
+                             background->trouble != NULL ? background->trouble : "no more torso pictures");
+  }
+  *rgba = background->torso[place];
+  return 0;
+}
+
+void background_free(struct background *background, struct session *session) {
+  end_reader(background);
+  ern_image_free(session->context, &background->image);
+  ern_image_free(session->context, &background->resized);
+  for (size_t i = 0; i < BACKGROUND_TORSOS; i++) free(background->torso[i]);
+  free(background->trouble);
+  *background = (struct background){0};
+}

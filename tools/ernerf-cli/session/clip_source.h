@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT
+ * Which clip a verb works on, with which of its features and how much of it in memory. */
+#ifndef ERN_CLI_CLIP_SOURCE_H
+#define ERN_CLI_CLIP_SOURCE_H
+
+#include "args.h"
+#include "ernerf/media.h"
+#include "session/session.h"
+
+enum { CLIP_SOURCE_OPTIONS = 2 };
+
+struct clip_source {
+  const char *path, *asr_model;
+  const char *features; /* a file instead of the clip's own; NULL: its own */
+  uint64_t memory;      /* bytes that frames may take; 0: the library's choice */
+};
+
+/* --asr_model --memory. */
+void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]);
+
+/* Returns 0, or EXIT_FAILURE after a message. */
+int clip_source_open(const struct clip_source *source, struct session *session, ern_clip **clip);
+
+#endif

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/control.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+void control_options(struct control *control, struct option options[CONTROL_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "fix_eye",
+       .kind = OPTION_FLOAT,
+       .target = &control->fix_eye,
+       .low = 0,
+       .high = 1,
+       .help = "eyes: 0 open to 1 closed, in all frames (default those of the clip; with --poses 0)"},
+      {.name = "eye",
+       .kind = OPTION_TEXT,
+       .target = &control->eye,
+       .choices = "FILE",
+       .help = "eyes by a curve, a value for each frame of the output, 25 a second: a table with a column AU45_r, as "
+               "au.csv "
+               "(0..5, 2 and more is closed); else 0..1, one number a line without a header, or .npy of shape [T]"},
+      {.name = "smooth_eye",
+       .kind = OPTION_FLAG,
+       .target = &control->smooth_eye,
+       .help = "calmer lids: the mean of three frames"},
+      {.name = "hold_pose",
+       .kind = OPTION_FRAME,
+       .target = &control->hold,
+       .help = "the head held still: in all frames the pose of frame N, counted from 0, 25 a second"},
+      {.name = "rotate",
+       .kind = OPTION_PAIR,
+       .target = &control->turn,
+       .low = -90,
+       .high = 90,
+       .choices = "YAW,PITCH",
+       .help = "the head turned by so many degrees more: YAW > 0 to the right of the picture, PITCH > 0 up"},
+      {.name = "smooth_path",
+       .kind = OPTION_FLAG,
+       .target = &control->smooth_path,
+       .help = "calmer head: the mean of poses"},
+      {.name = "smooth_path_window",
+       .kind = OPTION_INT,
+       .target = &control->smooth_window,
+       .low = 1,
+       .high = 9999,
+       .help = "frames of that mean, 25 a second, odd (default 7)"}};
+  control->smooth_window = 7;
+  ARGS_FILL(options, rows, CONTROL_OPTIONS);
+}
+
+int control_check(const struct control *control, const struct args *args) {
+  int status = -1;
+  if (!control->smooth_path) status = args_forbid(args, "smooth_path_window", "needs --smooth_path");
+  if (status < 0 && control->smooth_window % 2 == 0)
+    status = args_refuse(args, "--smooth_path_window is %d, expected an odd number", control->smooth_window);
+  if (status < 0 && args_given(args, "fix_eye"))
+    status = args_forbid(args, "smooth_eye eye", "has nothing to move with --fix_eye");
+  if (status < 0 && control->eye != NULL)
+    status = args_forbid(args, "smooth_eye", "calms the clip's eyes, and --eye has its own");
+  if (status < 0 && args_given(args, "hold_pose"))
+    status = args_forbid(args, "smooth_path", "has nothing to calm with --hold_pose");
+  return status;
+}
+
+int control_check_model(const struct control *control, struct session *session, const struct args *args,
+                        const struct portrait *portrait) {
+  const bool fixed = args_given(args, "fix_eye");
+  if (portrait->info.has_eye) return 0;
+  if (fixed || control->eye != NULL)
+    return session_fail_with(session,
+                             "%s: does not follow the eyes (it was trained without: no au.csv, or lids that do not "
+                             "move), so %s has nothing to move",
+                             portrait->model_path, fixed ? "--fix_eye" : "--eye");
+  if (control->smooth_eye)
+    session_warn(session, "--smooth_eye changes nothing: %s does not follow the eyes", portrait->model_path);
+  return 0;
+}
+
+int control_clip(const struct control *control, struct session *session, const struct args *args,
+                 struct frame_source *frame_source) {
+  int status = 0;
+  if (args_given(args, "hold_pose") && control->hold >= frame_source->count)
+    return args_refuse(args, "--hold_pose is %" PRIu64 ", expected 0 to %zu, the poses there are", control->hold,
+                       frame_source->count - 1);
+  if (control->smooth_path) status = frame_source_smooth_path(frame_source, session, control->smooth_window);
+  if (status == 0 && args_given(args, "hold_pose")) frame_source_hold_pose(frame_source, (size_t)control->hold);
+  if (status == 0 && args_given(args, "rotate")) frame_source_turn(frame_source, control->turn);
+  if (status == 0 && control->smooth_eye) status = frame_source_smooth_eye(frame_source, session);
+  if (status == 0 && args_given(args, "fix_eye")) frame_source_fix_eye(frame_source, control->fix_eye);
+  return status;
+}
+
+int control_output(const struct control *control, struct session *session, struct frame_source *frame_source) {
+  ern_eyes eyes = {0};
+  int status = 0;
+  if (control->eye == NULL) return 0;
+  if (ern_eyes_load(session->context, control->eye, &eyes) != ERN_OK) return session_fail(session);
+  const struct source_frame *last = &frame_source->source_frame[frame_source->count - 1];
+  const size_t needed = last->place + 1 + (last->toward > 0);
+  if (eyes.count < needed)
+    status =
+        session_fail_with(session, "%s: has eyes for %zu frames, expected at least %zu, the frames of the output%s",
+                          control->eye, eyes.count, needed, frame_source->frame != NULL ? " at 25 a second" : "");
+  for (size_t k = 0; status == 0 && k < frame_source->count; k++) {
+    struct source_frame *source_frame = &frame_source->source_frame[k];
+    const float *eye = eyes.data + source_frame->place;
+    source_frame->eye = source_frame->toward > 0 ? eye[0] + source_frame->toward * (eye[1] - eye[0]) : eye[0];
+  }
+  ern_eyes_free(session->context, &eyes);
+  return status;
+}

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT
+ * What a user decides about eyes and pose in the clip's place: their options, and the frames changed by them. */
+#ifndef ERN_CLI_CONTROL_H
+#define ERN_CLI_CONTROL_H
+
+#include "session/portrait.h"
+
+struct control {
+  /* from the command line */
+  float fix_eye;
+  const char *eye; /* file of a curve */
+  bool smooth_eye, smooth_path;
+  int smooth_window;
+  uint64_t hold;
+  struct pair turn; /* yaw, pitch, degrees */
+};
+
+enum { CONTROL_OPTIONS = 7 };
+/* The defaults, and --fix_eye --eye --smooth_eye --smooth_path --smooth_path_window --hold_pose --rotate. */
+void control_options(struct control *control, struct option options[CONTROL_OPTIONS]);
+/* Refuses what does not go together. Returns -1, or EXIT_USAGE after a sentence. */
+int control_check(const struct control *control, const struct args *args);
+
+/* The next ones return 0, or an exit status after a message. */
+
+/* Whether the model can do what is asked for. */
+int control_check_model(const struct control *control, struct session *session, const struct args *args,
+                        const struct portrait *portrait);
+/* Poses and eyes of the clip, or of the poses' file, before they are played forward and back. */
+int control_clip(const struct control *control, struct session *session, const struct args *args,
+                 struct frame_source *frame_source);
+/* Eyes of the output's frames. */
+int control_output(const struct control *control, struct session *session, struct frame_source *frame_source);
+
+#endif

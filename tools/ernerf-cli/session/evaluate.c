@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/evaluate.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "session/regions.h"
+
+enum { AUDIO_WINDOWS = 8 };
+
+int evaluate_open(struct evaluation *evaluation, struct session *session, ern_clip *clip, enum frame_source_split split,
+                  float scale, ern_audio_pad pad) {
+  *evaluation = (struct evaluation){.session = session, .clip = clip, .scale = scale, .pad = pad};
+  ern_clip_describe(clip, &evaluation->info);
+  evaluation->features = ern_clip_features(clip);
+  const int width = evaluation->info.width, height = evaluation->info.height;
+  const size_t pixels = (size_t)width * (size_t)height, values = (size_t)AUDIO_WINDOWS *
+                                                                 (size_t)evaluation->features->window_length *
+                                                                 (size_t)evaluation->features->width;
+  evaluation->windows = malloc(values * sizeof(float));
+  evaluation->rgb = malloc(pixels * 3 * sizeof(float));
+  evaluation->rgba = malloc(pixels * 4);
+  if (evaluation->windows == NULL || evaluation->rgb == NULL || evaluation->rgba == NULL)
+    return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
+  const int status = frame_source_of_clip(&evaluation->frame_source, session, clip, split);
+  return status != 0 ? status
+                     : background_open(&evaluation->background, session, NULL, clip, width, height, ERN_FIT_CONTAIN);
+}
+
+void evaluate_close(struct evaluation *evaluation) {
+  if (evaluation->session == NULL) return;
+  free(evaluation->windows);
+  free(evaluation->rgb);
+  free(evaluation->rgba);
+  background_free(&evaluation->background, evaluation->session);
+  frame_source_free(&evaluation->frame_source);
+}
+
+int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t k, ern_frame_input *input) {
+  const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
+  const uint8_t *torso = NULL;
+  ern_model_info about;
+  ern_model_describe(model, &about);
+  if (!about.has_torso && background_torso(&evaluation->background, evaluation->session, evaluation->clip,
+                                           source_frame->split, source_frame->index, &torso) != 0)
+    return EXIT_FAILURE;
+  frame_source_windows(&evaluation->frame_source, k, evaluation->features, evaluation->pad, evaluation->windows);
+  const ern_camera camera = frame_source_camera(&evaluation->frame_source, k, evaluation->scale, evaluation->info.width,
+                                                evaluation->info.height, ERN_FIT_CONTAIN);
+  *input = (ern_frame_input){.camera = camera,
+                             .windows = evaluation->windows,
+                             .window_length = evaluation->features->window_length,
+                             .eye = source_frame->eye,
+                             .background = evaluation->background.image.data,
+                             .torso = torso};
+  if (about.cameras > 0 && source_frame->split == ERN_SPLIT_TRAIN) {
+    memcpy(evaluation->refined, camera.pose, sizeof evaluation->refined);
+    ern_model_refine(model, source_frame->index, evaluation->refined);
+    input->head_pose = evaluation->refined;
+  }
+  return 0;
+}
+
+int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
+                  struct evaluated *evaluated) {
+  ern_frame_input input;
+  *evaluated = (struct evaluated){.has_head = false};
+  if (evaluate_input(evaluation, model, k, &input) != 0) return EXIT_FAILURE;
+  const ern_frame_output output = {.rgba = evaluation->rgba, .rgb = evaluation->bytes_alone ? NULL : evaluation->rgb};
+  const double began = session_seconds();
+  const ern_status status = ern_renderer_frame(renderer, &input, &output, &evaluated->times);
+  evaluated->ms = 1000 * (session_seconds() - began);
+  return status == ERN_OK ? 0 : session_fail(evaluation->session);
+}
+
+int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
+                   struct evaluated *evaluated) {
+  const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
+  ern_image truth = {0};
+  ern_box box;
+  if (evaluate_draw(evaluation, renderer, model, k, evaluated) != 0) return EXIT_FAILURE;
+  if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
+    return session_fail(evaluation->session);
+  evaluated->psnr = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, NULL);
+  if (ern_ssim(evaluation->session->context, evaluation->rgb, truth.data, truth.width, truth.height,
+               &evaluated->ssim) != ERN_OK)
+    return session_fail(evaluation->session);
+  const ern_clip_frame *frame = ern_clip_frame_at(evaluation->clip, source_frame->split, source_frame->index);
+  evaluated->has_head = region_head(frame, truth.width, truth.height, &box);
+  if (evaluated->has_head) evaluated->head = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
+  evaluated->has_mouth = region_mouth(frame, truth.width, truth.height, &box);
+  if (evaluated->has_mouth) evaluated->mouth = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
+  return 0;
+}

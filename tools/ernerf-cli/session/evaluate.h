@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: MIT
+ * A model's pictures held against the frames of a clip: what `eval` and `ablate` share. */
+#ifndef ERN_CLI_EVALUATE_H
+#define ERN_CLI_EVALUATE_H
+
+#include "ernerf/media.h"
+#include "ernerf/model.h"
+#include "ernerf/render.h"
+#include "session/background.h"
+#include "session/frame_source.h"
+#include "session/session.h"
+
+/* Frames of a clip and room for a picture of one. */
+struct evaluation {
+  struct session *session;
+  ern_clip *clip; /* the caller's */
+  ern_clip_info info;
+  const ern_features *features;
+  float scale; /* of the camera's place */
+  ern_audio_pad pad;
+  struct frame_source frame_source;
+  struct background background;
+  float *windows, refined[16];
+  float *rgb;       /* [height][width][3], as drawn last; so is the next one */
+  uint8_t *rgba;    /* [height][width][4] */
+  bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
+};
+
+/* Of one frame. */
+struct evaluated {
+  double psnr, ssim, head, mouth; /* head, mouth: PSNR in dB of the regions, where has_head, has_mouth */
+  bool has_head, has_mouth;
+  double ms; /* drawing to 8-bit pixels: without reading and judging */
+  ern_frame_times times;
+};
+
+/* Returns 0, or EXIT_FAILURE after a message, as the next three do. evaluate_close in either case. */
+int evaluate_open(struct evaluation *evaluation, struct session *session, ern_clip *clip, enum frame_source_split split,
+                  float scale, ern_audio_pad pad);
+void evaluate_close(struct evaluation *evaluation);
+
+/* What the renderer is given for frame k. What it points to lasts until the next call. A head is drawn over the frame's
+ * torso picture, head and torso over the background. */
+int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t k, ern_frame_input *input);
+/* Draws frame k; of `evaluated` ms and times. */
+int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
+                  struct evaluated *evaluated);
+/* The same, then all figures. */
+int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
+                   struct evaluated *evaluated);
+
+#endif

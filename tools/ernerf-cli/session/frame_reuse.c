@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/frame_reuse.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+  LONG_ENOUGH = 50, /* frames that the camera stands: telling its rays apart takes as long as 16 */
+  MOST_MOMENTS = 256,
+  AUDIO_WINDOWS = 8
+};
+
+void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[FRAME_REUSE_OPTIONS]) {
+  frame_reuse->levels = 0.5f;
+  const struct option rows[] = {
+      {.name = "still",
+       .kind = OPTION_FLOAT,
+       .target = &frame_reuse->levels,
+       .low = 0,
+       .high = 255,
+       .help = "grey levels of 255 that a pixel may be off while the camera stands still, where what hardly changes is "
+               "not drawn anew; 0 keeps what cannot change (default 0.5)"},
+      {.name = "no-still", .kind = OPTION_FLAG, .target = &frame_reuse->off, .help = "draw every frame from nothing"}};
+  ARGS_FILL(options, rows, FRAME_REUSE_OPTIONS);
+}
+
+int frame_reuse_check(const struct args *args) {
+  return args_given(args, "no-still") ? args_forbid(args, "still", "has nothing to bound with --no-still") : -1;
+}
+
+/* Frames of the longest run of one pose. */
+static size_t longest_stand(const struct frame_source *frame_source) {
+  size_t longest = 0, run = 0;
+  for (size_t k = 0; k < frame_source->count; k++) {
+    const struct source_frame *source_frame = &frame_source->source_frame[k];
+    const bool same =
+        k > 0 && memcmp(source_frame->pose.matrix, source_frame[-1].pose.matrix, sizeof source_frame->pose.matrix) == 0;
+    run = same ? run + 1 : 1;
+    if (run > longest) longest = run;
+  }
+  return longest;
+}
+
+int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait, struct session *session,
+                     const struct frame_source *frame_source, const ern_features *features) {
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  const size_t count = frame_source->count < MOST_MOMENTS ? frame_source->count : MOST_MOMENTS;
+  float eyes[MOST_MOMENTS];
+  if (frame_reuse->off) return 0;
+  frame_reuse->stands = longest_stand(frame_source) >= LONG_ENOUGH;
+  if (!frame_reuse->stands || frame_reuse->levels <= 0) {
+    const ern_status status = ern_renderer_keep_still(portrait->renderer, NULL, features->window_length, NULL, 0, 0);
+    return status == ERN_OK ? 0 : session_fail(session);
+  }
+  float *windows = malloc(count * values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for %zu moments of the speech", count);
+  for (size_t k = 0; k < count; k++) {
+    const size_t at = count > 1 ? (frame_source->count - 1) * k / (count - 1) : 0;
+    frame_source_windows(frame_source, at, features, (ern_audio_pad)portrait->audio_pad, windows + k * values);
+    eyes[k] = frame_source->source_frame[at].eye;
+  }
+  const ern_status status = ern_renderer_keep_still(portrait->renderer, windows, features->window_length, eyes, count,
+                                                    frame_reuse->levels / 255);
+  free(windows);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait) {
+  const ern_still_work work = ern_renderer_still_work(portrait->renderer);
+  if (frame_reuse->off || work.frames == 0) return json_null();
+  const double frames = (double)work.frames, levels = frame_reuse->stands ? (double)frame_reuse->levels : 0;
+  return json_pack("{s:o, s:o, s:o}", "bound", session_number(levels), "rays", session_number(work.rays / frames),
+                   "samples", session_number(work.samples / frames));
+}
+
+void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text, size_t room) {
+  const ern_still_work work = ern_renderer_still_work(portrait->renderer);
+  text[0] = 0;
+  if (frame_reuse->off || !frame_reuse->stands || work.frames == 0) return;
+  snprintf(text, room, ", %.1f %% of rays and %.1f %% of samples drawn anew", 100 * work.rays / (double)work.frames,
+           100 * work.samples / (double)work.frames);
+}

@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: MIT
+ * The front that `ernerf tradeoff` left in tradeoff.json: read with suspicion, for verbs that pick a point of it. */
+#ifndef ERN_CLI_PARETO_READ_H
+#define ERN_CLI_PARETO_READ_H
+
+#include "session/pareto.h"
+#include "session/session.h"
+#include "session/settings.h"
+
+enum { PARETO_NAME_BYTES = 128 };
+
+struct pareto_point {
+  char name[PARETO_NAME_BYTES];
+  struct settings settings;
+  struct quartiles ms;      /* a frame, milliseconds */
+  double exact_db, clip_db; /* mean PSNR */
+};
+
+struct pareto_front {
+  char model_sha256[65]; /* of the model's file */
+  char cpu[PARETO_NAME_BYTES];
+  int cores, width, height;    /* of the machine; of the pictures */
+  struct pareto_point *points; /* [count >= 1], the fastest first, against the exact render */
+  size_t count;
+};
+
+/* Returns 0, or EXIT_FAILURE after a message that names file and member. pareto_free in either case. */
+int pareto_read(struct pareto_front *front, struct session *session, const char *path);
+void pareto_free(struct pareto_front *front);
+
+#endif

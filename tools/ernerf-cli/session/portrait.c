@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/portrait.h"
+
+#include "bytes.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
+
+/* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/performance.md). */
+static const float TRANSMITTANCE_STOP = 3e-3f;
+
+void portrait_options(struct portrait *portrait, enum frame_source_split split,
+                      struct option options[PORTRAIT_OPTIONS]) {
+  portrait->render = ern_render_options_default();
+  portrait->render.transmittance_stop = TRANSMITTANCE_STOP;
+  portrait->split = split;
+  portrait->frames = (struct range){.open_end = true};
+  ern_render_options *render = &portrait->render;
+  const struct option rows[] = {
+      {.name = "split",
+       .kind = OPTION_CHOICE,
+       .target = &portrait->split,
+       .choices = "train|val|all",
+       .help = split == FRAME_SOURCE_ALL ? "frames of the clip (default all)" : "frames of the clip (default val)"},
+      {.name = "frames",
+       .kind = OPTION_RANGE,
+       .target = &portrait->frames,
+       .help = "frames [A, B) of the output, counted from 0 (default all)"},
+      {.name = "audio-pad",
+       .kind = OPTION_CHOICE,
+       .target = &portrait->audio_pad,
+       .choices = "edge|zero",
+       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default as in training)"},
+      {.name = "max_steps",
+       .kind = OPTION_INT,
+       .target = &render->max_steps,
+       .low = 1,
+       .high = 1024,
+       .help = "samples a ray at most (default as in training)"},
+      {.name = "dt_gamma",
+       .kind = OPTION_FLOAT,
+       .target = &render->dt_gamma,
+       .low = 0,
+       .high = 1,
+       .help = "growth of the step with distance (default as in training)"},
+      {.name = "transmittance_stop",
+       .kind = OPTION_FLOAT,
+       .target = &render->transmittance_stop,
+       .low = 0,
+       .high = 0.99,
+       .help = "a ray ends when less light than this is left (default 0.003; 1e-4 is what models are trained with)"},
+      {.name = "occupancy_threshold",
+       .kind = OPTION_FLOAT,
+       .target = &portrait->occupancy_threshold,
+       .low = 0,
+       .high = 1e6,
+       .help = "leave out cells that stay thinner than this in the speech (default 0: none)"},
+      {.name = "torso_shrink",
+       .kind = OPTION_FLOAT,
+       .target = &render->torso_shrink,
+       .low = 0.001,
+       .high = 1,
+       .help = "factor of the torso's coordinates (default as in training)"},
+      {.name = "scale",
+       .kind = OPTION_FLOAT,
+       .target = &portrait->scale,
+       .low = 0.001,
+       .high = 1000,
+       .help = "factor of the camera's place (default as in training)"},
+      {.name = "image_scale",
+       .kind = OPTION_FLOAT,
+       .target = &render->image_scale,
+       .low = 0.25,
+       .high = 1,
+       .help = "the head is drawn at so many times the picture's size and enlarged; torso and background stay sharp"},
+      {.name = "smooth_lips",
+       .kind = OPTION_FLAG,
+       .target = &render->smooth_lips,
+       .help = "calmer lips: 0.35 of the last frame's speech code, 0.65 of this one's"},
+      {.name = "force",
+       .kind = OPTION_FLAG,
+       .target = &portrait->force,
+       .help = "go on with a model that was trained on another clip"}};
+  ARGS_FILL(options, rows, PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS);
+  struct option *source = options + sizeof rows / sizeof *rows;
+  clip_source_options(&portrait->source, source);
+  if (split == FRAME_SOURCE_ALL)
+    source[1].help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
+}
+
+/* What the command line leaves open is as in training. What it says goes, with a warning where the model says
+ * otherwise.
+ */
+static void take_view(struct portrait *portrait, struct session *session, const struct args *args) {
+  const ern_model_info *info = &portrait->info;
+  ern_render_options *render = &portrait->render;
+  const bool shrink = args_given(args, "torso_shrink"), scale = args_given(args, "scale"),
+             gamma = args_given(args, "dt_gamma"), steps = args_given(args, "max_steps"),
+             pad = args_given(args, "audio-pad");
+  struct bytes trained = {0}, asked = {0};
+  if (!shrink) render->torso_shrink = info->torso_shrink;
+  if (!scale) portrait->scale = info->scale;
+  if (!gamma) render->dt_gamma = info->dt_gamma;
+  if (!steps) render->max_steps = info->max_steps;
+  if (!pad) portrait->audio_pad = (int)info->audio_pad;
+  const struct {
+    const char *name;
+    double trained, asked;
+  } numbers[] = {{"scale", (double)info->scale, (double)portrait->scale},
+                 {"dt_gamma", (double)info->dt_gamma, (double)render->dt_gamma},
+                 {"max_steps", info->max_steps, render->max_steps},
+                 {"torso_shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
+  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+    if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso)) continue;
+    bytes_print(&trained, " --%s %.6g", numbers[i].name, numbers[i].trained);
+    bytes_print(&asked, " --%s %.6g", numbers[i].name, numbers[i].asked);
+  }
+  if ((int)info->audio_pad != portrait->audio_pad) {
+    bytes_print(&trained, " --audio-pad %s", ern_audio_pad_name(info->audio_pad));
+    bytes_print(&asked, " --audio-pad %s", ern_audio_pad_name((ern_audio_pad)portrait->audio_pad));
+  }
+  if (info->has_view_settings && asked.count > 0)
+    session_warn(session, "%s was trained with%.*s; it is drawn with%.*s, as asked", portrait->model_path,
+                 (int)trained.count, (const char *)trained.data, (int)asked.count, (const char *)asked.data);
+  bytes_free(&trained);
+  bytes_free(&asked);
+}
+
+static int open_model(struct portrait *portrait, struct session *session, const struct args *args) {
+  if (ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK) return session_fail(session);
+  ern_model_describe(portrait->model, &portrait->info);
+  take_view(portrait, session, args);
+  if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
+    session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
+  return 0;
+}
+
+static int check_identity(struct portrait *portrait, struct session *session) {
+  const char *model = portrait->info.clip, *clip = portrait->clip_info.identity;
+  if (model[0] == 0)
+    session_note(session, "%s: does not say which clip it was trained on; it is used with %s all the same",
+                 portrait->model_path, portrait->source.path);
+  if (model[0] == 0 || clip[0] == 0 || strcmp(model, clip) == 0) return 0;
+  if (!portrait->force)
+    return session_fail_with(
+        session,
+        "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force goes "
+        "on all the same",
+        portrait->model_path, model, clip, portrait->source.path);
+  session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)", portrait->model_path, model, clip);
+  return 0;
+}
+
+static int open_clip(struct portrait *portrait, struct session *session) {
+  if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
+  ern_clip_describe(portrait->clip, &portrait->clip_info);
+  const bool own = portrait->source.features == NULL;
+  snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
+           own ? "/" : "", portrait->clip_info.features_file);
+  return check_identity(portrait, session);
+}
+
+int portrait_open(struct portrait *portrait, struct session *session, const struct args *args) {
+  int status = open_model(portrait, session, args);
+  if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
+  if (status != 0) return status;
+  portrait->render.threads = session->threads;
+  if (session_backend(session) != ERN_OK) return session_fail(session);
+  if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)
+    return session_fail(session);
+  return 0;
+}
+
+/* Moments spread over the speech; eyes from open to closed, whatever they are at those. */
+int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
+                  const ern_features *features) {
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  float eyes[MOMENTS];
+  if (portrait->occupancy_threshold <= 0 || frame_source->count == 0) return 0;
+  float *windows = malloc(MOMENTS * values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for %d moments of the speech", MOMENTS);
+  for (size_t k = 0; k < MOMENTS; k++) {
+    frame_source_windows(frame_source, (frame_source->count - 1) * k / (MOMENTS - 1), features,
+                         (ern_audio_pad)portrait->audio_pad, windows + k * values);
+    eyes[k] = (float)(k % 3) / 2;
+  }
+  const ern_status status = ern_renderer_skip_thin(portrait->renderer, windows, features->window_length, eyes, MOMENTS,
+                                                   portrait->occupancy_threshold);
+  free(windows);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+void portrait_close(struct portrait *portrait) {
+  ern_renderer_free(&portrait->renderer);
+  ern_clip_free(&portrait->clip);
+  ern_model_free(&portrait->model);
+}
+
+/* Of a frame at 25 a second. */
+static void refine(const struct portrait *portrait, const struct source_frame *frame, float pose[16]) {
+  ern_camera_pose(pose, frame->pose.matrix, portrait->scale);
+  if (frame->split == ERN_SPLIT_TRAIN) ern_model_refine(portrait->model, frame->index, pose);
+}
+
+const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,
+                              float refined[16]) {
+  const struct source_frame *from = frame_source_before(frame_source, k), *to = frame_source_after(frame_source, k);
+  float second[16];
+  if (portrait->info.cameras == 0 || portrait->clip == NULL) return NULL;
+  if (from->split != ERN_SPLIT_TRAIN && to->split != ERN_SPLIT_TRAIN) return NULL;
+  refine(portrait, from, refined);
+  if (from == to) return refined;
+  refine(portrait, to, second);
+  ern_pose_interpolate(refined, refined, second, (double)frame_source->source_frame[k].toward);
+  return refined;
+}
+
+const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }
+
+static int hear_before(const struct portrait *portrait, struct session *session,
+                       const struct frame_source *frame_source, const ern_features *features) {
+  const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
+  const size_t begin =
+      portrait->frames.begin < frame_source->count ? (size_t)portrait->frames.begin : frame_source->count;
+  ern_status status = ERN_OK;
+  float *windows = malloc(values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for a window of speech");
+  for (size_t k = 0; k < begin && status == ERN_OK && !session_interrupted(); k++) {
+    frame_source_windows(frame_source, k, features, (ern_audio_pad)portrait->audio_pad, windows);
+    status = ern_renderer_skip(portrait->renderer, windows, features->window_length);
+  }
+  free(windows);
+  return status == ERN_OK ? 0 : session_fail(session);
+}
+
+int portrait_cut(const struct portrait *portrait, struct session *session, const struct args *args,
+                 struct frame_source *frame_source, const ern_features *features) {
+  int status = 0;
+  if (!args_given(args, "frames")) return 0;
+  if (portrait->render.smooth_lips) status = hear_before(portrait, session, frame_source, features);
+  return status == 0 ? frame_source_cut(frame_source, args, &portrait->frames) : status;
+}

@@ -1,0 +1,259 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/rate_control.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "session/rate_calibration.h"
+
+enum { QUALITY_EXACT, QUALITY_BALANCED, QUALITY_DRAFT };
+static const double balanced_db = 40; /* from the exact render: what balanced is at least; 2.5 of 255 in the mean */
+
+void rate_control_options(struct rate_control *g, struct option options[RATE_CONTROL_OPTIONS]) {
+  g->quality = -1;
+  const struct option rows[] = {
+      {.name = "hold-fps",
+       .kind = OPTION_FLOAT,
+       .target = &g->hold_fps,
+       .low = 0.01,
+       .high = 10000,
+       .help = "frames a second to draw at least: the most accurate settings that do, changed as the machine's pace "
+               "changes"},
+      {.name = "budget",
+       .kind = OPTION_FLOAT,
+       .target = &g->budget,
+       .low = 0.1,
+       .high = 100000,
+       .choices = "MS",
+       .help = "the same as milliseconds a frame"},
+      {.name = "quality",
+       .kind = OPTION_CHOICE,
+       .target = &g->quality,
+       .choices = "exact|balanced|draft",
+       .help =
+           "measured settings by name: the most accurate, the fastest within 40 dB of the exact render, the fastest"},
+      {.name = "front",
+       .kind = OPTION_TEXT,
+       .target = &g->front,
+       .choices = "FILE.json",
+       .help = "where `ernerf tradeoff` measured them (default MODEL without its ending + .tradeoff/tradeoff.json; "
+               "without one a quick look at a few frames)"}};
+  ARGS_FILL(options, rows, RATE_CONTROL_OPTIONS);
+}
+
+bool rate_control_asked(const struct rate_control *g) { return g->hold_fps > 0 || g->budget > 0 || g->quality >= 0; }
+
+int rate_control_check(const struct rate_control *g, const struct args *args) {
+  int status = -1;
+  if (!rate_control_asked(g))
+    return g->front != NULL ? args_refuse(args, "--front needs --hold-fps, --budget or --quality") : -1;
+  if ((g->hold_fps > 0) + (g->budget > 0) + (g->quality >= 0) > 1)
+    return args_refuse(args, "--hold-fps, --budget and --quality: expected one of them");
+  status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
+                       "is what --hold-fps, --budget and --quality choose");
+  if (status < 0)
+    status = args_forbid(args, "smooth_lips", "makes a frame depend on those before it, which other settings drew");
+  if (status < 0 && g->front != NULL)
+    status = args_forbid(args, "backend isa threads device", "is the front's, which --front names");
+  return status;
+}
+
+/* ---- renderers --------------------------------------------------------------------------------------------------- */
+
+void rate_control_close(struct rate_control *g) {
+  for (size_t i = 0; i < RATE_CONTROL_RUNGS; i++) ern_renderer_free(&g->rung[i].renderer);
+  for (size_t i = 0; i < g->units; i++) ern_backend_free(&g->unit[i].made);
+}
+
+/* ---- a stored front ---------------------------------------------------------------------------------------------- */
+
+/* MODEL without its ending, and .tradeoff/tradeoff.json. */
+static bool own_front(const struct rate_control *g, char path[4096]) {
+  const char *model = g->portrait->model_path, *slash = strrchr(model, '/'), *dot = strrchr(model, '.');
+  const size_t stem =
+      dot != NULL && dot > model && (slash == NULL || dot > slash + 1) ? (size_t)(dot - model) : strlen(model);
+  return snprintf(path, 4096, "%.*s.tradeoff/tradeoff.json", (int)stem, model) < 4096 && access(path, R_OK) == 0;
+}
+
+struct machine {
+  char cpu[PARETO_NAME_BYTES];
+  int cores;
+};
+static void take_cpu(void *user, const ern_device_info *device) {
+  struct machine *machine = user;
+  if (strcmp(device->kind, "cpu") != 0) return;
+  snprintf(machine->cpu, sizeof machine->cpu, "%s", device->name);
+  machine->cores = (int)device->compute_units;
+}
+
+/* What of it is of another model, machine or size, in `why`; "" where all fits. */
+static int compare(struct rate_control *g, const struct pareto_front *front, struct dimensions size, char why[256]) {
+  struct machine machine = {0};
+  char sha256[65];
+  if (ern_file_sha256(g->session->context, g->portrait->model_path, sha256) != ERN_OK ||
+      ern_devices_list(g->session->context, take_cpu, &machine) != ERN_OK)
+    return session_fail(g->session);
+  why[0] = 0;
+  if (strcmp(front->model_sha256, sha256) != 0)
+    snprintf(why, 256, "it was measured with another model (%.12s..., this one is %.12s...)", front->model_sha256,
+             sha256);
+  else if (strcmp(front->cpu, machine.cpu) != 0 || front->cores != machine.cores)
+    snprintf(why, 256, "it was measured on another machine (%.80s, %d cores)", front->cpu, front->cores);
+  else if (front->width != size.width || front->height != size.height)
+    snprintf(why, 256, "it was measured at %d x %d, the output is %d x %d", front->width, front->height, size.width,
+             size.height);
+  return 0;
+}
+
+/* The front's points, the most accurate first; where there are more than rungs, of neighbours that are nearest in time
+ * the faster one goes. */
+static void take_front(struct rate_control *g, struct pareto_front *front) {
+  double best = -INFINITY;
+  while (front->count > RATE_CONTROL_RUNGS) {
+    size_t nearest = 1;
+    for (size_t i = 1; i + 1 < front->count; i++)
+      if (front->points[i].ms.median / front->points[i - 1].ms.median <
+          front->points[nearest].ms.median / front->points[nearest - 1].ms.median)
+        nearest = i;
+    memmove(front->points + nearest, front->points + nearest + 1, (front->count - nearest - 1) * sizeof *front->points);
+    front->count--;
+  }
+  for (size_t i = 0; i < front->count; i++) best = fmax(best, front->points[i].clip_db);
+  for (size_t i = front->count; i > 0; i--) {
+    const struct pareto_point *point = &front->points[i - 1];
+    struct rung *rung = &g->rung[g->count++];
+    *rung = (struct rung){
+        .settings = point->settings, .ms = point->ms.median, .db = point->exact_db, .price = best - point->clip_db};
+    snprintf(rung->name, sizeof rung->name, "%s", point->name);
+  }
+}
+
+/* *found: rungs were taken from it. A front that was named must fit; one that was only found is passed over. */
+static int read_front(struct rate_control *g, struct dimensions size, bool *found) {
+  struct pareto_front front = {0};
+  char why[256] = "";
+  *found = false;
+  int status = session_keep(g->session, g->source, g->session->json);
+  if (status == 0) status = pareto_read(&front, g->session, g->source);
+  if (status == 0) status = compare(g, &front, size, why);
+  if (status == 0 && why[0] != 0 && g->front != NULL) status = session_fail_with(g->session, "%s: %s", g->source, why);
+  if (status == 0 && why[0] != 0) session_note(g->session, "%s is not used: %s", g->source, why);
+  if (status == 0 && why[0] == 0) {
+    take_front(g, &front);
+    *found = true;
+  }
+  pareto_free(&front);
+  return status;
+}
+
+/* ---- choosing ---------------------------------------------------------------------------------------------------- */
+
+/* The rung of a name alone. */
+static void keep_quality(struct rate_control *g) {
+  size_t at = g->quality == QUALITY_DRAFT ? g->count - 1 : 0;
+  if (g->quality == QUALITY_BALANCED)
+    while (at + 1 < g->count && g->rung[at + 1].db >= balanced_db) at++;
+  for (size_t i = 0; i < g->count; i++)
+    if (i != at) ern_renderer_free(&g->rung[i].renderer);
+  g->rung[0] = g->rung[at];
+  if (at > 0) g->rung[at].renderer = NULL;
+  g->count = 1;
+}
+
+static double budget_of(const struct rate_control *g) {
+  return g->hold_fps > 0 ? 1000 / (double)g->hold_fps : g->budget > 0 ? (double)g->budget : INFINITY;
+}
+
+static int refuse_budget(const struct rate_control *g) {
+  const struct rung *last = &g->rung[g->count - 1];
+  return session_fail_with(g->session,
+                           "%s %g: no settings hold it here: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a "
+                           "second",
+                           g->hold_fps > 0 ? "--hold-fps" : "--budget",
+                           g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget, last->name, last->ms,
+                           1000 / last->ms);
+}
+
+static void say_choice(const struct rate_control *g) {
+  const struct rung *rung = &g->rung[g->pace.at];
+  char price[96] = "";
+  if (isfinite(rung->price))
+    snprintf(price, sizeof price, ", %.2f dB less than the best against the clip's frames", rung->price);
+  session_note(g->session, "render: settings \"%s\": %.1f ms a frame, %s%.1f dB from %s%s (%s)", rung->name, rung->ms,
+               rung->db >= 100 ? "over " : "", rung->db, g->source[0] != 0 ? "the exact render" : "the most accurate",
+               price, g->source[0] != 0 ? g->source : "measured now");
+}
+
+int rate_control_open(struct rate_control *g, struct session *session, const struct args *args,
+                      const struct portrait *portrait, const struct frame_source *frame_source,
+                      const ern_features *features, struct dimensions size, rate_control_draw *draw, void *user) {
+  const bool own_unit = args_given(args, "isa") || args_given(args, "threads") || args_given(args, "backend");
+  bool found = false;
+  int status = 0;
+  g->session = session;
+  g->portrait = portrait;
+  g->frame_source = frame_source;
+  g->features = features;
+  if (g->front != NULL) snprintf(g->source, sizeof g->source, "%s", g->front);
+  if (g->front != NULL || (!own_unit && own_front(g, g->source))) status = read_front(g, size, &found);
+  if (status == 0 && !found) {
+    g->source[0] = 0;
+    status = rate_control_calibrate(g, size, draw, user);
+  }
+  if (status != 0) return status;
+  if (g->quality >= 0) keep_quality(g);
+  for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
+  ern_pace_begin(&g->pace, g->cost, g->count, budget_of(g));
+  if (!ern_pace_holds(&g->pace)) return refuse_budget(g);
+  /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
+   */
+  for (size_t i = g->pace.at > 0 ? g->pace.at - 1 : 0; i < g->count; i++)
+    if ((i == g->pace.at || g->rung[i].settings.occupancy_threshold > 0) && rung_make(g, &g->rung[i]) != 0)
+      return EXIT_FAILURE;
+  say_choice(g);
+  return 0;
+}
+
+/* ---- drawing ----------------------------------------------------------------------------------------------------- */
+
+ern_renderer *rate_control_renderer(struct rate_control *g) {
+  struct rung *rung = &g->rung[g->pace.at];
+  rung->frames++;
+  return rung_make(g, rung) == 0 ? rung->renderer : NULL;
+}
+
+const char *rate_control_name(const struct rate_control *g) { return g->rung[g->pace.at].name; }
+
+void rate_control_took(struct rate_control *g, double ms) {
+  const size_t before = g->pace.at;
+  g->changes += ern_pace_next(&g->pace, ms) != before;
+}
+
+void rate_control_summary(const struct rate_control *g, double ms_per_frame) {
+  for (size_t i = 0; i < g->count; i++)
+    if (g->rung[i].frames > 0)
+      session_note(g->session, "render: %zu frames with \"%s\", %.1f dB", g->rung[i].frames, g->rung[i].name,
+                   g->rung[i].db);
+  const double budget = budget_of(g);
+  if (isfinite(budget) && ms_per_frame > 1.1 * budget)
+    session_warn(g->session,
+                 "asked for %.1f ms a frame, reached %.1f: the machine was slower than its settings could "
+                 "make up for",
+                 budget, ms_per_frame);
+}
+
+json_t *rate_control_json(const struct rate_control *g) {
+  json_t *rungs = json_array();
+  for (size_t i = 0; i < g->count; i++) {
+    const struct rung *rung = &g->rung[i];
+    json_array_append_new(rungs,
+                          json_pack("{s:s, s:o, s:f, s:f, s:o, s:I}", "name", rung->name, "settings",
+                                    settings_json(&rung->settings), "ms", rung->ms, "psnr_db", rung->db, "price_db",
+                                    session_number(rung->price), "frames", (json_int_t)rung->frames));
+  }
+  return json_pack("{s:o, s:o, s:I, s:o}", "budget_ms", session_number(budget_of(g)), "front", session_text(g->source),
+                   "changes", (json_int_t)g->changes, "settings", rungs);
+}

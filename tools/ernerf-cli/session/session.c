@@ -1,0 +1,412 @@
+/* SPDX-License-Identifier: MIT */
+#define _XOPEN_SOURCE 700 /* realpath */
+#include "session/session.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "ernerf/data.h"
+
+static volatile sig_atomic_t interrupted; /* number of the signal */
+static int stopped_by;                    /* that session_stop_with told of */
+
+/* The next SIGINT or SIGTERM ends the program at once. A terminal that closes says so twice, by the system and by its
+ * shell: that is one signal. */
+static void catch_interrupt(int number) {
+  signal(SIGINT, SIG_DFL);
+  signal(SIGTERM, SIG_DFL);
+  signal(SIGHUP, SIG_IGN);
+  interrupted = number;
+}
+
+bool session_interrupted(void) { return interrupted != 0; }
+
+/* ---- options ----------------------------------------------------------------------------------------------------- */
+
+void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]) {
+  const struct option rows[] = {{.name = "quiet",
+                                 .kind = OPTION_FLAG,
+                                 .target = &session->quiet,
+                                 .help = "results, warnings and errors alone: no progress, no notes"},
+                                {.name = "json",
+                                 .kind = OPTION_JSON,
+                                 .target = &session->json,
+                                 .help = "the result as one JSON object, on standard output or in a file"},
+                                {.name = "overwrite",
+                                 .alias = "y",
+                                 .kind = OPTION_FLAG,
+                                 .target = &session->overwrite,
+                                 .help = "replace output files that exist; without it they are refused"}};
+  ARGS_FILL(options, rows, SESSION_OUTPUT_OPTIONS);
+}
+
+void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "backend",
+       .kind = OPTION_CHOICE,
+       .target = &session->backend_choice,
+       .choices = "auto|cpu|opencl",
+       .help = "where to compute; auto is the CPU"},
+      {.name = "device",
+       .kind = OPTION_INT,
+       .target = &session->device,
+       .low = 0,
+       .high = 255,
+       .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl"},
+      {.name = "deterministic",
+       .kind = OPTION_FLAG,
+       .target = &session->deterministic,
+       .help = "the same bytes on every run on an OpenCL device that is no CPU, at a price there; a CPU always is"},
+      {.name = "isa",
+       .kind = OPTION_TEXT,
+       .target = &session->isa,
+       .choices = "NAME",
+       .help = "instruction set of the CPU: auto (the best, or that of ERNERF_ISA), ref, ref64, avx2, avx512, "
+               "avx512bf16, neon"},
+      {.name = "threads",
+       .kind = OPTION_INT,
+       .target = &session->threads,
+       .low = 0,
+       .high = ERN_THREADS_MOST,
+       .help = "0: one a core (default). The result is the same for any number"}};
+  ARGS_FILL(options, rows, SESSION_COMPUTE_OPTIONS);
+}
+
+void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]) {
+  const struct option rows[] = {{.name = "seed",
+                                 .kind = OPTION_COUNT,
+                                 .target = &session->seed,
+                                 .low = 0,
+                                 .help = "of all random numbers; same seed, same bytes (default 0)"}};
+  ARGS_FILL(options, rows, SESSION_SEED_OPTIONS);
+}
+
+/* ---- messages ---------------------------------------------------------------------------------------------------- */
+
+static void say(struct session *session, const char *before, const char *format, va_list values) {
+  char text[4096];
+  vsnprintf(text, sizeof text, format, values);
+  fprintf(stderr, "%s%s%s\n", session->line_open ? "\n" : "", before, text);
+  session->line_open = false;
+}
+
+static void say_end(struct session *session, const char *format, va_list values) {
+  char before[64];
+  snprintf(before, sizeof before, "ernerf %s: ", session->verb);
+  say(session, before, format, values);
+}
+
+int session_fail_with(struct session *session, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  say_end(session, format, values);
+  va_end(values);
+  return EXIT_FAILURE;
+}
+
+int session_stop_with(struct session *session, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  say_end(session, format, values);
+  va_end(values);
+  stopped_by = (int)interrupted;
+  return EXIT_FAILURE;
+}
+
+int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_by > 0 ? 128 + stopped_by : status; }
+
+int session_fail(struct session *session) {
+  const char *text = ern_last_error(session->context);
+  return session_fail_with(session, "%s", text[0] != 0 ? text : "failed without a reason");
+}
+
+void session_warn(struct session *session, const char *format, ...) {
+  va_list values;
+  va_start(values, format);
+  say(session, "warning: ", format, values);
+  va_end(values);
+}
+
+void session_note(struct session *session, const char *format, ...) {
+  if (session->quiet) return;
+  va_list values;
+  va_start(values, format);
+  say(session, "", format, values);
+  va_end(values);
+}
+
+static void log_line(void *user, ern_log_level level, const char *line) {
+  struct session *session = user;
+  if (level == ERN_LOG_INFO) session_note(session, "%s", line);
+  if (level <= ERN_LOG_WARNING) session_warn(session, "%s", line);
+}
+
+/* ---- beginning and end ------------------------------------------------------------------------------------------- */
+
+static void catch_signals(void) {
+  struct sigaction action = {.sa_handler = catch_interrupt, .sa_flags = SA_RESTART}, before;
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGINT, &action, NULL);
+  sigaction(SIGTERM, &action, NULL);
+  if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) /* which nohup asks for */
+    sigaction(SIGHUP, &action, NULL);
+  /* a write that is too large or has no reader then fails with a reason, instead of ending the program */
+  action = (struct sigaction){.sa_handler = SIG_IGN};
+  sigaction(SIGXFSZ, &action, NULL);
+  sigaction(SIGPIPE, &action, NULL);
+}
+
+int session_open(struct session *session, const struct args *args) {
+  session->verb = args->verb;
+  if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
+    return args_refuse(args, "--device counts OpenCL devices, so it needs --backend opencl");
+  if (session->backend_choice == SESSION_OPENCL && !session->beside_cpu) {
+    const int status = args_forbid(args, "isa threads", "is about the CPU, which --backend opencl leaves out");
+    if (status >= 0) return status;
+  }
+  ern_context_config config = ern_context_config_default();
+  config.log = log_line;
+  config.user = session;
+  config.keep_files = !session->overwrite && !session->rewrites;
+  if (ern_context_create(&session->context, &config) != ERN_OK) return session_fail_with(session, "no memory");
+  catch_signals();
+  if (session->json == NULL || session_json_on_stdout(session) || session_check_output(session, session->json) == 0)
+    return -1;
+  session_close(session);
+  return EXIT_FAILURE;
+}
+
+ern_status session_backend(struct session *session) {
+  static const char *const names[] = {[SESSION_AUTO] = "auto", [SESSION_CPU] = "cpu", [SESSION_OPENCL] = "opencl"};
+  ern_backend_config config = ern_backend_config_default();
+  config.name = names[session->backend_choice];
+  config.isa = session->isa;
+  config.device = session->device;
+  config.deterministic = session->deterministic;
+  config.tune = session->tune;
+  const ern_status status = ern_backend_create(&session->backend, session->context, &config);
+  if (status == ERN_OK) ern_backend_describe(session->backend, &session->backend_info);
+  return status;
+}
+
+void session_close(struct session *session) {
+  ern_backend_free(&session->backend);
+  ern_context_free(&session->context);
+}
+
+/* ---- the object of --json ---------------------------------------------------------------------------------------- */
+
+bool session_json_on_stdout(const struct session *session) {
+  return session->json != NULL && strcmp(session->json, "-") == 0;
+}
+
+/* Bytes of the UTF-8 character at `text`; 0: there is none. Overlong forms and surrogates are none, as in jansson. */
+static size_t character_bytes(const char *text) {
+  size_t bytes = (unsigned char)text[0] < 0x80 ? 1 : 2;
+  for (; bytes <= 4; bytes++) {
+    json_t *one = strnlen(text, bytes) == bytes ? json_stringn(text, bytes) : NULL;
+    json_decref(one);
+    if (one != NULL) return bytes;
+  }
+  return 0;
+}
+
+json_t *session_text(const char *text) {
+  json_t *whole = json_string(text);
+  struct bytes kept = {0};
+  if (whole != NULL) return whole;
+  while (*text != 0) {
+    const size_t bytes = character_bytes(text);
+    bytes_print(&kept, "%.*s", bytes > 0 ? (int)bytes : 3, bytes > 0 ? text : "\xef\xbf\xbd");
+    text += bytes > 0 ? bytes : 1;
+  }
+  whole = kept.failed || kept.data == NULL ? NULL : json_stringn((const char *)kept.data, kept.count);
+  bytes_free(&kept);
+  return whole;
+}
+
+json_t *session_whole(uint64_t value) {
+  char digits[24];
+  if (value <= INT64_MAX) return json_integer((json_int_t)value);
+  snprintf(digits, sizeof digits, "%" PRIu64, value);
+  return json_string(digits);
+}
+
+json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
+
+int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
+  return ern_file_save(session->context, path, bytes, count) == ERN_OK ? 0 : session_fail(session);
+}
+
+int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes) {
+  char path[4096];
+  int status = EXIT_FAILURE;
+  if (bytes->failed || bytes->data == NULL)
+    session_fail_with(session, "no memory for %s", name);
+  else if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path)
+    session_fail_with(session, "%s: the name is too long", folder);
+  else
+    status = session_write(session, path, bytes->data, bytes->count);
+  bytes_free(bytes);
+  return status;
+}
+
+/* The object's text, ended by a newline; NULL without memory. */
+static char *text_of(json_t *object) {
+  char *text = object != NULL ? json_dumps(object, JSON_INDENT(2)) : NULL, *line = NULL;
+  if (text != NULL && (line = malloc(strlen(text) + 2)) != NULL) {
+    strcpy(line, text);
+    strcat(line, "\n");
+  }
+  free(text);
+  return line;
+}
+
+int session_write_json(struct session *session, const char *path, json_t *object) {
+  char *text = text_of(object);
+  json_decref(object);
+  if (text == NULL) return session_fail_with(session, "no memory for the JSON object");
+  int status = 0;
+  if (strcmp(path, "-") != 0)
+    status = session_write(session, path, text, strlen(text));
+  else if (fputs(text, stdout) < 0 || fflush(stdout) != 0)
+    status = session_fail_with(session, "standard output: cannot be written: %s", strerror(errno));
+  free(text);
+  return status;
+}
+
+int session_report(struct session *session, json_t *object) {
+  if (session->json != NULL) return session_write_json(session, session->json, object);
+  json_decref(object);
+  return 0;
+}
+
+/* ---- small things ------------------------------------------------------------------------------------------------ */
+
+static bool same_file(const char *one, const char *other) {
+  struct stat a, b;
+  return stat(one, &a) == 0 && stat(other, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+}
+
+static int keep_file(struct session *session, const char *input, const char *output) {
+  if (!same_file(input, output)) return 0;
+  return session_fail_with(session, "%s: is an input (%s), expected another name for the output", output, input);
+}
+
+/* Whether `output`, or what it leads to where it is a symbolic link, lies in the folder. */
+static bool lies_in(const char *output, const char *folder) {
+  char own[4096] = ".";
+  char *real = realpath(output, NULL);
+  const char *place = real != NULL ? real : output, *slash = strrchr(place, '/');
+  if (slash != NULL) snprintf(own, sizeof own, "%.*s", (int)(slash - place) + 1, place);
+  free(real);
+  return same_file(own, folder);
+}
+
+static int keep_clip(struct session *session, const char *clip, const char *output) {
+  static const char *const files[] = {"transforms_train.json",
+                                      "transforms_val.json",
+                                      "bc.jpg",
+                                      "aud_ds.npy",
+                                      "aud_eo.npy",
+                                      "aud_hu.npy",
+                                      "aud.npy",
+                                      "au.csv",
+                                      "aud.wav"};
+  static const char *const folders[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
+  char path[4096];
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    snprintf(path, sizeof path, "%s/%s", clip, files[i]);
+    if (keep_file(session, path, output) != 0) return EXIT_FAILURE;
+  }
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+    snprintf(path, sizeof path, "%s/%s", clip, folders[i]);
+    if (lies_in(output, path))
+      return session_fail_with(session, "%s: lies among the clip's pictures in %s, expected another folder", output,
+                               path);
+  }
+  return 0;
+}
+
+int session_keep(struct session *session, const char *input, const char *output) {
+  struct stat about;
+  if (input == NULL || output == NULL || stat(input, &about) != 0) return 0;
+  return S_ISDIR(about.st_mode) ? keep_clip(session, input, output) : keep_file(session, input, output);
+}
+
+int session_keep_inputs(struct session *session, const char *output) {
+  int status = 0;
+  for (size_t i = 0; status == 0 && i < SESSION_INPUTS; i++) status = session_keep(session, session->inputs[i], output);
+  return status;
+}
+
+bool session_skips_link(struct session *session, const char *path) {
+  struct stat about;
+  if (lstat(path, &about) != 0 || !S_ISLNK(about.st_mode)) return false;
+  session_warn(session, "%s: is a symbolic link, nothing is written to it", path);
+  return true;
+}
+
+bool session_keeps_file(struct session *session, const char *path) {
+  struct stat about;
+  if (session_skips_link(session, path)) return true;
+  if (session->overwrite || lstat(path, &about) != 0) return false;
+  session_note(session, "%s: is there already and is kept; --overwrite replaces it", path);
+  return true;
+}
+
+bool session_folder_there(const char *path) {
+  char folder[4096];
+  struct stat about;
+  const char *slash = strrchr(path, '/');
+  if (slash == NULL) return true;
+  if (slash == path) return true;
+  if (snprintf(folder, sizeof folder, "%.*s", (int)(slash - path), path) >= (int)sizeof folder) return false;
+  return stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
+}
+
+int session_check_output(struct session *session, const char *path) {
+  struct stat about;
+  if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
+  if (session_keep_inputs(session, path) != 0) return EXIT_FAILURE;
+  if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
+    return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
+  return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);
+}
+
+int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count) {
+  char path[4096];
+  struct stat about;
+  if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
+  for (size_t i = 0; i < count; i++) {
+    if (snprintf(path, sizeof path, "%s/%s", folder, names[i]) >= (int)sizeof path)
+      return session_fail_with(session, "%s: the name is too long", folder);
+    if (session_check_output(session, path) != 0) return EXIT_FAILURE;
+  }
+  return 0;
+}
+
+int session_folder(struct session *session, const char *path) {
+  struct stat about;
+  if (mkdir(path, 0777) != 0 && errno != EEXIST)
+    return session_fail_with(session, "%s: cannot be made: %s", path, strerror(errno));
+  if (stat(path, &about) != 0 || !S_ISDIR(about.st_mode)) return session_fail_with(session, "%s: is no folder", path);
+  if (access(path, W_OK | X_OK) != 0)
+    return session_fail_with(session, "%s: cannot be written into: %s", path, strerror(errno));
+  return 0;
+}
+
+double session_seconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}

@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf eval: a model held against the frames of a clip. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "output/progress.h"
+#include "session/evaluate.h"
+#include "session/portrait.h"
+#include "verbs.h"
+
+enum { OWN_OPTIONS = 1 };
+
+struct eval_job {
+  struct session session;
+  struct portrait portrait;
+  struct evaluation evaluation;
+  struct evaluated sum; /* over all frames */
+  size_t heads, mouths; /* frames that have the region */
+  json_t *frames;
+};
+
+/* ---- frames ------------------------------------------------------------------------------------------------------ */
+
+static void take_figures(struct eval_job *job, const struct source_frame *source_frame,
+                         const struct evaluated *evaluated) {
+  struct evaluated *sum = &job->sum;
+  sum->psnr += evaluated->psnr;
+  sum->ssim += evaluated->ssim;
+  sum->ms += evaluated->ms;
+  sum->times.audio += evaluated->times.audio;
+  sum->times.torso += evaluated->times.torso;
+  sum->times.head += evaluated->times.head;
+  sum->times.output += evaluated->times.output;
+  sum->head += evaluated->head;
+  sum->mouth += evaluated->mouth;
+  job->heads += evaluated->has_head;
+  job->mouths += evaluated->has_mouth;
+  json_array_append_new(job->frames,
+                        json_pack("{s:I, s:s, s:o, s:o, s:o, s:o, s:o}", "id", (json_int_t)source_frame->pose.img_id,
+                                  "split", source_frame->split == ERN_SPLIT_VAL ? "val" : "train", "psnr",
+                                  session_number(evaluated->psnr), "ssim", session_number(evaluated->ssim), "psnr_head",
+                                  evaluated->has_head ? session_number(evaluated->head) : json_null(), "psnr_mouth",
+                                  evaluated->has_mouth ? session_number(evaluated->mouth) : json_null(), "ms",
+                                  session_number(evaluated->ms)));
+}
+
+/* ---- results ----------------------------------------------------------------------------------------------------- */
+
+static double mean(double sum, size_t count) { return count > 0 ? sum / (double)count : 0; }
+
+static void print_decibels(double sum, size_t count) {
+  if (count > 0)
+    printf("  %10.3f", sum / (double)count);
+  else
+    printf("  %10s", "-");
+}
+
+static void print_table(const struct eval_job *job, uint64_t model_bytes) {
+  const size_t n = job->evaluation.frame_source.count;
+  const struct evaluated *sum = &job->sum;
+  size_t index;
+  json_t *frame;
+  printf("%8s  %10s  %10s  %10s  %10s  %10s\n", "frame", "PSNR", "SSIM", "PSNR head", "PSNR mouth", "ms");
+  json_array_foreach(job->frames, index, frame) {
+    const json_t *head = json_object_get(frame, "psnr_head"), *mouth = json_object_get(frame, "psnr_mouth");
+    printf("%8" JSON_INTEGER_FORMAT "  %10.3f  %10.5f", json_integer_value(json_object_get(frame, "id")),
+           json_number_value(json_object_get(frame, "psnr")), json_number_value(json_object_get(frame, "ssim")));
+    print_decibels(json_number_value(head), json_is_number(head));
+    print_decibels(json_number_value(mouth), json_is_number(mouth));
+    printf("  %10.2f\n", json_number_value(json_object_get(frame, "ms")));
+  }
+  printf("%8s  %10.3f  %10.5f", "mean", mean(sum->psnr, n), mean(sum->ssim, n));
+  print_decibels(sum->head, job->heads);
+  print_decibels(sum->mouth, job->mouths);
+  printf("  %10.2f\n\n", mean(sum->ms, n));
+  printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
+         1000 / mean(sum->ms, n), job->portrait.clip_info.width, job->portrait.clip_info.height,
+         mean(sum->times.audio, n), mean(sum->times.torso, n), mean(sum->times.head, n), mean(sum->times.output, n));
+  printf("%s: %s, %" PRIu64 " bytes, of them %zu of trained numbers\n", job->portrait.model_path,
+         portrait_kind(&job->portrait), model_bytes, job->portrait.info.parameter_bytes);
+}
+
+static json_t *report(struct eval_job *job, uint64_t model_bytes) {
+  static const char *const splits[] = {"train", "val", "all"};
+  const size_t n = job->evaluation.frame_source.count;
+  const struct evaluated *sum = &job->sum;
+  const struct portrait *portrait = &job->portrait;
+  json_t *by_stage =
+      json_pack("{s:o, s:o, s:o, s:o}", "audio", session_number(mean(sum->times.audio, n)), "torso",
+                session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
+                session_number(mean(sum->times.output, n)));
+  return json_pack(
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}", "model",
+      session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind", portrait_kind(portrait),
+      "split", splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height,
+      "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
+      "psnr_head", job->heads > 0 ? session_number(mean(sum->head, job->heads)) : json_null(), "psnr_mouth",
+      job->mouths > 0 ? session_number(mean(sum->mouth, job->mouths)) : json_null(), "fps",
+      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
+      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
+      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "frames", job->frames);
+}
+
+/* ---- the verb ---------------------------------------------------------------------------------------------------- */
+
+static int open_all(struct eval_job *job, const struct args *args) {
+  struct portrait *portrait = &job->portrait;
+  struct session *session = &job->session;
+  int status = portrait_open(portrait, session, args);
+  if (status != 0) return status;
+  job->frames = json_array();
+  if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
+  status = evaluate_open(&job->evaluation, session, portrait->clip, (enum frame_source_split)portrait->split,
+                         portrait->scale, (ern_audio_pad)portrait->audio_pad);
+  if (status != 0) return status;
+  const ern_features *features = job->evaluation.features;
+  if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
+    return session_fail(session);
+  if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
+    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
+  status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
+  return status != 0 ? status : portrait_thin(portrait, session, &job->evaluation.frame_source, features);
+}
+
+static int evaluate_all(struct eval_job *job) {
+  struct session *session = &job->session;
+  struct progress progress;
+  struct stat about;
+  progress_begin(&progress, session, "eval", "frames");
+  const struct frame_source *frame_source = &job->evaluation.frame_source;
+  for (size_t k = 0; k < frame_source->count; k++) {
+    struct evaluated evaluated;
+    if (session_interrupted()) return session_stop_with(session, "stopped at frame %zu of %zu", k, frame_source->count);
+    if (evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, &evaluated) != 0)
+      return EXIT_FAILURE;
+    take_figures(job, &frame_source->source_frame[k], &evaluated);
+    progress_at(&progress, k + 1, frame_source->count, "");
+  }
+  progress_end(&progress);
+  const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
+  if (!session_json_on_stdout(session)) print_table(job, model_bytes);
+  return session_report(session, report(job, model_bytes));
+}
+
+static void close_all(struct eval_job *job) {
+  json_decref(job->frames);
+  evaluate_close(&job->evaluation);
+  portrait_close(&job->portrait);
+  session_close(&job->session);
+}
+
+int cmd_eval(int argc, char **argv) {
+  struct eval_job job = {0};
+  struct option own[OWN_OPTIONS] = {{.name = "audio",
+                                     .alias = "aud",
+                                     .kind = OPTION_TEXT,
+                                     .target = &job.portrait.source.features,
+                                     .help = "features (.npy) of the clip's speech, instead of the clip's own"}};
+  struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
+                         {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
+  struct args args = {
+      .verb = "eval",
+      .summary = "Holds what a model draws against the frames of its clip: PSNR, SSIM, frames a second.",
+      .usage = "eval MODEL CLIP [--split val] [--json FILE.json]",
+      .notes =
+          "A head is drawn over the true torso pictures, head and torso over the background. Summaries are means of\n"
+          "the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59. Frames a second\n"
+          "count drawing to 8-bit pixels, without reading, judging and encoding.",
+      .public_names = true,
+      .words = words,
+      .word_count = 2,
+      .groups = {{"What is compared:", own, OWN_OPTIONS},
+                 {"How:", shared, PORTRAIT_OPTIONS},
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+  portrait_options(&job.portrait, FRAME_SOURCE_VAL, shared);
+  session_compute_options(&job.session, common);
+  session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0 && job.portrait.source.features != NULL)
+    status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
+  job.session.inputs[0] = job.portrait.model_path;
+  job.session.inputs[1] = job.portrait.source.path;
+  job.session.inputs[2] = job.portrait.source.features;
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job, &args);
+  if (status == 0) status = evaluate_all(&job);
+  close_all(&job);
+  return status;
+}

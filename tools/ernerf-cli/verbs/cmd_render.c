@@ -1,0 +1,440 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf render: a model, speech and head poses to a video or pictures. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "output/progress.h"
+#include "output/sink.h"
+#include "session/background.h"
+#include "session/control.h"
+#include "session/frame_reuse.h"
+#include "session/portrait.h"
+#include "session/rate_control.h"
+#include "session/silence_pose.h"
+#include "verbs.h"
+
+/* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
+ * twice.
+ */
+enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 9, PICTURE_BYTES = 1 };
+
+struct render_job {
+  struct session session;
+  struct portrait portrait;
+  struct rate_control rate_control;
+  struct control control;
+  struct silence_pose rest;
+  struct frame_reuse frame_reuse;
+  /* from the command line */
+  const char *poses, *audio, *wav, *background_file, *out;
+  struct dimensions size;
+  int fit; /* ern_fit */
+  struct rate rate;
+  /* made */
+  struct sink sink;
+  struct frame_source frame_source;
+  struct background background;
+  ern_features own_features; /* of --audio */
+  const ern_features *features;
+  ern_sound sound;
+  double sound_start; /* seconds */
+  float *windows;
+  uint8_t *look;          /* [height][width][4]: the rate control's quick look; NULL without one */
+  ern_frame_times stages; /* of drawing, milliseconds, summed over the frames */
+};
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static void own_options(struct render_job *job, struct option options[OWN_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "clip",
+       .kind = OPTION_TEXT,
+       .target = &job->portrait.source.path,
+       .choices = "CLIP",
+       .help = "folder of a preprocessed clip: poses, speech, sound, eyes and what stands behind the head"},
+      {.name = "poses",
+       .kind = OPTION_TEXT,
+       .target = &job->poses,
+       .help = "poses alone, in the form of transforms_train.json; with --audio"},
+      {.name = "audio",
+       .alias = "aud",
+       .kind = OPTION_TEXT,
+       .target = &job->audio,
+       .help = "features of another speech (.npy): one frame a window, poses forward and back, sound from --wav"},
+      {.name = "wav", .kind = OPTION_TEXT, .target = &job->wav, .help = "sound for the video"},
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &job->out,
+       .choices = "OUT",
+       .help =
+           "NAME.mp4; pictures such as out/%05d.png or out/%05d.exr, numbered as the output's frames; - for raw RGBA8"},
+      {.name = "size",
+       .kind = OPTION_DIMENSIONS,
+       .target = &job->size,
+       .low = 1,
+       .high = ERN_IMAGE_MAX_SIDE,
+       .help = "of the frames (default that of the poses)"},
+      {.name = "fit",
+       .kind = OPTION_CHOICE,
+       .target = &job->fit,
+       .choices = "contain|cover",
+       .help =
+           "how the clip's frame goes into a --size of another aspect: contain shows all of it, and its edges go on "
+           "beside it; cover fills the picture and cuts off what is beside it (default contain)"},
+      {.name = "fps",
+       .kind = OPTION_RATE,
+       .target = &job->rate,
+       .help = "frames a second of the output, 1 to 240, such as 30, 29.97 or 24000/1001 (default 25, as the clip): "
+               "poses, speech and eyes are interpolated in time"},
+      {.name = "bg_img",
+       .kind = OPTION_TEXT,
+       .target = &job->background_file,
+       .choices = "FILE|white|black",
+       .help = "background (default the clip's; with --poses transparent)"}};
+  job->rate = (struct rate){RATE_CLIP, 1};
+  ARGS_FILL(options, rows, OWN_OPTIONS);
+}
+
+/* What does not go together. */
+static int check_usage(struct render_job *job, const struct args *args) {
+  const bool clip = job->portrait.source.path != NULL, poses = job->poses != NULL;
+  if (clip == poses)
+    return args_refuse(args, "expected --clip CLIP or --poses FILE, found %s", clip ? "both" : "neither");
+  if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
+  int status = sink_choose(&job->sink, args, job->out);
+  if (status < 0 && poses && job->audio == NULL)
+    status = args_refuse(args, "--poses has no speech of its own, expected --audio FILE.npy");
+  if (status < 0 && poses)
+    status = args_forbid(args, "split asr_model memory force smooth_eye", "is about a clip, so it needs --clip");
+  if (status < 0 && job->audio != NULL)
+    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && job->sink.kind != SINK_VIDEO)
+    status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
+  if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "is about another --size");
+  if (status < 0) status = control_check(&job->control, args);
+  if (status < 0) status = frame_reuse_check(args);
+  if (status < 0 && rate_control_asked(&job->rate_control))
+    status = args_forbid(args, "still no-still", "is not for a budget, whose settings are timed by whole frames");
+  if (status < 0) status = rate_control_check(&job->rate_control, args);
+  if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
+    status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
+  return status;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static int open_shots(struct render_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  struct portrait *portrait = &job->portrait;
+  struct frame_source *frame_source = &job->frame_source;
+  int status = portrait->clip != NULL ? frame_source_of_clip(frame_source, session, portrait->clip,
+                                                             (enum frame_source_split)portrait->split)
+                                      : frame_source_of_poses(frame_source, session, job->poses);
+  if (status == 0) status = control_clip(&job->control, session, args, frame_source);
+  if (status == 0 && job->audio != NULL) status = frame_source_replay(frame_source, session, job->features->windows);
+  if (status == 0) status = frame_source_resample(frame_source, session, job->rate, job->features);
+  if (status == 0) status = portrait_cut(portrait, session, args, frame_source, job->features);
+  return status == 0 ? control_output(&job->control, session, frame_source) : status;
+}
+
+static int open_features(struct render_job *job) {
+  struct session *session = &job->session;
+  const char *name = job->portrait.features_path;
+  if (job->audio != NULL) {
+    if (ern_features_load(session->context, job->audio, &job->own_features) != ERN_OK) return session_fail(session);
+    job->features = &job->own_features;
+    name = job->audio;
+  } else {
+    job->features = ern_clip_features(job->portrait.clip);
+  }
+  if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
+  job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
+                        sizeof(float));
+  return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", name);
+}
+
+/* The sound belongs to the pictures as long as they are consecutive. */
+static void check_consecutive(struct render_job *job) {
+  const struct source_frame *source_frame = job->frame_source.source_frame;
+  for (size_t k = 1; k < job->frame_source.count; k++) {
+    const int64_t steps = (int64_t)source_frame[k].place - (int64_t)source_frame[k - 1].place;
+    if (source_frame[k].pose.aud_id == source_frame[k - 1].pose.aud_id + steps) continue;
+    session_warn(&job->session,
+                 "frames are not consecutive: aud_id %" PRId64 " is followed by %" PRId64
+                 ", sound and picture drift apart",
+                 source_frame[k - 1].pose.aud_id, source_frame[k].pose.aud_id);
+    return;
+  }
+}
+
+static int open_sound(struct render_job *job) {
+  struct session *session = &job->session;
+  const struct portrait *portrait = &job->portrait;
+  const bool own = job->wav == NULL && job->audio == NULL && portrait->clip_info.has_sound;
+  char path[4096];
+  if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own)) return 0;
+  const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->source.path)
+                        : snprintf(path, sizeof path, "%s", job->wav);
+  if (bytes >= (int)sizeof path) return session_fail_with(session, "%s: the name is too long", path);
+  const ern_status status = ern_sound_read(session->context, path, &job->sound);
+  if (status != ERN_OK && own) {
+    session_warn(session, "%s: the video is silent", ern_last_error(session->context));
+    return 0;
+  }
+  if (status != ERN_OK) return session_fail(session);
+  job->sound_start = frame_source_seconds(&job->frame_source, 0);
+  const double there = (double)job->sound.frames / job->sound.rate - job->sound_start;
+  const double needed = (double)job->frame_source.count / rate_value(job->rate);
+  const double spare =
+      job->frame_source.frame != NULL ? 1 : 0.5; /* frames; at another rate the last one may outlast the clip */
+  if (there < needed - spare / rate_value(job->rate))
+    session_warn(session, "%s: %.2f s of sound from the first frame on, the pictures last %.2f s: the rest is silent",
+                 path, there > 0 ? there : 0, needed);
+  check_consecutive(job);
+  return 0;
+}
+
+/* Whether the head is drawn over the torso pictures of the clip. */
+static bool is_behind(const struct render_job *job) {
+  return job->portrait.clip != NULL && !job->portrait.info.has_torso && job->portrait.clip_info.has_torso;
+}
+
+static int open_backdrop(struct render_job *job) {
+  const int width = job->size.width, height = job->size.height;
+  int status = background_open(&job->background, &job->session, job->background_file, job->portrait.clip, width, height,
+                               (ern_fit)job->fit);
+  if (status != 0 || job->background.image.data != NULL || job->sink.kind != SINK_VIDEO) return status;
+  session_warn(&job->session, "an mp4 has no transparency: frames are drawn over black; --bg_img chooses a background");
+  return background_fill(&job->background, &job->session);
+}
+
+static void say_plan(struct render_job *job) {
+  const struct portrait *portrait = &job->portrait;
+  if (portrait->clip != NULL && !portrait->info.has_torso && !portrait->clip_info.has_torso)
+    session_warn(&job->session, "%s: has no torso_imgs, the head is drawn over the background alone",
+                 portrait->source.path);
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  session_note(&job->session, "render: %zu frames of %d x %d, %s a second, %s, %s, %s (%s) to %s",
+               job->frame_source.count, job->size.width, job->size.height, rate, portrait_kind(portrait),
+               job->sink.kind != SINK_VIDEO ? "pictures alone"
+               : job->sound.data != NULL    ? "with sound"
+                                            : "without sound",
+               job->session.backend_info.name, job->session.backend_info.isa, job->out);
+  if (is_behind(job) && job->frame_source.frame != NULL)
+    session_note(&job->session,
+                 "render: the head is drawn for each frame, over the nearest of the clip's torso pictures");
+  const size_t resting = silence_pose_count(&job->rest, &job->frame_source);
+  if (resting > 0)
+    session_note(&job->session,
+                 "render: in %zu of %zu frames nothing is said: the mouth rests (--no_rest: it does not)", resting,
+                 job->frame_source.count);
+}
+
+/* ---- drawing ----------------------------------------------------------------------------------------------------- */
+
+/* Frame k over `torso`, which may be NULL. */
+static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, size_t k, const uint8_t *torso,
+                             const ern_frame_output *output, ern_frame_times *times) {
+  const struct source_frame *source_frame = &job->frame_source.source_frame[k];
+  float refined[16];
+  frame_source_windows(&job->frame_source, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
+  const ern_camera camera = frame_source_camera(&job->frame_source, k, job->portrait.scale, job->size.width,
+                                                job->size.height, (ern_fit)job->fit);
+  const ern_frame_input input = {.camera = camera,
+                                 .head_pose = portrait_refined(&job->portrait, &job->frame_source, k, refined),
+                                 .windows = job->windows,
+                                 .window_length = job->features->window_length,
+                                 .eye = source_frame->eye,
+                                 .background = job->background.image.data,
+                                 .torso = torso,
+                                 .rest_code = job->rest.code,
+                                 .rest = silence_pose_of(&job->rest, &job->frame_source, k)};
+  return ern_renderer_frame(renderer, &input, output, times);
+}
+
+static int fail_frame(struct render_job *job, size_t k) {
+  return session_fail_with(&job->session, "%s, frame %zu: %s", job->portrait.model_path,
+                           job->frame_source.source_frame[k].number, ern_last_error(job->session.context));
+}
+
+/* For the rate control's quick look: without the clip's torso picture, which takes the same time with all settings. */
+static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
+  struct render_job *job = user;
+  const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
+  return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : fail_frame(job, k);
+}
+
+static int open_governor(struct render_job *job, const struct args *args) {
+  if (!rate_control_asked(&job->rate_control)) return 0;
+  job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
+  if (job->look == NULL)
+    return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
+  return rate_control_open(&job->rate_control, &job->session, args, &job->portrait, &job->frame_source, job->features,
+                           job->size, draw_look, job);
+}
+
+static int draw(struct render_job *job, size_t k) {
+  const uint8_t *torso = NULL;
+  ern_frame_output output;
+  ern_frame_times times;
+  ern_renderer *renderer =
+      rate_control_asked(&job->rate_control) ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
+  if (renderer == NULL) return EXIT_FAILURE;
+  if (is_behind(job) && background_next_torso(&job->background, &job->session, &torso) != 0) return EXIT_FAILURE;
+  if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
+  if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
+  sink_put(&job->sink, job->frame_source.source_frame[k].number);
+  job->stages.audio += times.audio;
+  job->stages.torso += times.torso;
+  job->stages.head += times.head;
+  job->stages.output += times.output;
+  return 0;
+}
+
+static int open_all(struct render_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
+    return session_fail_with(session, "%s: its folder is not there", job->out);
+  if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
+  job->portrait.render.frame_rate = (float)rate_value(job->rate);
+  int status = job->sink.kind == SINK_VIDEO ? sink_check(&job->sink, session, NULL) : 0;
+  if (status == 0) status = portrait_open(&job->portrait, session, args);
+  if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
+  if (status == 0) status = open_features(job);
+  if (status == 0) status = silence_pose_open(&job->rest, session, &job->portrait, job->features);
+  if (status == 0) status = open_shots(job, args);
+  if (status == 0) status = sink_check(&job->sink, session, &job->frame_source);
+  if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->frame_source, job->features);
+  if (status == 0)
+    status = frame_reuse_open(&job->frame_reuse, &job->portrait, &job->session, &job->frame_source, job->features);
+  if (status == 0 && job->size.width == 0)
+    job->size = (struct dimensions){job->frame_source.camera.width, job->frame_source.camera.height};
+  if (status == 0) status = open_backdrop(job);
+  if (status == 0) status = open_governor(job, args);
+  if (status == 0) status = open_sound(job);
+  if (status == 0 && is_behind(job))
+    status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);
+  if (status != 0) return status;
+  return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
+                   job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
+}
+
+/* Of a frame; reading and encoding go on beside the others. */
+static json_t *report_stages(const struct render_job *job) {
+  const ern_frame_times *draw = &job->stages;
+  const double frames = (double)job->frame_source.count;
+  return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "read", session_number(1000 * job->background.seconds / frames),
+                   "audio", session_number(draw->audio / frames), "torso", session_number(draw->torso / frames), "head",
+                   session_number(draw->head / frames), "output", session_number(draw->output / frames), "encode",
+                   session_number(1000 * job->sink.seconds / frames));
+}
+
+static json_t *report(const struct render_job *job, double seconds) {
+  const double frames = (double)job->frame_source.count;
+  json_t *pace = rate_control_asked(&job->rate_control) ? rate_control_json(&job->rate_control) : json_null();
+  json_t *still = frame_reuse_report(&job->frame_reuse, &job->portrait);
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
+                   rate, "output", session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
+                   portrait_kind(&job->portrait), "frames", (json_int_t)job->frame_source.count, "width",
+                   job->size.width, "height", job->size.height, "rest_frames",
+                   (json_int_t)silence_pose_count(&job->rest, &job->frame_source), "seconds", session_number(seconds),
+                   "fps", session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames),
+                   "ms_by_stage", report_stages(job), "sound", job->sound.data != NULL, "backend",
+                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace, "still", still);
+}
+
+static int draw_all(struct render_job *job) {
+  struct session *session = &job->session;
+  struct progress progress;
+  const double began = session_seconds();
+  say_plan(job);
+  progress_begin(&progress, session, "render", "frames");
+  double before = began;
+  for (size_t k = 0; k < job->frame_source.count; k++) {
+    if (session_interrupted())
+      return session_stop_with(session, "stopped at frame %zu of %zu%s", k, job->frame_source.count,
+                               job->sink.kind == SINK_VIDEO ? ", no video was written" : "");
+    if (draw(job, k) != 0) return EXIT_FAILURE;
+    const double now = session_seconds();
+    if (rate_control_asked(&job->rate_control)) rate_control_took(&job->rate_control, 1000 * (now - before));
+    before = now;
+    progress_at(&progress, k + 1, job->frame_source.count,
+                rate_control_asked(&job->rate_control) ? rate_control_name(&job->rate_control) : "");
+  }
+  if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
+  progress_end(&progress);
+  const double seconds = session_seconds() - began;
+  char kept[128];
+  frame_reuse_say(&job->frame_reuse, &job->portrait, kept, sizeof kept);
+  session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing%s: %s",
+               job->frame_source.count, seconds, (double)job->frame_source.count / seconds, kept, job->out);
+  if (rate_control_asked(&job->rate_control))
+    rate_control_summary(&job->rate_control, 1000 * seconds / (double)job->frame_source.count);
+  return session_report(session, report(job, seconds));
+}
+
+static void close_all(struct render_job *job) {
+  sink_free(&job->sink);
+  silence_pose_free(&job->rest);
+  free(job->windows);
+  free(job->look);
+  rate_control_close(&job->rate_control);
+  background_free(&job->background, &job->session);
+  frame_source_free(&job->frame_source);
+  ern_sound_free(job->session.context, &job->sound);
+  ern_features_free(job->session.context, &job->own_features);
+  portrait_close(&job->portrait);
+  session_close(&job->session);
+}
+
+int cmd_render(int argc, char **argv) {
+  struct render_job job = {0};
+  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
+      control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], pace[RATE_CONTROL_OPTIONS],
+      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
+  struct args args = {
+      .verb = "render",
+      .summary = "Draws a model to a video with sound, or to pictures.",
+      .usage =
+          "render MODEL --clip CLIP [--audio F.npy] [--wav W] -o out.mp4\n"
+          "render MODEL --poses FILE --audio F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
+      .notes =
+          "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
+          "mp4: H.264 yuv420p, AAC. png: RGBA. exr: R G B A (as the model gives them, not\n"
+          "linearised, alpha multiplied in), Z depth, audio_attention, and eye_attention where the model has it.",
+      .public_names = true,
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
+                 {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
+                 {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
+                 {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+  own_options(&job, own);
+  portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
+  control_options(&job.control, control);
+  silence_pose_options(&job.rest, control + CONTROL_OPTIONS);
+  frame_reuse_options(&job.frame_reuse, shared + PORTRAIT_OPTIONS);
+  rate_control_options(&job.rate_control, pace);
+  session_compute_options(&job.session, common);
+  session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = check_usage(&job, &args);
+  const char *const inputs[SESSION_INPUTS] = {
+      job.portrait.model_path, job.portrait.source.path, job.poses, job.audio, job.wav, job.background_file,
+      job.control.eye,         job.rate_control.front};
+  memcpy(job.session.inputs, inputs, sizeof inputs);
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job, &args);
+  if (status == 0) status = draw_all(&job);
+  close_all(&job);
+  return status;
+}

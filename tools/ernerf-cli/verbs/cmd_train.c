@@ -1,0 +1,593 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf train: a head, or the torso under it, from a preprocessed clip. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/media.h"
+#include "ernerf/train.h"
+#include "output/curve.h"
+#include "output/forecast.h"
+#include "output/progress.h"
+#include "session/clip_source.h"
+#include "session/effects.h"
+#include "session/session.h"
+#include "verbs.h"
+#include "verbs/inherit.h"
+
+enum {
+  GOAL_OPTIONS = 18,
+  NUMBER_OPTIONS = 21,
+  CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
+  VALIDATE_MOST = 1000,
+  VALIDATE_LEAST = 50
+};
+
+struct train_job {
+  struct session session;
+  ern_train_config config;
+  struct clip_source source;
+  const char *head_path, *effects_list;
+  struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
+  uint64_t save_every, validate_every, ema_every, refresh_every, iters;
+  struct range data;
+  float scale;
+  int audio_pad, backbone, attention, eye_attention;
+  ern_model_info from;   /* of --from, or of the state that is resumed */
+  ern_train_state state; /* that is resumed */
+  bool has_from, has_state;
+  /* made */
+  ern_clip *clip;
+  ern_clip_info clip_info;
+  ern_model *head;
+  ern_trainer *trainer;
+  struct progress progress;
+  struct forecast forecast;
+  struct curve curve;
+  ern_train_report last; /* the newest one */
+  bool stepped;          /* there is one */
+  double val_psnr;       /* dB, of the newest validation */
+  size_t val_frames;     /* 0: none was made */
+};
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static void goal_options(struct train_job *job, struct option options[GOAL_OPTIONS]) {
+  ern_train_config *config = &job->config;
+  const struct option rows[] = {
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &config->output,
+       .choices = "X.safetensors",
+       .help = "the model; state, log and pictures go to the folder X.run beside it"},
+      {.name = "torso",
+       .kind = OPTION_FLAG,
+       .target = &config->torso,
+       .help = "train the torso under the head of --head"},
+      {.name = "head",
+       .alias = "head_ckpt",
+       .kind = OPTION_TEXT,
+       .target = &job->head_path,
+       .choices = "MODEL",
+       .help = "the head that the torso goes under; it stays as it is"},
+      {.name = "force",
+       .kind = OPTION_FLAG,
+       .target = &config->force,
+       .help = "take a head of another clip all the same"},
+      {.name = "torso-gamma",
+       .kind = OPTION_FLAG,
+       .target = &config->torso_gamma,
+       .help = "the paper's trained scale of the torso's key points"},
+      {.name = "iters",
+       .kind = OPTION_COUNT,
+       .target = &job->iters,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps in all, also when resuming"},
+      {.name = "resume",
+       .kind = OPTION_FLAG,
+       .target = &config->resume,
+       .help = "go on from the newest good state in X.run, as it was trained where no option says otherwise"},
+      {.name = "from",
+       .kind = OPTION_TEXT,
+       .target = &config->from,
+       .choices = "FILE",
+       .help =
+           "start from the weights of a .safetensors or .pth file, from its levels, codes (what a longer clip needs "
+           "more is fresh) and kinds, and where it holds a state from its step"},
+      {.name = "save-every",
+       .kind = OPTION_COUNT,
+       .target = &job->save_every,
+       .low = 0,
+       .high = 1e12,
+       .help = "steps between saves; 0 only at the end"},
+      {.name = "validate-every",
+       .kind = OPTION_COUNT,
+       .target = &job->validate_every,
+       .low = 0,
+       .high = 1e12,
+       .help = "steps between validations, each with a picture and a point of the curve; 0 only at the end (default a "
+               "tenth of --iters, 50 to 1000)"},
+      {.name = "validate-frames",
+       .kind = OPTION_INT,
+       .target = &config->validate_frames,
+       .low = 0,
+       .high = 1000000,
+       .help = "most frames that a validation draws; 0 all"},
+      {.name = "ema",
+       .kind = OPTION_FLAG,
+       .target = &config->ema,
+       .help = "write the moving average of the weights as the model, from its 10th update on; with --resume at the "
+               "last step it only writes"},
+      {.name = "ema-every",
+       .kind = OPTION_COUNT,
+       .target = &job->ema_every,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps between its updates, of which it needs 10"},
+      {.name = "effects",
+       .kind = OPTION_TEXT,
+       .target = &job->effects_list,
+       .choices = "auto|none|LIST",
+       .help = "what the head models, of eye,codes,view,torso (the torso as a layer of its own behind it); auto: what "
+               "`ernerf check` finds in the clip"},
+      {.name = "levels",
+       .kind = OPTION_INT,
+       .target = &config->levels,
+       .low = 2,
+       .high = 24,
+       .help = "of the hash encoder (default trihash 14, hash3d 16); public checkpoints have 12"},
+      {.name = "backbone",
+       .kind = OPTION_CHOICE,
+       .target = &job->backbone,
+       .choices = "trihash|hash3d|triplane|mlp",
+       .help = "what encodes a position: the paper's planes, or what its ablation has in their place"},
+      {.name = "attention",
+       .kind = OPTION_CHOICE,
+       .target = &job->attention,
+       .choices = "channel|feature|concat",
+       .help = "how speech reaches it: weighed by channel, as a whole, or not at all"},
+      {.name = "eye-attention",
+       .kind = OPTION_CHOICE,
+       .target = &job->eye_attention,
+       .choices = "sigmoid|concat",
+       .help = "how the eye value does: weighed, or as it is"}};
+  ARGS_FILL(options, rows, GOAL_OPTIONS);
+}
+
+static void number_options(struct train_job *job, struct option options[NUMBER_OPTIONS]) {
+  ern_train_config *config = &job->config;
+  const struct option rows[] = {
+      {.name = "rays",
+       .alias = "num_rays",
+       .kind = OPTION_INT,
+       .target = &config->rays,
+       .low = 1,
+       .high = 1048576,
+       .help = "a step"},
+      {.name = "lr",
+       .kind = OPTION_FLOAT,
+       .target = &config->lr,
+       .low = 1e-9,
+       .high = 10,
+       .help = "learning rate of the hash grids"},
+      {.name = "lr_net",
+       .kind = OPTION_FLOAT,
+       .target = &config->lr_net,
+       .low = 1e-9,
+       .high = 10,
+       .help = "learning rate of the networks; the one over speech windows learns at 5 times this"},
+      {.name = "max_steps",
+       .kind = OPTION_INT,
+       .target = &config->max_steps,
+       .low = 1,
+       .high = 1024,
+       .help = "samples a ray at most; kept in the model (default 16)"},
+      {.name = "refresh-every",
+       .alias = "update_extra_interval",
+       .kind = OPTION_COUNT,
+       .target = &job->refresh_every,
+       .low = 1,
+       .high = 1e12,
+       .help = "steps between looks at where the scene is empty; more is faster, and follows what is learnt later"},
+      {.name = "ind_num",
+       .kind = OPTION_INT,
+       .target = &config->codes,
+       .low = 0,
+       .high = 1000000,
+       .help = "rows of the individual codes; 0: no codes (default one a training frame)"},
+      {.name = "dt_gamma",
+       .kind = OPTION_FLOAT,
+       .target = &config->dt_gamma,
+       .low = 0,
+       .high = 1,
+       .help = "growth of the step with distance; kept in the model (default 1/256)"},
+      {.name = "bound",
+       .kind = OPTION_FLOAT,
+       .target = &config->bound,
+       .low = ERN_BOUND_LEAST,
+       .high = ERN_BOUND_MOST,
+       .help = "half side of the scene"},
+      {.name = "torso_shrink",
+       .kind = OPTION_FLOAT,
+       .target = &config->torso_shrink,
+       .low = 0.001,
+       .high = 1,
+       .help = "factor of the torso's coordinates; kept in the model (default 0.8)"},
+      {.name = "scale",
+       .kind = OPTION_FLOAT,
+       .target = &job->scale,
+       .low = 0.001,
+       .high = 1000,
+       .help = "factor of the camera's place; kept in the model (default 4)"},
+      {.name = "data_range",
+       .kind = OPTION_RANGE_PAIR,
+       .target = &job->data,
+       .choices = "A:B | A B",
+       .help = "train on frames [A, B) of transforms_train.json alone; B -1: to the last"},
+      {.name = "audio-pad",
+       .kind = OPTION_CHOICE,
+       .target = &job->audio_pad,
+       .choices = "edge|zero",
+       .help =
+           "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model (default "
+           "edge)"}};
+  ARGS_FILL(options, rows, NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
+  struct option *common = options + sizeof rows / sizeof rows[0];
+  session_compute_options(&job->session, common);
+  session_seed_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
+  session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
+}
+
+static void clip_options(struct train_job *job, struct option options[CLIP_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "audio",
+       .alias = "aud",
+       .kind = OPTION_TEXT,
+       .target = &job->source.features,
+       .choices = "FILE.npy",
+       .help = "features of the clip's speech, instead of the clip's own"},
+  };
+  ARGS_FILL(options, rows, CLIP_OPTIONS - CLIP_SOURCE_OPTIONS);
+  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
+}
+
+static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
+
+static int check_effects(struct train_job *job, const struct args *args) {
+  const int status = effects_read(args, job->effects_list, &job->effects);
+  if (status < 0 && !job->effects.has[EFFECT_CODES] && job->config.codes > 0)
+    return args_refuse(args, "--ind_num is %d, but --effects has no codes", job->config.codes);
+  return status;
+}
+
+static int check_usage(struct train_job *job, const struct args *args) {
+  const ern_train_config *config = &job->config;
+  if (config->output == NULL) return args_refuse(args, "-o X.safetensors is missing");
+  const char *dot = strrchr(config->output, '.');
+  if (dot == NULL || strcmp(dot, ".safetensors") != 0)
+    return args_refuse(args, "-o is \"%s\", expected a name that ends in .safetensors", config->output);
+  int status = -1;
+  if (config->torso && job->head_path == NULL) status = args_refuse(args, "--torso needs the head: --head MODEL");
+  if (!config->torso)
+    status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
+  if (status < 0 && config->torso)
+    status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention",
+                         "is the head's, and --torso leaves the head alone");
+  if (status < 0 && job->source.features != NULL)
+    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
+    status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
+  if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
+  if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
+  return status;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+/* The effects that the clip calls for, or those of --from, or what was asked for where the clip can teach it. */
+static int choose_effects(struct train_job *job) {
+  const bool chosen = asks_auto(job);
+  struct effects *effects = &job->effects;
+  ern_clip_measures measures;
+  if (chosen && job->has_from && !job->config.torso) {
+    const bool layer = job->clip_info.has_torso && (!job->state.has_settings || job->state.torso_layer);
+    *effects = (struct effects){{job->from.has_eye, job->from.has_codes, job->from.has_view, layer}};
+    return 0;
+  }
+  if (chosen) {
+    if (ern_clip_measure(job->clip, &measures) != ERN_OK) return session_fail(&job->session);
+    effects_choose(&measures, effects);
+    if (!job->config.torso && !effects_has_speech(&measures))
+      return session_fail_with(&job->session,
+                               "%s: %s is the same in every window: a head that does not speak is not what this is "
+                               "for (with --effects LIST it is trained all the same)",
+                               job->source.path, job->clip_info.features_file);
+    if (job->config.torso && job->clip_info.has_torso && !effects->has[EFFECT_TORSO])
+      return session_fail_with(&job->session, "%s: torso_imgs is transparent everywhere: there is no torso to learn",
+                               job->source.path);
+    return 0;
+  }
+  if (effects->has[EFFECT_EYE] && !job->clip_info.has_blink)
+    return session_fail_with(&job->session, "%s: --effects has eye, and there is no au.csv to learn it from",
+                             job->source.path);
+  if (effects->has[EFFECT_TORSO] && !job->clip_info.has_torso)
+    return session_fail_with(&job->session, "%s: --effects has torso, and there are no torso_imgs to put behind it",
+                             job->source.path);
+  return 0;
+}
+
+/* A head models what it was chosen to; a torso goes under a head as it is. */
+static void take_effects(struct train_job *job, const struct args *args, ern_dataset *dataset) {
+  const bool *has = job->effects.has;
+  if (job->config.torso) return;
+  dataset->has_eye = dataset->has_eye && has[EFFECT_EYE];
+  dataset->has_torso = dataset->has_torso && has[EFFECT_TORSO];
+  job->config.no_view = !has[EFFECT_VIEW];
+  if (!has[EFFECT_CODES] && !args_given(args, "ind_num")) job->config.codes = 0;
+  job->effects.has[EFFECT_EYE] = dataset->has_eye;
+  job->effects.has[EFFECT_TORSO] = dataset->has_torso;
+  job->effects.has[EFFECT_CODES] = job->config.codes != 0;
+}
+
+static void fill_config(struct train_job *job, const struct args *args) {
+  ern_train_config *config = &job->config;
+  config->iters = job->iters;
+  config->overwrite = job->session.overwrite;
+  config->save_every = job->save_every;
+  config->ema_every = job->ema_every;
+  config->refresh_every = job->refresh_every;
+  config->seed = job->session.seed;
+  if (job->has_state) inherit_state(args, &job->state, config);
+  const uint64_t tenth = config->iters / 10;
+  config->validate_every = args_given(args, "validate-every") ? job->validate_every
+                           : tenth > VALIDATE_MOST            ? VALIDATE_MOST
+                           : tenth < VALIDATE_LEAST           ? VALIDATE_LEAST
+                                                              : tenth;
+  config->threads = job->session.threads;
+  config->audio_pad = (ern_audio_pad)job->audio_pad;
+  config->head = job->head;
+  config->backbone = (ern_backbone)job->backbone;
+  config->attention = (ern_attention)job->attention;
+  config->eye_attention = (ern_eye_attention)job->eye_attention;
+  if (job->has_from) {
+    const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
+    inherit_model(args, &job->from, !asks_auto(job), config);
+    if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
+      config->codes = (int)frames; /* a longer clip */
+    inherit_view(args, &job->from, job->from.has_torso, config, &job->scale);
+  }
+  if (job->head != NULL) {
+    ern_model_info head;
+    ern_model_describe(job->head, &head);
+    inherit_view(args, &head, false, config, &job->scale);
+  }
+  if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
+  if (args_given(args, "data_range")) {
+    config->data_begin = (size_t)job->data.begin;
+    config->data_end = job->data.open_end ? job->clip_info.frames[ERN_SPLIT_TRAIN] : (size_t)job->data.end;
+  }
+}
+
+static int open_clip(struct train_job *job, const struct args *args) {
+  if (clip_source_open(&job->source, &job->session, &job->clip) != 0) return EXIT_FAILURE;
+  ern_clip_describe(job->clip, &job->clip_info);
+  const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
+  if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
+    return args_refuse(
+        args, "--data_range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
+        job->data.begin, job->data.open_end ? (uint64_t)frames : job->data.end, frames);
+  return 0;
+}
+
+static const char *features_kind(int width) {
+  return width == 29 ? "DeepSpeech" : width == 44 ? "wav2vec" : width == 1024 ? "HuBERT" : "unknown kind";
+}
+
+/* What will be learnt from what, and where it goes. */
+static void say_plan(struct train_job *job) {
+  const ern_clip_info *info = &job->clip_info;
+  const ern_train_config *config = &job->config;
+  const ern_features *features = ern_clip_features(job->clip);
+  const size_t frames = config->data_end > 0 ? config->data_end - config->data_begin : info->frames[ERN_SPLIT_TRAIN];
+  if (config->torso)
+    session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d", job->head_path, frames,
+                 info->width, info->height);
+  else
+    session_note(
+        &job->session, "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
+        frames, info->width, info->height, info->features_file, features_kind(features->width), features->width,
+        job->effects.has[EFFECT_EYE] ? "follow au.csv"
+        : info->has_blink            ? "are not modelled"
+                                     : "stay still (no au.csv)",
+        info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+  if (!config->torso) {
+    char list[64];
+    effects_words(&job->effects, list, sizeof list);
+    session_note(&job->session, "train: effects %s%s", list, asks_auto(job) ? " (`ernerf check` says why)" : "");
+  }
+  session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
+               config->iters, config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
+               config->output, ern_trainer_folder(job->trainer));
+}
+
+/* What the file of --from is like: a training that goes on from it is the same. */
+static int describe_from(struct train_job *job) {
+  ern_model *model = NULL;
+  if (ern_model_load(&model, job->session.context, job->config.from) != ERN_OK) return EXIT_FAILURE;
+  ern_model_describe(model, &job->from);
+  job->has_from = true;
+  ern_model_free(&model);
+  return 0;
+}
+
+static int open_all(struct train_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  ern_dataset dataset;
+  if (!session_folder_there(job->config.output))
+    return session_fail_with(session, "%s: its folder is not there", job->config.output);
+  if (session_keep_inputs(session, job->config.output) != 0) return EXIT_FAILURE;
+  int status = open_clip(job, args);
+  if (status != 0) return status;
+  if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
+    return session_fail(session);
+  if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
+  /* A state that cannot be read is told of when it is resumed. */
+  if (job->config.resume && ern_train_state_describe(session->context, job->config.output, &job->state) == ERN_OK) {
+    job->from = job->state.model;
+    job->has_from = job->has_state = true;
+  }
+  fill_config(job, args);
+  if ((status = choose_effects(job)) != 0) return status;
+  ern_clip_dataset(job->clip, &dataset);
+  take_effects(job, args, &dataset);
+  dataset.scale = job->scale;
+  if (session_backend(session) != ERN_OK) return session_fail(session);
+  if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
+    return session_fail(session);
+  return 0;
+}
+
+/* ---- running ----------------------------------------------------------------------------------------------------- */
+
+static int say_progress(void *user, const ern_train_report *report) {
+  struct train_job *job = user;
+  char more[64];
+  forecast_say(&job->forecast, &job->session, report, &job->config);
+  job->progress.rate = report->steps_per_second;
+  job->last = *report;
+  job->stepped = true;
+  snprintf(more, sizeof more, "loss %.5g  PSNR %.2f", report->loss, report->psnr);
+  progress_at(&job->progress, report->step, report->iters, more);
+  return session_interrupted();
+}
+
+/* The curve so far, at the start of a training that goes on from an earlier one. A curve that cannot be read, as one
+ * that cannot be drawn, is told of: it is no reason to stop a training. */
+static void read_curve(struct train_job *job) {
+  char path[4096];
+  snprintf(path, sizeof path, "%s/curve.csv", ern_trainer_folder(job->trainer));
+  if (job->config.resume) (void)curve_read(&job->curve, &job->session, path);
+}
+
+static void extend_curve(struct train_job *job, uint64_t step, double psnr) {
+  const struct curve_named named = {job->config.output, &job->curve};
+  ern_train_report now;
+  ern_trainer_describe(job->trainer, &now);
+  if (curve_add(&job->curve, &job->session, (struct curve_point){step, now.seconds, psnr}) == 0)
+    (void)curve_plot(&named, 1, &job->session, ern_trainer_folder(job->trainer), "curve", job->config.output);
+}
+
+static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
+                                  int width, int height, const char *name) {
+  struct train_job *job = user;
+  char path[4096];
+  const ern_image image = {.width = width, .height = height, .channels = 3, .data = (uint8_t *)(uintptr_t)picture};
+  job->val_psnr = psnr;
+  job->val_frames = frames;
+  session_note(&job->session, "step %" PRIu64 ": PSNR %.3f over %zu validation frames, %s", step, psnr, frames, name);
+  snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(job->trainer), name);
+  extend_curve(job, step, psnr);
+  return session_keeps_file(&job->session, path) ? ERN_OK : ern_image_write(job->session.context, path, &image, 100);
+}
+
+static json_t *report(const struct train_job *job) {
+  const ern_train_report *last = &job->last;
+  json_t *effects = json_array();
+  for (int e = 0; e < EFFECTS && !job->config.torso; e++)
+    if (job->effects.has[e]) json_array_append_new(effects, json_string(effect_name((enum effect)e)));
+  return json_pack("{s:o, s:o, s:o, s:o, s:b, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:o, s:s, s:s}", "effects",
+                   effects, "output", session_text(job->config.output), "run",
+                   session_text(ern_trainer_folder(job->trainer)), "clip", session_text(job->source.path), "torso",
+                   job->config.torso, "step", (json_int_t)(job->stepped ? last->step : job->config.iters), "iters",
+                   (json_int_t)job->config.iters, "loss", job->stepped ? session_number(last->loss) : json_null(),
+                   "psnr", job->stepped ? session_number(last->psnr) : json_null(), "seconds",
+                   job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
+                   job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
+                   job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
+                   (json_int_t)job->val_frames, "seed", session_whole(job->config.seed), "backend",
+                   job->session.backend_info.name, "isa", job->session.backend_info.isa);
+}
+
+static int run(struct train_job *job) {
+  struct session *session = &job->session;
+  char spent[32];
+  const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
+  say_plan(job);
+  read_curve(job);
+  ern_train_report start;
+  ern_trainer_describe(job->trainer, &start);
+  forecast_begin(&job->forecast, session_seconds(), start.step);
+  progress_begin(&job->progress, session, "train", "steps");
+  const ern_status status = ern_trainer_run(job->trainer, &hooks);
+  progress_end(&job->progress);
+  if (status == ERN_E_CANCELLED && session_interrupted())
+    return session_stop_with(session,
+                             "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
+                             job->last.step, job->last.iters);
+  if (status != ERN_OK) return session_fail(session);
+  progress_duration(job->last.seconds, spent);
+  if (job->stepped)
+    session_note(session, "train: done, %s; %s of training", job->config.output, spent);
+  else
+    session_note(session, "train: all %" PRIu64 " steps were done before; %s is written anew", job->config.iters,
+                 job->config.output);
+  return session_report(session, report(job));
+}
+
+static void close_all(struct train_job *job) {
+  ern_trainer_free(&job->trainer);
+  ern_model_free(&job->head);
+  ern_clip_free(&job->clip);
+  curve_free(&job->curve);
+  session_close(&job->session);
+}
+
+static void set_defaults(struct train_job *job) {
+  *job = (struct train_job){.config = ern_train_config_default(), .scale = 4};
+  job->effects_list = "auto";
+  job->iters = job->config.iters;
+  job->save_every = job->config.save_every;
+  job->ema_every = job->config.ema_every;
+  job->refresh_every = job->config.refresh_every;
+  job->session.seed = job->config.seed;
+}
+
+int cmd_train(int argc, char **argv) {
+  struct train_job job;
+  struct option goal[GOAL_OPTIONS], numbers[NUMBER_OPTIONS], clip[CLIP_OPTIONS];
+  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
+  struct args args = {
+      .verb = "train",
+      .summary = "Learns a head from a preprocessed clip, or the torso under it.",
+      .usage =
+          "train CLIP -o head.safetensors\n"
+          "train CLIP --torso --head head.safetensors -o portrait.safetensors",
+      .notes =
+          "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
+          "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv with plots of it over\n"
+          "seconds and steps, and val_NNNNNN.png: prediction, truth, difference, attention of speech and of the eyes.",
+      .public_names = true,
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is trained, and where to:", goal, GOAL_OPTIONS},
+                 {"Of the clip:", clip, CLIP_OPTIONS},
+                 {"How:", numbers, NUMBER_OPTIONS}}};
+  set_defaults(&job);
+  goal_options(&job, goal);
+  clip_options(&job, clip);
+  number_options(&job, numbers);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = check_usage(&job, &args);
+  job.session.rewrites = true; /* X.run; the trainer looks after X */
+  const char *const inputs[] = {job.source.path, job.source.features, job.head_path, job.config.from};
+  memcpy(job.session.inputs, inputs, sizeof inputs);
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = open_all(&job, &args);
+  if (status == 0) status = run(&job);
+  close_all(&job);
+  return status;
+}

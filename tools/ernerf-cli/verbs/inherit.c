@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT */
+#include "verbs/inherit.h"
+
+void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config) {
+  if (!args_given(args, "levels")) config->levels = model->levels;
+  if (!args_given(args, "ind_num") && !chosen) config->codes = model->codes;
+  if (!args_given(args, "bound")) config->bound = model->bound;
+  if (!args_given(args, "backbone")) config->backbone = model->backbone;
+  if (!args_given(args, "attention")) config->attention = model->attention;
+  if (!args_given(args, "eye-attention")) config->eye_attention = model->eye_attention;
+}
+
+void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
+                  float *scale) {
+  if (!model->has_view_settings) return;
+  if (!args_given(args, "scale")) *scale = model->scale;
+  if (!args_given(args, "dt_gamma")) config->dt_gamma = model->dt_gamma;
+  if (!args_given(args, "max_steps")) config->max_steps = model->max_steps;
+  if (!args_given(args, "audio-pad")) config->audio_pad = model->audio_pad;
+  if (torso && !args_given(args, "torso_shrink")) config->torso_shrink = model->torso_shrink;
+}
+
+void inherit_state(const struct args *args, const ern_train_state *state, ern_train_config *config) {
+  if (!args_given(args, "seed")) config->seed = state->seed;
+  if (!args_given(args, "rays") && state->rays > 0) config->rays = state->rays;
+  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso && state->model.has_gamma;
+  if (!state->has_settings) return;
+  if (!args_given(args, "iters")) config->iters = state->iters;
+  if (!args_given(args, "lr")) config->lr = state->lr;
+  if (!args_given(args, "lr_net")) {
+    config->lr_net = state->lr_net;
+    config->lr_att = state->lr_att;
+  }
+  if (!args_given(args, "refresh-every")) config->refresh_every = state->refresh_every;
+  if (!args_given(args, "ema-every")) config->ema_every = state->ema_every;
+  if (!args_given(args, "data_range")) {
+    config->data_begin = state->data_begin;
+    config->data_end = state->data_end;
+  }
+}

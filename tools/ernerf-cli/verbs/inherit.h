@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: MIT
+ * What an earlier training was like, for one that goes on from it where the command line does not say otherwise. */
+#ifndef ERN_CLI_INHERIT_H
+#define ERN_CLI_INHERIT_H
+
+#include "args.h"
+#include "ernerf/train.h"
+
+/* What the model is made of. chosen: --effects says whether there are codes. */
+void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config);
+
+/* How the model is seen, where it says so; torso: its torso too. */
+void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
+                  float *scale);
+
+/* Steps, rates, rays, seed, intervals and frames of the state that is resumed. */
+void inherit_state(const struct args *args, const ern_train_state *state, ern_train_config *config);
+
+#endif
