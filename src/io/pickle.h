@@ -4,65 +4,11 @@
 #ifndef ERN_IO_PICKLE_H
 #define ERN_IO_PICKLE_H
 
-#include <stdbool.h>
-
-#include "io/safetensors.h"
-
-typedef enum ern_pickle_kind {
-  ERN_PICKLE_NONE,
-  ERN_PICKLE_BOOL,
-  ERN_PICKLE_INT,
-  ERN_PICKLE_FLOAT,
-  ERN_PICKLE_TEXT,
-  ERN_PICKLE_BYTES,
-  ERN_PICKLE_TUPLE,
-  ERN_PICKLE_LIST,
-  ERN_PICKLE_DICT,
-  ERN_PICKLE_ORDERED, /* collections.OrderedDict */
-  ERN_PICKLE_STORAGE,
-  ERN_PICKLE_TENSOR,
-  ERN_PICKLE_NUMPY_DTYPE,
-  ERN_PICKLE_CALLABLE,
-  ERN_PICKLE_MARK
-} ern_pickle_kind;
-
-/* A value may be held by several others, and hostile ones by themselves: whoever walks must count steps. */
-struct ern_pickle_value {
-  ern_pickle_kind kind;
-  union {
-    int64_t integer; /* BOOL, INT; of a CALLABLE its number */
-    double real;
-    struct {
-      const char *text; /* followed by a 0 */
-      size_t length;
-    } words; /* TEXT, BYTES */
-    struct {
-      struct ern_pickle_value **item; /* of a dict: key, value, key, value ... */
-      size_t count, room;
-    } list;
-    struct {
-      const char *key; /* name of the entry that holds the bytes */
-      ern_dtype dtype;
-      size_t count;
-    } storage;
-    struct {
-      const struct ern_pickle_value *storage;
-      size_t offset; /* elements */
-      int dims;
-      size_t shape[ERN_TENSOR_MAX_DIMS], stride[ERN_TENSOR_MAX_DIMS];
-      const char *name; /* set by whoever gives it one; NULL */
-    } tensor;
-    struct {
-      char type;  /* b i u f */
-      char order; /* < > | */
-      int bytes;
-    } numpy;
-  } as;
-};
+#include "io/pickle_value.h"
 
 struct ern_pickle {
   struct ern_pickle_value *root;
-  void *private_data;
+  struct ern_pickle_arena *arena; /* memory of all values */
 };
 
 /* `where` is for messages, such as "head.pth: data.pkl". On success the caller owns *pickle; text points into its own
@@ -71,11 +17,5 @@ struct ern_pickle {
 ERN_NODISCARD ern_status ern_pickle_read(ern_context *context, const char *where, const uint8_t *bytes, size_t count,
                                          struct ern_pickle *pickle);
 void ern_pickle_free(ern_context *context, struct ern_pickle *pickle);
-
-/* The value of a text key of a dict, the last one where there are several; NULL where there is none or no dict. */
-struct ern_pickle_value *ern_pickle_get(const struct ern_pickle_value *dict, const char *key);
-static inline bool ern_pickle_is_dict(const struct ern_pickle_value *value) {
-  return value != NULL && (value->kind == ERN_PICKLE_DICT || value->kind == ERN_PICKLE_ORDERED);
-}
 
 #endif

@@ -3,7 +3,7 @@
 #ifndef ERN_MODEL_ENCODER_H
 #define ERN_MODEL_ENCODER_H
 
-#include "model/head.h"
+#include "model/head_batch.h"
 
 /* x: [3] per sample; writes batch->f, and of a network batch->waves and batch->hidden. */
 ERN_NODISCARD ern_status ern_encode_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * The audio code of a frame: windows that the frame before had too are not heard twice. */
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
-#include "render/renderer.h"
+#include "render/frame_input.h"
+#include "render/renderer_state.h"
 
 /* The codes of windows that the last frame had too go to their new places: bit t of *known for window t. Consecutive
  * frames share seven of eight, each one place earlier. */
@@ -85,5 +87,35 @@ ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
     now[c] = (1 - input->rest) * now[c] + input->rest * input->rest_code[c];
   ERN_TRY(r->backend->upload_reals(r->stream, code, now, ERN_AUDIO_CODE));
 fail:
+  return status;
+}
+
+ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length, const float *eyes,
+                                size_t count, struct ern_moment **moment) {
+  ern_context *context = r->context;
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  *moment = NULL;
+  status = ern_window_length_check(context, &r->field, "render", window_length);
+  if (status != ERN_OK) return status;
+  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
+  ERN_TRY(ern_allocate(context, count, sizeof(struct ern_moment), &room));
+  struct ern_moment *made = room;
+  for (size_t k = 0; k < count; k++) {
+    made[k] = (struct ern_moment){windows + k * values, window_length, eyes[k]};
+    if (!(eyes[k] >= 0 && eyes[k] <= 1))
+      ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: moment %zu of the speech: eye is %g, expected 0 to 1", k,
+                       (double)eyes[k]));
+    for (size_t i = 0; i < values; i++) {
+      char where[64];
+      if (ern_feature_fits(made[k].windows[i])) continue;
+      snprintf(where, sizeof where, "render: moment %zu of the speech", k);
+      ERN_TRY(ern_feature_refuse(context, where, i, made[k].windows[i]));
+    }
+  }
+  *moment = made;
+  return ERN_OK;
+fail:
+  ern_release(context, room);
   return status;
 }

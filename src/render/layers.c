@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/renderer.h"
+#include "render/still.h"
 
 /* The background rows: the caller's background, the caller's torso image over it; premultiplied. */
 static ern_status upload_background(ern_renderer *r, const ern_frame_input *input, struct frame *f) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * A renderer: a model on a backend, a stream of its own, and frames out of it. */
-#include "render/renderer.h"
+#include "render/still.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -141,36 +141,6 @@ void ern_renderer_free(ern_renderer **renderer) {
   ern_release(r->context, r);
 }
 
-ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length, const float *eyes,
-                                size_t count, struct ern_moment **moment) {
-  ern_context *context = r->context;
-  void *room = NULL;
-  ern_status status = ERN_OK;
-  *moment = NULL;
-  status = ern_window_length_check(context, &r->field, "render", window_length);
-  if (status != ERN_OK) return status;
-  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
-  ERN_TRY(ern_allocate(context, count, sizeof(struct ern_moment), &room));
-  struct ern_moment *made = room;
-  for (size_t k = 0; k < count; k++) {
-    made[k] = (struct ern_moment){windows + k * values, window_length, eyes[k]};
-    if (!(eyes[k] >= 0 && eyes[k] <= 1))
-      ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: moment %zu of the speech: eye is %g, expected 0 to 1", k,
-                       (double)eyes[k]));
-    for (size_t i = 0; i < values; i++) {
-      char where[64];
-      if (ern_feature_fits(made[k].windows[i])) continue;
-      snprintf(where, sizeof where, "render: moment %zu of the speech", k);
-      ERN_TRY(ern_feature_refuse(context, where, i, made[k].windows[i]));
-    }
-  }
-  *moment = made;
-  return ERN_OK;
-fail:
-  ern_release(context, room);
-  return status;
-}
-
 ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                   size_t count, float density) {
   ERN_PLAIN_FLOATS;
@@ -222,13 +192,6 @@ static double milliseconds(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
   return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
-}
-
-ern_status ern_renderer_room(ern_renderer *r, enum room room, ern_element element, size_t count, ern_span *span) {
-  ern_status status = ERN_OK;
-  if (r->room[room] == NULL) status = r->backend->buffer_make(r->backend, element, count, &r->room[room]);
-  *span = status == ERN_OK ? ern_whole(r->room[room], count) : (ern_span){0};
-  return status;
 }
 
 static ern_status number_pixels(ern_renderer *r, struct frame *f) {

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "core/floats.h"
-#include "render/renderer.h"
 
 enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
 

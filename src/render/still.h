@@ -8,47 +8,7 @@
 #ifndef ERN_RENDER_STILL_H
 #define ERN_RENDER_STILL_H
 
-#include "render/moments.h"
-#include "render/render_ops.h"
-
-#include "ernerf/render.h"
-
-/* Rays of a view. */
-struct ern_still_rays {
-  bool sorted;
-  size_t hits, steady;           /* rays with samples; and those of them that are interpolated */
-  struct ern_buffer *list;       /* int32 [hits]: pixel numbers, the steady ones first, ascending in each kind */
-  struct ern_buffer *ray;        /* int32 [hits]: numbers of the pixels that their rays go through */
-  struct ern_buffer *known;      /* real: channels of the steady rays at each moment */
-  ern_rows moments;              /* of it: [moments * channels] per steady ray */
-  uint64_t samples, all_samples; /* in occupied cells: of the rays that are rendered anew; of all */
-};
-
-/* What stands behind the head, as it was handed in. */
-struct ern_still_behind {
-  bool known;                  /* the background rows are those of: */
-  uint8_t *background, *torso; /* copies; NULL: none was handed in */
-  int width, height;
-  float pose[16];
-  ern_box frame;
-  size_t individual;
-};
-
-struct ern_still {
-  bool on;
-  float bound;                /* most that a pixel may be off, 0..1 */
-  struct ern_moments moments; /* of the speech to come, where bound > 0 */
-  struct ern_still_behind behind;
-  bool behind_changed; /* since the frame before */
-  bool known;          /* the head's rows are those of: */
-  struct ern_view view;
-  size_t individual;
-  unsigned wanted; /* bit k: depth, attention, eye */
-  float code[ERN_AUDIO_CODE], eye;
-  int stood; /* frames that were rendered whole since the view came to stand */
-  struct ern_still_rays rays;
-  ern_still_work work;
-};
+#include "render/renderer_state.h"
 
 /* What a ray has beside its pixel, each a row of the picture. */
 enum { ERN_STILL_CHANNELS = 7 };

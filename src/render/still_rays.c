@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/renderer.h"
+#include "render/still.h"
 #include "render/visible_ops.h"
 
 enum {

@@ -38,7 +38,7 @@ static const struct rule rules[] = {
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
     {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},
-    {"tools", {"ernerf/*"}},
+    {"tools", {"ernerf/*", "session/*", "output/*", "verbs/*", "lab/*"}},
     {"examples", {"ernerf/*"}},
 };
 
@@ -207,6 +207,7 @@ static void test_rules(void **state) {
       {"train", "train_ops.h", "core/backend.h", false},
       {"train", "train_ops.h", "core/types.h", true},
       {"tools", "main.c", "args.h", true},
+      {"tools", "cmd_render.c", "session/session.h", true},
       {"tools", "main.c", "core/status.h", false},
       {"tools", "main.c", "ernerf/media.h", true},
       {"core", "arena.c", "memory.h", false},

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * A renderer from the inside: what it keeps on its backend, and the parts that make a frame. */
-#ifndef ERN_RENDERER_H
-#define ERN_RENDERER_H
+#ifndef ERN_RENDER_RENDERER_STATE_H
+#define ERN_RENDER_RENDERER_STATE_H
 
 #include "core/memory.h"
 #include "model/model.h"
 #include "render/stages.h"
-#include "render/still.h"
+#include "render/still_state.h"
 
 #include "ernerf/render.h"
 

@@ -1,6 +1,5 @@
-/* SPDX-License-Identifier: MIT
- * The callables that a checkpoint names, as descriptions of what they would make. */
-#include "io/pickle_values.h"
+/* SPDX-License-Identifier: MIT */
+#include "io/pickle_callables.h"
 
 #include <string.h>
 
