@@ -237,7 +237,7 @@ ERN_API bool ern_pace_holds(const ern_pace *pace);
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 
 /* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most.
- * NaN where rgb or truth is NULL. */
+ * NaN where rgb or truth is NULL, or a side is below 1. */
 ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box);
 
 /* Mean SSIM (Wang et al. 2004): 11 x 11 Gaussian window, sigma 1.5, K 0.01 and 0.03, per channel, windows inside the

@@ -50,10 +50,11 @@ typedef struct ern_train_config {
   uint32_t cookie;
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
-  bool resume;           /* go on from the newest state in X.run that verifies */
+  bool resume;           /* go on from the newest state in X.run that verifies; needs an output */
   bool overwrite;        /* without resume: replace an earlier training at X and X.run with the first save; false: where
                             there is one, ern_trainer_create gives ERN_E_EXISTS */
-  const char *from;      /* a model file to take the weights of, NULL: fresh ones. With optimizer state its step too */
+  const char *from;      /* a model file to take the weights of, NULL: fresh ones. With optimizer state its step too.
+                            No state in X.run: the saves replace those */
   const ern_model *head; /* for the torso: the head it goes under; copied */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
   int rays;              /* rays a step, 1..1048576; 65536 */

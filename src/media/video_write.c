@@ -55,7 +55,7 @@ static ern_status check_options(ern_context *context, const char *path, const er
   }
   if (!(options->sound_start >= 0 && options->sound_start < 1e9)) {
     ERN_TRY(
-        ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 or more", path, options->sound_start));
+        ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 to 1e9", path, options->sound_start));
   }
   if (sound != NULL && (sound->rate < 1 || sound->rate > 384000 || sound->channels < 1 || sound->channels > 8 ||
                         (sound->data == NULL && sound->frames > 0))) {

@@ -8,7 +8,7 @@
 
 double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box) {
   ERN_PLAIN_FLOATS;
-  if (rgb == NULL || truth == NULL) return NAN;
+  if (rgb == NULL || truth == NULL || width < 1 || height < 1) return NAN;
   const ern_box all = {0, height, 0, width}, in = box != NULL ? *box : all;
   double sum = 0;
   size_t count = 0;

@@ -93,6 +93,18 @@ fail:
   return status;
 }
 
+ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_run_folder *run, const char *path) {
+  const char *const files[] = {run->state, run->next, run->previous, run->good};
+  struct stat about, other;
+  if (path == NULL || stat(path, &about) != 0) return ERN_OK;
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+    if (stat(files[i], &other) == 0 && other.st_dev == about.st_dev && other.st_ino == about.st_ino)
+      return ern_fail(context, ERN_E_ARGUMENT,
+                      "%s: is an input in %s, whose states this training replaces; expected another output", path,
+                      run->folder);
+  return ERN_OK;
+}
+
 /* The first name in X.run that is neither its lock nor left by a process that was killed while it wrote, in `name`;
  * false: there is none. */
 static bool find_earlier(const char *folder, char name[256]) {

@@ -262,7 +262,8 @@ static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
   char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
   t->declined = t->output != NULL && t->saved > 0;
   if (t->declined)
-    snprintf(kept, sizeof kept, "; the next save keeps the state of before as %s, which --from goes on from",
+    snprintf(kept, sizeof kept,
+             "; the next save keeps the state of before as %s, which --from goes on from, to another output",
              t->run.good);
   ern_log(t->context, ERN_LOG_WARNING,
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64

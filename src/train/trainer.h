@@ -25,10 +25,11 @@ struct ern_lines {
 /* X.run: the lock, and the names in it. All NULL without an output. */
 struct ern_run_folder {
   char *folder, *state, *next, *previous, *good, *log, *curve;
-  int lock;   /* descriptor, -1: none */
-  bool made;  /* the folder was not there before */
-  bool keep;  /* until the first save: a file at X is not replaced */
-  bool fresh; /* nothing of this training has been written yet: what lies there is an earlier one's */
+  int lock;     /* descriptor, -1: none */
+  bool made;    /* the folder was not there before */
+  bool keep;    /* until the first save: a file at X is not replaced */
+  bool damaged; /* the state does not verify: the next save replaces it, and not the whole one before it */
+  bool fresh;   /* nothing of this training has been written yet: what lies there is an earlier one's */
   struct ern_lines log_lines, curve_lines;
 };
 
@@ -111,6 +112,10 @@ ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /* values and occupancy into t->model */
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
+
+/* A file that a training starts from may not be one that its saves replace. path NULL: none. ERN_E_ARGUMENT. */
+ERN_NODISCARD ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_run_folder *run,
+                                                      const char *path);
 
 /* run_folder.c */
 /* The names alone; nothing is made or locked. ern_run_folder_close also after an error. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What the callbacks of a dataset give, checked: they are the caller's, and answer anew at every step. */
 #include <inttypes.h>
+#include <math.h>
 #include <string.h>
 
 #include "core/status.h"
@@ -30,9 +31,9 @@ ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_
   if (about->aud_id < 0)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: %s frame %zu: aud_id is %" PRId64 ", expected 0 or more",
                     name_of(split), frame, about->aud_id);
-  if (about->eye < 0 || about->eye > 1) /* a NaN is the step's to find, whose values it must not touch */
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: %s frame %zu: eye is %g, expected 0 to 1", name_of(split),
-                    frame, (double)about->eye);
+  if (!(about->eye >= 0 && about->eye <= 1))
+    return ern_fail(t->context, isnan(about->eye) ? ERN_E_NONFINITE : ERN_E_ARGUMENT,
+                    "train: %s frame %zu: eye is %g, expected 0 to 1", name_of(split), frame, (double)about->eye);
   return ERN_OK;
 }
 

@@ -44,6 +44,9 @@ static ern_status check_range(ern_context *context, const char *name, double fou
 }
 
 static ern_status check_config(ern_context *context, const ern_train_config *c) {
+  if (c->resume && c->output == NULL)
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "train: resume is set, and output is NULL: expected the model of a training");
   const struct {
     const char *name;
     double found, least, most;
@@ -362,6 +365,7 @@ ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const
     ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
     if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
+    ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
     name_features(t);
   }
   ERN_TRY(fill(t));

@@ -136,8 +136,9 @@ static ern_status write_state(ern_trainer *t) {
     ERN_TRY(ern_run_folder_flush(t->context, &t->run));
   }
   ERN_TRY(keep_good(t));
-  if (access(t->run.state, F_OK) == 0) ERN_TRY(move(t->context, t->run.state, t->run.previous));
+  if (access(t->run.state, F_OK) == 0 && !t->run.damaged) ERN_TRY(move(t->context, t->run.state, t->run.previous));
   ERN_TRY(move(t->context, t->run.next, t->run.state));
+  t->run.damaged = false;
   t->saved = t->step;
 fail:
   return status;
@@ -359,6 +360,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
+  t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
   t->saved = t->step;
   *resumed = true;
 fail:

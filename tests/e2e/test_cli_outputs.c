@@ -140,6 +140,13 @@ static void test_run_folder(void **state) {
   cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 6 --resume");
   cli_expect(&cli, 0, "val_000006.png: is there already and is kept", NULL);
   expect_text("r.run/val_000006.png", "mine");
+  /* nor what the training starts from, where it is one of the states that it replaces */
+  const char *const starts[] = {"--from", "--torso --head"};
+  for (size_t i = 0; i < 2; i++) {
+    cli_run(&cli, "train clip %s r.run/state.safetensors -o r.safetensors --rays 32 --iters 9 -y --quiet", starts[i]);
+    cli_expect(&cli, 1, "r.run/state.safetensors", "is an input in r.run", "another", NULL);
+    assert_true(cli_there("r.run/state.safetensors") && cli_there("r.run/state.previous.safetensors"));
+  }
   support_write_text("n.safetensors.ernerf-tmp", "mine");
   cli_run(&cli, "convert m.safetensors n.safetensors --quiet");
   cli_expect(&cli, 1, "n.safetensors.ernerf-tmp", "not made by this program", NULL);

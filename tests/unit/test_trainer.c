@@ -127,7 +127,17 @@ static void test_damaged_state(void **state) {
   support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
   support_ok(m.context, ern_trainer_step(trainer, &report));
   assert_int_equal(report.step, 5);
+  support_ok(m.context, ern_trainer_save(trainer));
   ern_trainer_free(&trainer);
+  /* the state that was not whole has not replaced the one before it */
+  support_write("hurt.run/state.safetensors", "again", 5);
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(report.step, 5);
+  ern_trainer_free(&trainer);
+  config.output = NULL;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "resume is set",
+                 "output is NULL", NULL);
   made_close(&m);
 }
 
@@ -145,8 +155,13 @@ static void test_nonfinite(void **state) {
   for (int k = 0; k < 3; k++) support_ok(m.context, ern_trainer_step(trainer, &report));
   support_ok(m.context, ern_trainer_save(trainer));
   m.poison = NAN;
-  support_expect(m.context, ern_trainer_step(trainer, &report), ERN_E_NONFINITE, "step 3", "as before", NULL);
+  support_expect(m.context, ern_trainer_step(trainer, &report), ERN_E_NONFINITE, "training frame", "eye is nan", NULL);
   m.poison = 0;
+  float speech[sizeof m.speech / sizeof *m.speech];
+  memcpy(speech, m.speech, sizeof speech);
+  for (size_t i = 0; i < sizeof speech / sizeof *speech; i++) m.speech[i] = NAN; /* behind the trainer's back */
+  support_expect(m.context, ern_trainer_step(trainer, &report), ERN_E_NONFINITE, "step 3", "as before", NULL);
+  memcpy(m.speech, speech, sizeof speech);
   support_ok(m.context, ern_trainer_step(trainer, &report)); /* the values were not touched */
   assert_int_equal(report.step, 4);
   assert_true(isfinite(report.loss));

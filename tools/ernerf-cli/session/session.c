@@ -302,8 +302,7 @@ static int keep_file(struct session *session, const char *input, const char *out
   return session_fail_with(session, "%s: is an input (%s), expected another name for the output", output, input);
 }
 
-/* Whether `output`, or what it leads to where it is a symbolic link, lies in the folder. */
-static bool lies_in(const char *output, const char *folder) {
+bool session_lies_in(const char *output, const char *folder) {
   char own[4096] = ".";
   char *real = realpath(output, NULL);
   const char *place = real != NULL ? real : output, *slash = strrchr(place, '/');
@@ -330,7 +329,7 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
   }
   for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
     snprintf(path, sizeof path, "%s/%s", clip, folders[i]);
-    if (lies_in(output, path))
+    if (session_lies_in(output, path))
       return session_fail_with(session, "%s: lies among the clip's pictures in %s, expected another folder", output,
                                path);
   }

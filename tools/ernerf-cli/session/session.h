@@ -101,6 +101,8 @@ int session_keep_inputs(struct session *session, const char *output);
 bool session_skips_link(struct session *session, const char *path);
 /* The same, and whether any file is there that --overwrite does not let go, after a note. */
 bool session_keeps_file(struct session *session, const char *path);
+/* Whether the file, or what it leads to where it is a symbolic link, lies in the folder. */
+bool session_lies_in(const char *path, const char *folder);
 /* Whether the folder that `path` lies in is there. */
 bool session_folder_there(const char *path);
 

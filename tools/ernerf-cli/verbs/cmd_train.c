@@ -447,6 +447,9 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
     return session_fail(session);
+  if (job->head_path != NULL && session_lies_in(job->head_path, ern_trainer_folder(job->trainer)))
+    return session_fail_with(session, "%s: is an input in %s, whose states this training replaces; expected another -o",
+                             job->head_path, ern_trainer_folder(job->trainer));
   return 0;
 }
 
