@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "backend_cpu/backend_cpu.h"
-#include "backend_opencl/devices.h"
+#include "backend_opencl/backend_opencl.h"
 #include "core/floats.h"
 #include "core/machine.h"
 #include "core/status.h"

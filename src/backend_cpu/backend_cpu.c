@@ -3,10 +3,10 @@
 #include "backend_cpu/backend_cpu.h"
 
 #include "backend_cpu/cpu_kernels.h"
-#include "backend_cpu/field_train.h"
-#include "backend_cpu/head_step_fast.h"
-#include "backend_cpu/render_fast.h"
-#include "backend_cpu/torso_fast.h"
+#include "backend_cpu/fused/step_kernels.h"
+#include "backend_cpu/fused/step.h"
+#include "backend_cpu/fused/render.h"
+#include "backend_cpu/fused/torso.h"
 #include "core/memory.h"
 #if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
 #include "backend_cpu/kernels_isa.h"

@@ -108,7 +108,7 @@ struct ern_cpu_stream {
   struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */
 };
 
-/* Fills the slots, copies and fills of a table (adapt.c, compiled once a scalar). */
+/* Fills the slots, copies and fills of a table (memory.c, compiled once a scalar). */
 void ern_cpu_fill_slots_ref(struct ern_backend *backend);
 void ern_cpu_fill_slots_ref64(struct ern_backend *backend);
 /* The kernels of the reference. */

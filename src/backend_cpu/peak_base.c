@@ -2,7 +2,7 @@
  * The peak of what every processor of the architecture has. The reference is compiled so: products and sums are rounded
  * apart (no multiply-add in one), registers of four floats. */
 #define ERN_ISA_NAME base
-#include "backend_cpu/simd/peak_simd.c"
+#include "backend_cpu/simd/peak.c"
 
 typedef double vd __attribute__((vector_size(LANES * 4)));
 

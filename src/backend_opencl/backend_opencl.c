@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/device_tune.h"
-#include "backend_opencl/devices.h"
-#include "backend_opencl/probe.h"
+#include "backend_opencl/device/tune.h"
+#include "backend_opencl/backend_opencl.h"
+#include "backend_opencl/device/probe.h"
 #include "core/memory.h"
 
 static const size_t element_bytes[] = {

@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "backend_opencl/device_portrait.h"
+#include "backend_opencl/portrait.h"
 #include "core/memory.h"
 #include "render/visible_ops.h"
 

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "backend_opencl/device_portrait.h"
+#include "backend_opencl/portrait.h"
 #include "core/memory.h"
 #include "model/torso_ops.h"
 

@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include "backend_cpu/peak.h"
-#include "backend_opencl/device_peak.h"
+#include "backend_opencl/device/peak.h"
 #include "bench/bench.h"
 #include "core/cpu.h"
 #include "core/floats.h"

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "backend_cpu/cpu_kernels.h"
-#include "backend_opencl/device_peak.h"
+#include "backend_opencl/device/peak.h"
 #include "core/memory.h"
 #include "core/profile.h"
 #include "core/status.h"

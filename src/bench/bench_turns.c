@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/device_peak.h"
+#include "backend_opencl/device/peak.h"
 #include "bench/bench.h"
 #include "core/profile.h"
 #include "core/status.h"

@@ -3,7 +3,7 @@
  * stands before. No device is needed. */
 #include <sys/stat.h>
 
-#include "backend_opencl/device_tune.h"
+#include "backend_opencl/device/tune.h"
 #include "fuzz.h"
 #include "io/file.h"
 

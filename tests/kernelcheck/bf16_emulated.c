@@ -6,4 +6,4 @@
 
 #define ERN_ISA_NAME bf16_emulated
 #define ERN_TILE_PAIRS
-#include "backend_cpu/simd/render_simd.c"
+#include "backend_cpu/simd/render.c"

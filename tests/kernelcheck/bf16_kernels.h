@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "backend_cpu/render_lane.h"
+#include "backend_cpu/fused/render_lane.h"
 
 /* pairs_product of tile_pairs.h; `relu`: TILE_RELU. */
 typedef void bf16_product(float *out, const float *start, const float *packed, const float *x, size_t rows,

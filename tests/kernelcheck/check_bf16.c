@@ -6,7 +6,7 @@
 
 #include <float.h>
 
-#include "backend_cpu/pack_pairs.h"
+#include "backend_cpu/fused/pack_pairs.h"
 #include "bf16_kernels.h"
 
 #if defined(ERN_X86_KERNELS)

@@ -5,7 +5,7 @@
 
 #include <unistd.h>
 
-#include "backend_opencl/device_tune.h"
+#include "backend_opencl/device/tune.h"
 #include "core/memory.h"
 #include "io/file.h"
 

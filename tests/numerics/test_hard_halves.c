@@ -3,7 +3,7 @@
 #include <float.h>
 #include <math.h>
 
-#include "backend_cpu/pack_pairs.h"
+#include "backend_cpu/fused/pack_pairs.h"
 #include "ernerf/data.h"
 #include "io/half.h"
 #include "support.h"

@@ -3,7 +3,7 @@
 #ifndef ERN_ENCODE_TILE_H
 #define ERN_ENCODE_TILE_H
 
-#include "backend_cpu/frame_net.h"
+#include "backend_cpu/fused/frame_net.h"
 #include "backend_cpu/simd/lanes_pairs.h"
 #include "backend_cpu/simd/tile.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Each file simd/NOUN_simd.c is compiled once for each instruction set (cmake/instruction_sets.cmake), with
+ * Each file simd/NOUN.c is compiled once for each instruction set (cmake/instruction_sets.cmake), with
  * ERN_ISA_NAME as avx2, avx512, avx512bf16 or neon: ERN_ISA(ern_mlp_fwd) is ern_mlp_fwd_avx2. */
 #ifndef ERN_SIMD_ISA_H
 #define ERN_SIMD_ISA_H

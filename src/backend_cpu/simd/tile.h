@@ -7,7 +7,7 @@
 #ifndef ERN_TILE_H
 #define ERN_TILE_H
 
-#include "backend_cpu/pack.h"
+#include "backend_cpu/fused/pack.h"
 #include "backend_cpu/simd/lanes.h"
 
 /* A block of TILE_ROWS x TILE_VECTORS sums lives in registers: 8 x 3 of 32, or 4 x 3 of 16, with three for x and one

@@ -5,7 +5,7 @@
 #define ERN_TILE_LAYERS_H
 
 #if defined(ERN_TILE_PAIRS)
-#include "backend_cpu/pack_pairs.h"
+#include "backend_cpu/fused/pack_pairs.h"
 #include "backend_cpu/simd/tile_pairs.h"
 
 /* Rows of TILE floats that n inputs of a layer take. */

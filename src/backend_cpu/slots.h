@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT
+ * From slots to kernels: unwraps spans to pointers and deals the work to threads. The files of slots are
+ * compiled once a scalar.
+ *
+ * Sums over samples are made in ERN_SHARDS blocks whose borders depend on the number of samples alone, and added in the
+ * order of the shards; tables of a grid are filled level by level, each by one thread in sample order. So the result is
+ * the same for any number of threads. */
+#ifndef ERN_CPU_ADAPT_H
+#define ERN_CPU_ADAPT_H
+
+#include <string.h>
+
+#include "backend_cpu/cpu_kernels.h"
+
+/* Each file of slots fills its part of the table. */
+void ERN_REF(ern_cpu_fill_field)(struct ern_backend *backend);
+void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend);
+void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend);
+void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend);
+
+static inline ern_real *reals(ern_span span) {
+  return span.buffer != NULL ? (ern_real *)span.buffer->memory + span.at : NULL;
+}
+static inline int32_t *int32s(ern_span span) {
+  return span.buffer != NULL ? (int32_t *)span.buffer->memory + span.at : NULL;
+}
+static inline uint8_t *bytes(ern_span span) {
+  return span.buffer != NULL ? (uint8_t *)span.buffer->memory + span.at : NULL;
+}
+static inline ern_real *after(ern_real *pointer, size_t count) { return pointer != NULL ? pointer + count : NULL; }
+
+static inline const struct ern_cpu_kernels *kernels_of(const struct ern_stream *stream) {
+  return ((const struct ern_cpu_backend *)stream->backend)->kernels;
+}
+static inline struct ern_pool *pool_of(struct ern_stream *stream) { return ((struct ern_cpu_stream *)stream)->pool; }
+
+struct range {
+  size_t begin, end;
+};
+
+/* Shard k of n items, in units of `unit` items. */
+static inline struct range shard(size_t n, size_t unit, size_t k) {
+  const size_t units = (n + unit - 1) / unit;
+  const size_t begin = units * k / ERN_SHARDS * unit, end = units * (k + 1) / ERN_SHARDS * unit;
+  return (struct range){begin < n ? begin : n, end < n ? end : n};
+}
+
+/* One task of a slot: its stream, its arguments, its items. */
+struct job {
+  struct ern_stream *stream;
+  const struct ern_cpu_kernels *kernels;
+  void *args;
+  ern_real *block; /* per-shard sums */
+  size_t block_stride;
+  ern_status status[ERN_SHARDS];
+};
+
+static inline void run(struct ern_stream *stream, void *args, size_t tasks, void (*task)(void *, size_t, int)) {
+  struct job job = {.stream = stream, .kernels = kernels_of(stream), .args = args};
+  ern_pool_run(pool_of(stream), tasks, task, &job);
+}
+
+/* One block of `each` reals a shard, so that no two tasks share one. */
+static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern_real **block) {
+  ern_span span;
+  const ern_status status = ern_take(stream, ERN_ELEMENT_REAL, each * ERN_SHARDS, &span);
+  *block = reals(span);
+  return status;
+}
+
+#endif

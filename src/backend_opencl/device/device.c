@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: MIT
+ * Which devices there are, and what one of them can do. */
+#include "backend_opencl/backend_opencl.h"
+
+#include "core/status.h"
+
+#if defined(ERN_OPENCL)
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "backend_opencl/device/tune.h"
+#include "backend_opencl/device/probe.h"
+
+enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
+
+struct found {
+  cl_platform_id platform;
+  cl_device_id device;
+};
+
+/* The loader answers with an error where no driver is installed: that is a machine without OpenCL. */
+static int find_devices(struct found found[MAX_DEVICES], int *platforms_found) {
+  cl_platform_id platform[MAX_PLATFORMS];
+  cl_uint platforms = 0;
+  int count = 0;
+  if (clGetPlatformIDs(MAX_PLATFORMS, platform, &platforms) != CL_SUCCESS) platforms = 0;
+  if (platforms > MAX_PLATFORMS) platforms = MAX_PLATFORMS;
+  for (cl_uint p = 0; p < platforms; p++) {
+    cl_device_id device[MAX_DEVICES];
+    cl_uint devices = 0;
+    if (clGetDeviceIDs(platform[p], CL_DEVICE_TYPE_ALL, MAX_DEVICES, device, &devices) != CL_SUCCESS) continue;
+    for (cl_uint d = 0; d < devices && d < MAX_DEVICES && count < MAX_DEVICES; d++)
+      found[count++] = (struct found){platform[p], device[d]};
+  }
+  *platforms_found = (int)platforms;
+  return count;
+}
+
+/* The text of a device; "" where it has none or a longer one. */
+static void text_of(cl_device_id device, cl_device_info what, char *text, size_t bytes) {
+  text[0] = 0;
+  if (clGetDeviceInfo(device, what, bytes, text, NULL) != CL_SUCCESS) text[0] = 0;
+  text[bytes - 1] = 0;
+}
+
+static uint64_t number_of(cl_device_id device, cl_device_info what, size_t bytes) {
+  uint64_t value = 0; /* little-endian hosts: a cl_uint fills its low half */
+  if (clGetDeviceInfo(device, what, bytes, &value, NULL) != CL_SUCCESS) value = 0;
+  return value;
+}
+
+static bool has_extension(const char *extensions, const char *name) {
+  const size_t length = strlen(name);
+  for (const char *at = strstr(extensions, name); at != NULL; at = strstr(at + length, name))
+    if ((at == extensions || at[-1] == ' ') && (at[length] == ' ' || at[length] == 0)) return true;
+  return false;
+}
+
+static void ask(struct ern_cl_device *device) {
+  char extensions[EXTENSION_BYTES];
+  const cl_device_id id = device->id;
+  text_of(id, CL_DEVICE_NAME, device->name, sizeof device->name);
+  text_of(id, CL_DEVICE_VERSION, device->version, sizeof device->version);
+  text_of(id, CL_DRIVER_VERSION, device->driver, sizeof device->driver);
+  text_of(id, CL_DEVICE_EXTENSIONS, extensions, sizeof extensions);
+  if (clGetPlatformInfo(device->platform, CL_PLATFORM_VERSION, sizeof device->platform_version,
+                        device->platform_version, NULL) != CL_SUCCESS)
+    device->platform_version[0] = 0;
+  const char *driver = device->platform_version;
+  device->keeps_kernels = strstr(driver, "pocl") != NULL || strstr(driver, "PoCL") != NULL;
+  device->host = (number_of(id, CL_DEVICE_TYPE, sizeof(cl_device_type)) & CL_DEVICE_TYPE_CPU) != 0;
+  device->cpu = device->host;
+  device->exact_divide = (number_of(id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof(cl_device_fp_config)) &
+                          CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0;
+  device->half = has_extension(extensions, "cl_khr_fp16");
+  device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
+  const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
+  device->width = 1;
+  /* the other form, to compare the two on one device */
+  const char *form = getenv("ERNERF_OPENCL_FORM");
+  if (form != NULL && strcmp(form, "cpu") == 0) device->cpu = true;
+  if (form != NULL && strcmp(form, "gpu") == 0) device->cpu = false;
+  for (int width = 4; device->cpu && width <= native && width <= CPU_WIDTH; width *= 2) device->width = width;
+  device->group_most = (size_t)number_of(id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof(size_t));
+  device->local_bytes = (size_t)number_of(id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof(cl_ulong));
+  device->memory_bytes = number_of(id, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof(cl_ulong));
+  device->buffer_bytes = number_of(id, CL_DEVICE_MAX_MEM_ALLOC_SIZE, sizeof(cl_ulong));
+  device->units = (cl_uint)number_of(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint));
+}
+
+/* Tries all devices; false where none of them may even be asked for. What cannot be used is told as a warning. */
+static bool find_usable(ern_context *context, bool usable[MAX_DEVICES]) {
+  char before[ERN_ERROR_BYTES];
+  bool listed = true;
+  ern_error_keep(context, before);
+  for (int i = 0; i < MAX_DEVICES; i++) usable[i] = true;
+  for (int first = 0, dead = 0; listed && first < MAX_DEVICES; first = dead + 1) {
+    if (ern_cl_probe(context, first, MAX_DEVICES - 1, &listed, &dead) == ERN_OK) break;
+    ern_log_error(context, ERN_LOG_WARNING, "");
+    if (listed && dead >= first && dead < MAX_DEVICES) usable[dead] = false;
+    if (dead < first) break; /* it says what it cannot know */
+  }
+  ern_error_restore(context, before);
+  return listed;
+}
+
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  struct found found[MAX_DEVICES];
+  bool usable[MAX_DEVICES];
+  int platforms = 0;
+  if (!find_usable(context, usable)) return ERN_OK;
+  const int count = find_devices(found, &platforms);
+  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
+  if (platforms > 0 && count == 0)
+    ern_log(context, ERN_LOG_INFO, "OpenCL: %d driver%s installed, but none of them has a device", platforms,
+            platforms == 1 ? " is" : "s are");
+  for (int i = 0; i < count; i++) {
+    if (!usable[i]) continue;
+    struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
+    ask(&device);
+    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+    ern_cl_tune_read(context, &device, measured);
+    const ern_device_info info = {.kind = "opencl",
+                                  .number = i,
+                                  .name = device.name,
+                                  .version = device.version,
+                                  .instruction_sets = "",
+                                  .compute_units = device.units,
+                                  .memory_bytes = device.memory_bytes,
+                                  .driver = device.driver,
+                                  .buffer_bytes = device.buffer_bytes,
+                                  .local_bytes = device.local_bytes,
+                                  .half = device.half,
+                                  .subgroups = device.subgroups,
+                                  .tuned = ern_cl_is_tuned(measured),
+                                  .deterministic = device.cpu};
+    say(user, &info);
+  }
+  return ERN_OK;
+}
+
+ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device) {
+  struct found found[MAX_DEVICES];
+  int platforms = 0;
+  const int count = find_devices(found, &platforms);
+  if (platforms == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: no driver is installed (no ICD); install one for your device (Debian: pocl-opencl-icd "
+                    "runs on the CPU), or use --backend cpu");
+  if (count == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: %d driver%s installed, but none of them has a device",
+                    platforms, platforms == 1 ? " is" : "s are");
+  if (number < 0 || number >= count)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: found no device %d, expected 0 to %d (`ernerf info devices` lists them)", number,
+                    count - 1);
+  *device = (struct ern_cl_device){.platform = found[number].platform, .id = found[number].device};
+  ask(device);
+  if (number_of(device->id, CL_DEVICE_AVAILABLE, sizeof(cl_bool)) == 0)
+    return ern_fail(context, ERN_E_DEVICE, "OpenCL: device %d (%s) says it is not available", number, device->name);
+  if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)
+    return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: device %d (%s) has no compiler for kernels", number,
+                    device->name);
+  return ERN_OK;
+}
+
+#else
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  (void)say, (void)user;
+  ern_log(context, ERN_LOG_INFO, "OpenCL: this build is without it");
+  return ERN_OK;
+}
+
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
+                                   ern_backend **backend) {
+  (void)number, (void)deterministic, (void)tune;
+  *backend = NULL;
+  return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
+}
+
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  (void)backend, (void)say, (void)user;
+}
+#endif

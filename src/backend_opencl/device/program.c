@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: MIT
+ * Programs: built from embedded sources for one device, or taken from the user's cache of binaries; of a driver that
+ * keeps kernels itself (keeps_kernels), always built. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "backend_opencl/device/kernel_sources.h"
+#include "backend_opencl/opencl.h"
+#include "core/memory.h"
+#include "io/file.h"
+
+enum { OPTION_BYTES = 4096, LOG_BYTES = 1500 /* an error text has 2048 */ };
+
+static const struct {
+  const char *name;
+  const unsigned char *text;
+  const size_t *bytes;
+} sources[] = {
+#define ENTRY(source) {#source ".cl", ern_cl_text_##source, &ern_cl_bytes_##source},
+    ERN_CL_SOURCES(ENTRY)
+#undef ENTRY
+};
+
+/* What is compiled: common.cl, for the fused passes tile.cl, and the source. */
+enum { TEXTS = 3 };
+static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
+  const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso;
+  text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
+  text[1] = (const char *)ern_cl_text_tile, bytes[1] = fused ? ern_cl_bytes_tile : 0;
+  text[2] = (const char *)sources[source].text, bytes[2] = *sources[source].bytes;
+}
+
+void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
+  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d",
+           device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu);
+}
+
+ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,
+                              const char *options, char key[ERN_CL_KEY_BYTES]) {
+  char head[OPTION_BYTES];
+  void *room = NULL;
+  const int length = snprintf(head, sizeof head, "libernerf %s|%s|%s|%s|%s|%s|", ern_version(), device->name,
+                              device->version, device->driver, device->platform_version, options);
+  if (length < 0 || (size_t)length >= sizeof head)
+    return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
+  const char *text[TEXTS];
+  size_t bytes[TEXTS], at = (size_t)length;
+  texts_of(source, text, bytes);
+  const ern_status status = ern_allocate(context, at + bytes[0] + bytes[1] + bytes[2], 1, &room);
+  if (status != ERN_OK) return status;
+  char *all = room;
+  memcpy(all, head, at);
+  for (size_t i = 0; i < TEXTS; at += bytes[i++]) memcpy(all + at, text[i], bytes[i]);
+  ern_sha256_hex(all, at, key);
+  ern_release(context, room);
+  return ERN_OK;
+}
+
+/* The end of the build log, where compilers say what ended them. */
+static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source source, cl_program program, cl_int code) {
+  char *log = NULL;
+  void *room = NULL;
+  size_t bytes = 0;
+  if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes) == CL_SUCCESS &&
+      ern_allocate(backend->table.context, bytes + 1, 1, &room) == ERN_OK) {
+    log = room;
+    if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL) != CL_SUCCESS)
+      log[0] = 0;
+  }
+  const size_t length = log != NULL ? strlen(log) : 0;
+  const ern_status status =
+      ern_fail(backend->table.context, ERN_E_DEVICE, "OpenCL: %s does not build %s: %s; its log: %s",
+               backend->device.name, sources[source].name, ern_cl_error_name(code),
+               length == 0          ? "(empty)"
+               : length > LOG_BYTES ? log + length - LOG_BYTES
+                                    : log);
+  ern_release(backend->table.context, room);
+  return status;
+}
+
+/* NULL where the cache has none that this driver accepts. */
+static cl_program from_cache(struct ern_cl_backend *backend, const char *key, const char *options) {
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  cl_int code = CL_SUCCESS, fit = CL_SUCCESS;
+  ern_cl_cache_read(backend->table.context, key, &bytes, &count);
+  if (bytes == NULL) return NULL;
+  const unsigned char *binary = bytes;
+  cl_program program =
+      clCreateProgramWithBinary(backend->context, 1, &backend->device.id, &count, &binary, &fit, &code);
+  if (code == CL_SUCCESS) code = fit;
+  if (code == CL_SUCCESS) code = clBuildProgram(program, 1, &backend->device.id, options, NULL, NULL);
+  if (code != CL_SUCCESS && program != NULL) {
+    clReleaseProgram(program);
+    program = NULL;
+  }
+  ern_release(backend->table.context, bytes);
+  return code == CL_SUCCESS ? program : NULL;
+}
+
+static void to_cache(struct ern_cl_backend *backend, const char *key, cl_program program) {
+  size_t bytes = 0;
+  void *room = NULL;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof bytes, &bytes, NULL) != CL_SUCCESS || bytes == 0)
+    return;
+  if (ern_allocate(backend->table.context, bytes, 1, &room) != ERN_OK) return;
+  unsigned char *binary = room;
+  if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof binary, &binary, NULL) == CL_SUCCESS)
+    ern_cl_cache_write(backend->table.context, key, binary, bytes);
+  ern_release(backend->table.context, room);
+}
+
+static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                              cl_program *program) {
+  const char *all[TEXTS], *text[TEXTS];
+  size_t sizes[TEXTS], bytes[TEXTS];
+  cl_uint count = 0; /* of those that are not empty: a length of 0 would mean a string that ends with a 0 */
+  cl_int code = CL_SUCCESS;
+  texts_of(source, all, sizes);
+  for (size_t i = 0; i < TEXTS; i++)
+    if (sizes[i] > 0) text[count] = all[i], bytes[count++] = sizes[i];
+  *program = clCreateProgramWithSource(backend->context, count, text, bytes, &code);
+  if (code != CL_SUCCESS) return ern_cl_check(backend, code, sources[source].name);
+  code = clBuildProgram(*program, 1, &backend->device.id, options, NULL, NULL);
+  if (code == CL_SUCCESS) return ERN_OK;
+  const ern_status status = build_failed(backend, source, *program, code);
+  clReleaseProgram(*program);
+  *program = NULL;
+  return status;
+}
+
+static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program program) {
+  ern_context *context = backend->table.context;
+  if (backend->program_count == backend->program_room) {
+    const size_t room = backend->program_room > 0 ? 2 * backend->program_room : 32;
+    void *grown = NULL;
+    const ern_status status = ern_allocate(context, room, sizeof *backend->programs, &grown);
+    if (status != ERN_OK) return status;
+    if (backend->program_count > 0)
+      memcpy(grown, backend->programs, backend->program_count * sizeof *backend->programs);
+    ern_release(context, backend->programs);
+    backend->programs = grown;
+    backend->program_room = room;
+  }
+  struct ern_cl_program *entry = &backend->programs[backend->program_count];
+  *entry = (struct ern_cl_program){.source = source, .program = program};
+  const ern_status status = ern_string_copy(context, options, &entry->options);
+  if (status == ERN_OK) backend->program_count++;
+  return status;
+}
+
+static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
+  char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
+  ern_status status = ERN_OK;
+  ern_cl_base_options(&backend->device, all, sizeof all);
+  const size_t base = strlen(all);
+  const int more = snprintf(all + base, sizeof all - base, " %s", options);
+  if (more < 0 || (size_t)more >= sizeof all - base)
+    ERN_TRY(
+        ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
+  ERN_TRY(ern_cl_program_key(backend->table.context, &backend->device, source, all, key));
+  const bool cached = !backend->device.keeps_kernels;
+  if (cached) *program = from_cache(backend, key, all);
+  if (*program == NULL) {
+    ern_log(backend->table.context, ERN_LOG_DEBUG, "OpenCL: building %s", sources[source].name);
+    ERN_TRY(from_source(backend, source, all, program));
+    if (cached) to_cache(backend, key, *program);
+  }
+  ERN_TRY(keep(backend, source, options, *program));
+  return ERN_OK;
+fail:
+  if (*program != NULL) clReleaseProgram(*program);
+  *program = NULL;
+  return status;
+}
+
+ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
+                              cl_program *program) {
+  ern_status status = ERN_OK;
+  *program = NULL;
+  if (pthread_mutex_lock(&backend->lock) != 0)
+    return ern_fail(backend->table.context, ERN_E_STATE, "OpenCL: the lock of the programs failed");
+  for (size_t i = 0; i < backend->program_count && *program == NULL; i++) {
+    const struct ern_cl_program *known = &backend->programs[i];
+    if (known->source == source && strcmp(known->options, options) == 0) *program = known->program;
+  }
+  if (*program == NULL) status = make(backend, source, options, program);
+  pthread_mutex_unlock(&backend->lock);
+  return status;
+}
+
+void ern_cl_programs_free(struct ern_cl_backend *backend) {
+  for (size_t i = 0; i < backend->program_count; i++) {
+    clReleaseProgram(backend->programs[i].program);
+    ern_release(backend->table.context, backend->programs[i].options);
+  }
+  ern_release(backend->table.context, backend->programs);
+}

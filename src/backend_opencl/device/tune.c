@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: MIT
+ * The tuner: sizes are tried on the device, in turns with the standard, and what was measured is kept in the cache
+ * folder under device, driver, form and kernels.
+ *
+ * Sizes of kernels whose sums keep their order do not change a bit of any result. Where the order does change
+ * (`reorders`), a backend that promises the same bytes on every run keeps to the standard. */
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#include "backend_opencl/device/peak.h"
+#include "backend_opencl/device/tune.h"
+#include "backend_opencl/backend_opencl.h"
+#include "core/memory.h"
+#include "io/file.h"
+
+enum {
+  SIZES = 4,           /* that are tried, at most */
+  TURNS = 5,           /* of a size and the standard */
+  READING_NS = 2000000 /* that a reading lasts at least: calls are repeated to fill it */
+};
+static const double seconds_unasked = 20, seconds_asked = 120; /* building included; the last build may run over */
+static const int64_t clearly = 105;                            /* percent: less is noise */
+
+struct form {
+  int most;         /* that kernels can be built with */
+  int tried[SIZES]; /* the standard first; 0: none */
+};
+static const struct knob {
+  const char *name;
+  bool reorders;     /* sums: the result depends on it by rounding */
+  bool power_of_two; /* only such sizes can be built */
+  struct form gpu, cpu;
+} knobs[ERN_CL_KNOB_COUNT] = {
+    [ERN_CL_SIZE_mlp_fwd] = {"mlp_fwd", false, false, {256, {64, 32, 128, 256}}, {3, {3, 2, 1}}},
+    [ERN_CL_SIZE_mlp_bwd] = {"mlp_bwd", true, false, {256, {64, 32, 128}}, {3, {3, 2}}},
+    [ERN_CL_SIZE_grid_fwd] = {"grid_fwd", false, true, {512, {64, 32, 128, 256}}, {256, {64, 16, 256}}},
+    [ERN_CL_SIZE_grid_bwd] = {"grid_bwd", false, true, {512, {64, 32, 128, 256}}, {256, {64, 16, 256}}},
+    [ERN_CL_SIZE_rays_tile] = {"rays_tile", false, false, {256, {64, 32, 128}}, {8, {3, 2, 4}}},
+    [ERN_CL_SIZE_rays_groups] = {"rays_groups", false, false, {1024, {16, 4, 8, 32}}, {1024, {2, 1, 4, 8}}},
+    [ERN_CL_SIZE_torso_tile] = {"torso_tile", false, false, {256, {64, 32, 128}}, {8, {3, 2, 4}}},
+    [ERN_CL_SIZE_torso_groups] = {"torso_groups", false, false, {1024, {16, 4, 8, 32}}, {1024, {2, 1, 4, 8}}},
+};
+
+static const struct form *form_of(const struct ern_cl_device *device, ern_cl_knob knob) {
+  return device->cpu ? &knobs[knob].cpu : &knobs[knob].gpu;
+}
+
+int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_knob knob) {
+  return form_of(device, knob)->tried[0];
+}
+
+int ern_cl_size_kept(const struct ern_cl_measured *m) {
+  return m->standard_ns > m->best_ns / 100 * clearly ? m->best : m->standard;
+}
+
+/* ---- what is kept ------------------------------------------------------------------------------------------------ */
+
+ern_status ern_cl_tune_key(ern_context *context, const struct ern_cl_device *device, char key[ERN_CL_KEY_BYTES]) {
+  static const ern_cl_source sources[] = {ERN_CL_mlp, ERN_CL_hashgrid, ERN_CL_render, ERN_CL_render_torso};
+  enum { COUNT = sizeof sources / sizeof *sources };
+  char keys[COUNT][ERN_CL_KEY_BYTES] = {{0}}, options[ERN_CL_KEY_BYTES];
+  ern_status status = ERN_OK;
+  ern_cl_base_options(device, options, sizeof options);
+  for (size_t i = 0; i < COUNT; i++) ERN_TRY(ern_cl_program_key(context, device, sources[i], options, keys[i]));
+  ern_sha256_hex(keys, sizeof keys, key);
+fail:
+  return status;
+}
+
+static bool is_size(const struct ern_cl_device *device, ern_cl_knob knob, int size) {
+  return size >= 1 && size <= form_of(device, knob)->most && (!knobs[knob].power_of_two || (size & (size - 1)) == 0);
+}
+
+/* Nanoseconds of a call: within eleven days, so that what is reckoned with them has no overflow. */
+static bool is_time(int64_t ns) { return ns > 0 && ns < (int64_t)1000000000000000; }
+
+static bool is_sound(const struct ern_cl_device *device, const struct ern_cl_measured *measured) {
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
+    const struct ern_cl_measured *m = &measured[knob];
+    if (m->standard_ns == 0) continue;
+    if (!is_time(m->standard_ns) || !is_time(m->best_ns) || m->standard != ern_cl_standard_size(device, knob) ||
+        !is_size(device, knob, m->best))
+      return false;
+  }
+  return true;
+}
+
+void ern_cl_tune_read(ern_context *context, const struct ern_cl_device *device, struct ern_cl_measured *measured) {
+  const size_t expected = ERN_CL_KNOB_COUNT * sizeof *measured;
+  char key[ERN_CL_KEY_BYTES];
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  memset(measured, 0, expected);
+  if (ern_cl_tune_key(context, device, key) == ERN_OK) ern_cl_cache_read(context, key, &bytes, &count);
+  if (bytes != NULL && count == expected) memcpy(measured, bytes, expected);
+  if (!is_sound(device, measured)) memset(measured, 0, expected);
+  ern_release(context, bytes);
+}
+
+bool ern_cl_tune_write(ern_context *context, const struct ern_cl_device *device,
+                       const struct ern_cl_measured *measured) {
+  char key[ERN_CL_KEY_BYTES];
+  return ern_cl_tune_key(context, device, key) == ERN_OK &&
+         ern_cl_cache_write(context, key, measured, ERN_CL_KNOB_COUNT * sizeof *measured);
+}
+
+/* ---- measuring --------------------------------------------------------------------------------------------------- */
+
+static int64_t now_ns(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* The standard and another size, each ready on a stream. */
+struct contest {
+  struct ern_cl_backend *bench;
+  struct ern_cl_loads *loads;
+  struct ern_stream *stream[2];
+  ern_cl_knob knob;
+  int size[2];
+};
+
+static ern_status time_calls(struct contest *c, int side, int64_t calls, int64_t *ns) {
+  const int64_t began = now_ns();
+  ern_status status = ERN_OK;
+  c->bench->size[c->knob] = c->size[side];
+  for (int64_t i = 0; i < calls; i++) ERN_TRY(ern_cl_load_run(c->loads, c->knob, c->stream[side]));
+  ERN_TRY(ern_opencl_finish(c->stream[side]));
+  *ns = now_ns() - began;
+fail:
+  return status;
+}
+
+/* Builds, and runs once: is it possible at all? */
+static ern_status enter(struct contest *c, int side, int size, int64_t *ns) {
+  ern_status status = ERN_OK;
+  c->bench->size[c->knob] = c->size[side] = size;
+  ERN_TRY(ern_cl_load_prepare(c->loads, c->knob, c->stream[side]));
+  ERN_TRY(time_calls(c, side, 1, ns));
+  status = time_calls(c, side, 1, ns);
+fail:
+  return status;
+}
+
+/* Least nanoseconds of a call of each. */
+static ern_status take_turns(struct contest *c, int64_t call_ns, int64_t least[2]) {
+  const int64_t calls = 1 + READING_NS / (call_ns > 0 ? call_ns : 1);
+  ern_status status = ERN_OK;
+  least[0] = least[1] = INT64_MAX;
+  for (int turn = 0; turn < 2 * TURNS; turn++) {
+    const int side = turn % 2;
+    int64_t ns = 0;
+    ERN_TRY(time_calls(c, side, calls, &ns));
+    if (ns / calls < least[side]) least[side] = ns / calls > 0 ? ns / calls : 1;
+  }
+fail:
+  return status;
+}
+
+/* *m: of the size that does best beside the standard. *m is left alone where the time is over too soon. */
+static ern_status measure_knob(struct contest *c, int64_t end, struct ern_cl_measured *m) {
+  const struct form *form = form_of(&c->bench->device, c->knob);
+  const int standard = form->tried[0];
+  struct ern_cl_measured found = {.standard = standard, .best = standard};
+  double best_ratio = 0;
+  int64_t ns = 0, least[2];
+  ern_status status = ERN_OK;
+  if (now_ns() >= end) return ERN_OK;
+  ERN_TRY(enter(c, 0, standard, &ns));
+  found.standard_ns = found.best_ns = ns > 0 ? ns : 1;
+  for (int i = 1; i < SIZES && form->tried[i] > 0; i++) {
+    if (now_ns() >= end) goto fail;
+    if (enter(c, 1, form->tried[i], &ns) != ERN_OK) continue;
+    ERN_TRY(take_turns(c, ns, least));
+    const double ratio = (double)least[0] / (double)least[1];
+    if (ratio <= best_ratio) continue;
+    best_ratio = ratio;
+    found = (struct ern_cl_measured){standard, form->tried[i], least[0], least[1]};
+  }
+  *m = found;
+fail:
+  c->bench->size[c->knob] = m->standard_ns > 0 ? ern_cl_size_kept(m) : standard;
+  return status;
+}
+
+ern_status ern_cl_measure(struct ern_cl_backend *bench, unsigned wanted, double seconds,
+                          struct ern_cl_measured *measured) {
+  const int64_t end = now_ns() + (int64_t)(seconds * 1e9);
+  struct contest contest = {.bench = bench};
+  struct ern_backend *table = &bench->table;
+  ern_status status = ERN_OK;
+  if (!(seconds > 0)) return ERN_OK;
+  ERN_TRY(ern_cl_loads_make(bench, &contest.loads));
+  for (int side = 0; side < 2; side++) ERN_TRY(table->stream_make(table, 1, &contest.stream[side]));
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
+    contest.knob = knob;
+    if ((wanted >> knob & 1) != 0) ERN_TRY(measure_knob(&contest, end, &measured[knob]));
+  }
+fail:
+  for (int side = 0; side < 2; side++) table->stream_free(contest.stream[side]);
+  ern_cl_loads_free(contest.loads);
+  return status;
+}
+
+/* ---- a backend's sizes ------------------------------------------------------------------------------------------- */
+
+static unsigned unknown_of(const struct ern_cl_measured *measured) {
+  unsigned unknown = 0;
+  for (int knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) unknown |= (unsigned)(measured[knob].standard_ns == 0) << knob;
+  return unknown;
+}
+
+bool ern_cl_is_tuned(const struct ern_cl_measured *measured) { return unknown_of(measured) == 0; }
+
+/* On a backend of its own, as programs and memory of what was tried are let go with it. */
+static void measure_now(struct ern_cl_backend *backend, int number, bool asked) {
+  ern_context *context = backend->table.context;
+  const double seconds = asked ? seconds_asked : seconds_unasked;
+  struct ern_cl_backend *bench = NULL;
+  ern_log(context, ERN_LOG_INFO, "OpenCL: measuring which sizes suit %s, for %g s at most, once", backend->device.name,
+          seconds);
+  ern_status status = ern_cl_backend_open(context, number, false, &bench);
+  if (status == ERN_OK)
+    status = ern_cl_measure(bench, asked ? ~0u : unknown_of(backend->measured), seconds, backend->measured);
+  if (status != ERN_OK) ern_log_error(context, ERN_LOG_INFO, "OpenCL: measuring ended early: ");
+  if (bench != NULL) bench->table.free(&bench->table);
+  if (!ern_cl_tune_write(context, &backend->device, backend->measured))
+    ern_log(context, ERN_LOG_INFO, "OpenCL: what was measured cannot be kept");
+}
+
+void ern_cl_tune(struct ern_cl_backend *backend, int number, bool asked) {
+  ern_context *context = backend->table.context;
+  const struct ern_cl_device *device = &backend->device;
+  struct ern_cl_measured *measured = backend->measured;
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(context, before);
+  ern_cl_tune_read(context, device, measured);
+  const bool wanted = asked || (!device->host && !ern_cl_is_tuned(measured));
+  if (wanted && (ern_cl_tune_write(context, device, measured) || asked)) measure_now(backend, number, asked);
+  ern_error_restore(context, before);
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
+    const bool usable = measured[knob].standard_ns > 0 && !(knobs[knob].reorders && backend->table.deterministic);
+    backend->size[knob] = usable ? ern_cl_size_kept(&measured[knob]) : ern_cl_standard_size(device, knob);
+  }
+}
+
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  const struct ern_cl_backend *own = (const struct ern_cl_backend *)backend;
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
+    const struct ern_cl_measured *m = &own->measured[knob];
+    const ern_tuning tuning = {.name = knobs[knob].name,
+                               .standard = ern_cl_standard_size(&own->device, knob),
+                               .best = m->standard_ns > 0 ? m->best : 0,
+                               .used = own->size[knob],
+                               .standard_seconds = 1e-9 * (double)m->standard_ns,
+                               .best_seconds = 1e-9 * (double)m->best_ns};
+    say(user, &tuning);
+  }
+}

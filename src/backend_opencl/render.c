@@ -1,0 +1,160 @@
+/* SPDX-License-Identifier: MIT
+ * The slots of the fused passes: what goes through one kernel, what through the stages. */
+#include "backend_opencl/portrait.h"
+#include "core/memory.h"
+#include "render/stages.h"
+
+/* ---- laying out -------------------------------------------------------------------------------------------------- */
+
+static void say_place(struct ern_cl_call *call, const struct ern_cl_place *place, size_t rows, size_t columns) {
+  ern_cl_int(call, (int)rows);
+  ern_cl_int(call, (int)columns);
+  ern_cl_int(call, (int)rows < place->outputs ? (int)rows : place->outputs);
+  ern_cl_int(call, (int)place->width);
+  ern_cl_int(call, (int)place->column);
+}
+
+ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
+                       size_t rows, size_t columns) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "pack", "");
+  ern_cl_span(&call, place->matrix);
+  ern_cl_span(&call, a);
+  ern_cl_size(&call, row_step);
+  say_place(&call, place, rows, columns);
+  return ern_cl_each(&call, rows * columns);
+}
+
+ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
+                           ern_span scale, ern_span b, size_t rows, size_t count, size_t columns) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "multiply", "");
+  ern_cl_span(&call, place->matrix);
+  ern_cl_span(&call, a);
+  ern_cl_span(&call, scale);
+  ern_cl_span(&call, b);
+  ern_cl_size(&call, row_step);
+  ern_cl_int(&call, (int)count);
+  say_place(&call, place, rows, columns);
+  return ern_cl_each(&call, rows * columns);
+}
+
+struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows) {
+  const struct ern_cl_device *device = &backend->device;
+  const size_t column = rows * (size_t)device->width * sizeof(float);
+  const bool vectors = device->width > 1;
+  size_t size = (size_t)backend->size[knob];
+  while (size > 1 && (size * column > device->local_bytes || (!vectors && size > device->group_most))) size /= 2;
+  return vectors ? (struct ern_cl_form){(int)size, outputs, 1} : (struct ern_cl_form){1, outputs, (int)size};
+}
+
+/* ---- a model ----------------------------------------------------------------------------------------------------- */
+
+void ern_cl_portrait_free(struct ern_cl_stream *stream) {
+  struct ern_cl_portrait *portrait = stream->portrait;
+  if (portrait == NULL) return;
+  ern_cl_head_free(stream, portrait->head);
+  ern_cl_torso_free(stream, portrait->torso);
+  ern_release(stream->owner->table.context, portrait);
+  stream->portrait = NULL;
+}
+
+static ern_status render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  ern_context *context = own->owner->table.context;
+  char last_error[ERN_ERROR_BYTES];
+  void *room = NULL;
+  ern_status status = ERN_OK;
+  ern_error_keep(context, last_error);
+  ern_cl_portrait_free(own);
+  ERN_TRY(ern_allocate(context, 1, sizeof *own->portrait, &room));
+  own->portrait = room;
+  status = ern_cl_clean_up(stream, ern_cl_head_make(stream, a, &own->portrait->head));
+  if (status == ERN_OK) status = ern_cl_clean_up(stream, ern_cl_torso_make(stream, a, &own->portrait->torso));
+  if (status == ERN_E_NO_MEMORY) {
+    ern_log(context, ERN_LOG_INFO,
+            "OpenCL: too little memory to prepare a model; rendering by stages, which is slower");
+    ern_error_restore(context, last_error);
+    status = ERN_OK;
+  }
+  ERN_TRY(status);
+  own->portrait->of = a->parameters;
+  return ERN_OK;
+fail:
+  ern_cl_portrait_free(own);
+  return status;
+}
+
+/* NULL: nothing was prepared for these. */
+static struct ern_cl_portrait *prepared_for(struct ern_stream *stream, ern_span parameters) {
+  struct ern_cl_portrait *portrait = ern_cl_stream_of(stream)->portrait;
+  const bool same = portrait != NULL && portrait->of.buffer == parameters.buffer && portrait->of.at == parameters.at;
+  return same ? portrait : NULL;
+}
+
+/* ---- a frame ----------------------------------------------------------------------------------------------------- */
+
+static ern_rows rows_from(ern_rows rows, size_t first) {
+  if (rows.span.buffer != NULL) rows.span = ern_cl_from(rows.span, first);
+  return rows;
+}
+static ern_span span_part(ern_span span, size_t first, size_t count) {
+  return span.buffer != NULL ? ern_span_part(span, first, count) : span;
+}
+
+/* Rays do not know of each other: where memory is too little for all of them at once, it goes by parts. */
+static ern_status by_stages(struct ern_stream *stream, const struct ern_render_rays_args *all) {
+  ern_context *context = stream->backend->context;
+  char last_error[ERN_ERROR_BYTES];
+  size_t most = all->n;
+  ern_error_keep(context, last_error);
+  for (size_t first = 0; first < all->n;) {
+    const size_t n = all->n - first < most ? all->n - first : most;
+    struct ern_render_rays_args part = *all;
+    part.n = n;
+    part.pixel = rows_from(all->pixel, first);
+    part.colour = rows_from(all->colour, first);
+    part.background = rows_from(all->background, first);
+    part.opacity = span_part(all->opacity, first, n);
+    part.depth = span_part(all->depth, first, n);
+    part.attention = span_part(all->attention, first, n);
+    part.eye = span_part(all->eye, first, n);
+    part.pixel_number = span_part(all->pixel_number, first, n);
+    const ern_status status = ern_cl_clean_up(stream, ern_render_rays_stages(stream, &part));
+    if (status == ERN_OK) {
+      first += n;
+    } else if (status == ERN_E_NO_MEMORY && n > 1) {
+      most = (n + 1) / 2;
+    } else {
+      return status;
+    }
+  }
+  ern_error_restore(context, last_error);
+  return ERN_OK;
+}
+
+static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
+  const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
+  const bool fused = portrait != NULL && portrait->head != NULL && a->settings.bound == a->field->config.bound &&
+                     a->n <= INT32_MAX / 2;
+  char last_error[ERN_ERROR_BYTES];
+  if (!fused || a->n == 0) return by_stages(stream, a);
+  ern_error_keep(stream->backend->context, last_error);
+  ern_status status = ern_cl_clean_up(stream, ern_cl_head_render(stream, portrait->head, a));
+  if (status != ERN_E_NO_MEMORY) return status;
+  status = by_stages(stream, a);
+  if (status == ERN_OK) ern_error_restore(stream->backend->context, last_error);
+  return status;
+}
+
+static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
+  const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
+  const bool fused = portrait != NULL && portrait->torso != NULL;
+  const struct ern_torso_place at = ern_torso_place_of(a); /* the kernel knows a frame that is the picture alone */
+  const bool whole = at.top == 0 && at.left == 0 && at.width == a->width && at.height == a->height;
+  return fused && whole ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
+}
+
+void ern_cl_fill_render(struct ern_backend *table) {
+  table->render_prepare = render_prepare;
+  table->render_rays = render_rays;
+  table->render_torso = render_torso;
+}
