@@ -3,14 +3,12 @@
 #include "backend_cpu/backend_cpu.h"
 
 #include "backend_cpu/cpu_kernels.h"
-#include "backend_cpu/fused/step_kernels.h"
-#include "backend_cpu/fused/step.h"
 #include "backend_cpu/fused/render.h"
+#include "backend_cpu/fused/step.h"
+#include "backend_cpu/fused/step_kernels.h"
 #include "backend_cpu/fused/torso.h"
+#include "core/kernels.h"
 #include "core/memory.h"
-#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
-#include "backend_cpu/kernels_isa.h"
-#endif
 
 /* Big enough for the kernels of either scalar: members are all pointers. */
 enum { KERNEL_TABLE_BYTES = sizeof(struct ern_cpu_kernels) };
@@ -91,39 +89,11 @@ static void backend_free(struct ern_backend *backend) {
 }
 
 /* What each instruction set does faster than the reference: the same list for all of them. */
-#define OVERWRITE(isa)                                     \
-  static void overwrite_##isa(struct ern_cpu_kernels *k) { \
-    k->rays = ern_rays_##isa;                              \
-    k->march = ern_march_##isa;                            \
-    k->march_from = ern_march_from_##isa;                  \
-    k->samples = ern_samples_##isa;                        \
-    k->mlp_fwd = ern_mlp_fwd_##isa;                        \
-    k->mlp_bwd = ern_mlp_bwd_##isa;                        \
-    k->grid_fwd = ern_grid_fwd_##isa;                      \
-    k->grid_bwd = ern_grid_bwd_##isa;                      \
-    k->composite_fwd = ern_composite_fwd_##isa;            \
-    k->composite_bwd = ern_composite_bwd_##isa;            \
-    k->attention_fwd = ern_attention_fwd_##isa;            \
-    k->attention_bwd = ern_attention_bwd_##isa;            \
-    k->head_softmax = ern_head_softmax_##isa;              \
-    k->head_loss = ern_head_loss_##isa;                    \
-    k->smooth_loss = ern_smooth_loss_##isa;                \
-    k->smooth_points = ern_smooth_points_##isa;            \
-    k->mse = ern_mse_##isa;                                \
-    k->adamw = ern_adamw_##isa;                            \
-    k->ema = ern_ema_##isa;                                \
-    k->finite = ern_finite_##isa;                          \
-    k->sh_fwd = ern_sh_fwd_##isa;                          \
-    k->freq_fwd = ern_freq_fwd_##isa;                      \
-    k->freq_bwd = ern_freq_bwd_##isa;                      \
-    k->occupancy_points = ern_occupancy_points_##isa;      \
-    k->occupancy_update = ern_occupancy_update_##isa;      \
-    k->occupancy_pack = ern_occupancy_pack_##isa;          \
-    k->activate_fwd = ern_activate_fwd_##isa;              \
-    k->activate_bwd = ern_activate_bwd_##isa;              \
-    k->backdrop = ern_backdrop_##isa;                      \
-    k->picture = ern_picture_##isa;                        \
-  }
+#define OVERWRITE(isa) \
+  static void overwrite_##isa(struct ern_cpu_kernels *k) { ERN_FAST_KERNELS(OVERWRITE_##isa) }
+#define OVERWRITE_avx2(name) k->name = ern_##name##_avx2;
+#define OVERWRITE_avx512(name) k->name = ern_##name##_avx512;
+#define OVERWRITE_neon(name) k->name = ern_##name##_neon;
 
 #if defined(ERN_X86_KERNELS)
 OVERWRITE(avx2)

@@ -1,12 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the training: losses, optimizer, average, and whole steps. */
-#include "backend_cpu/slots.h"
-
+ * Slots of the losses: each shard's share of the terms, added in the order of the shards. */
 #include <math.h>
 
-#include "train/step.h"
-
-/* ---- losses: each shard's share of the terms, added in the order of the shards ---- */
+#include "backend_cpu/slots.h"
 
 struct head_loss_job {
   const struct ern_cpu_kernels *kernels;
@@ -55,7 +51,7 @@ static void head_loss_task(void *user, size_t k, int lane) {
   job->kernels->head_loss(job->terms[k], &view, &a->weights, a->max_steps, &job->softmax, a->n, r.end - r.begin);
 }
 
-static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args *a) {
+ern_status ERN_REF(ern_cpu_head_loss)(struct ern_stream *stream, struct ern_head_loss_args *a) {
   static const ern_loss_term own[] = {ERN_LOSS_PHOTOMETRIC, ERN_LOSS_UNCERTAINTY,   ERN_LOSS_STATIC_UNCERTAINTY,
                                       ERN_LOSS_ENTROPY,     ERN_LOSS_AUDIO_AMBIENT, ERN_LOSS_EYE_AMBIENT};
   struct head_loss_job job = {.kernels = kernels_of(stream), .args = a};
@@ -71,21 +67,6 @@ static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args
   return ERN_OK;
 }
 
-/* A slot with one figure a shard. */
-struct figure_job {
-  const struct ern_cpu_kernels *kernels;
-  const void *args;
-  double part[ERN_SHARDS];
-};
-
-static double sum_of_parts(struct ern_stream *stream, const void *args, void (*task)(void *, size_t, int)) {
-  struct figure_job job = {.kernels = kernels_of(stream), .args = args};
-  double sum = 0;
-  ern_pool_run(pool_of(stream), ERN_SHARDS, task, &job);
-  for (int k = 0; k < ERN_SHARDS; k++) sum += job.part[k];
-  return sum;
-}
-
 static void smooth_loss_task(void *user, size_t k, int lane) {
   (void)lane;
   struct figure_job *job = user;
@@ -94,7 +75,7 @@ static void smooth_loss_task(void *user, size_t k, int lane) {
   job->part[k] = job->kernels->smooth_loss(reals(a->dmoved) + r.begin, reals(a->still) + r.begin,
                                            reals(a->moved) + r.begin, a->weight, a->batch, r.end - r.begin);
 }
-static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
+ern_status ERN_REF(ern_cpu_smooth_loss)(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
   a->term = sum_of_parts(stream, a, smooth_loss_task);
   return ERN_OK;
 }
@@ -107,7 +88,7 @@ static void smooth_points_task(void *user, size_t k, int lane) {
   job->kernels->smooth_points(reals(a->moved.span) + r.begin, reals(a->x.span) + r.begin, a->x.stride, a->reach,
                               a->seed, a->step, a->first + r.begin, r.end - r.begin);
 }
-static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
+ern_status ERN_REF(ern_cpu_smooth_points)(struct ern_stream *stream, struct ern_smooth_points_args *a) {
   run(stream, a, ERN_SHARDS, smooth_points_task);
   return ERN_OK;
 }
@@ -120,71 +101,12 @@ static void mse_task(void *user, size_t k, int lane) {
   job->part[k] = job->kernels->mse(reals(a->dpixel.span) + r.begin, reals(a->pixel.span) + r.begin,
                                    reals(a->truth.span) + r.begin, a->pixel.stride, a->n, r.end - r.begin);
 }
-static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
+ern_status ERN_REF(ern_cpu_mse)(struct ern_stream *stream, struct ern_mse_args *a) {
   a->term = sum_of_parts(stream, a, mse_task);
   return ERN_OK;
 }
 
-static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
+ern_status ERN_REF(ern_cpu_key_points_loss)(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
   a->term = kernels_of(stream)->key_points_loss(reals(a->danchors), reals(a->anchors));
   return ERN_OK;
-}
-
-/* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
-struct adamw_job {
-  const struct ern_cpu_kernels *kernels;
-  const struct ern_adamw_args *args;
-  double correction;
-};
-static void adamw_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct adamw_job *job = user;
-  const struct ern_adamw_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->adamw(reals(a->parameters) + r.begin, reals(a->second_moment) + r.begin, reals(a->gradient) + r.begin,
-                      a->rate, a->decay, a->beta2, a->eps, job->correction, r.end - r.begin);
-}
-static ern_status adamw(struct ern_stream *stream, struct ern_adamw_args *a) {
-  struct adamw_job job = {kernels_of(stream), a, -expm1((double)a->step * log((double)a->beta2))};
-  ern_pool_run(pool_of(stream), ERN_SHARDS, adamw_task, &job);
-  return ERN_OK;
-}
-
-static void ema_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_ema_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
-}
-static ern_status ema(struct ern_stream *stream, struct ern_ema_args *a) {
-  run(stream, a, ERN_SHARDS, ema_task);
-  return ERN_OK;
-}
-
-/* The figure of a shard: 1 where a value is not finite. */
-static void finite_task(void *user, size_t k, int lane) {
-  (void)lane;
-  struct figure_job *job = user;
-  const struct ern_finite_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->part[k] = job->kernels->finite(reals(a->values) + r.begin, r.end - r.begin) ? 0 : 1;
-}
-static ern_status finite(struct ern_stream *stream, struct ern_finite_args *a) {
-  a->finite = sum_of_parts(stream, a, finite_task) == 0;
-  return ERN_OK;
-}
-
-void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend) {
-  backend->head_loss = head_loss;
-  backend->smooth_loss = smooth_loss;
-  backend->smooth_points = smooth_points;
-  backend->mse = mse;
-  backend->key_points_loss = key_points_loss;
-  backend->adamw = adamw;
-  backend->ema = ema;
-  backend->finite = finite;
-  backend->head_density = ern_head_density_stages;
-  backend->head_step = ern_head_step_stages;
-  backend->torso_step = ern_torso_step_stages;
 }

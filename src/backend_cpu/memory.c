@@ -1,11 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The memory slots, and the table put together. */
 #include "backend_cpu/slots.h"
-#include "hashgrid/hashgrid.h"
-#include "mlp/mlp.h"
-#include "model/model_kernels.h"
-#include "render/render_kernels.h"
-#include "train/train_kernels.h"
+#include "core/kernels.h"
 
 static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {
   (void)stream;
@@ -77,15 +73,14 @@ void ERN_REF(ern_cpu_fill_slots)(struct ern_backend *backend) {
   backend->zero = zero;
   backend->copy = copy;
   backend->settle = settle;
-  ERN_REF(ern_cpu_fill_field)(backend);
-  ERN_REF(ern_cpu_fill_render)(backend);
-  ERN_REF(ern_cpu_fill_train)(backend);
-  ERN_REF(ern_cpu_fill_picture)(backend);
+#define ERN_SLOT_FILL(name) backend->name = ERN_REF(ern_cpu_##name);
+  ERN_SLOTS(ERN_SLOT_FILL)
+#undef ERN_SLOT_FILL
 }
 
 void ERN_REF(ern_cpu_fill_kernels)(void *kernels) {
   struct ern_cpu_kernels *k = kernels;
-#define ERN_KERNEL_FILL(kernel, type) k->kernel = ERN_REF(ern_##kernel);
-  ERN_CPU_KERNELS(ERN_KERNEL_FILL)
+#define ERN_KERNEL_FILL(name) k->name = ERN_REF(ern_##name);
+  ERN_KERNELS(ERN_KERNEL_FILL)
 #undef ERN_KERNEL_FILL
 }

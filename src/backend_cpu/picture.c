@@ -12,7 +12,7 @@ static void backdrop_task(void *user, size_t k, int lane) {
                          background != NULL ? background + 3 * r.begin : NULL,
                          torso != NULL ? torso + 4 * r.begin : NULL, r.end - r.begin);
 }
-static ern_status backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
+ern_status ERN_REF(ern_cpu_backdrop)(struct ern_stream *stream, struct ern_backdrop_args *a) {
   run(stream, a, ERN_SHARDS, backdrop_task);
   return ERN_OK;
 }
@@ -32,32 +32,8 @@ static void picture_task(void *user, size_t k, int lane) {
                                         .stride = a->pixel.stride};
   job->kernels->picture(&view, r.end - r.begin);
 }
-static ern_status picture(struct ern_stream *stream, struct ern_picture_args *a) {
+ern_status ERN_REF(ern_cpu_picture)(struct ern_stream *stream, struct ern_picture_args *a) {
   run(stream, a, ERN_SHARDS, picture_task);
-  return ERN_OK;
-}
-
-/* Shards of whole rows. */
-static void enlarge_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_enlarge_args *a = job->args;
-  const struct range r = shard((size_t)a->height, 1, k);
-  const struct ern_enlarge_view view = {.large = reals(a->large.span),
-                                        .small = reals(a->small.span),
-                                        .background = reals(a->background.span),
-                                        .large_stride = a->large.stride,
-                                        .small_stride = a->small.stride,
-                                        .background_stride = a->background.stride,
-                                        .channels = a->large.rows,
-                                        .width = a->width,
-                                        .small_width = a->small_width,
-                                        .small_height = a->small_height,
-                                        .ratio = a->ratio};
-  job->kernels->enlarge(&view, (int)r.begin, (int)r.end);
-}
-static ern_status enlarge(struct ern_stream *stream, struct ern_enlarge_args *a) {
-  run(stream, a, ERN_SHARDS, enlarge_task);
   return ERN_OK;
 }
 
@@ -69,7 +45,7 @@ static void pick_task(void *user, size_t k, int lane) {
   job->kernels->pick(reals(a->to.span) + r.begin, a->to.stride, reals(a->from.span), a->from.stride, a->from.rows,
                      int32s(a->pixel) + r.begin, r.end - r.begin);
 }
-static ern_status pick(struct ern_stream *stream, struct ern_pick_args *a) {
+ern_status ERN_REF(ern_cpu_pick)(struct ern_stream *stream, struct ern_pick_args *a) {
   run(stream, a, ERN_SHARDS, pick_task);
   return ERN_OK;
 }
@@ -82,7 +58,7 @@ static void place_task(void *user, size_t k, int lane) {
   job->kernels->place(reals(a->to.span), a->to.stride, reals(a->from.span) + r.begin, a->from.stride, a->from.rows,
                       int32s(a->pixel) + r.begin, r.end - r.begin);
 }
-static ern_status place(struct ern_stream *stream, struct ern_pick_args *a) {
+ern_status ERN_REF(ern_cpu_place)(struct ern_stream *stream, struct ern_place_args *a) {
   run(stream, a, ERN_SHARDS, place_task);
   return ERN_OK;
 }
@@ -95,7 +71,7 @@ static void blend_task(void *user, size_t k, int lane) {
   job->kernels->blend(reals(a->to), reals(a->from.span) + r.begin, a->from.stride, reals(a->weight), a->weight.count,
                       int32s(a->pixel) + r.begin, r.end - r.begin);
 }
-static ern_status blend(struct ern_stream *stream, struct ern_blend_args *a) {
+ern_status ERN_REF(ern_cpu_blend)(struct ern_stream *stream, struct ern_blend_args *a) {
   run(stream, a, ERN_SHARDS, blend_task);
   return ERN_OK;
 }
@@ -109,17 +85,7 @@ static void overlay_task(void *user, size_t k, int lane) {
                         a->colour.stride, reals(a->opacity) + r.begin, reals(a->background.span) + r.begin,
                         a->background.stride, r.end - r.begin);
 }
-static ern_status overlay(struct ern_stream *stream, struct ern_overlay_args *a) {
+ern_status ERN_REF(ern_cpu_overlay)(struct ern_stream *stream, struct ern_overlay_args *a) {
   run(stream, a, ERN_SHARDS, overlay_task);
   return ERN_OK;
-}
-
-void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend) {
-  backend->backdrop = backdrop;
-  backend->picture = picture;
-  backend->enlarge = enlarge;
-  backend->pick = pick;
-  backend->place = place;
-  backend->blend = blend;
-  backend->overlay = overlay;
 }

@@ -1,22 +1,20 @@
 /* SPDX-License-Identifier: MIT
- * From slots to kernels: unwraps spans to pointers and deals the work to threads. The files of slots are
- * compiled once a scalar.
+ * From slots to kernels: unwraps spans to pointers and deals the work to threads. The files of slots are compiled once
+ * a scalar.
  *
  * Sums over samples are made in ERN_SHARDS blocks whose borders depend on the number of samples alone, and added in the
  * order of the shards; tables of a grid are filled level by level, each by one thread in sample order. So the result is
  * the same for any number of threads. */
-#ifndef ERN_CPU_ADAPT_H
-#define ERN_CPU_ADAPT_H
+#ifndef ERN_CPU_SLOTS_H
+#define ERN_CPU_SLOTS_H
 
 #include <string.h>
 
 #include "backend_cpu/cpu_kernels.h"
 
-/* Each file of slots fills its part of the table. */
-void ERN_REF(ern_cpu_fill_field)(struct ern_backend *backend);
-void ERN_REF(ern_cpu_fill_render)(struct ern_backend *backend);
-void ERN_REF(ern_cpu_fill_train)(struct ern_backend *backend);
-void ERN_REF(ern_cpu_fill_picture)(struct ern_backend *backend);
+#define ERN_CPU_SLOT(name) ern_status ERN_REF(ern_cpu_##name)(struct ern_stream *, struct ern_##name##_args *);
+ERN_SLOTS(ERN_CPU_SLOT)
+#undef ERN_CPU_SLOT
 
 static inline ern_real *reals(ern_span span) {
   return span.buffer != NULL ? (ern_real *)span.buffer->memory + span.at : NULL;
@@ -66,6 +64,21 @@ static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern
   const ern_status status = ern_take(stream, ERN_ELEMENT_REAL, each * ERN_SHARDS, &span);
   *block = reals(span);
   return status;
+}
+
+/* A slot with one figure a shard. */
+struct figure_job {
+  const struct ern_cpu_kernels *kernels;
+  const void *args;
+  double part[ERN_SHARDS];
+};
+
+static inline double sum_of_parts(struct ern_stream *stream, const void *args, void (*task)(void *, size_t, int)) {
+  struct figure_job job = {.kernels = kernels_of(stream), .args = args};
+  double sum = 0;
+  ern_pool_run(pool_of(stream), ERN_SHARDS, task, &job);
+  for (int k = 0; k < ERN_SHARDS; k++) sum += job.part[k];
+  return sum;
 }
 
 #endif

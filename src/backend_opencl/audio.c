@@ -51,7 +51,7 @@ fail:
 }
 
 /* Codes of the windows whose bit of `known` is not set. */
-static ern_status windows_fwd(struct ern_stream *stream, const struct room *room, const struct ern_audio_args *a,
+static ern_status windows_fwd(struct ern_stream *stream, const struct room *room, const struct ern_audio_fwd_args *a,
                               unsigned known) {
   const struct audio_net net = net_of(&a->net);
   cl_uint order = 0;
@@ -71,7 +71,7 @@ static ern_status windows_fwd(struct ern_stream *stream, const struct room *room
 }
 
 static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct room *room,
-                          const struct ern_audio_args *a) {
+                          const struct ern_audio_fwd_args *a) {
   const struct audio_net net = net_of(&a->net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_mix", "");
   ern_cl_span(&call, code);
@@ -82,7 +82,7 @@ static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct
   return ern_cl_run(&call, 1, GROUP);
 }
 
-static ern_status audio_fwd(struct ern_stream *stream, struct ern_audio_args *a) {
+ern_status ern_cl_audio_fwd(struct ern_stream *stream, struct ern_audio_fwd_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct room room;
   ern_status status = ERN_OK;
@@ -94,7 +94,7 @@ fail:
   return status;
 }
 
-static ern_status audio_frame(struct ern_stream *stream, struct ern_audio_frame_args *a) {
+ern_status ern_cl_audio_frame(struct ern_stream *stream, struct ern_audio_frame_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct room room;
   ern_status status = ERN_OK;
@@ -157,7 +157,7 @@ static ern_status windows_weights(struct ern_stream *stream, const struct ern_au
   return ern_cl_each(&call, items);
 }
 
-static ern_status audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args *a) {
+ern_status ern_cl_audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct room room, d;
   ern_status status = ERN_OK;
@@ -171,10 +171,4 @@ static ern_status audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args
 fail:
   ern_arena_release(stream, mark);
   return status;
-}
-
-void ern_cl_fill_audio(struct ern_backend *table) {
-  table->audio_fwd = audio_fwd;
-  table->audio_bwd = audio_bwd;
-  table->audio_frame = audio_frame;
 }

@@ -1,203 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * An OpenCL device as a backend: made and unmade, its buffers and streams, and what moves bytes. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "backend_opencl/device/tune.h"
+ * An OpenCL device as a backend: made and unmade, its streams, and the sizes that its kernels are cut to. */
 #include "backend_opencl/backend_opencl.h"
+
+#include "core/status.h"
+
+#if defined(ERN_OPENCL)
 #include "backend_opencl/device/probe.h"
+#include "backend_opencl/device/program.h"
+#include "backend_opencl/device/tune.h"
+#include "backend_opencl/opencl.h"
+#include "backend_opencl/portrait.h"
 #include "core/memory.h"
-
-static const size_t element_bytes[] = {
-    [ERN_ELEMENT_REAL] = sizeof(float), [ERN_ELEMENT_INT32] = sizeof(int32_t), [ERN_ELEMENT_BYTE] = 1};
-
-/* ---- errors ------------------------------------------------------------------------------------------------------ */
-
-const char *ern_cl_error_name(cl_int code) {
-  switch (code) {
-#define NAME(name) \
-  case name: return #name;
-    NAME(CL_DEVICE_NOT_FOUND)
-    NAME(CL_DEVICE_NOT_AVAILABLE)
-    NAME(CL_COMPILER_NOT_AVAILABLE)
-    NAME(CL_MEM_OBJECT_ALLOCATION_FAILURE)
-    NAME(CL_OUT_OF_RESOURCES)
-    NAME(CL_OUT_OF_HOST_MEMORY)
-    NAME(CL_BUILD_PROGRAM_FAILURE)
-    NAME(CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST)
-    NAME(CL_INVALID_VALUE)
-    NAME(CL_INVALID_CONTEXT)
-    NAME(CL_INVALID_COMMAND_QUEUE)
-    NAME(CL_INVALID_MEM_OBJECT)
-    NAME(CL_INVALID_BINARY)
-    NAME(CL_INVALID_BUILD_OPTIONS)
-    NAME(CL_INVALID_PROGRAM_EXECUTABLE)
-    NAME(CL_INVALID_KERNEL_NAME)
-    NAME(CL_INVALID_ARG_INDEX)
-    NAME(CL_INVALID_ARG_VALUE)
-    NAME(CL_INVALID_ARG_SIZE)
-    NAME(CL_INVALID_KERNEL_ARGS)
-    NAME(CL_INVALID_WORK_GROUP_SIZE)
-    NAME(CL_INVALID_WORK_ITEM_SIZE)
-    NAME(CL_INVALID_GLOBAL_OFFSET)
-    NAME(CL_INVALID_BUFFER_SIZE)
-    NAME(CL_INVALID_GLOBAL_WORK_SIZE)
-#undef NAME
-    default: return "an error without a name";
-  }
-}
-
-static bool is_memory(cl_int code) {
-  return code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_OUT_OF_RESOURCES;
-}
-
-/* Drivers tell of a device that is gone, or that stopped at a fault, by several codes, CL_OUT_OF_RESOURCES among them:
- * so it is asked to do something small. */
-static bool answers(struct ern_cl_backend *backend) {
-  const cl_uint word = 0;
-  if (backend->probe == NULL) return true; /* still being made */
-  return clEnqueueFillBuffer(backend->queue, backend->probe, &word, sizeof word, 0, sizeof word, 0, NULL, NULL) ==
-             CL_SUCCESS &&
-         clFinish(backend->queue) == CL_SUCCESS;
-}
-
-ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing) {
-  if (code == CL_SUCCESS) return ERN_OK;
-  const bool lost = !answers(backend);
-  return ern_fail(backend->table.context, is_memory(code) && !lost ? ERN_E_NO_MEMORY : ERN_E_DEVICE,
-                  "OpenCL: %s: %s failed: %s (%d)%s", backend->device.name, doing, ern_cl_error_name(code), (int)code,
-                  lost ? "; the device is lost, it no longer answers" : "");
-}
-
-/* ---- buffers ----------------------------------------------------------------------------------------------------- */
-
-static size_t bytes_of(const struct ern_buffer *buffer) {
-  return (buffer->count > 0 ? buffer->count : 1) * element_bytes[buffer->element];
-}
-
-static void buffer_free(struct ern_backend *table, struct ern_buffer *buffer) {
-  if (buffer == NULL) return;
-  if (buffer->memory != NULL) {
-    clReleaseMemObject(buffer->memory);
-    atomic_fetch_sub(&((struct ern_cl_backend *)table)->taken, bytes_of(buffer));
-  }
-  ern_release(table->context, buffer);
-}
-
-static ern_status too_large(struct ern_cl_backend *backend, size_t bytes) {
-  const struct ern_cl_device *device = &backend->device;
-  return ern_fail(backend->table.context, ERN_E_NO_MEMORY,
-                  "OpenCL: %s: too little memory: a buffer of %zu bytes is needed beside the %zu taken, but one may "
-                  "have %llu and all memory is %llu",
-                  device->name, bytes, atomic_load(&backend->taken), (unsigned long long)device->buffer_bytes,
-                  (unsigned long long)device->memory_bytes);
-}
-
-static ern_status buffer_make(struct ern_backend *table, ern_element element, size_t count,
-                              struct ern_buffer **buffer) {
-  struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
-  ern_status status = ERN_OK;
-  struct ern_buffer *made = NULL;
-  void *room = NULL;
-  size_t bytes = 0;
-  cl_int code = CL_SUCCESS;
-  *buffer = NULL;
-  if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes)) return too_large(backend, SIZE_MAX);
-  if (bytes > backend->device.buffer_bytes) return too_large(backend, bytes);
-  ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
-  made = room;
-  made->element = element;
-  made->count = count;
-  ern_cl_touch(backend, made);
-  made->memory = clCreateBuffer(backend->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
-  /* Devices take memory when it is first used, so that now is when it turns out to be too little. */
-  const cl_uchar zero = 0;
-  if (code == CL_SUCCESS)
-    code = clEnqueueFillBuffer(backend->queue, made->memory, &zero, sizeof zero, 0, bytes, 0, NULL, NULL);
-  if (code == CL_SUCCESS) code = clFinish(backend->queue);
-  if (code != CL_SUCCESS && made->memory != NULL) {
-    clReleaseMemObject(made->memory);
-    made->memory = NULL;
-  }
-  if (is_memory(code) && answers(backend)) ERN_TRY(too_large(backend, bytes));
-  ERN_TRY(ern_cl_check(backend, code, "make a buffer"));
-  atomic_fetch_add(&backend->taken, bytes);
-  *buffer = made;
-  return ERN_OK;
-fail:
-  buffer_free(table, made);
-  return status;
-}
-
-/* ---- moving bytes ------------------------------------------------------------------------------------------------ */
-
-static ern_status write_span(struct ern_stream *stream, ern_span to, const void *from, size_t count) {
-  if (count == 0) return ERN_OK;
-  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
-  const size_t each = element_bytes[to.buffer->element];
-  const cl_int code = clEnqueueWriteBuffer(ern_cl_stream_of(stream)->queue, to.buffer->memory, CL_TRUE, to.at * each,
-                                           count * each, from, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "write to the device");
-}
-
-ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count) {
-  if (count == 0) return ERN_OK;
-  const size_t each = element_bytes[from.buffer->element];
-  const cl_int code = clEnqueueReadBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, CL_TRUE, from.at * each,
-                                          count * each, to, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "read from the device");
-}
-
-static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {
-  return write_span(stream, to, from, count);
-}
-static ern_status download_reals(struct ern_stream *stream, float *to, ern_span from, size_t count) {
-  return ern_cl_read(stream, to, from, count);
-}
-static ern_status upload_int32(struct ern_stream *stream, ern_span to, const int32_t *from, size_t count) {
-  return write_span(stream, to, from, count);
-}
-static ern_status download_int32(struct ern_stream *stream, int32_t *to, ern_span from, size_t count) {
-  return ern_cl_read(stream, to, from, count);
-}
-static ern_status upload_bytes(struct ern_stream *stream, ern_span to, const uint8_t *from, size_t count) {
-  return write_span(stream, to, from, count);
-}
-static ern_status download_bytes(struct ern_stream *stream, uint8_t *to, ern_span from, size_t count) {
-  return ern_cl_read(stream, to, from, count);
-}
-
-static ern_status zero(struct ern_stream *stream, ern_span span) {
-  if (span.buffer == NULL || span.count == 0) return ERN_OK;
-  ern_cl_touch(ern_cl_backend_of(stream), span.buffer);
-  const size_t each = element_bytes[span.buffer->element];
-  const cl_uint word = 0;
-  const cl_int code = clEnqueueFillBuffer(ern_cl_stream_of(stream)->queue, span.buffer->memory, &word, each,
-                                          span.at * each, span.count * each, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "clear memory");
-}
-
-static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, size_t count) {
-  if (count == 0) return ERN_OK;
-  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
-  const size_t each = element_bytes[to.buffer->element];
-  const cl_int code = clEnqueueCopyBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, to.buffer->memory,
-                                          from.at * each, to.at * each, count * each, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "copy on the device");
-}
-
-static ern_status settle(struct ern_stream *stream) {
-  struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  const size_t pending = own->pending_count, used = own->figures_used;
-  own->pending_count = 0;
-  own->figures_used = 0;
-  if (pending == 0) return ERN_OK;
-  const ern_status status = ern_cl_read(stream, own->figures_host, (ern_span){own->figures, 0, used}, used);
-  if (status != ERN_OK) return status;
-  for (size_t i = 0; i < pending; i++)
-    own->pending[i].settle(own->pending[i].args, own->figures_host + own->pending[i].at, own->pending[i].count);
-  return ERN_OK;
-}
 
 /* ---- streams ----------------------------------------------------------------------------------------------------- */
 
@@ -209,7 +22,7 @@ static void stream_free(struct ern_stream *stream) {
   ern_cl_portrait_free(own);
   for (size_t i = 0; i < own->kernel_count; i++) clReleaseKernel(own->kernels[i].kernel);
   ern_release(table->context, own->kernels);
-  buffer_free(table, own->figures);
+  table->buffer_free(table, own->figures);
   ern_release(table->context, own->figures_host);
   ern_arena_free(stream->arena);
   if (own->queue != NULL) clReleaseCommandQueue(own->queue);
@@ -257,40 +70,13 @@ static void fill_table(struct ern_cl_backend *backend, bool deterministic) {
   table->isa = backend->device.name;
   table->real_bytes = sizeof(float);
   table->deterministic = deterministic || backend->device.cpu;
-  table->buffer_make = buffer_make;
-  table->buffer_free = buffer_free;
   table->stream_make = stream_make;
   table->stream_free = stream_free;
   table->free = backend_free;
-  table->upload_reals = upload_reals;
-  table->download_reals = download_reals;
-  table->upload_int32 = upload_int32;
-  table->download_int32 = download_int32;
-  table->upload_bytes = upload_bytes;
-  table->download_bytes = download_bytes;
-  table->zero = zero;
-  table->copy = copy;
-  table->settle = settle;
-  ern_cl_fill_march(table);
-  ern_cl_fill_composite(table);
-  ern_cl_fill_occupancy(table);
-  ern_cl_fill_hashgrid(table);
-  ern_cl_fill_mlp(table);
-  ern_cl_fill_encoding(table);
-  ern_cl_fill_audio(table);
-  ern_cl_fill_torso(table);
-  ern_cl_fill_train(table);
-  ern_cl_fill_steps(table);
-  ern_cl_fill_render(table);
-}
-
-static ern_status check_table(const struct ern_backend *table) {
-#define CHECK(slot, args)  \
-  if (table->slot == NULL) \
-    return ern_fail(table->context, ERN_E_UNSUPPORTED, "OpenCL: the operation %s is missing in this build", #slot);
-  ERN_SLOTS(CHECK)
-#undef CHECK
-  return ERN_OK;
+  ern_cl_fill_memory(table);
+#define ERN_SLOT_FILL(name) table->name = ern_cl_##name;
+  ERN_SLOTS(ERN_SLOT_FILL)
+#undef ERN_SLOT_FILL
 }
 
 ern_status ern_cl_backend_open(ern_context *context, int number, bool deterministic, struct ern_cl_backend **backend) {
@@ -315,9 +101,7 @@ ern_status ern_cl_backend_open(ern_context *context, int number, bool determinis
   made->probe = clCreateBuffer(made->context, CL_MEM_READ_WRITE, sizeof(cl_uint), NULL, &code);
   ERN_TRY(ern_cl_check(made, code, "make a buffer"));
   fill_table(made, deterministic);
-  ERN_TRY(check_table(&made->table));
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++)
-    made->size[knob] = ern_cl_standard_size(&made->device, knob);
+  ern_cl_sizes_set(made);
   *backend = made;
   return ERN_OK;
 fail:
@@ -325,7 +109,40 @@ fail:
   return status;
 }
 
-ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
+/* ---- sizes of kernels ---- */
+
+static const double seconds_unasked = 20, seconds_asked = 120; /* building included; the last build may run over */
+
+/* On a backend of its own, as programs and memory of what was tried are let go with it. */
+static void measure_now(struct ern_cl_backend *backend, int number, bool asked) {
+  ern_context *context = backend->table.context;
+  const double seconds = asked ? seconds_asked : seconds_unasked;
+  struct ern_cl_backend *bench = NULL;
+  ern_log(context, ERN_LOG_INFO, "OpenCL: measuring which sizes suit %s, for %g s at most, once", backend->device.name,
+          seconds);
+  ern_status status = ern_cl_backend_open(context, number, false, &bench);
+  if (status == ERN_OK)
+    status = ern_cl_measure(bench, asked ? ~0u : ern_cl_unknown_knobs(backend->measured), seconds, backend->measured);
+  if (status != ERN_OK) ern_log_error(context, ERN_LOG_INFO, "OpenCL: measuring ended early: ");
+  if (bench != NULL) bench->table.free(&bench->table);
+  if (!ern_cl_tune_write(context, &backend->device, backend->measured))
+    ern_log(context, ERN_LOG_INFO, "OpenCL: what was measured cannot be kept");
+}
+
+static void tune(struct ern_cl_backend *backend, int number, bool asked) {
+  ern_context *context = backend->table.context;
+  const struct ern_cl_device *device = &backend->device;
+  struct ern_cl_measured *measured = backend->measured;
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(context, before);
+  ern_cl_tune_read(context, device, measured);
+  const bool wanted = asked || (!device->host && !ern_cl_is_tuned(measured));
+  if (wanted && (ern_cl_tune_write(context, device, measured) || asked)) measure_now(backend, number, asked);
+  ern_error_restore(context, before);
+  ern_cl_sizes_set(backend);
+}
+
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool asked,
                                    ern_backend **backend) {
   struct ern_cl_backend *made = NULL;
   bool listed = false;
@@ -334,7 +151,93 @@ ern_status ern_opencl_backend_make(ern_context *context, int number, bool determ
   ern_status status = ern_cl_probe(context, number, number, &listed, &dead);
   if (status == ERN_OK) status = ern_cl_backend_open(context, number, deterministic, &made);
   if (status != ERN_OK) return status;
-  ern_cl_tune(made, number, tune);
+  tune(made, number, asked);
   *backend = &made->table;
   return ERN_OK;
 }
+
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  const struct ern_cl_backend *own = (const struct ern_cl_backend *)backend;
+  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
+    const struct ern_cl_measured *m = &own->measured[knob];
+    const ern_tuning tuning = {.name = ern_cl_knob_name(knob),
+                               .standard = ern_cl_standard_size(&own->device, knob),
+                               .best = m->standard_ns > 0 ? m->best : 0,
+                               .used = own->size[knob],
+                               .standard_seconds = 1e-9 * (double)m->standard_ns,
+                               .best_seconds = 1e-9 * (double)m->best_ns};
+    say(user, &tuning);
+  }
+}
+
+/* ---- the devices ---- */
+
+/* Tries all devices; false where none of them may even be asked for. What cannot be used is told as a warning. */
+static bool find_usable(ern_context *context, bool usable[ERN_CL_MAX_DEVICES]) {
+  char before[ERN_ERROR_BYTES];
+  bool listed = true;
+  ern_error_keep(context, before);
+  for (int i = 0; i < ERN_CL_MAX_DEVICES; i++) usable[i] = true;
+  for (int first = 0, dead = 0; listed && first < ERN_CL_MAX_DEVICES; first = dead + 1) {
+    if (ern_cl_probe(context, first, ERN_CL_MAX_DEVICES - 1, &listed, &dead) == ERN_OK) break;
+    ern_log_error(context, ERN_LOG_WARNING, "");
+    if (listed && dead >= first && dead < ERN_CL_MAX_DEVICES) usable[dead] = false;
+    if (dead < first) break; /* it says what it cannot know */
+  }
+  ern_error_restore(context, before);
+  return listed;
+}
+
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  struct ern_cl_found found[ERN_CL_MAX_DEVICES];
+  bool usable[ERN_CL_MAX_DEVICES];
+  int platforms = 0;
+  if (!find_usable(context, usable)) return ERN_OK;
+  const int count = ern_cl_devices_find(found, &platforms);
+  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
+  if (platforms > 0 && count == 0)
+    ern_log(context, ERN_LOG_INFO, "OpenCL: %d driver%s installed, but none of them has a device", platforms,
+            platforms == 1 ? " is" : "s are");
+  for (int i = 0; i < count; i++) {
+    if (!usable[i]) continue;
+    struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
+    ern_cl_device_ask(&device);
+    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+    ern_cl_tune_read(context, &device, measured);
+    const ern_device_info info = {.kind = "opencl",
+                                  .number = i,
+                                  .name = device.name,
+                                  .version = device.version,
+                                  .instruction_sets = "",
+                                  .compute_units = device.units,
+                                  .memory_bytes = device.memory_bytes,
+                                  .driver = device.driver,
+                                  .buffer_bytes = device.buffer_bytes,
+                                  .local_bytes = device.local_bytes,
+                                  .half = device.half,
+                                  .subgroups = device.subgroups,
+                                  .tuned = ern_cl_is_tuned(measured),
+                                  .deterministic = device.cpu};
+    say(user, &info);
+  }
+  return ERN_OK;
+}
+
+#else
+ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
+  (void)say, (void)user;
+  ern_log(context, ERN_LOG_INFO, "OpenCL: this build is without it");
+  return ERN_OK;
+}
+
+ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
+                                   ern_backend **backend) {
+  (void)number, (void)deterministic, (void)tune;
+  *backend = NULL;
+  return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
+}
+
+void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
+  (void)backend, (void)say, (void)user;
+}
+#endif

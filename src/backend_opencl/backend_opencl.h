@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The OpenCL devices of the machine. */
-#ifndef ERN_OPENCL_DEVICES_H
-#define ERN_OPENCL_DEVICES_H
+ * The OpenCL devices of the machine, and each as a backend. */
+#ifndef ERN_BACKEND_OPENCL_H
+#define ERN_BACKEND_OPENCL_H
 
 #include "ernerf/backend.h"
 
@@ -13,6 +13,11 @@ ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
  * is no driver or no such device, or where this build is without OpenCL. */
 ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
                                                  ern_backend **backend);
+
+/* The same, whose sizes are the standards: for the tuner. */
+struct ern_cl_backend;
+ERN_NODISCARD ern_status ern_cl_backend_open(ern_context *context, int number, bool deterministic,
+                                             struct ern_cl_backend **backend);
 
 /* ern_backend_tuning, of such a backend. */
 void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user);

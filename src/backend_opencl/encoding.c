@@ -1,173 +1,36 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the activations, of the positional encodings and of the region attention. */
+ * Slots of the encodings. */
 #include "backend_opencl/opencl.h"
 
-/* As in kernels/encoding.cl and kernels/attention.cl. */
-enum { GROUP = 64, VECTORS = 32, PARTS = 64 };
-
-/* Groups that take n samples of a row, and their items: one that carries vectors, or GROUP. */
-struct shape {
-  size_t blocks, group;
-};
-
-static struct shape shape_of(struct ern_stream *stream, size_t n) {
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
-  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP;
-  return (struct shape){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
-}
-
-/* In the order of ern_activation. */
-static const char *const activate_fwd_kernel[] = {"activate_fwd_density", "activate_fwd_colour", "activate_fwd_sigmoid",
-                                                  "activate_fwd_softplus", "activate_fwd_relu"};
-static const char *const activate_bwd_kernel[] = {"activate_bwd_density", "activate_bwd_colour", "activate_bwd_sigmoid",
-                                                  "activate_bwd_softplus", "activate_bwd_relu"};
-
-static ern_status activate_fwd(struct ern_stream *stream, struct ern_activate_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, activate_fwd_kernel[a->kind], "");
-  ern_cl_rows(&call, a->y);
-  ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)shape.blocks);
-  ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks * (size_t)a->y.rows, shape.group);
-}
-
-static ern_status activate_bwd(struct ern_stream *stream, struct ern_activate_bwd_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, activate_bwd_kernel[a->kind], "");
-  ern_cl_rows(&call, a->dx);
-  ern_cl_rows(&call, a->dy);
-  ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)shape.blocks);
-  ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks * (size_t)a->dx.rows, shape.group);
-}
-
-static ern_status sh_fwd(struct ern_stream *stream, struct ern_sh_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
+ern_status ern_cl_sh_fwd(struct ern_stream *stream, struct ern_sh_fwd_args *a) {
+  const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "sh_fwd", "");
   ern_cl_rows(&call, a->y);
   ern_cl_rows(&call, a->d);
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks, shape.group);
+  return ern_cl_run(&call, shape.count, shape.group);
 }
 
-static ern_status freq_fwd(struct ern_stream *stream, struct ern_freq_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
+ern_status ern_cl_freq_fwd(struct ern_stream *stream, struct ern_freq_fwd_args *a) {
+  const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "freq_fwd", "");
   ern_cl_rows(&call, a->y);
   ern_cl_rows(&call, a->x);
   ern_cl_int(&call, a->x.rows);
-  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_int(&call, (int)shape.count);
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks * (size_t)a->x.rows * (1 + (size_t)a->octaves), shape.group);
+  return ern_cl_run(&call, shape.count * (size_t)a->x.rows * (1 + (size_t)a->octaves), shape.group);
 }
 
-static ern_status freq_bwd(struct ern_stream *stream, struct ern_freq_bwd_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
+ern_status ern_cl_freq_bwd(struct ern_stream *stream, struct ern_freq_bwd_args *a) {
+  const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "freq_bwd", "");
   ern_cl_rows(&call, a->dx);
   ern_cl_rows(&call, a->dy);
   ern_cl_rows(&call, a->x);
   ern_cl_int(&call, a->x.rows);
   ern_cl_int(&call, a->octaves);
-  ern_cl_int(&call, (int)shape.blocks);
+  ern_cl_int(&call, (int)shape.count);
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks * (size_t)a->x.rows, shape.group);
-}
-
-static ern_status attention_fwd(struct ern_stream *stream, struct ern_attention_args *a) {
-  const struct shape shape = shape_of(stream, a->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_fwd", "");
-  ern_cl_rows(&call, a->region);
-  ern_cl_span(&call, a->norm);
-  ern_cl_span(&call, a->region_eye);
-  ern_cl_rows(&call, a->v);
-  ern_cl_span(&call, a->code);
-  ern_cl_span(&call, a->eye_attention);
-  ern_cl_float(&call, a->eye);
-  ern_cl_int(&call, a->region.rows);
-  ern_cl_int(&call, a->v.rows);
-  ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, shape.blocks, shape.group);
-}
-
-static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
-  const struct shape shape = shape_of(stream, a->forward.n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_eye_bwd", "");
-  ern_cl_span(&call, a->deye_attention);
-  ern_cl_span(&call, a->dregion_eye);
-  ern_cl_float(&call, a->forward.eye);
-  ern_cl_size(&call, a->forward.n);
-  return ern_cl_run(&call, shape.blocks, shape.group);
-}
-
-/* parts: [channels][PARTS], or zeroed; dv zeroed: the parts alone */
-static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_rows dv,
-                        ern_span parts) {
-  const struct ern_attention_args *forward = &a->forward;
-  const size_t channels = (size_t)forward->region.rows;
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_bwd", "");
-  ern_cl_rows(&call, dv);
-  ern_cl_span(&call, parts);
-  ern_cl_rows(&call, a->dregion);
-  ern_cl_span(&call, a->dnorm);
-  ern_cl_rows(&call, forward->v);
-  ern_cl_span(&call, forward->norm);
-  ern_cl_span(&call, forward->code);
-  ern_cl_int(&call, (int)channels);
-  ern_cl_int(&call, forward->v.rows);
-  ern_cl_size(&call, forward->n);
-  return ern_cl_run(&call, PARTS * channels, shape_of(stream, 1).group);
-}
-
-static ern_status bwd_one(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
-  const struct ern_attention_args *forward = &a->forward;
-  const struct shape shape = shape_of(stream, forward->n);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_one_bwd", "");
-  ern_cl_span(&call, a->dv.span);
-  ern_cl_rows(&call, a->dregion);
-  ern_cl_span(&call, a->dnorm);
-  ern_cl_span(&call, forward->v.span);
-  ern_cl_span(&call, forward->norm);
-  ern_cl_span(&call, forward->code);
-  ern_cl_int(&call, forward->region.rows);
-  ern_cl_size(&call, forward->n);
-  return ern_cl_run(&call, shape.blocks, shape.group);
-}
-
-static ern_status bwd_code(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_code_bwd", "");
-  ern_cl_span(&call, a->dcode);
-  ern_cl_span(&call, parts);
-  ern_cl_int(&call, a->forward.region.rows);
-  return ern_cl_each(&call, (size_t)a->forward.region.rows);
-}
-
-static ern_status attention_bwd(struct ern_stream *stream, struct ern_attention_bwd_args *a) {
-  ern_status status = ERN_OK;
-  const struct ern_arena_mark mark = ern_arena_mark(stream);
-  const size_t channels = (size_t)a->forward.region.rows;
-  const bool one = a->forward.v.rows == 1 && channels > 1;
-  const bool by_code = a->dcode.buffer != NULL && a->dregion.span.buffer != NULL;
-  ern_span parts = {0};
-  if (a->forward.n == 0) return ERN_OK;
-  if (by_code) ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, PARTS * channels, &parts));
-  if (one) ERN_TRY(bwd_one(stream, a));
-  if (channels > 0 && (!one || by_code)) ERN_TRY(bwd_v(stream, a, one ? (ern_rows){.stride = 0} : a->dv, parts));
-  if (by_code) ERN_TRY(bwd_code(stream, a, parts));
-  if (a->deye_attention.buffer != NULL && a->dregion_eye.buffer != NULL) ERN_TRY(bwd_eye(stream, a));
-fail:
-  ern_arena_release(stream, mark);
-  return status;
-}
-
-void ern_cl_fill_encoding(struct ern_backend *table) {
-  table->activate_fwd = activate_fwd;
-  table->activate_bwd = activate_bwd;
-  table->sh_fwd = sh_fwd;
-  table->freq_fwd = freq_fwd;
-  table->freq_bwd = freq_bwd;
-  table->attention_fwd = attention_fwd;
-  table->attention_bwd = attention_bwd;
+  return ern_cl_run(&call, shape.count * (size_t)a->x.rows, shape.group);
 }

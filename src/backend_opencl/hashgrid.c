@@ -73,11 +73,11 @@ static struct plan plan_grid(struct ern_stream *stream, ern_cl_knob knob, const 
   return plan;
 }
 
-static void positions(struct ern_cl_call *call, const struct ern_grid_args *a) {
+static void positions(struct ern_cl_call *call, const struct ern_grid_fwd_args *a) {
   for (int d = 0; d < ERN_GRID_MAX_DIMS; d++) ern_cl_span(call, d < a->grid->dims ? a->x[d] : (ern_span){0});
 }
 
-static ern_status grid_fwd(struct ern_stream *stream, struct ern_grid_args *a) {
+ern_status ern_cl_grid_fwd(struct ern_stream *stream, struct ern_grid_fwd_args *a) {
   if (a->n == 0) return ERN_OK;
   const struct plan plan = plan_grid(stream, ERN_CL_SIZE_grid_fwd, a->grid, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_hashgrid, "grid_fwd", plan.options);
@@ -112,7 +112,7 @@ static ern_status bwd_x(struct ern_stream *stream, const struct ern_grid_bwd_arg
   return ern_cl_run(&call, plan->grid.blocks, plan->group);
 }
 
-static ern_status grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *a) {
+ern_status ern_cl_grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *a) {
   ern_status status = ERN_OK;
   if (a->forward.n == 0) return ERN_OK;
   const struct plan plan = plan_grid(stream, ERN_CL_SIZE_grid_bwd, a->forward.grid, a->forward.n);
@@ -120,9 +120,4 @@ static ern_status grid_bwd(struct ern_stream *stream, struct ern_grid_bwd_args *
   if (a->dx[0].buffer != NULL) ERN_TRY(bwd_x(stream, a, &plan));
 fail:
   return status;
-}
-
-void ern_cl_fill_hashgrid(struct ern_backend *table) {
-  table->grid_fwd = grid_fwd;
-  table->grid_bwd = grid_bwd;
 }

@@ -1,15 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the training: losses, optimizer, average. */
-#include <math.h>
-
+ * Slots of the losses: each part's share of a figure is added up in double when the stream settles. */
 #include "backend_opencl/opencl.h"
 #include "core/rng.h"
-
-/* A group of a reduction: GROUP sums side by side, as many of them an item as the device's vectors have lanes. */
-static ern_status run_sums(struct ern_cl_call *call) {
-  const struct ern_cl_backend *backend = call->stream->owner;
-  return ern_cl_run(call, ERN_CL_SUMS, ERN_CL_SUM_GROUP / (size_t)backend->device.width);
-}
 
 /* Of the launch that was to fill the `count` figures asked for last: if it failed they must not settle. */
 static ern_status filled(struct ern_cl_call *call, size_t count, ern_status status) {
@@ -18,8 +10,6 @@ static ern_status filled(struct ern_cl_call *call, size_t count, ern_status stat
   call->stream->figures_used -= count;
   return status;
 }
-
-/* ---- losses: each part's share of a figure is added up in double when the stream settles ---- */
 
 /* Layout of struct head_factors in kernels/losses.cl. */
 struct head_factors {
@@ -72,10 +62,10 @@ static ern_status head_softmax(struct ern_stream *stream, ern_span most, ern_spa
   ern_cl_span(&call, sum);
   ern_cl_span(&call, uncertainty);
   ern_cl_size(&call, n);
-  return run_sums(&call);
+  return ern_cl_run_sums(&call);
 }
 
-static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args *a) {
+ern_status ern_cl_head_loss(struct ern_stream *stream, struct ern_head_loss_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
   ern_span most = {0}, sum = {0}, terms;
@@ -106,7 +96,7 @@ static ern_status head_loss(struct ern_stream *stream, struct ern_head_loss_args
   ern_cl_span(&call, sum);
   ern_cl_value(&call, &factors, sizeof factors);
   ern_cl_size(&call, a->n);
-  ERN_TRY(filled(&call, ERN_CL_SUMS * HEAD_TERMS, run_sums(&call)));
+  ERN_TRY(filled(&call, ERN_CL_SUMS * HEAD_TERMS, ern_cl_run_sums(&call)));
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -126,7 +116,7 @@ static void smooth_loss_settle(void *args, const float *values, size_t count) {
   a->term = (double)a->weight / (double)a->batch * squares_of(values, count);
 }
 
-static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
+ern_status ern_cl_smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_args *a) {
   ern_span squares;
   a->term = 0;
   if (a->n == 0 || a->batch == 0) return ERN_OK;
@@ -139,10 +129,10 @@ static ern_status smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_
   ern_cl_span(&call, a->moved);
   ern_cl_float(&call, (float)(2 * ((double)a->weight / (double)a->batch)));
   ern_cl_size(&call, a->n);
-  return filled(&call, ERN_CL_SUMS * SQUARES, run_sums(&call));
+  return filled(&call, ERN_CL_SUMS * SQUARES, ern_cl_run_sums(&call));
 }
 
-static ern_status smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
+ern_status ern_cl_smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_points", "");
   ern_cl_rows(&call, a->moved);
@@ -162,7 +152,7 @@ static void mse_settle(void *args, const float *values, size_t count) {
   a->term = squares_of(values, count) * (1 / (3 * (double)a->n));
 }
 
-static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
+ern_status ern_cl_mse(struct ern_stream *stream, struct ern_mse_args *a) {
   ern_span squares;
   a->term = 0;
   if (a->n == 0) return ERN_OK;
@@ -175,7 +165,7 @@ static ern_status mse(struct ern_stream *stream, struct ern_mse_args *a) {
   ern_cl_rows(&call, a->truth);
   ern_cl_float(&call, (float)(2 * (1 / (3 * (double)a->n))));
   ern_cl_size(&call, a->n);
-  return filled(&call, ERN_CL_SUMS * SQUARES, run_sums(&call));
+  return filled(&call, ERN_CL_SUMS * SQUARES, ern_cl_run_sums(&call));
 }
 
 static void key_points_loss_settle(void *args, const float *values, size_t count) {
@@ -185,7 +175,7 @@ static void key_points_loss_settle(void *args, const float *values, size_t count
   a->term = sum / (double)count;
 }
 
-static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
+ern_status ern_cl_key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
   enum { POINTS = 3 };
   ern_span short_of;
   const ern_status status = ern_cl_figures(stream, POINTS, key_points_loss_settle, a, &short_of);
@@ -195,65 +185,4 @@ static ern_status key_points_loss(struct ern_stream *stream, struct ern_key_poin
   ern_cl_span(&call, a->danchors);
   ern_cl_span(&call, a->anchors);
   return filled(&call, POINTS, ern_cl_each(&call, POINTS));
-}
-
-/* ---- optimizer ---- */
-
-/* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
-static ern_status adamw(struct ern_stream *stream, struct ern_adamw_args *a) {
-  if (a->n == 0) return ERN_OK;
-  const double correction = -expm1((double)a->step * log((double)a->beta2));
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "adamw", "");
-  ern_cl_span(&call, a->parameters);
-  ern_cl_span(&call, a->second_moment);
-  ern_cl_span(&call, a->gradient);
-  ern_cl_float(&call, a->rate);
-  ern_cl_float(&call, (float)(1 - (double)a->rate * (double)a->decay));
-  ern_cl_float(&call, a->beta2);
-  ern_cl_float(&call, (float)(1 - (double)a->beta2));
-  ern_cl_float(&call, (float)(1 / sqrt(correction)));
-  ern_cl_float(&call, a->eps);
-  ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
-}
-
-static ern_status ema(struct ern_stream *stream, struct ern_ema_args *a) {
-  if (a->n == 0) return ERN_OK;
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "ema", "");
-  ern_cl_span(&call, a->average);
-  ern_cl_span(&call, a->parameters);
-  ern_cl_float(&call, (float)(1 - (double)a->decay));
-  ern_cl_size(&call, a->n);
-  return ern_cl_each(&call, a->n);
-}
-
-static ern_status finite(struct ern_stream *stream, struct ern_finite_args *a) {
-  const struct ern_arena_mark mark = ern_arena_mark(stream);
-  ern_status status = ERN_OK;
-  ern_span found;
-  int32_t host[ERN_CL_SUMS];
-  a->finite = true;
-  if (a->n == 0) return ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "finite", "");
-  ern_cl_span(&call, found);
-  ern_cl_span(&call, a->values);
-  ern_cl_size(&call, a->n);
-  ERN_TRY(run_sums(&call));
-  ERN_TRY(ern_cl_read(stream, host, found, ERN_CL_SUMS));
-  for (size_t i = 0; i < ERN_CL_SUMS; i++) a->finite = a->finite && host[i] == 0;
-fail:
-  ern_arena_release(stream, mark);
-  return status;
-}
-
-void ern_cl_fill_train(struct ern_backend *table) {
-  table->head_loss = head_loss;
-  table->smooth_loss = smooth_loss;
-  table->smooth_points = smooth_points;
-  table->mse = mse;
-  table->key_points_loss = key_points_loss;
-  table->adamw = adamw;
-  table->ema = ema;
-  table->finite = finite;
 }

@@ -5,7 +5,7 @@
 
 #include "backend_opencl/opencl.h"
 
-static ern_status rays(struct ern_stream *stream, struct ern_rays_args *a) {
+ern_status ern_cl_rays(struct ern_stream *stream, struct ern_rays_args *a) {
   static_assert(sizeof(struct ern_view) == 21 * 4, "struct view in march.cl");
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "rays", "");
   ern_cl_rows(&call, a->dir);
@@ -45,7 +45,7 @@ static struct walk walk_of(const float origin[3], const struct ern_march_setting
   return walk;
 }
 
-static ern_status march(struct ern_stream *stream, struct ern_march_args *a) {
+ern_status ern_cl_march(struct ern_stream *stream, struct ern_march_args *a) {
   enum { CPU_GROUP = 4, GPU_GROUP = 64 }; /* rays differ in length: small groups spread them over the cores */
   const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
   const size_t group = device->cpu ? CPU_GROUP : GPU_GROUP, rays_a_group = group * (size_t)device->width;
@@ -61,11 +61,7 @@ static ern_status march(struct ern_stream *stream, struct ern_march_args *a) {
   return ern_cl_run(&call, a->n / rays_a_group + (a->n % rays_a_group != 0), group);
 }
 
-static ern_status scan(struct ern_stream *stream, struct ern_scan_args *a) {
-  return ern_cl_scan(stream, a->first, a->count, a->n, &a->total);
-}
-
-static ern_status samples(struct ern_stream *stream, struct ern_samples_args *a) {
+ern_status ern_cl_samples(struct ern_stream *stream, struct ern_samples_args *a) {
   enum { TEAM = 16 }; /* work-items a ray */
   const struct walk walk = walk_of(a->origin, &a->settings);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "samples", "");
@@ -79,11 +75,4 @@ static ern_status samples(struct ern_stream *stream, struct ern_samples_args *a)
   ern_cl_value(&call, &walk, sizeof walk);
   ern_cl_size(&call, a->n);
   return ern_cl_each(&call, ern_cl_backend_of(stream)->device.cpu ? a->n : a->n * TEAM);
-}
-
-void ern_cl_fill_march(struct ern_backend *table) {
-  table->rays = rays;
-  table->march = march;
-  table->scan = scan;
-  table->samples = samples;
 }

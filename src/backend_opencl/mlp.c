@@ -71,7 +71,7 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
   say(plan, "-D GROUP=%d -D VECTORS=%d -D LANES=%d", plan->group, plan->vectors, plan->lanes);
 }
 
-static void say_shape(struct plan *plan, const struct ern_mlp_args *a) {
+static void say_shape(struct plan *plan, const struct ern_mlp_fwd_args *a) {
   const struct ern_mlp *mlp = &a->mlp;
   say(plan, " -D LAYERS=%d -D HIDDEN=%d", mlp->layers, mlp->layers - 1);
   for (int l = 0; l <= mlp->layers; l++) say(plan, " -D C%d=%d", l, mlp->width[l]);
@@ -82,14 +82,14 @@ static void say_shape(struct plan *plan, const struct ern_mlp_args *a) {
   }
 }
 
-static void give_inputs(struct ern_cl_call *call, const struct ern_mlp_args *a) {
+static void give_inputs(struct ern_cl_call *call, const struct ern_mlp_fwd_args *a) {
   for (int p = 0; p < ERN_MAX_PIECES; p++) ern_cl_rows(call, p < a->pieces ? a->x[p] : (ern_rows){.stride = 0});
   ern_cl_span(call, a->ray);
   const size_t skip = a->mlp.weight[0];
   ern_cl_span(call, ern_span_part(a->parameters, skip, a->parameters.count - skip));
 }
 
-static ern_status mlp_fwd(struct ern_stream *stream, struct ern_mlp_args *a) {
+ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a) {
   if (a->n == 0) return ERN_OK;
   int widest[2] = {0, 0}; /* of the even layers' values, of the odd ones' */
   for (int l = 0; l <= a->mlp.layers; l++)
@@ -148,7 +148,7 @@ static void give_gradients(struct ern_cl_call *call, const struct ern_mlp_bwd_ar
     ern_cl_rows(call, p < a->forward.pieces ? a->dx[p] : (ern_rows){.stride = 0});
 }
 
-static ern_status mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a) {
+ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a) {
   const struct ern_mlp *mlp = &a->forward.mlp;
   const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
   const struct ern_cl_device *device = &backend->device;
@@ -190,9 +190,4 @@ static ern_status mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
 fail:
   ern_arena_release(stream, mark);
   return status;
-}
-
-void ern_cl_fill_mlp(struct ern_backend *table) {
-  table->mlp_fwd = mlp_fwd;
-  table->mlp_bwd = mlp_bwd;
 }

@@ -21,7 +21,7 @@ static void sight_of(float sight[SIGHT], const struct ern_view *view) {
   sight[13] = view->cy / view->focal;
 }
 
-static ern_status occupancy_mark(struct ern_stream *stream, struct ern_occupancy_mark_args *a) {
+ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy_mark_args *a) {
   ern_context *context = stream->backend->context;
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const bool cpu = ern_cl_backend_of(stream)->device.cpu;
@@ -53,26 +53,28 @@ fail:
 
 /* ---- cells to look at -------------------------------------------------------------------------------------------- */
 
-static ern_status occupancy_list(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
+ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
-  ern_span open, count, first;
+  struct ern_scan_args scan = {.n = BLOCKS};
+  ern_span open;
   struct ern_cl_call call;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, CUBES, &open));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS, &count));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &first));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS, &scan.count));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &scan.first));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_open", "");
   ern_cl_span(&call, open);
   ern_cl_span(&call, a->grid);
   ERN_TRY(ern_cl_each(&call, CUBES));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_count", "");
-  ern_cl_span(&call, count);
+  ern_cl_span(&call, scan.count);
   ern_cl_span(&call, open);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
-  ERN_TRY(ern_cl_scan(stream, first, count, BLOCKS, &a->count));
+  ERN_TRY(ern_cl_scan(stream, &scan));
+  a->count = scan.total;
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_list", "");
   ern_cl_span(&call, a->cells);
-  ern_cl_span(&call, first);
+  ern_cl_span(&call, scan.first);
   ern_cl_span(&call, open);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
 fail:
@@ -80,7 +82,7 @@ fail:
   return status;
 }
 
-static ern_status occupancy_points(struct ern_stream *stream, struct ern_occupancy_points_args *a) {
+ern_status ern_cl_occupancy_points(struct ern_stream *stream, struct ern_occupancy_points_args *a) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_points", "");
   ern_cl_rows(&call, a->x);
   ern_cl_span(&call, a->cells);
@@ -93,7 +95,7 @@ static ern_status occupancy_points(struct ern_stream *stream, struct ern_occupan
   return ern_cl_each(&call, a->n);
 }
 
-static ern_status occupancy_scatter(struct ern_stream *stream, struct ern_occupancy_scatter_args *a) {
+ern_status ern_cl_occupancy_scatter(struct ern_stream *stream, struct ern_occupancy_scatter_args *a) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_scatter", "");
   ern_cl_span(&call, a->fresh);
   ern_cl_span(&call, a->cells);
@@ -114,7 +116,7 @@ static double sum_of(const float part[2 * ERN_CL_SUMS]) {
   return sum;
 }
 
-static ern_status occupancy_update(struct ern_stream *stream, struct ern_occupancy_update_args *a) {
+ern_status ern_cl_occupancy_update(struct ern_stream *stream, struct ern_occupancy_update_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
   float part[2 * ERN_CL_SUMS];
@@ -139,12 +141,4 @@ static ern_status occupancy_update(struct ern_stream *stream, struct ern_occupan
 fail:
   ern_arena_release(stream, mark);
   return status;
-}
-
-void ern_cl_fill_occupancy(struct ern_backend *table) {
-  table->occupancy_mark = occupancy_mark;
-  table->occupancy_list = occupancy_list;
-  table->occupancy_points = occupancy_points;
-  table->occupancy_scatter = occupancy_scatter;
-  table->occupancy_update = occupancy_update;
 }

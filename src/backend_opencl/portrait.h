@@ -20,6 +20,8 @@ struct ern_cl_form {
   int vectors, outputs, group;
 };
 
+void ern_cl_portrait_free(struct ern_cl_stream *stream); /* accepts a stream without one */
+
 enum { ERN_CL_ALIGN = 16 /* reals that a packed matrix begins at a multiple of */ };
 
 /* Columns from `column` on of a packed matrix that has `width` of them. */

@@ -57,7 +57,7 @@ void ern_cl_portrait_free(struct ern_cl_stream *stream) {
   stream->portrait = NULL;
 }
 
-static ern_status render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
+ern_status ern_cl_render_prepare(struct ern_stream *stream, struct ern_render_prepare_args *a) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   ern_context *context = own->owner->table.context;
   char last_error[ERN_ERROR_BYTES];
@@ -131,7 +131,7 @@ static ern_status by_stages(struct ern_stream *stream, const struct ern_render_r
   return ERN_OK;
 }
 
-static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
+ern_status ern_cl_render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
   const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
   const bool fused = portrait != NULL && portrait->head != NULL && a->settings.bound == a->field->config.bound &&
                      a->n <= INT32_MAX / 2;
@@ -145,16 +145,10 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
   return status;
 }
 
-static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
+ern_status ern_cl_render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
   const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
   const bool fused = portrait != NULL && portrait->torso != NULL;
   const struct ern_torso_place at = ern_torso_place_of(a); /* the kernel knows a frame that is the picture alone */
   const bool whole = at.top == 0 && at.left == 0 && at.width == a->width && at.height == a->height;
   return fused && whole ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
-}
-
-void ern_cl_fill_render(struct ern_backend *table) {
-  table->render_prepare = render_prepare;
-  table->render_rays = render_rays;
-  table->render_torso = render_torso;
 }

@@ -199,11 +199,11 @@ static ern_status find_bias(struct ern_stream *stream, const struct ern_cl_torso
   ERN_TRY(ern_take_rows(stream, 2 * ERN_TORSO_POINTS, 1, &k));
   ERN_TRY(ern_take_rows(stream, ERN_K_ROWS, 1, &encoded));
   k.stride = encoded.stride = 1;
-  struct ern_torso_pose_args pose = {.k = k.span, .anchors = ern_span_part(a->parameters, field->anchors, 12)};
+  struct ern_torso_pose_fwd_args pose = {.k = k.span, .anchors = ern_span_part(a->parameters, field->anchors, 12)};
   if (field->config.torso_gamma) pose.gamma = ern_span_part(a->parameters, field->gamma, 1);
   memcpy(pose.pose, a->pose, sizeof pose.pose);
   ERN_TRY(table->torso_pose_fwd(stream, &pose));
-  struct ern_freq_args encode = {.y = encoded, .x = k, .octaves = ERN_K_OCTAVES, .n = 1};
+  struct ern_freq_fwd_args encode = {.y = encoded, .x = k, .octaves = ERN_K_OCTAVES, .n = 1};
   ERN_TRY(table->freq_fwd(stream, &encode));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "torso_bias", p->options);
   ern_cl_span(&call, bias);

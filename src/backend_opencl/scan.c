@@ -23,7 +23,9 @@ static ern_status scan_from(struct ern_stream *stream, ern_span first, ern_span 
   return ern_cl_run(&call, groups, items);
 }
 
-ern_status ern_cl_scan(struct ern_stream *stream, ern_span first, ern_span count, size_t n, size_t *total) {
+ern_status ern_cl_scan(struct ern_stream *stream, struct ern_scan_args *a) {
+  const ern_span first = a->first, count = a->count;
+  const size_t n = a->n;
   const bool cpu = ern_cl_backend_of(stream)->device.cpu;
   const size_t items = cpu ? 1 : GPU_ITEMS, each = cpu ? CPU_EACH : GPU_EACH, tile = items * each;
   const size_t groups = n / tile + (n % tile != 0);
@@ -52,7 +54,7 @@ ern_status ern_cl_scan(struct ern_stream *stream, ern_span first, ern_span count
   const uint64_t sum_of_all = (uint64_t)half[1] << 32 | half[0];
   if (sum_of_all > INT32_MAX)
     ERN_TRY(ern_fail(stream->backend->context, ERN_E_NO_MEMORY, "march: more than %d samples in one batch", INT32_MAX));
-  *total = (size_t)sum_of_all;
+  a->total = (size_t)sum_of_all;
 fail:
   ern_arena_release(stream, mark);
   return status;

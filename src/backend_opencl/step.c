@@ -5,15 +5,6 @@
 
 #include "backend_opencl/opencl.h"
 
-ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
-  struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  if (status == ERN_OK) return ERN_OK;
-  own->pending_count = own->figures_used = 0;
-  clFinish(own->queue); /* whatever it returns, `status` is what is told */
-  ern_arena_trim(stream);
-  return status;
-}
-
 static ern_status too_little(struct ern_stream *stream, const char *what, const char *one) {
   ern_context *context = stream->backend->context;
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
@@ -23,7 +14,7 @@ static ern_status too_little(struct ern_stream *stream, const char *what, const 
 }
 
 /* The gradient before a step that may fail is kept: the copy is of 2.5 MB for 14 levels, beside the 100s of a step. */
-static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
+ern_status ern_cl_head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const struct ern_backend *backend = stream->backend;
@@ -54,11 +45,11 @@ fail:
   return status;
 }
 
-static ern_status torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
+ern_status ern_cl_torso_step(struct ern_stream *stream, struct ern_torso_step_args *a) {
   return ern_cl_clean_up(stream, ern_torso_step_stages(stream, a));
 }
 
-static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
+ern_status ern_cl_head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
   struct ern_head_density_args part = *a;
   ern_status status = ERN_OK;
   char last_error[ERN_ERROR_BYTES];
@@ -74,10 +65,4 @@ static ern_status head_density(struct ern_stream *stream, struct ern_head_densit
   }
   ern_error_restore(stream->backend->context, last_error);
   return status;
-}
-
-void ern_cl_fill_steps(struct ern_backend *table) {
-  table->head_density = head_density;
-  table->head_step = head_step;
-  table->torso_step = torso_step;
 }

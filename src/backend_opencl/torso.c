@@ -6,7 +6,6 @@
 #include "core/memory.h"
 #include "core/rng.h"
 #include "model/torso_ops.h"
-#include "render/stages.h"
 
 static struct ern_cl_call begin(struct ern_stream *stream, const char *kernel) {
   return ern_cl_begin(stream, ERN_CL_torso, kernel, "");
@@ -58,7 +57,7 @@ static struct inverse inverse_of(const float pose[16]) {
   return inverse;
 }
 
-static ern_status torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pose_args *a) {
+ern_status ern_cl_torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pose_fwd_args *a) {
   const struct inverse inverse = inverse_of(a->pose);
   struct ern_cl_call call = begin(stream, "torso_pose_fwd");
   ern_cl_span(&call, a->k);
@@ -68,7 +67,7 @@ static ern_status torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pos
   return ern_cl_run(&call, 1, 1);
 }
 
-static ern_status torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pose_bwd_args *a) {
+ern_status ern_cl_torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pose_bwd_args *a) {
   const struct inverse inverse = inverse_of(a->forward.pose);
   struct ern_cl_call call = begin(stream, "torso_pose_bwd");
   ern_cl_span(&call, a->danchors);
@@ -82,7 +81,7 @@ static ern_status torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pos
 
 /* ---- pixels ------------------------------------------------------------------------------------------------------ */
 
-static ern_status torso_coords(struct ern_stream *stream, struct ern_torso_coords_args *a) {
+ern_status ern_cl_torso_coords(struct ern_stream *stream, struct ern_torso_coords_args *a) {
   struct ern_cl_call call = begin(stream, "torso_coords");
   ern_cl_rows(&call, a->q);
   ern_cl_span(&call, a->pixel);
@@ -117,7 +116,7 @@ static ern_status gather(struct ern_stream *stream, const struct ern_torso_selec
   return ern_cl_each(&call, a->n);
 }
 
-static ern_status torso_select(struct ern_stream *stream, struct ern_torso_select_args *a) {
+ern_status ern_cl_torso_select(struct ern_stream *stream, struct ern_torso_select_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
   struct ern_scan_args scan = {.n = a->n};
@@ -136,7 +135,7 @@ fail:
 
 /* ---- deformation ------------------------------------------------------------------------------------------------- */
 
-static ern_status torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_args *a) {
+ern_status ern_cl_torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_deform_fwd");
   ern_cl_rows(&call, a->x);
   ern_cl_rows(&call, a->q);
@@ -145,7 +144,7 @@ static ern_status torso_deform_fwd(struct ern_stream *stream, struct ern_torso_d
   return ern_cl_each(&call, a->n);
 }
 
-static ern_status torso_deform_bwd(struct ern_stream *stream, struct ern_torso_deform_bwd_args *a) {
+ern_status ern_cl_torso_deform_bwd(struct ern_stream *stream, struct ern_torso_deform_bwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_deform_bwd");
   ern_cl_rows(&call, a->dd);
   ern_cl_rows(&call, a->dx);
@@ -157,7 +156,7 @@ static ern_status torso_deform_bwd(struct ern_stream *stream, struct ern_torso_d
 
 /* ---- compositing ------------------------------------------------------------------------------------------------- */
 
-static ern_status leave_untouched(struct ern_stream *stream, const struct ern_torso_composite_args *a) {
+static ern_status leave_untouched(struct ern_stream *stream, const struct ern_torso_composite_fwd_args *a) {
   const ern_span to = a->pixel.span, from = a->background.span;
   const bool in_place = to.buffer == from.buffer && to.at == from.at;
   if (in_place && a->opacity.buffer == NULL) return ERN_OK;
@@ -169,7 +168,7 @@ static ern_status leave_untouched(struct ern_stream *stream, const struct ern_to
   return ern_cl_each(&call, a->rays);
 }
 
-static ern_status torso_composite_fwd(struct ern_stream *stream, struct ern_torso_composite_args *a) {
+ern_status ern_cl_torso_composite_fwd(struct ern_stream *stream, struct ern_torso_composite_fwd_args *a) {
   const ern_status status = leave_untouched(stream, a);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = begin(stream, "torso_composite_fwd");
@@ -182,7 +181,7 @@ static ern_status torso_composite_fwd(struct ern_stream *stream, struct ern_tors
   return ern_cl_each(&call, a->n);
 }
 
-static ern_status torso_composite_bwd(struct ern_stream *stream, struct ern_torso_composite_bwd_args *a) {
+ern_status ern_cl_torso_composite_bwd(struct ern_stream *stream, struct ern_torso_composite_bwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_composite_bwd");
   ern_cl_rows(&call, a->dlayer);
   ern_cl_rows(&call, a->dpixel);
@@ -195,7 +194,7 @@ static ern_status torso_composite_bwd(struct ern_stream *stream, struct ern_tors
 
 /* ---- occupancy --------------------------------------------------------------------------------------------------- */
 
-static ern_status torso_points(struct ern_stream *stream, struct ern_torso_points_args *a) {
+ern_status ern_cl_torso_points(struct ern_stream *stream, struct ern_torso_points_args *a) {
   struct ern_cl_call call = begin(stream, "torso_points");
   ern_cl_rows(&call, a->q);
   ern_cl_float(&call, a->shrink);
@@ -220,25 +219,11 @@ static ern_status mean_of(struct ern_stream *stream, ern_span grid, double *mean
   return status;
 }
 
-static ern_status torso_update(struct ern_stream *stream, struct ern_torso_update_args *a) {
+ern_status ern_cl_torso_update(struct ern_stream *stream, struct ern_torso_update_args *a) {
   struct ern_cl_call call = begin(stream, "torso_update");
   ern_cl_span(&call, a->grid);
   ern_cl_span(&call, a->alpha);
   ern_cl_float(&call, a->decay);
   const ern_status status = ern_cl_each(&call, ERN_TORSO_CELLS);
   return status == ERN_OK ? mean_of(stream, a->grid, &a->mean) : status;
-}
-
-void ern_cl_fill_torso(struct ern_backend *table) {
-  table->torso_pose_fwd = torso_pose_fwd;
-  table->torso_pose_bwd = torso_pose_bwd;
-  table->torso_coords = torso_coords;
-  table->torso_select = torso_select;
-  table->torso_deform_fwd = torso_deform_fwd;
-  table->torso_deform_bwd = torso_deform_bwd;
-  table->torso_composite_fwd = torso_composite_fwd;
-  table->torso_composite_bwd = torso_composite_bwd;
-  table->torso_points = torso_points;
-  table->torso_update = torso_update;
-  table->render_torso = ern_render_torso_stages;
 }

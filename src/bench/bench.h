@@ -80,13 +80,13 @@ enum ern_bench_section {
   ERN_BENCH_SECTIONS
 };
 enum ern_bench_slot {
-#define ERN_BENCH_SLOT(slot, args) ERN_BENCH_SLOT_##slot,
+#define ERN_BENCH_SLOT(slot) ERN_BENCH_SLOT_##slot,
   ERN_SLOTS(ERN_BENCH_SLOT)
 #undef ERN_BENCH_SLOT
       ERN_BENCH_SLOTS
 };
 union ern_bench_args {
-#define ERN_BENCH_MEMBER(slot, args) struct args slot;
+#define ERN_BENCH_MEMBER(slot) struct ern_##slot##_args slot;
   ERN_SLOTS(ERN_BENCH_MEMBER)
 #undef ERN_BENCH_MEMBER
 };

@@ -40,7 +40,7 @@ static double rows_bytes(const ern_rows *rows, size_t n, size_t real) {
   return values * rows->rows * (double)real;
 }
 
-static cost cost_mlp(const struct ern_mlp_args *a, const struct ern_field *field, size_t real) {
+static cost cost_mlp(const struct ern_mlp_fwd_args *a, const struct ern_field *field, size_t real) {
   const double n = (double)a->n, macs = ern_bench_mlp_macs(&a->mlp);
   cost c = {.name = name_mlp(&a->mlp, field, false), .item = "sample", .items = n};
   c.flops = c.flops_written = 2 * macs * n;
@@ -50,7 +50,7 @@ static cost cost_mlp(const struct ern_mlp_args *a, const struct ern_field *field
 }
 
 static cost cost_mlp_bwd(const struct ern_mlp_bwd_args *a, const struct ern_field *field, size_t real) {
-  const struct ern_mlp_args *f = &a->forward;
+  const struct ern_mlp_fwd_args *f = &a->forward;
   const double n = (double)f->n, macs = ern_bench_mlp_macs(&f->mlp);
   cost c = {.name = name_mlp(&f->mlp, field, true), .item = "sample", .items = n};
   int wanted = 0;
@@ -66,7 +66,7 @@ static cost cost_mlp_bwd(const struct ern_mlp_bwd_args *a, const struct ern_fiel
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
 
-static cost cost_grid(const struct ern_grid_args *a, size_t real) {
+static cost cost_grid(const struct ern_grid_fwd_args *a, size_t real) {
   const double n = (double)a->n, rows = (double)a->grid->levels * a->grid->features;
   cost c = {.name = a->grid->hashed ? "plane_fwd" : "torso_grid_fwd", .item = "sample", .items = n};
   c.flops = c.flops_written = n * ern_bench_grid_flops(a->grid);

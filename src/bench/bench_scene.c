@@ -268,10 +268,10 @@ static ern_status make_count(const struct ern_bench_scene *scene, struct ern_bac
                                        .parameters = {count->reals, 0, n},
                                        .code = {count->reals, at, ERN_AUDIO_CODE},
                                        .eye = scene->frame.eye};
-  struct ern_audio_args audio = {.code = count->in.code,
-                                 .windows = {count->reals, at + 64, windows},
-                                 .parameters = count->in.parameters,
-                                 .net = model->field.audio};
+  struct ern_audio_fwd_args audio = {.code = count->in.code,
+                                     .windows = {count->reals, at + 64, windows},
+                                     .parameters = count->in.parameters,
+                                     .net = model->field.audio};
   audio.net.window_length = scene->frame.window_length;
   ERN_TRY(backend->upload_reals(count->stream, count->in.parameters, model->block, n));
   ERN_TRY(backend->upload_bytes(count->stream, count->bits, model->bits, ERN_OCCUPANCY_BYTES));

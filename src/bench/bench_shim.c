@@ -75,8 +75,8 @@ static bool is_fused(enum ern_bench_slot slot) {
          slot == ERN_BENCH_SLOT_head_density || slot == ERN_BENCH_SLOT_head_step || slot == ERN_BENCH_SLOT_torso_step;
 }
 
-#define SHIM_SLOT(slot, args_type)                                                                      \
-  static ern_status timed_##slot(struct ern_stream *stream, struct args_type *args) {                   \
+#define SHIM_SLOT(slot)                                                                                 \
+  static ern_status timed_##slot(struct ern_stream *stream, struct ern_##slot##_args *args) {           \
     struct ern_bench_shim *shim = shim_of(stream);                                                      \
     if (shim->within) return shim->real->slot(stream, args);                                            \
     struct sums *sums = sums_of(shim, stream);                                                          \
@@ -103,8 +103,8 @@ static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *
 }
 
 /* The fused ones open a section; where they have a profile it is ours. */
-#define SHIM_SECTION(slot, args_type, opened, prepare)                                                       \
-  static ern_status section_##slot(struct ern_stream *stream, struct args_type *args) {                      \
+#define SHIM_SECTION(slot, opened, prepare)                                                                  \
+  static ern_status section_##slot(struct ern_stream *stream, struct ern_##slot##_args *args) {              \
     struct ern_bench_shim *shim = shim_of(stream);                                                           \
     if (stream != shim->main) return shim->real->slot(stream, args);                                         \
     const enum ern_bench_section before = shim->section;                                                     \
@@ -114,11 +114,11 @@ static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *
     shim->section = before;                                                                                  \
     return status;                                                                                           \
   }
-SHIM_SECTION(render_rays, ern_render_rays_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
-SHIM_SECTION(head_step, ern_head_step_args, ERN_BENCH_HEAD, args->profile = &shim->profile)
-SHIM_SECTION(torso_step, ern_torso_step_args, ERN_BENCH_HEAD, (void)0)
-SHIM_SECTION(render_torso, ern_render_torso_args, ERN_BENCH_TORSO, (void)0)
-SHIM_SECTION(head_density, ern_head_density_args, ERN_BENCH_DENSITY, (void)0)
+SHIM_SECTION(render_rays, ERN_BENCH_HEAD, args->profile = &shim->profile)
+SHIM_SECTION(head_step, ERN_BENCH_HEAD, args->profile = &shim->profile)
+SHIM_SECTION(torso_step, ERN_BENCH_HEAD, (void)0)
+SHIM_SECTION(render_torso, ERN_BENCH_TORSO, (void)0)
+SHIM_SECTION(head_density, ERN_BENCH_DENSITY, (void)0)
 #undef SHIM_SECTION
 
 /* The CPU's slots look for their kernels behind the stream's table, so the stream is made on the shim. A device's
@@ -164,7 +164,7 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct 
     *table = *backend;
   else
     made->cpu = *(struct ern_cpu_backend *)backend;
-#define SHIM_FILL(slot, args) table->slot = timed_##slot;
+#define SHIM_FILL(slot) table->slot = timed_##slot;
   ERN_SLOTS(SHIM_FILL)
 #undef SHIM_FILL
   table->scan = counted_scan;
@@ -243,7 +243,7 @@ void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void 
 ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call) {
   struct ern_stream *stream = shim->main;
   switch (call->slot) {
-#define SHIM_REPEAT(slot, args_type) \
+#define SHIM_REPEAT(slot) \
   case ERN_BENCH_SLOT_##slot: return shim->real->slot(stream, &call->args.slot);
     ERN_SLOTS(SHIM_REPEAT)
 #undef SHIM_REPEAT

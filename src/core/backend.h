@@ -7,74 +7,7 @@
 #ifndef ERN_CORE_BACKEND_H
 #define ERN_CORE_BACKEND_H
 
-#include "core/types.h"
-#include "hashgrid/hashgrid_ops.h"
-#include "mlp/audio_ops.h"
-#include "mlp/mlp_ops.h"
-#include "model/attention_ops.h"
-#include "model/torso_ops.h"
-#include "render/picture_ops.h"
-#include "render/render_ops.h"
-#include "train/train_ops.h"
-
-/* slot, its argument struct */
-#define ERN_SLOTS(SLOT)                                   \
-  SLOT(rays, ern_rays_args)                               \
-  SLOT(march, ern_march_args)                             \
-  SLOT(scan, ern_scan_args)                               \
-  SLOT(samples, ern_samples_args)                         \
-  SLOT(grid_fwd, ern_grid_args)                           \
-  SLOT(grid_bwd, ern_grid_bwd_args)                       \
-  SLOT(mlp_fwd, ern_mlp_args)                             \
-  SLOT(mlp_bwd, ern_mlp_bwd_args)                         \
-  SLOT(activate_fwd, ern_activate_args)                   \
-  SLOT(activate_bwd, ern_activate_bwd_args)               \
-  SLOT(sh_fwd, ern_sh_args)                               \
-  SLOT(freq_fwd, ern_freq_args)                           \
-  SLOT(freq_bwd, ern_freq_bwd_args)                       \
-  SLOT(audio_fwd, ern_audio_args)                         \
-  SLOT(audio_bwd, ern_audio_bwd_args)                     \
-  SLOT(audio_frame, ern_audio_frame_args)                 \
-  SLOT(attention_fwd, ern_attention_args)                 \
-  SLOT(attention_bwd, ern_attention_bwd_args)             \
-  SLOT(composite_fwd, ern_composite_args)                 \
-  SLOT(composite_bwd, ern_composite_bwd_args)             \
-  SLOT(occupancy_mark, ern_occupancy_mark_args)           \
-  SLOT(occupancy_list, ern_occupancy_list_args)           \
-  SLOT(occupancy_points, ern_occupancy_points_args)       \
-  SLOT(occupancy_scatter, ern_occupancy_scatter_args)     \
-  SLOT(occupancy_update, ern_occupancy_update_args)       \
-  SLOT(torso_pose_fwd, ern_torso_pose_args)               \
-  SLOT(torso_pose_bwd, ern_torso_pose_bwd_args)           \
-  SLOT(torso_coords, ern_torso_coords_args)               \
-  SLOT(torso_select, ern_torso_select_args)               \
-  SLOT(torso_deform_fwd, ern_torso_deform_args)           \
-  SLOT(torso_deform_bwd, ern_torso_deform_bwd_args)       \
-  SLOT(torso_composite_fwd, ern_torso_composite_args)     \
-  SLOT(torso_composite_bwd, ern_torso_composite_bwd_args) \
-  SLOT(torso_points, ern_torso_points_args)               \
-  SLOT(torso_update, ern_torso_update_args)               \
-  SLOT(head_loss, ern_head_loss_args)                     \
-  SLOT(smooth_loss, ern_smooth_loss_args)                 \
-  SLOT(smooth_points, ern_smooth_points_args)             \
-  SLOT(mse, ern_mse_args)                                 \
-  SLOT(key_points_loss, ern_key_points_loss_args)         \
-  SLOT(adamw, ern_adamw_args)                             \
-  SLOT(ema, ern_ema_args)                                 \
-  SLOT(finite, ern_finite_args)                           \
-  SLOT(backdrop, ern_backdrop_args)                       \
-  SLOT(picture, ern_picture_args)                         \
-  SLOT(enlarge, ern_enlarge_args)                         \
-  SLOT(pick, ern_pick_args)                               \
-  SLOT(place, ern_pick_args)                              \
-  SLOT(blend, ern_blend_args)                             \
-  SLOT(overlay, ern_overlay_args)                         \
-  SLOT(render_prepare, ern_render_prepare_args)           \
-  SLOT(render_rays, ern_render_rays_args)                 \
-  SLOT(render_torso, ern_render_torso_args)               \
-  SLOT(head_density, ern_head_density_args)               \
-  SLOT(head_step, ern_head_step_args)                     \
-  SLOT(torso_step, ern_torso_step_args)
+#include "core/operations.h"
 
 struct ern_backend {
   ern_context *context;
@@ -104,7 +37,7 @@ struct ern_backend {
    * back once for all of them. Their args must live until then, settled or not. */
   ern_status (*settle)(struct ern_stream *);
 
-#define ERN_SLOT_MEMBER(slot, args) ern_status (*slot)(struct ern_stream *, struct args *);
+#define ERN_SLOT_MEMBER(name) ern_status (*name)(struct ern_stream *, struct ern_##name##_args *);
   ERN_SLOTS(ERN_SLOT_MEMBER)
 #undef ERN_SLOT_MEMBER
 };

@@ -17,8 +17,4 @@ struct ern_grid_shape {
  * scale_l = exp2f((float)l*S)*base - 1, entries_l = min(limit, (ceil(base*g^l) + 1)^dims) rounded up to 8. */
 ern_status ern_grid_build(struct ern_grid *grid, const struct ern_grid_shape *shape);
 
-/* The kernels. */
-ern_grid_fwd_kernel ERN_REF(ern_grid_fwd);
-ern_grid_bwd_kernel ERN_REF(ern_grid_bwd);
-
 #endif

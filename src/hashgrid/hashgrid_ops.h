@@ -22,7 +22,7 @@ struct ern_grid {
   struct ern_grid_level level[ERN_GRID_MAX_LEVELS];
 };
 
-struct ern_grid_args {
+struct ern_grid_fwd_args {
   ern_rows f;                    /* out: [levels*features] per sample, row = level*features + feature */
   ern_span x[ERN_GRID_MAX_DIMS]; /* coordinate d of sample i at x[d] + i */
   ern_span table;                /* [entries][features] */
@@ -34,7 +34,7 @@ struct ern_grid_bwd_args {
   ern_span dtable;                /* accumulates */
   ern_span dx[ERN_GRID_MAX_DIMS]; /* accumulates; zeroed spans: not wanted */
   ern_rows df;
-  struct ern_grid_args forward; /* f is not looked at */
+  struct ern_grid_fwd_args forward; /* f is not looked at */
 };
 
 /* Kernels: levels [level_begin, level_end) of n samples. Rows f are overwritten; dtable and dx accumulate. A sample
@@ -46,5 +46,9 @@ typedef void ern_grid_fwd_kernel(ern_real *f, size_t stride, const ern_real *con
 typedef void ern_grid_bwd_kernel(ern_real *dtable, ern_real *const dx[ERN_GRID_MAX_DIMS], const ern_real *df,
                                  size_t stride, const ern_real *const x[ERN_GRID_MAX_DIMS], const ern_real *table,
                                  const struct ern_grid *grid, int level_begin, int level_end, size_t n);
+
+#define ERN_HASHGRID_OPERATIONS(OP, X) \
+  OP(X, grid_fwd, SLOT, FAST)          \
+  OP(X, grid_bwd, SLOT, FAST)
 
 #endif

@@ -5,7 +5,7 @@
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)] */
 #include <tgmath.h>
 
-#include "hashgrid/hashgrid.h"
+#include "core/kernels.h"
 
 /* Where a sample lies in a level. */
 struct place {

@@ -29,20 +29,20 @@ struct ern_audio_net {
   size_t first, count;               /* the part of the block that holds all of these */
 };
 
-struct ern_audio_args {
+struct ern_audio_fwd_args {
   ern_span code;       /* out: [A] */
   ern_span windows;    /* [8][window_length][width], as in the file */
   ern_span parameters; /* the whole block */
   struct ern_audio_net net;
 };
 struct ern_audio_bwd_args {
-  ern_span dparameters;          /* the whole block, accumulates */
-  ern_span dcode;                /* [A] */
-  struct ern_audio_args forward; /* code is not looked at */
+  ern_span dparameters;              /* the whole block, accumulates */
+  ern_span dcode;                    /* [A] */
+  struct ern_audio_fwd_args forward; /* code is not looked at */
 };
 /* The same code for frames that follow each other and share windows: AudioNet sees the windows it has not seen. */
 struct ern_audio_frame_args {
-  struct ern_audio_args audio;
+  struct ern_audio_fwd_args audio;
   ern_span codes; /* in and out: [8][A], codes of the windows */
   unsigned known; /* bit t: codes holds that of window t already */
 };
@@ -59,5 +59,12 @@ typedef void ern_audio_window_kernel(ern_real *code, const ern_real *window, con
                                      const struct ern_audio_net *net);
 typedef void ern_audio_mix_kernel(ern_real *code, const ern_real *codes, const ern_real *parameters,
                                   const struct ern_audio_net *net);
+
+#define ERN_AUDIO_OPERATIONS(OP, X) \
+  OP(X, audio_fwd, SLOT, REF)       \
+  OP(X, audio_bwd, SLOT, REF)       \
+  OP(X, audio_frame, SLOT, NONE)    \
+  OP(X, audio_window, NONE, REF)    \
+  OP(X, audio_mix, NONE, REF)
 
 #endif

@@ -4,8 +4,8 @@
 #include <stdbool.h>
 #include <tgmath.h>
 
+#include "core/kernels.h"
 #include "mlp/conv1d_ref.h"
-#include "mlp/mlp.h"
 
 enum { WINDOWS = ERN_AUDIO_WINDOWS, CONVS = ERN_AUDIO_CONVS, ATT_CONVS = ERN_AUDIO_ATT_CONVS, HIDDEN = 64 };
 

@@ -2,7 +2,7 @@
  * Reference of the positional encodings: spherical harmonics of directions, sines of positions. */
 #include <tgmath.h>
 
-#include "mlp/mlp.h"
+#include "core/kernels.h"
 
 /* Real spherical harmonics Y_l^m, degrees 0..3, of the unit vector (x, y, z), in the order (0,0), (1,-1), (1,0), (1,1),
  * (2,-2) ..; sign (-1)^m, as NeRF codes have it. */

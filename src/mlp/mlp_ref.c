@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Reference of the fully connected stacks. Samples go through in tiles, padded with zeros to their full size, so that
  * every inner loop has a constant length. */
-#include "mlp/mlp.h"
+#include "core/kernels.h"
 #include "mlp/mlp_tile.h"
 
 enum { TILE = ERN_MLP_TILE, PARTS = 8 };

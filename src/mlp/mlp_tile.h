@@ -44,4 +44,7 @@ static inline struct ern_mlp_layout ern_mlp_layout_make(const struct ern_mlp *ml
   return layout;
 }
 
+/* Reals of scratch that a forward or backward kernel of any instruction set needs. */
+static inline size_t ern_mlp_scratch(const struct ern_mlp *mlp) { return ern_mlp_layout_make(mlp).count; }
+
 #endif

@@ -6,7 +6,7 @@
 #include "core/types.h"
 
 /* region = v * code by channel; norm = |v|_2; region_eye = eye * eye_attention. */
-struct ern_attention_args {
+struct ern_attention_fwd_args {
   ern_rows region;        /* out: [A] per sample */
   ern_span norm;          /* out: real [n] */
   ern_span region_eye;    /* out: real [n]; zeroed: no eye branch */
@@ -17,13 +17,13 @@ struct ern_attention_args {
   size_t n;
 };
 struct ern_attention_bwd_args {
-  ern_rows dv;                       /* out, overwritten */
-  ern_span dcode;                    /* accumulates; zeroed: not wanted (the smoothness term detaches the code) */
-  ern_span deye_attention;           /* accumulates; zeroed: no eye branch */
-  ern_rows dregion;                  /* zeroed: none */
-  ern_span dnorm;                    /* zeroed: none; at v = 0 the gradient of the norm is 0 */
-  ern_span dregion_eye;              /* zeroed: none */
-  struct ern_attention_args forward; /* with norm as the forward pass left it */
+  ern_rows dv;                           /* out, overwritten */
+  ern_span dcode;                        /* accumulates; zeroed: not wanted (the smoothness term detaches the code) */
+  ern_span deye_attention;               /* accumulates; zeroed: no eye branch */
+  ern_rows dregion;                      /* zeroed: none */
+  ern_span dnorm;                        /* zeroed: none; at v = 0 the gradient of the norm is 0 */
+  ern_span dregion_eye;                  /* zeroed: none */
+  struct ern_attention_fwd_args forward; /* with norm as the forward pass left it */
 };
 
 /* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and
@@ -38,5 +38,9 @@ typedef void ern_attention_bwd_kernel(ern_real *dv, ern_real *dcode, ern_real *d
                                       const ern_real *dnorm, const ern_real *dregion_eye, const ern_real *v,
                                       const ern_real *norm, const ern_real *code, ern_real eye,
                                       struct ern_attention_shape shape, size_t stride, size_t n);
+
+#define ERN_ATTENTION_OPERATIONS(OP, X) \
+  OP(X, attention_fwd, SLOT, FAST)      \
+  OP(X, attention_bwd, SLOT, FAST)
 
 #endif

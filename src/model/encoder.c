@@ -13,13 +13,13 @@ static ern_rows rows_of(const struct ern_encoder *encoder, int g, ern_rows f) {
   return ern_rows_part(f, g * rows, rows);
 }
 
-static struct ern_grid_args grid_args(const struct ern_head_inputs *in, int g, ern_rows x, ern_rows f, size_t n) {
+static struct ern_grid_fwd_args grid_args(const struct ern_head_inputs *in, int g, ern_rows x, ern_rows f, size_t n) {
   const struct ern_encoder *encoder = &in->field->encoder;
   const struct ern_grid *grid = &encoder->grid[g];
-  struct ern_grid_args args = {.f = rows_of(encoder, g, f),
-                               .table = ern_span_part(in->parameters, encoder->table[g], table_count(grid)),
-                               .grid = grid,
-                               .n = n};
+  struct ern_grid_fwd_args args = {.f = rows_of(encoder, g, f),
+                                   .table = ern_span_part(in->parameters, encoder->table[g], table_count(grid)),
+                                   .grid = grid,
+                                   .n = n};
   for (int d = 0; d < grid->dims; d++) args.x[d] = ern_span_of_row(x, encoder->axis[g][d], n);
   return args;
 }
@@ -28,7 +28,7 @@ static ern_status grids_fwd(struct ern_stream *stream, const struct ern_head_inp
                             struct ern_head_batch *batch) {
   ern_status status = ERN_OK;
   for (int g = 0; g < in->field->encoder.grids && status == ERN_OK; g++) {
-    struct ern_grid_args grid = grid_args(in, g, x, batch->f, batch->n);
+    struct ern_grid_fwd_args grid = grid_args(in, g, x, batch->f, batch->n);
     status = stream->backend->grid_fwd(stream, &grid);
   }
   return status;
@@ -52,13 +52,14 @@ static ern_status grids_bwd(struct ern_stream *stream, const struct ern_head_inp
 
 /* hidden = relu(M_0 waves); f = M_1 [waves, hidden]. Only what is behind the rectifier is kept: it is above 0 where its
  * input was. */
-static struct ern_mlp_args trunk_args(const struct ern_head_inputs *in, int stack, const struct ern_head_batch *batch) {
-  struct ern_mlp_args args = {.y = stack == 0 ? batch->hidden : batch->f,
-                              .x = {batch->waves},
-                              .pieces = 1,
-                              .parameters = in->parameters,
-                              .mlp = in->field->encoder.trunk[stack],
-                              .n = batch->n};
+static struct ern_mlp_fwd_args trunk_args(const struct ern_head_inputs *in, int stack,
+                                          const struct ern_head_batch *batch) {
+  struct ern_mlp_fwd_args args = {.y = stack == 0 ? batch->hidden : batch->f,
+                                  .x = {batch->waves},
+                                  .pieces = 1,
+                                  .parameters = in->parameters,
+                                  .mlp = in->field->encoder.trunk[stack],
+                                  .n = batch->n};
   if (stack == 1) args.x[args.pieces++] = batch->hidden;
   return args;
 }
@@ -67,11 +68,11 @@ static ern_status trunk_fwd(struct ern_stream *stream, const struct ern_head_inp
                             struct ern_head_batch *batch) {
   const struct ern_backend *backend = stream->backend;
   ern_status status = ERN_OK;
-  struct ern_freq_args waves = {batch->waves, x, ERN_X_OCTAVES, batch->n};
+  struct ern_freq_fwd_args waves = {batch->waves, x, ERN_X_OCTAVES, batch->n};
   ERN_TRY(backend->freq_fwd(stream, &waves));
-  struct ern_mlp_args mlp = trunk_args(in, 0, batch);
+  struct ern_mlp_fwd_args mlp = trunk_args(in, 0, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));
-  struct ern_activate_args relu = {batch->hidden, batch->hidden, ERN_ACT_RELU, batch->n};
+  struct ern_activate_fwd_args relu = {batch->hidden, batch->hidden, ERN_ACT_RELU, batch->n};
   ERN_TRY(backend->activate_fwd(stream, &relu));
   mlp = trunk_args(in, 1, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));

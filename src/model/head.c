@@ -58,9 +58,9 @@ fail:
   return status;
 }
 
-static struct ern_mlp_args mlp_args(const struct ern_head_inputs *in, const struct ern_mlp *mlp, ern_rows y, ern_rows x,
-                                    size_t n) {
-  return (struct ern_mlp_args){
+static struct ern_mlp_fwd_args mlp_args(const struct ern_head_inputs *in, const struct ern_mlp *mlp, ern_rows y,
+                                        ern_rows x, size_t n) {
+  return (struct ern_mlp_fwd_args){
       .y = y, .x = {x}, .pieces = 1, .ray = in->ray, .parameters = in->parameters, .mlp = *mlp, .n = n};
 }
 
@@ -72,21 +72,22 @@ static ern_rows region_rows(const struct ern_head_inputs *in, const struct ern_h
 
 /* The density's input is [f, region, region_eye]. A density-only batch computes the first row of the last layer alone.
  */
-static struct ern_mlp_args density_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
-  struct ern_mlp_args args = mlp_args(in, &in->field->density, batch->h, batch->f, batch->n);
+static struct ern_mlp_fwd_args density_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
+  struct ern_mlp_fwd_args args = mlp_args(in, &in->field->density, batch->h, batch->f, batch->n);
   args.mlp.width[args.mlp.layers] = batch->h.rows;
   args.x[args.pieces++] = region_rows(in, batch);
   if (in->field->config.eye) args.x[args.pieces++] = batch->region_eye;
   return args;
 }
 
-static struct ern_attention_args attention_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
-  struct ern_attention_args args = {.region = batch->region,
-                                    .norm = batch->norm.span,
-                                    .v = batch->v,
-                                    .code = in->code,
-                                    .eye = in->eye,
-                                    .n = batch->n};
+static struct ern_attention_fwd_args attention_args(const struct ern_head_inputs *in,
+                                                    const struct ern_head_batch *batch) {
+  struct ern_attention_fwd_args args = {.region = batch->region,
+                                        .norm = batch->norm.span,
+                                        .v = batch->v,
+                                        .code = in->code,
+                                        .eye = in->eye,
+                                        .n = batch->n};
   if (has(batch->eye)) {
     args.region_eye = batch->region_eye.span;
     args.eye_attention = batch->eye.span;
@@ -96,8 +97,8 @@ static struct ern_attention_args attention_args(const struct ern_head_inputs *in
 
 /* The colour's input is [SH of the ray, geometry, individual code of the frame], of which the first and the last may be
  * absent. */
-static struct ern_mlp_args colour_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
-  struct ern_mlp_args args = mlp_args(in, &in->field->colour, batch->rgb_raw, in->sh, batch->n);
+static struct ern_mlp_fwd_args colour_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
+  struct ern_mlp_fwd_args args = mlp_args(in, &in->field->colour, batch->rgb_raw, in->sh, batch->n);
   if (in->field->config.no_view) args.pieces = 0;
   args.x[args.pieces++] = ern_rows_part(batch->h, 1, ERN_GEOMETRY);
   if (in->field->config.codes > 0)
@@ -114,19 +115,19 @@ static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_i
   const struct ern_field *field = in->field;
   ern_status status = ERN_OK;
   if (has(batch->v)) {
-    struct ern_mlp_args mlp = mlp_args(in, &field->attention, batch->v, batch->f, batch->n);
+    struct ern_mlp_fwd_args mlp = mlp_args(in, &field->attention, batch->v, batch->f, batch->n);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
   }
   if (has(batch->eye)) {
-    struct ern_mlp_args mlp = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n);
+    struct ern_mlp_fwd_args mlp = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
-    struct ern_activate_args sigmoid = {batch->eye, batch->eye_raw, ERN_ACT_SIGMOID, batch->n};
+    struct ern_activate_fwd_args sigmoid = {batch->eye, batch->eye_raw, ERN_ACT_SIGMOID, batch->n};
     ERN_TRY(backend->activate_fwd(stream, &sigmoid));
   } else if (has(batch->region_eye)) {
     ERN_TRY(backend->upload_reals(stream, batch->region_eye.span, &in->eye, 1));
   }
   if (has(batch->v) || has(batch->eye)) {
-    struct ern_attention_args attention = attention_args(in, batch);
+    struct ern_attention_fwd_args attention = attention_args(in, batch);
     ERN_TRY(backend->attention_fwd(stream, &attention));
   }
 fail:
@@ -140,9 +141,9 @@ ern_status ern_head_density_fwd(struct ern_stream *stream, const struct ern_head
   ERN_TRY(ern_encode_fwd(stream, in, x, batch));
   ERN_TRY(regions_fwd(stream, in, batch));
   if (has(batch->h)) {
-    struct ern_mlp_args mlp = density_args(in, batch);
+    struct ern_mlp_fwd_args mlp = density_args(in, batch);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
-    struct ern_activate_args density = {batch->sigma, ern_rows_part(batch->h, 0, 1), ERN_ACT_DENSITY, batch->n};
+    struct ern_activate_fwd_args density = {batch->sigma, ern_rows_part(batch->h, 0, 1), ERN_ACT_DENSITY, batch->n};
     ERN_TRY(backend->activate_fwd(stream, &density));
   }
 fail:
@@ -151,19 +152,19 @@ fail:
 
 ern_status ern_head_colour_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                struct ern_head_batch *batch) {
-  struct ern_mlp_args mlp = colour_args(in, batch);
+  struct ern_mlp_fwd_args mlp = colour_args(in, batch);
   const ern_status status = stream->backend->mlp_fwd(stream, &mlp);
   if (status != ERN_OK) return status;
-  struct ern_activate_args colour = {batch->rgb, batch->rgb_raw, ERN_ACT_COLOUR, batch->n};
+  struct ern_activate_fwd_args colour = {batch->rgb, batch->rgb_raw, ERN_ACT_COLOUR, batch->n};
   return stream->backend->activate_fwd(stream, &colour);
 }
 
 ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                     struct ern_head_batch *batch) {
-  struct ern_mlp_args mlp = mlp_args(in, &in->field->uncertainty, batch->unc_raw, batch->f, batch->n);
+  struct ern_mlp_fwd_args mlp = mlp_args(in, &in->field->uncertainty, batch->unc_raw, batch->f, batch->n);
   const ern_status status = stream->backend->mlp_fwd(stream, &mlp);
   if (status != ERN_OK) return status;
-  struct ern_activate_args softplus = {batch->unc, batch->unc_raw, ERN_ACT_SOFTPLUS, batch->n};
+  struct ern_activate_fwd_args softplus = {batch->unc, batch->unc_raw, ERN_ACT_SOFTPLUS, batch->n};
   return stream->backend->activate_fwd(stream, &softplus);
 }
 

@@ -27,9 +27,10 @@ fail:
   return status;
 }
 
-static struct ern_torso_pose_args pose_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
-  struct ern_torso_pose_args args = {.k = batch->k.span,
-                                     .anchors = ern_span_part(in->parameters, in->field->anchors, 12)};
+static struct ern_torso_pose_fwd_args pose_args(const struct ern_torso_inputs *in,
+                                                const struct ern_torso_batch *batch) {
+  struct ern_torso_pose_fwd_args args = {.k = batch->k.span,
+                                         .anchors = ern_span_part(in->parameters, in->field->anchors, 12)};
   if (in->field->config.torso_gamma) args.gamma = ern_span_part(in->parameters, in->field->gamma, 1);
   for (int i = 0; i < 16; i++) args.pose[i] = in->pose[i];
   return args;
@@ -37,7 +38,7 @@ static struct ern_torso_pose_args pose_args(const struct ern_torso_inputs *in, c
 
 /* Appends [q_encoded, k_encoded, individual code] to an MLP's input. */
 static void add_encoded(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch,
-                        struct ern_mlp_args *args) {
+                        struct ern_mlp_fwd_args *args) {
   args->x[args->pieces++] = batch->q_encoded;
   args->x[args->pieces++] = batch->k_encoded;
   if (in->field->config.codes > 0)
@@ -47,27 +48,27 @@ static void add_encoded(const struct ern_torso_inputs *in, const struct ern_tors
                    1, ERN_TORSO_CODE_WIDTH, ERN_PER_BATCH};
 }
 
-static struct ern_mlp_args deform_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
-  struct ern_mlp_args args = {
+static struct ern_mlp_fwd_args deform_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
+  struct ern_mlp_fwd_args args = {
       .y = batch->moved_by, .parameters = in->parameters, .mlp = in->field->torso_deform, .n = batch->n};
   add_encoded(in, batch, &args);
   return args;
 }
 
-static struct ern_mlp_args layer_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
-  struct ern_mlp_args args = {.y = batch->raw,
-                              .x = {batch->grid},
-                              .pieces = 1,
-                              .parameters = in->parameters,
-                              .mlp = in->field->torso_net,
-                              .n = batch->n};
+static struct ern_mlp_fwd_args layer_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
+  struct ern_mlp_fwd_args args = {.y = batch->raw,
+                                  .x = {batch->grid},
+                                  .pieces = 1,
+                                  .parameters = in->parameters,
+                                  .mlp = in->field->torso_net,
+                                  .n = batch->n};
   add_encoded(in, batch, &args);
   return args;
 }
 
-static struct ern_grid_args grid_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
+static struct ern_grid_fwd_args grid_args(const struct ern_torso_inputs *in, const struct ern_torso_batch *batch) {
   const struct ern_grid *grid = &in->field->torso_grid;
-  return (struct ern_grid_args){
+  return (struct ern_grid_fwd_args){
       .f = batch->grid,
       .x = {ern_span_of_row(batch->x, 0, batch->n), ern_span_of_row(batch->x, 1, batch->n)},
       .table = ern_span_part(in->parameters, in->field->torso_table, (size_t)grid->entries * (size_t)grid->features),
@@ -85,21 +86,21 @@ ern_status ern_torso_q(struct ern_stream *stream, ern_span pixel, int width, int
 ern_status ern_torso_fwd(struct ern_stream *stream, const struct ern_torso_inputs *in, struct ern_torso_batch *batch) {
   const struct ern_backend *backend = stream->backend;
   ern_status status = ERN_OK;
-  struct ern_torso_pose_args pose = pose_args(in, batch);
+  struct ern_torso_pose_fwd_args pose = pose_args(in, batch);
   ERN_TRY(backend->torso_pose_fwd(stream, &pose));
-  struct ern_freq_args encode_k = {.y = batch->k_encoded, .x = batch->k, .octaves = ERN_K_OCTAVES, .n = 1};
+  struct ern_freq_fwd_args encode_k = {.y = batch->k_encoded, .x = batch->k, .octaves = ERN_K_OCTAVES, .n = 1};
   ERN_TRY(backend->freq_fwd(stream, &encode_k));
-  struct ern_freq_args encode_q = {.y = batch->q_encoded, .x = batch->q, .octaves = ERN_Q_OCTAVES, .n = batch->n};
+  struct ern_freq_fwd_args encode_q = {.y = batch->q_encoded, .x = batch->q, .octaves = ERN_Q_OCTAVES, .n = batch->n};
   ERN_TRY(backend->freq_fwd(stream, &encode_q));
-  struct ern_mlp_args mlp = deform_args(in, batch);
+  struct ern_mlp_fwd_args mlp = deform_args(in, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));
-  struct ern_torso_deform_args deform = {.x = batch->x, .q = batch->q, .d = batch->moved_by, .n = batch->n};
+  struct ern_torso_deform_fwd_args deform = {.x = batch->x, .q = batch->q, .d = batch->moved_by, .n = batch->n};
   ERN_TRY(backend->torso_deform_fwd(stream, &deform));
-  struct ern_grid_args grid = grid_args(in, batch);
+  struct ern_grid_fwd_args grid = grid_args(in, batch);
   ERN_TRY(backend->grid_fwd(stream, &grid));
   mlp = layer_args(in, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));
-  struct ern_activate_args colour = {batch->layer, batch->raw, ERN_ACT_COLOUR, batch->n};
+  struct ern_activate_fwd_args colour = {batch->layer, batch->raw, ERN_ACT_COLOUR, batch->n};
   ERN_TRY(backend->activate_fwd(stream, &colour));
 fail:
   return status;

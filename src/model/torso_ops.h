@@ -10,7 +10,7 @@ enum { ERN_TORSO_POINTS = 3, ERN_TORSO_SIDE = 128, ERN_TORSO_CELLS = 128 * 128 }
 
 /* k[2p], k[2p+1] = gamma * X0/X3/X2, gamma * X1/X3/X2, where X = anchor_p (row vector) times transpose(inverse(pose)).
  */
-struct ern_torso_pose_args {
+struct ern_torso_pose_fwd_args {
   ern_span k;       /* out: real [6] */
   ern_span anchors; /* real [3][4] */
   ern_span gamma;   /* real [1]; zeroed: 1 */
@@ -19,7 +19,7 @@ struct ern_torso_pose_args {
 struct ern_torso_pose_bwd_args {
   ern_span danchors, dgamma; /* accumulate; dgamma zeroed where gamma is */
   ern_span dk;               /* real [6] */
-  struct ern_torso_pose_args forward;
+  struct ern_torso_pose_fwd_args forward;
 };
 typedef void ern_torso_pose_fwd_kernel(ern_real *k, const ern_real *anchors, const ern_real *gamma,
                                        const float pose[16]);
@@ -54,7 +54,7 @@ typedef size_t ern_torso_select_kernel(int32_t *index, int32_t *selected, const 
                                        float threshold, int width, int height, size_t n);
 
 /* x = clamp(q + d, -1, 1) */
-struct ern_torso_deform_args {
+struct ern_torso_deform_fwd_args {
   ern_rows x; /* out: [2] */
   ern_rows q, d;
   size_t n;
@@ -62,14 +62,14 @@ struct ern_torso_deform_args {
 struct ern_torso_deform_bwd_args {
   ern_rows dd; /* out, overwritten; 0 where the clamp held x (at the ends it passes, as torch.clamp) */
   ern_rows dx;
-  struct ern_torso_deform_args forward;
+  struct ern_torso_deform_fwd_args forward;
 };
 typedef void ern_torso_deform_fwd_kernel(ern_real *x, const ern_real *q, const ern_real *d, size_t stride, size_t n);
 typedef void ern_torso_deform_bwd_kernel(ern_real *dd, const ern_real *dx, const ern_real *q, const ern_real *d,
                                          size_t stride, size_t n);
 
 /* pixel[index[i]] = a rgb + (1 - a) background; pixels not in the list keep the background, and opacity 0. */
-struct ern_torso_composite_args {
+struct ern_torso_composite_fwd_args {
   ern_rows pixel;      /* out: [3] per ray */
   ern_span opacity;    /* out: real [rays]; zeroed: not wanted */
   ern_rows layer;      /* [4] per sample: alpha, r, g, b */
@@ -80,7 +80,7 @@ struct ern_torso_composite_args {
 struct ern_torso_composite_bwd_args {
   ern_rows dlayer; /* out, overwritten */
   ern_rows dpixel; /* [3] per ray */
-  struct ern_torso_composite_args forward;
+  struct ern_torso_composite_fwd_args forward;
 };
 /* Over the n listed samples; the caller has copied the background to all rays and zeroed the opacity. */
 typedef void ern_torso_composite_fwd_kernel(ern_real *pixel, ern_real *opacity, const ern_real *layer,
@@ -137,5 +137,18 @@ struct ern_render_torso_args {
 static inline struct ern_torso_place ern_torso_place_of(const struct ern_render_torso_args *args) {
   return args->frame.width > 0 ? args->frame : (struct ern_torso_place){0, 0, args->width, args->height};
 }
+
+#define ERN_TORSO_OPERATIONS(OP, X)     \
+  OP(X, torso_pose_fwd, SLOT, REF)      \
+  OP(X, torso_pose_bwd, SLOT, REF)      \
+  OP(X, torso_coords, SLOT, REF)        \
+  OP(X, torso_select, SLOT, REF)        \
+  OP(X, torso_deform_fwd, SLOT, REF)    \
+  OP(X, torso_deform_bwd, SLOT, REF)    \
+  OP(X, torso_composite_fwd, SLOT, REF) \
+  OP(X, torso_composite_bwd, SLOT, REF) \
+  OP(X, torso_points, SLOT, REF)        \
+  OP(X, torso_update, SLOT, REF)        \
+  OP(X, render_torso, SLOT, NONE)
 
 #endif

@@ -5,7 +5,7 @@
  * while the light before it is not spent, T_i >= stop; with stop < 1 the first one always does. */
 #include <tgmath.h>
 
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 static ern_real at_or_zero(const ern_real *values, size_t i) { return values ? values[i] : 0; }
 

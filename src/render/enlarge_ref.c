@@ -3,7 +3,7 @@
  * from four rows of the small picture, and then stretched. */
 #include <math.h>
 
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 enum { STRETCH = 128 /* pixels of the large picture */, TAPS = 4, REACH = STRETCH + TAPS };
 

@@ -15,7 +15,7 @@ static const double nugget = 1e-10;   /* on the diagonal: the matrix can be inve
 ern_status ern_moment_hear(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
                            const struct ern_moment *moment, ern_span *code) {
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)moment->window_length * (size_t)field->config.feature_width;
-  struct ern_audio_args args = {.parameters = parameters, .net = field->audio};
+  struct ern_audio_fwd_args args = {.parameters = parameters, .net = field->audio};
   ern_status status = ERN_OK;
   args.net.window_length = moment->window_length;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &args.code));

@@ -3,9 +3,9 @@
  * Geometry is in float in every build, so that float and double mark and look at the same cells and points. */
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/rng.h"
 #include "render/morton.h"
-#include "render/render_kernels.h"
 
 static const uint32_t last_cell = ERN_OCCUPANCY_SIDE - 1;
 

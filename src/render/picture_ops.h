@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Between the caller's pictures and the rows that rendering works on: bytes in before the layers, bytes out after, and
- * in between a layer that was drawn small, or of which only some pixels were drawn. */
+ * in between a layer of which only some pixels were drawn. */
 #ifndef ERN_PICTURE_OPS_H
 #define ERN_PICTURE_OPS_H
 
@@ -38,32 +38,7 @@ struct ern_picture_view {
 };
 typedef void ern_picture_kernel(const struct ern_picture_view *view, size_t n);
 
-/* Rows of a small picture drawn larger: bicubic (Keys 1981, a = -1/2: the cubic that passes through its four points
- * with Catmull-Rom's slopes), the outermost pixels repeated. Pixel x of the large one is at (x + 1/2) ratio - 1/2 of
- * the small one, in float in every build; likewise down. Sums are made down first, then across, left to right. */
-struct ern_enlarge_args {
-  ern_rows large; /* out: [C] per pixel */
-  ern_rows small; /* [C] per pixel */
-  /* [3] per pixel of the large one: C is 4, premultiplied colour and opacity a; a becomes clamp(a, 0, 1), the colour
-   * clamp(colour, 0, a) + (1 - a) background: a cubic rings. Zeroed: values as they come. */
-  ern_rows background;
-  int width, height, small_width, small_height; /* of the two, >= 1 */
-  float ratio;                                  /* small over large, 0..1 */
-};
-/* The same with pointers. */
-struct ern_enlarge_view {
-  ern_real *large;
-  const ern_real *small, *background; /* background NULL: none */
-  size_t large_stride, small_stride, background_stride;
-  int channels, width, small_width, small_height;
-  float ratio;
-};
-/* Rows [begin, end) of the large picture. */
-typedef void ern_enlarge_kernel(const struct ern_enlarge_view *view, int begin, int end);
-
-/* Some pixels of a picture as rows in the order of a list: pick takes them out, place puts them back.
- *   pick:  to(c, i) = from(c, pixel[i])
- *   place: to(c, pixel[i]) = from(c, i); no pixel is listed twice */
+/* Some pixels of a picture as rows in the order of a list: to(c, i) = from(c, pixel[i]) */
 struct ern_pick_args {
   ern_rows to; /* out: [C] */
   ern_rows from;
@@ -72,6 +47,15 @@ struct ern_pick_args {
 };
 typedef void ern_pick_kernel(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
                              const int32_t *pixel, size_t n);
+
+/* And back: to(c, pixel[i]) = from(c, i); no pixel is listed twice. */
+struct ern_place_args {
+  ern_rows to; /* out: [C] */
+  ern_rows from;
+  ern_span pixel; /* int32 [n] */
+  size_t n;
+};
+typedef ern_pick_kernel ern_place_kernel;
 
 /* Pixels between pictures that are known: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No pixel
  * is listed twice. */
@@ -97,5 +81,13 @@ struct ern_overlay_args {
 typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_real *colour, size_t colour_stride,
                                 const ern_real *opacity, const ern_real *background, size_t background_stride,
                                 size_t n);
+
+#define ERN_PICTURE_OPERATIONS(OP, X) \
+  OP(X, backdrop, SLOT, FAST)         \
+  OP(X, picture, SLOT, FAST)          \
+  OP(X, pick, SLOT, REF)              \
+  OP(X, place, SLOT, REF)             \
+  OP(X, blend, SLOT, REF)             \
+  OP(X, overlay, SLOT, REF)
 
 #endif

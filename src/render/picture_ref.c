@@ -2,7 +2,7 @@
  * Reference of the conversions between bytes and rows (picture_ops.h). */
 #include <math.h>
 
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 void ERN_REF(ern_backdrop)(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
                            const uint8_t *torso, size_t n) {

@@ -56,7 +56,7 @@ ern_status ern_march_view(struct ern_stream *stream, const struct ern_field *fie
   const ern_status status = ern_take_rows(stream, ERN_SH_ROWS, rays, &marched->sh);
   if (status != ERN_OK) return status;
   marched->sh.per = ERN_PER_RAY;
-  struct ern_sh_args sh = {.y = marched->sh, .d = marched->dir, .n = rays};
+  struct ern_sh_fwd_args sh = {.y = marched->sh, .d = marched->dir, .n = rays};
   return stream->backend->sh_fwd(stream, &sh);
 }
 
@@ -80,18 +80,18 @@ ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_r
     ERN_TRY(ern_head_density_fwd(stream, &in, marched.x, &batch));
     ERN_TRY(ern_head_colour_fwd(stream, &in, &batch));
   }
-  struct ern_composite_args composite = {.pixel = args->pixel,
-                                         .colour = args->colour,
-                                         .opacity = args->opacity,
-                                         .depth = args->depth,
-                                         .first = marched.first,
-                                         .sigma = batch.sigma.span,
-                                         .dt = marched.dt,
-                                         .sample_depth = marched.depth,
-                                         .rgb = batch.rgb,
-                                         .background = args->background,
-                                         .transmittance_stop = args->transmittance_stop,
-                                         .n = args->n};
+  struct ern_composite_fwd_args composite = {.pixel = args->pixel,
+                                             .colour = args->colour,
+                                             .opacity = args->opacity,
+                                             .depth = args->depth,
+                                             .first = marched.first,
+                                             .sigma = batch.sigma.span,
+                                             .dt = marched.dt,
+                                             .sample_depth = marched.depth,
+                                             .rgb = batch.rgb,
+                                             .background = args->background,
+                                             .transmittance_stop = args->transmittance_stop,
+                                             .n = args->n};
   if (ern_field_attends(args->field)) {
     composite.attention = args->attention;
     composite.sample_attention = batch.norm.span;

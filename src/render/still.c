@@ -182,7 +182,7 @@ static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args
     from[count++] = some.pixel;
   }
   for (size_t i = 0; i < count; i++) {
-    struct ern_pick_args place = {.to = to[i], .from = from[i], .pixel = list, .n = list.count};
+    struct ern_place_args place = {.to = to[i], .from = from[i], .pixel = list, .n = list.count};
     ERN_TRY(r->backend->place(r->stream, &place));
   }
   s->work.rays += (double)list.count / (double)s->rays.hits;

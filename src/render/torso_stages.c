@@ -44,13 +44,13 @@ ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &batch));
   ERN_TRY(ern_torso_q(stream, select.selected, frame.width, frame.height, args->shrink, select.count, batch.q));
   ERN_TRY(ern_torso_fwd(stream, &in, &batch));
-  struct ern_torso_composite_args composite = {.pixel = args->pixel,
-                                               .opacity = args->opacity,
-                                               .layer = batch.layer,
-                                               .index = select.index,
-                                               .background = args->pixel,
-                                               .rays = pixels,
-                                               .n = select.count};
+  struct ern_torso_composite_fwd_args composite = {.pixel = args->pixel,
+                                                   .opacity = args->opacity,
+                                                   .layer = batch.layer,
+                                                   .index = select.index,
+                                                   .background = args->pixel,
+                                                   .rays = pixels,
+                                                   .n = select.count};
   ERN_TRY(stream->backend->torso_composite_fwd(stream, &composite));
 fail:
   ern_arena_release(stream, mark);

@@ -2,8 +2,8 @@
  * The losses of model.md section 6, value and gradient together. Sums are in double in every build. */
 #include <tgmath.h>
 
+#include "core/kernels.h"
 #include "core/rng.h"
-#include "train/train_kernels.h"
 
 /* ---- terms of the head ---- */
 

@@ -3,7 +3,7 @@
 #include <float.h>
 #include <tgmath.h>
 
-#include "train/train_kernels.h"
+#include "core/kernels.h"
 
 #ifdef ERN_DOUBLE
 static const ern_real largest = DBL_MAX, shrink = 0x1p-512;

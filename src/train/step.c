@@ -10,7 +10,7 @@
 
 /* What the halves of a step share. */
 struct pass {
-  struct ern_audio_args audio;
+  struct ern_audio_fwd_args audio;
   struct ern_head_inputs in;
   ern_span dcode;                               /* real [A] */
   ern_rows pixel, colour, dpixel;               /* [3] per ray */
@@ -54,27 +54,27 @@ static ern_span span_at(ern_span span, const struct part *part) {
   return span.buffer != NULL ? ern_span_part(span, part->begin, part->rays) : span;
 }
 
-static struct ern_composite_args composite_args(const struct ern_head_step_args *a, const struct pass *p,
-                                                const struct part *part) {
+static struct ern_composite_fwd_args composite_args(const struct ern_head_step_args *a, const struct pass *p,
+                                                    const struct part *part) {
   const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
-  return (struct ern_composite_args){.pixel = rows_at(p->pixel, part),
-                                     .colour = rows_at(p->colour, part),
-                                     .opacity = span_at(p->opacity.span, part),
-                                     .depth = span_at(p->depth.span, part),
-                                     .attention = attends ? span_at(p->attention.span, part) : (ern_span){0},
-                                     .eye = eye ? span_at(p->eye.span, part) : (ern_span){0},
-                                     .uncertainty = span_at(p->unc.span, part),
-                                     .first = part->marched.first,
-                                     .sigma = part->batch.sigma.span,
-                                     .dt = part->marched.dt,
-                                     .sample_depth = part->marched.depth,
-                                     .sample_attention = part->batch.norm.span,
-                                     .sample_eye = part->batch.eye.span,
-                                     .sample_uncertainty = part->batch.unc.span,
-                                     .rgb = part->batch.rgb,
-                                     .background = rows_at(a->background, part),
-                                     .transmittance_stop = a->transmittance_stop,
-                                     .n = part->rays};
+  return (struct ern_composite_fwd_args){.pixel = rows_at(p->pixel, part),
+                                         .colour = rows_at(p->colour, part),
+                                         .opacity = span_at(p->opacity.span, part),
+                                         .depth = span_at(p->depth.span, part),
+                                         .attention = attends ? span_at(p->attention.span, part) : (ern_span){0},
+                                         .eye = eye ? span_at(p->eye.span, part) : (ern_span){0},
+                                         .uncertainty = span_at(p->unc.span, part),
+                                         .first = part->marched.first,
+                                         .sigma = part->batch.sigma.span,
+                                         .dt = part->marched.dt,
+                                         .sample_depth = part->marched.depth,
+                                         .sample_attention = part->batch.norm.span,
+                                         .sample_eye = part->batch.eye.span,
+                                         .sample_uncertainty = part->batch.unc.span,
+                                         .rgb = part->batch.rgb,
+                                         .background = rows_at(a->background, part),
+                                         .transmittance_stop = a->transmittance_stop,
+                                         .n = part->rays};
 }
 
 /* What the frame has for all of its rays. */
@@ -87,7 +87,7 @@ static ern_status begin(struct ern_stream *stream, struct ern_head_step_args *a,
   p->in.parameters = a->parameters;
   p->in.eye = a->eye_value;
   p->in.individual = a->individual;
-  p->audio = (struct ern_audio_args){p->in.code, a->windows, a->parameters, a->field->audio};
+  p->audio = (struct ern_audio_fwd_args){p->in.code, a->windows, a->parameters, a->field->audio};
   ERN_TRY(take_ray_rows(stream, a->n, p));
   ERN_TRY(stream->backend->audio_fwd(stream, &p->audio));
 fail:
@@ -108,7 +108,7 @@ static ern_status forward(struct ern_stream *stream, struct ern_head_step_args *
     ERN_TRY(ern_head_colour_fwd(stream, &part->in, &part->batch));
     ERN_TRY(ern_head_uncertainty_fwd(stream, &part->in, &part->batch));
   }
-  struct ern_composite_args composite = composite_args(a, p, part);
+  struct ern_composite_fwd_args composite = composite_args(a, p, part);
   ERN_TRY(stream->backend->composite_fwd(stream, &composite));
 fail:
   return status;

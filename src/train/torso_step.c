@@ -31,12 +31,12 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
   ERN_TRY(
       ern_torso_q(stream, select.selected, args->view->width, args->view->height, args->shrink, select.count, batch.q));
   ERN_TRY(ern_torso_fwd(stream, &in, &batch));
-  struct ern_torso_composite_args composite = {.pixel = pixel,
-                                               .layer = batch.layer,
-                                               .index = select.index,
-                                               .background = args->background,
-                                               .rays = args->n,
-                                               .n = select.count};
+  struct ern_torso_composite_fwd_args composite = {.pixel = pixel,
+                                                   .layer = batch.layer,
+                                                   .index = select.index,
+                                                   .background = args->background,
+                                                   .rays = args->n,
+                                                   .n = select.count};
   ERN_TRY(backend->torso_composite_fwd(stream, &composite));
   struct ern_mse_args mse = {.dpixel = dpixel, .pixel = pixel, .truth = args->truth, .n = args->n};
   ERN_TRY(backend->mse(stream, &mse));

@@ -52,7 +52,7 @@ fail:
 
 static ern_status refresh_head(ern_trainer *t, size_t frame) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  struct ern_audio_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
+  struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
   ern_dataset_frame about;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));

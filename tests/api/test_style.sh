@@ -32,8 +32,11 @@ fault 'unfinished by its own words' < <(
 fault 'the library prints or ends the process' < <(
   grep -nHE '\b(abort|exit|_exit|quick_exit|printf|vprintf|puts|putchar|perror|assert) *\(|fprintf *\( *std(out|err)' \
     "${library[@]}" | grep -v 'static_assert' || true)
-# Public headers may share a name with an inner one: they are always written ernerf/NAME.
-fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -v '^include/' | sed 's|.*/||' | sort | uniq -d)
+# Public headers may share a name with an inner one: they are always written ernerf/NAME. A backend has a file a noun, by
+# the same name in each of its folders.
+fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -vE '^(include|src/backend_cpu|src/backend_opencl)/' |
+  sed 's|.*/||' | sort | uniq -d)
+fault 'more than 40 files in a folder' < <(printf '%s\n' "${library[@]%/*}" | sort | uniq -c | awk '$1 > 40')
 fault 'no licence line at the top' < <(
   for file in "${code[@]}"; do head -n 1 "$file" | grep -q 'SPDX-License-Identifier: MIT' || echo "$file"; done)
 fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|/root/|/home/)' "${texts[@]}" |

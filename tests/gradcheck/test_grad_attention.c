@@ -3,7 +3,7 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "model/model_kernels.h"
+#include "core/kernels.h"
 
 enum { CHANNELS = 7, SAMPLES = 37, STRIDE = 40, ROWS = CHANNELS * STRIDE };
 

@@ -4,7 +4,7 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "mlp/mlp.h"
+#include "core/kernels.h"
 
 enum { WINDOWS = ERN_AUDIO_WINDOWS, MAX_WIDTH = 40, MAX_LENGTH = 16, CODE = 12, MAX_VALUES = 60000, FRONT = 5 };
 

@@ -4,7 +4,7 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 enum { RAYS = 40, MOST = 24, SAMPLES = RAYS * MOST };
 

@@ -5,7 +5,7 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "train/train_kernels.h"
+#include "core/kernels.h"
 
 enum { RAYS = 60, STRIDE = 64, STEPS = 16 };
 

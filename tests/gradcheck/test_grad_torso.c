@@ -4,7 +4,7 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "model/model_kernels.h"
+#include "core/kernels.h"
 
 enum { ANCHORS = 4 * ERN_TORSO_POINTS, KEYS = 2 * ERN_TORSO_POINTS };
 

@@ -4,8 +4,8 @@
 
 #include <float.h>
 
-#include "backend_cpu/kernels_isa.h"
-#include "mlp/mlp.h"
+#include "core/kernels.h"
+#include "mlp/mlp_tile.h"
 
 struct kernel {
   const char *name;

@@ -5,8 +5,7 @@
 
 #include <float.h>
 
-#include "backend_cpu/kernels_isa.h"
-#include "model/model_kernels.h"
+#include "core/kernels.h"
 
 struct kernel {
   const char *name;

@@ -3,7 +3,7 @@
  * against each other, and nothing may be written but the results. */
 #include "kernelcheck.h"
 
-#include "mlp/mlp.h"
+#include "core/kernels.h"
 
 /* The double build, as mlp.h declares it there. */
 void ern_audio_fwd_ref64(double *code, const double *windows, const double *parameters,

@@ -4,8 +4,7 @@
 
 #include <float.h>
 
-#include "backend_cpu/kernels_isa.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 struct kernel {
   const char *name;

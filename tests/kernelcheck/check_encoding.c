@@ -4,13 +4,13 @@
 
 #include <float.h>
 
-#include "backend_cpu/kernels_isa.h"
-#include "mlp/mlp.h"
+#include "core/kernels.h"
+#include "mlp/mlp_tile.h"
 
 struct kernel {
   const char *name;
   machine_isa isa;
-  ern_sh_kernel *sh_fwd;
+  ern_sh_fwd_kernel *sh_fwd;
   ern_freq_fwd_kernel *freq_fwd;
   ern_freq_bwd_kernel *freq_bwd;
 };

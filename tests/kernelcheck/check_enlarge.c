@@ -2,7 +2,7 @@
  * A small picture drawn larger: the reference against the definition (a sum of 16 points in double). */
 #include "kernelcheck.h"
 
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 enum { CHANNELS = 4, MOST = 300 };
 

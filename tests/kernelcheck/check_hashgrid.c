@@ -3,7 +3,7 @@
  * product by itself, so nothing but the same bits is accepted. */
 #include "kernelcheck.h"
 
-#include "backend_cpu/kernels_isa.h"
+#include "core/kernels.h"
 #include "hashgrid/hashgrid.h"
 
 struct kernel {

@@ -3,8 +3,7 @@
 #include "kernelcheck.h"
 #include "march_scenes.h"
 
-#include "backend_cpu/kernels_isa.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 #include "render/visible_ops.h"
 
 struct kernel {

@@ -2,8 +2,8 @@
  * The fully connected stacks of each instruction set against the reference. */
 #include "kernelcheck.h"
 
-#include "backend_cpu/kernels_isa.h"
-#include "mlp/mlp.h"
+#include "core/kernels.h"
+#include "mlp/mlp_tile.h"
 
 struct kernel {
   const char *name;

@@ -3,6 +3,7 @@
 #include "kernelcheck.h"
 #include "twin.h"
 
+#include "core/kernels.h"
 #include "mlp/audio_ops.h"
 
 static ern_context *context;
@@ -194,11 +195,11 @@ static void check(const struct values *v) {
   const struct twin_span dblock = twin_reals(&twin, v->dblock, v->parameters);
   const struct twin_span dcode = twin_reals(&twin, v->dcode, code_count);
   const struct twin_span code = twin_take(&twin, ERN_ELEMENT_REAL, code_count);
-  struct ern_audio_args forward[2];
+  struct ern_audio_fwd_args forward[2];
   struct ern_audio_bwd_args backward[2];
   for (int b = 0; b < 2; b++) {
-    forward[b] =
-        (struct ern_audio_args){.code = code.on[b], .windows = windows.on[b], .parameters = block.on[b], .net = v->net};
+    forward[b] = (struct ern_audio_fwd_args){
+        .code = code.on[b], .windows = windows.on[b], .parameters = block.on[b], .net = v->net};
     backward[b] = (struct ern_audio_bwd_args){.dparameters = dblock.on[b], .dcode = dcode.on[b], .forward = forward[b]};
     backward[b].forward.code = (ern_span){0};
   }
@@ -364,7 +365,7 @@ static int measure(void) {
     const struct twin_span code = twin_reals(&twin, v.dcode, 32);
     double least[2][3];
     for (int b = 0; b < 2; b++) {
-      struct ern_audio_args forward = {
+      struct ern_audio_fwd_args forward = {
           .code = code.on[b], .windows = windows.on[b], .parameters = block.on[b], .net = v.net};
       struct ern_audio_bwd_args backward = {.dparameters = dblock.on[b], .dcode = code.on[b], .forward = forward};
       struct ern_audio_frame_args frame = {.audio = forward, .codes = codes.on[b], .known = 0x7F};

@@ -114,7 +114,7 @@ static void scene_free(struct scene *s) {
 struct pass {
   struct twin_rows pixel, colour, drgb;
   struct twin_span ray[RAY_SPANS], dsample[DSAMPLE_SPANS];
-  struct ern_composite_args forward[2];
+  struct ern_composite_fwd_args forward[2];
   struct ern_composite_bwd_args backward[2];
 };
 
@@ -135,24 +135,24 @@ static void pass_make(const struct scene *s, struct pass *p) {
   p->drgb = twin_rows_of(&twin, NULL, 3, total, ERN_PER_SAMPLE);
   for (int k = 0; k < 2; k++) {
     const ern_span none = {0};
-    p->forward[k] = (struct ern_composite_args){.pixel = p->pixel.on[k],
-                                                .colour = p->colour.on[k],
-                                                .opacity = p->ray[OF_OPACITY].on[k],
-                                                .depth = p->ray[OF_DEPTH].on[k],
-                                                .attention = p->ray[OF_ATTENTION].on[k],
-                                                .eye = s->all ? p->ray[OF_EYE].on[k] : none,
-                                                .uncertainty = s->all ? p->ray[OF_UNCERTAINTY].on[k] : none,
-                                                .first = first.on[k],
-                                                .sigma = sample[SIGMA].on[k],
-                                                .dt = sample[DT].on[k],
-                                                .sample_depth = sample[DISTANCE].on[k],
-                                                .sample_attention = sample[ATTENTION].on[k],
-                                                .sample_eye = s->all ? sample[EYE].on[k] : none,
-                                                .sample_uncertainty = s->all ? sample[UNCERTAINTY].on[k] : none,
-                                                .rgb = rgb.on[k],
-                                                .background = background.on[k],
-                                                .transmittance_stop = stop,
-                                                .n = n};
+    p->forward[k] = (struct ern_composite_fwd_args){.pixel = p->pixel.on[k],
+                                                    .colour = p->colour.on[k],
+                                                    .opacity = p->ray[OF_OPACITY].on[k],
+                                                    .depth = p->ray[OF_DEPTH].on[k],
+                                                    .attention = p->ray[OF_ATTENTION].on[k],
+                                                    .eye = s->all ? p->ray[OF_EYE].on[k] : none,
+                                                    .uncertainty = s->all ? p->ray[OF_UNCERTAINTY].on[k] : none,
+                                                    .first = first.on[k],
+                                                    .sigma = sample[SIGMA].on[k],
+                                                    .dt = sample[DT].on[k],
+                                                    .sample_depth = sample[DISTANCE].on[k],
+                                                    .sample_attention = sample[ATTENTION].on[k],
+                                                    .sample_eye = s->all ? sample[EYE].on[k] : none,
+                                                    .sample_uncertainty = s->all ? sample[UNCERTAINTY].on[k] : none,
+                                                    .rgb = rgb.on[k],
+                                                    .background = background.on[k],
+                                                    .transmittance_stop = stop,
+                                                    .n = n};
     p->backward[k] =
         (struct ern_composite_bwd_args){.dsigma = p->dsample[D_SIGMA].on[k],
                                         .drgb = p->drgb.on[k],

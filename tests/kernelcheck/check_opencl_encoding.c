@@ -57,10 +57,10 @@ static void check_activations(size_t n) {
                            to = twin_rows_of(&twin, NULL, ROWS, n, ERN_PER_SAMPLE),
                            slope = twin_rows_of(&twin, dy, ROWS, n, ERN_PER_SAMPLE),
                            apart = twin_rows_of(&twin, NULL, ROWS, n, ERN_PER_SAMPLE);
-    struct ern_activate_args forward[2];
+    struct ern_activate_fwd_args forward[2];
     struct ern_activate_bwd_args backward[2], in_place[2];
     for (int k = 0; k < 2; k++) {
-      forward[k] = (struct ern_activate_args){to.on[k], from.on[k], kind, n};
+      forward[k] = (struct ern_activate_fwd_args){to.on[k], from.on[k], kind, n};
       backward[k] = (struct ern_activate_bwd_args){apart.on[k], slope.on[k], from.on[k], kind, n};
       in_place[k] = (struct ern_activate_bwd_args){slope.on[k], slope.on[k], from.on[k], kind, n};
     }
@@ -98,7 +98,7 @@ static void test_harmonics(void **state) {
     if (n > 20) d[5] = NAN, d[n + 6] = INFINITY, d[2 * n + 7] = -0.0f;
     const struct twin_rows from = twin_rows_of(&twin, d, 3, n, ERN_PER_RAY),
                            y = twin_rows_of(&twin, NULL, 16, n, ERN_PER_RAY);
-    struct ern_sh_args args[2] = {{y.on[0], from.on[0], n}, {y.on[1], from.on[1], n}};
+    struct ern_sh_fwd_args args[2] = {{y.on[0], from.on[0], n}, {y.on[1], from.on[1], n}};
     TWIN_RUN(&twin, sh_fwd, args);
     twin_same_rows(&twin, "harmonics", y, 0, 0);
     twin_clear(&twin);
@@ -126,10 +126,10 @@ static void check_freq(size_t dims, int octaves, size_t n) {
                          slope = twin_rows_of(&twin, dy, (int)rows, n, ERN_PER_SAMPLE);
   for (size_t i = 0; i < dims * n; i++) x[i] = twin_random(5, i, 1);
   const struct twin_rows dx = twin_rows_of(&twin, x, (int)dims, n, ERN_PER_SAMPLE);
-  struct ern_freq_args forward[2];
+  struct ern_freq_fwd_args forward[2];
   struct ern_freq_bwd_args backward[2];
   for (int k = 0; k < 2; k++) {
-    forward[k] = (struct ern_freq_args){y.on[k], from.on[k], octaves, n};
+    forward[k] = (struct ern_freq_fwd_args){y.on[k], from.on[k], octaves, n};
     backward[k] = (struct ern_freq_bwd_args){dx.on[k], slope.on[k], from.on[k], octaves, n};
   }
   TWIN_RUN(&twin, freq_fwd, forward);
@@ -199,13 +199,13 @@ static struct scene scene_make(int channels, int v_rows, size_t n, int kind) {
   return s;
 }
 
-static struct ern_attention_args forward_of(const struct scene *s, bool eye, int k) {
-  struct ern_attention_args args = {.region = s->region.on[k],
-                                    .norm = s->norm.on[k],
-                                    .v = s->v.on[k],
-                                    .code = s->code.on[k],
-                                    .eye = s->eye,
-                                    .n = s->n};
+static struct ern_attention_fwd_args forward_of(const struct scene *s, bool eye, int k) {
+  struct ern_attention_fwd_args args = {.region = s->region.on[k],
+                                        .norm = s->norm.on[k],
+                                        .v = s->v.on[k],
+                                        .code = s->code.on[k],
+                                        .eye = s->eye,
+                                        .n = s->n};
   if (eye) {
     args.region_eye = s->region_eye.on[k];
     args.eye_attention = s->eye_attention.on[k];
@@ -217,7 +217,7 @@ static struct ern_attention_args forward_of(const struct scene *s, bool eye, int
  * the root's own half unit, where the reference has half a unit: 1.25 units of 2^-24. Denormal norms are rounded once
  * more, by half of the smallest number. */
 static void check_fwd(const struct scene *s, bool eye) {
-  struct ern_attention_args args[2] = {forward_of(s, eye, 0), forward_of(s, eye, 1)};
+  struct ern_attention_fwd_args args[2] = {forward_of(s, eye, 0), forward_of(s, eye, 1)};
   TWIN_RUN(&twin, attention_fwd, args);
   twin_same_rows(&twin, "region", s->region, 0, 0);
   twin_same(&twin, "norm", s->norm, 1.25 * 0x1p-23, 0x1p-149);
@@ -312,14 +312,14 @@ static void test_eye_alone(void **state) {
   for (size_t k = 0; k < TWIN_SIZES; k += 3) {
     struct scene s = scene_make(1, 1, twin_sizes[k], USUAL);
     const struct twin_span deye = twin_reals(&twin, (const float[TWIN_MOST]){0}, s.n);
-    struct ern_attention_args fwd[2];
+    struct ern_attention_fwd_args fwd[2];
     struct ern_attention_bwd_args bwd[2];
     for (int with = 0; with < 2; with++) {
-      fwd[with] = (struct ern_attention_args){.region_eye = s.region_eye.on[with],
-                                              .code = s.code.on[with],
-                                              .eye_attention = s.eye_attention.on[with],
-                                              .eye = s.eye,
-                                              .n = s.n};
+      fwd[with] = (struct ern_attention_fwd_args){.region_eye = s.region_eye.on[with],
+                                                  .code = s.code.on[with],
+                                                  .eye_attention = s.eye_attention.on[with],
+                                                  .eye = s.eye,
+                                                  .n = s.n};
       bwd[with] = (struct ern_attention_bwd_args){
           .deye_attention = deye.on[with], .dregion_eye = s.dregion_eye.on[with], .forward = fwd[with]};
     }
@@ -338,19 +338,19 @@ static void test_nothing(void **state) {
   const float before[4] = {1, 2, 3, 4};
   const struct twin_span dcode = twin_reals(&twin, before, 4);
   s.n = 0;
-  struct ern_attention_args attention[2] = {forward_of(&s, true, 0), forward_of(&s, true, 1)};
+  struct ern_attention_fwd_args attention[2] = {forward_of(&s, true, 0), forward_of(&s, true, 1)};
   TWIN_RUN(&twin, attention_fwd, attention);
   for (int k = 0; k < 2; k++) {
     struct ern_backend *backend = twin.backend[k];
     struct ern_attention_bwd_args attention_bwd = {
         .dv = dv.on[k], .dcode = dcode.on[k], .dregion = s.dregion.on[k], .forward = attention[k]};
-    struct ern_activate_args activate = {s.region.on[k], s.v.on[k], ERN_ACT_COLOUR, 0};
+    struct ern_activate_fwd_args activate = {s.region.on[k], s.v.on[k], ERN_ACT_COLOUR, 0};
     struct ern_activate_bwd_args activate_bwd = {dv.on[k], s.dregion.on[k], s.v.on[k], ERN_ACT_COLOUR, 0};
     support_ok(context, backend->attention_bwd(twin.stream[k], &attention_bwd));
     support_ok(context, backend->activate_fwd(twin.stream[k], &activate));
     support_ok(context, backend->activate_bwd(twin.stream[k], &activate_bwd));
-    struct ern_sh_args sh = {s.region.on[k], s.v.on[k], 0};
-    struct ern_freq_args freq = {s.region.on[k], s.v.on[k], 0, 0};
+    struct ern_sh_fwd_args sh = {s.region.on[k], s.v.on[k], 0};
+    struct ern_freq_fwd_args freq = {s.region.on[k], s.v.on[k], 0, 0};
     struct ern_freq_bwd_args freq_bwd = {dv.on[k], s.dregion.on[k], s.v.on[k], 0, 0};
     support_ok(context, backend->sh_fwd(twin.stream[k], &sh));
     support_ok(context, backend->freq_fwd(twin.stream[k], &freq));
@@ -379,12 +379,12 @@ static ern_status once(int what, struct scene *s, struct twin_rows y, struct twi
   struct ern_backend *backend = twin.backend[k];
   struct ern_stream *stream = twin.stream[k];
   const ern_rows three = ern_rows_part(s->v.on[k], 0, 3), two = ern_rows_part(s->v.on[k], 0, 2);
-  struct ern_activate_args activate = {ern_rows_part(y.on[k], 0, 3), three, ERN_ACT_COLOUR, s->n};
+  struct ern_activate_fwd_args activate = {ern_rows_part(y.on[k], 0, 3), three, ERN_ACT_COLOUR, s->n};
   struct ern_activate_bwd_args activate_bwd = {ern_rows_part(dv.on[k], 0, 3), ern_rows_part(s->dregion.on[k], 0, 3),
                                                three, ERN_ACT_COLOUR, s->n};
-  struct ern_sh_args sh = {ern_rows_part(y.on[k], 0, 16), three, s->n};
-  struct ern_freq_args freq = {y.on[k], two, 8, s->n};
-  struct ern_attention_args attention = forward_of(s, true, k);
+  struct ern_sh_fwd_args sh = {ern_rows_part(y.on[k], 0, 16), three, s->n};
+  struct ern_freq_fwd_args freq = {y.on[k], two, 8, s->n};
+  struct ern_attention_fwd_args attention = forward_of(s, true, k);
   struct ern_attention_bwd_args attention_bwd = {.dv = dv.on[k],
                                                  .dcode = s->code.on[k],
                                                  .dregion = s->dregion.on[k],

@@ -81,15 +81,15 @@ static struct scene scene_make(const struct ern_grid *grid, size_t n, bool odd) 
   return s;
 }
 
-static struct ern_grid_args forward_of(const struct scene *s, struct twin_rows f, int k) {
-  struct ern_grid_args args = {.f = f.on[k], .table = s->table.on[k], .grid = &s->grid, .n = s->n};
+static struct ern_grid_fwd_args forward_of(const struct scene *s, struct twin_rows f, int k) {
+  struct ern_grid_fwd_args args = {.f = f.on[k], .table = s->table.on[k], .grid = &s->grid, .n = s->n};
   for (int d = 0; d < s->grid.dims; d++) args.x[d] = s->x[d].on[k];
   return args;
 }
 
 static void check_fwd(const struct scene *s) {
   const struct twin_rows f = twin_rows_of(&twin, NULL, s->grid.levels * s->grid.features, s->n, ERN_PER_SAMPLE);
-  struct ern_grid_args args[2] = {forward_of(s, f, 0), forward_of(s, f, 1)};
+  struct ern_grid_fwd_args args[2] = {forward_of(s, f, 0), forward_of(s, f, 1)};
   TWIN_RUN(&twin, grid_fwd, args);
   twin_same_rows(&twin, "f", f, 0, 0);
 }
@@ -237,7 +237,7 @@ static void measure(const struct ern_grid_shape *shape, size_t n, bool by_positi
     twin.backend[1]->deterministic = what != 2;
     for (int repeat = 0; repeat < REPEATS; repeat++) {
       for (int k = 0; k < 2; k++) {
-        struct ern_grid_args forward = forward_of(&s, f, k);
+        struct ern_grid_fwd_args forward = forward_of(&s, f, k);
         struct ern_grid_bwd_args backward = {.df = s.df.on[k], .forward = forward};
         float sink;
         if (what != 3) backward.dtable = dtable.on[k];

@@ -110,18 +110,18 @@ static void scene_make(struct scene *scene, const struct shape *shape, size_t n,
   scene->dy = rows_of(scene->mlp.width[scene->mlp.layers], n, SAMPLE, kind, 70, 1);
 }
 
-static void args_of(const struct scene *scene, int k, struct ern_mlp_args *args) {
-  *args = (struct ern_mlp_args){.y = scene->y.on[k],
-                                .pieces = scene->pieces,
-                                .ray = scene->ray.on[k],
-                                .parameters = scene->parameters.on[k],
-                                .mlp = scene->mlp,
-                                .n = scene->n};
+static void args_of(const struct scene *scene, int k, struct ern_mlp_fwd_args *args) {
+  *args = (struct ern_mlp_fwd_args){.y = scene->y.on[k],
+                                    .pieces = scene->pieces,
+                                    .ray = scene->ray.on[k],
+                                    .parameters = scene->parameters.on[k],
+                                    .mlp = scene->mlp,
+                                    .n = scene->n};
   for (int p = 0; p < scene->pieces; p++) args->x[p] = scene->x[p].on[k];
 }
 
 static void run_fwd(const struct scene *scene) {
-  struct ern_mlp_args args[2];
+  struct ern_mlp_fwd_args args[2];
   for (int k = 0; k < 2; k++) args_of(scene, k, &args[k]);
   TWIN_RUN(&twin, mlp_fwd, args)
 }
@@ -335,7 +335,7 @@ static ern_rows bench_rows(struct bench *bench, int k, int rows, size_t n, ern_p
 }
 
 static void bench_args(struct bench *bench, int k, const struct shape *shape, size_t n) {
-  struct ern_mlp_args f = {.n = n};
+  struct ern_mlp_fwd_args f = {.n = n};
   size_t count = 0;
   for (int l = 0; shape->width[l] != 0; l++) {
     f.mlp.width[l] = shape->width[l];

@@ -173,12 +173,13 @@ static void check_some_pixels(size_t all, size_t step) {
   const struct twin_rows over = twin_rows_of(&twin, NULL, CHANNELS, all, ERN_PER_SAMPLE);
   const struct twin_span sum = twin_reals(&twin, values, all), share = twin_reals(&twin, weight, COUNT);
   const struct twin_span opacity = twin_reals(&twin, back, all), pixel = twin_int32s(&twin, number, n);
-  struct ern_pick_args pick[2], place[2];
+  struct ern_pick_args pick[2];
+  struct ern_place_args place[2];
   struct ern_blend_args blend[2];
   struct ern_overlay_args overlay[2];
   for (int k = 0; k < 2; k++) {
     pick[k] = (struct ern_pick_args){list.on[k], behind.on[k], pixel.on[k], n};
-    place[k] = (struct ern_pick_args){to.on[k], list.on[k], pixel.on[k], n};
+    place[k] = (struct ern_place_args){to.on[k], list.on[k], pixel.on[k], n};
     blend[k] = (struct ern_blend_args){sum.on[k], moments.on[k], share.on[k], pixel.on[k], n};
     overlay[k] = (struct ern_overlay_args){over.on[k], from.on[k], opacity.on[k], behind.on[k], all};
   }

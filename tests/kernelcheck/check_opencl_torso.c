@@ -43,10 +43,10 @@ static void check_pose(const float *pose, const float *anchors, bool has_gamma) 
   const struct twin_span gamma = has_gamma ? twin_reals(&twin, &gamma_value, 1) : (struct twin_span){0};
   const struct twin_span danchors = twin_reals(&twin, zeros, 12), dk = twin_reals(&twin, dk_values, 6);
   const struct twin_span dgamma = has_gamma ? twin_reals(&twin, zeros, 1) : (struct twin_span){0};
-  struct ern_torso_pose_args forward[2];
+  struct ern_torso_pose_fwd_args forward[2];
   struct ern_torso_pose_bwd_args backward[2];
   for (int b = 0; b < 2; b++) {
-    forward[b] = (struct ern_torso_pose_args){.k = k.on[b], .anchors = in.on[b], .gamma = gamma.on[b]};
+    forward[b] = (struct ern_torso_pose_fwd_args){.k = k.on[b], .anchors = in.on[b], .gamma = gamma.on[b]};
     memcpy(forward[b].pose, pose, sizeof forward[b].pose);
     backward[b] = (struct ern_torso_pose_bwd_args){
         .danchors = danchors.on[b], .dgamma = dgamma.on[b], .dk = dk.on[b], .forward = forward[b]};
@@ -226,10 +226,10 @@ static void check_deform(size_t n, bool apart) {
   const struct twin_rows x = twin_rows_of(&twin, NULL, 2, n, ERN_PER_SAMPLE);
   /* dd over dx: as overwritten as elsewhere */
   const struct twin_rows dd = apart ? twin_rows_of(&twin, NULL, 2, n, ERN_PER_SAMPLE) : dx_rows;
-  struct ern_torso_deform_args forward[2];
+  struct ern_torso_deform_fwd_args forward[2];
   struct ern_torso_deform_bwd_args backward[2];
   for (int b = 0; b < 2; b++) {
-    forward[b] = (struct ern_torso_deform_args){.x = x.on[b], .q = q_rows.on[b], .d = d_rows.on[b], .n = n};
+    forward[b] = (struct ern_torso_deform_fwd_args){.x = x.on[b], .q = q_rows.on[b], .d = d_rows.on[b], .n = n};
     backward[b] = (struct ern_torso_deform_bwd_args){.dd = dd.on[b], .dx = dx_rows.on[b], .forward = forward[b]};
   }
   TWIN_RUN(&twin, torso_deform_fwd, forward);
@@ -277,16 +277,16 @@ static void check_composite(size_t rays, size_t n, size_t step, bool in_place, b
   const struct twin_rows dlayer = twin_rows_of(&twin, NULL, 4, n, ERN_PER_SAMPLE);
   const struct twin_span index = twin_int32s(&twin, values.index, n);
   const struct twin_span opacity = has_opacity ? twin_take(&twin, ERN_ELEMENT_REAL, rays) : (struct twin_span){0};
-  struct ern_torso_composite_args forward[2];
+  struct ern_torso_composite_fwd_args forward[2];
   struct ern_torso_composite_bwd_args backward[2];
   for (int b = 0; b < 2; b++) {
-    forward[b] = (struct ern_torso_composite_args){.pixel = pixel.on[b],
-                                                   .opacity = opacity.on[b],
-                                                   .layer = layer.on[b],
-                                                   .index = index.on[b],
-                                                   .background = background.on[b],
-                                                   .rays = rays,
-                                                   .n = n};
+    forward[b] = (struct ern_torso_composite_fwd_args){.pixel = pixel.on[b],
+                                                       .opacity = opacity.on[b],
+                                                       .layer = layer.on[b],
+                                                       .index = index.on[b],
+                                                       .background = background.on[b],
+                                                       .rays = rays,
+                                                       .n = n};
     backward[b] =
         (struct ern_torso_composite_bwd_args){.dlayer = dlayer.on[b], .dpixel = dpixel.on[b], .forward = forward[b]};
   }
@@ -368,7 +368,7 @@ static void test_update(void **state) {
 struct bench {
   struct ern_torso_select_args select;
   struct ern_torso_coords_args coords;
-  struct ern_torso_composite_args composite;
+  struct ern_torso_composite_fwd_args composite;
   struct ern_torso_update_args update;
   ern_span seen;
   int backend;
@@ -431,8 +431,8 @@ static int measure(void) {
         .seen = alpha.on[b],
         .backend = b};
     const double select = seconds_of(run_select, &bench), coords = seconds_of(run_coords, &bench);
-    bench.composite = (struct ern_torso_composite_args){image.on[b], opacity.on[b], layer.on[b],       index.on[b],
-                                                        image.on[b], PIXELS,        bench.select.count};
+    bench.composite = (struct ern_torso_composite_fwd_args){image.on[b], opacity.on[b], layer.on[b],       index.on[b],
+                                                            image.on[b], PIXELS,        bench.select.count};
     const double composite = seconds_of(run_composite, &bench), update = seconds_of(run_update, &bench);
     printf("%-6s: of %d pixels, %zu chosen: select %.0f us, coords of all %.0f, composite %.0f; update %.0f\n",
            b == 0 ? "ref" : "device", PIXELS, bench.select.count, 1e6 * select, 1e6 * coords, 1e6 * composite,

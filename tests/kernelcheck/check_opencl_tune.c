@@ -5,7 +5,11 @@
 
 #include <unistd.h>
 
+#include "backend_opencl/backend_opencl.h"
+#include "backend_opencl/device/buffer.h"
+#include "backend_opencl/device/cache.h"
 #include "backend_opencl/device/tune.h"
+#include "backend_opencl/device/tune_loads.h"
 #include "core/memory.h"
 #include "io/file.h"
 
@@ -186,9 +190,9 @@ static void test_budget(void **state) {
 }
 
 /* A device that takes the standard and 256 alone. */
-static ern_status (*grid_fwd)(struct ern_stream *stream, struct ern_grid_args *args);
+static ern_status (*grid_fwd)(struct ern_stream *stream, struct ern_grid_fwd_args *args);
 static int refusals;
-static ern_status picky_grid_fwd(struct ern_stream *stream, struct ern_grid_args *args) {
+static ern_status picky_grid_fwd(struct ern_stream *stream, struct ern_grid_fwd_args *args) {
   const int size = ern_cl_backend_of(stream)->size[ERN_CL_SIZE_grid_fwd];
   if (size == 64 || size == 256) return grid_fwd(stream, args);
   refusals++;

@@ -3,8 +3,7 @@
  * bit. */
 #include "kernelcheck.h"
 
-#include "backend_cpu/kernels_isa.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 struct kernel {
   const char *name;

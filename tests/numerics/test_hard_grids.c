@@ -29,13 +29,13 @@ static void look_up(const struct ern_grid *grid, const float *table, const float
   struct many at[ERN_GRID_MAX_DIMS] = {0};
   look = (struct look){.grid = grid, .f = many_room(rows * n), .dtable = many_zeros(values)};
   for (size_t d = 0; d < (size_t)grid->dims; d++) at[d] = many_reals(x + d * n, n), look.dx[d] = many_zeros(n);
-  struct ern_grid_args forward[MACHINES];
+  struct ern_grid_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++) {
-    forward[k] = (struct ern_grid_args){
+    forward[k] = (struct ern_grid_fwd_args){
         .f = {look.f.on[k], n, (int)rows, ERN_PER_SAMPLE}, .table = held.on[k], .grid = grid, .n = n};
     for (int d = 0; d < grid->dims; d++) forward[k].x[d] = at[d].on[k];
   }
-  ON_EACH(grid_fwd, ern_grid_args, forward[k])
+  ON_EACH(grid_fwd, ern_grid_fwd_args, forward[k])
   ON_EACH(grid_bwd, ern_grid_bwd_args,
           {.dtable = look.dtable.on[k],
            .dx = {look.dx[0].on[k], look.dx[1].on[k], look.dx[2].on[k]},

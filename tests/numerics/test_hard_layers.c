@@ -16,7 +16,7 @@ static struct activation activate(ern_activation kind, const float *x, size_t n,
   machines_clear();
   const struct many in = many_reals(x, n), by = many_reals(upstream, n);
   const struct activation out = {many_room(n), many_room(n)};
-  ON_EACH(activate_fwd, ern_activate_args,
+  ON_EACH(activate_fwd, ern_activate_fwd_args,
           {.y = {out.y.on[k], n, 1, ERN_PER_SAMPLE}, .x = {in.on[k], n, 1, ERN_PER_SAMPLE}, .kind = kind, .n = n})
   ON_EACH(activate_bwd, ern_activate_bwd_args,
           {.dx = {out.dx.on[k], n, 1, ERN_PER_SAMPLE},
@@ -140,15 +140,15 @@ static struct layers layers(const float *weights, const float *x, const float *d
   machines_clear();
   const struct many w = many_reals(weights, WEIGHTS), in = many_reals(x, INS * n), by = many_reals(dy, OUTS * n);
   const struct layers out = {many_room(OUTS * n), many_zeros(INS * n), many_zeros(WEIGHTS)};
-  struct ern_mlp_args forward[MACHINES];
+  struct ern_mlp_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_mlp_args){.y = {out.y.on[k], n, OUTS, ERN_PER_SAMPLE},
-                                       .x = {{in.on[k], n, INS, ERN_PER_SAMPLE}},
-                                       .pieces = 1,
-                                       .parameters = w.on[k],
-                                       .mlp = shape,
-                                       .n = n};
-  ON_EACH(mlp_fwd, ern_mlp_args, forward[k])
+    forward[k] = (struct ern_mlp_fwd_args){.y = {out.y.on[k], n, OUTS, ERN_PER_SAMPLE},
+                                           .x = {{in.on[k], n, INS, ERN_PER_SAMPLE}},
+                                           .pieces = 1,
+                                           .parameters = w.on[k],
+                                           .mlp = shape,
+                                           .n = n};
+  ON_EACH(mlp_fwd, ern_mlp_fwd_args, forward[k])
   ON_EACH(mlp_bwd, ern_mlp_bwd_args,
           {.dx = {{out.dx.on[k], n, INS, ERN_PER_SAMPLE}},
            .dparameters = out.dweights.on[k],

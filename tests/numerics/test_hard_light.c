@@ -53,25 +53,25 @@ static void shine(void) {
   for (size_t i = 0; i < COUNT_OF(per_ray); i++) *per_ray[i] = many_room(n);
   for (size_t i = 0; i < COUNT_OF(per_sample); i++) *per_sample[i] = many_room(total);
   light.pixel = many_room(3 * n), light.colour = many_room(3 * n), light.drgb = many_room(3 * total);
-  struct ern_composite_args forward[MACHINES];
+  struct ern_composite_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_composite_args){.pixel = {light.pixel.on[k], n, 3, ERN_PER_RAY},
-                                             .colour = {light.colour.on[k], n, 3, ERN_PER_RAY},
-                                             .opacity = light.opacity.on[k],
-                                             .depth = light.depth.on[k],
-                                             .attention = light.attention.on[k],
-                                             .uncertainty = light.uncertainty.on[k],
-                                             .first = in.first.on[k],
-                                             .sigma = in.sigma.on[k],
-                                             .dt = in.dt.on[k],
-                                             .sample_depth = in.distance.on[k],
-                                             .sample_attention = in.attention.on[k],
-                                             .sample_uncertainty = in.uncertainty.on[k],
-                                             .rgb = {in.rgb.on[k], total, 3, ERN_PER_SAMPLE},
-                                             .background = {in.background.on[k], n, 3, ERN_PER_RAY},
-                                             .transmittance_stop = stop,
-                                             .n = n};
-  ON_EACH(composite_fwd, ern_composite_args, forward[k])
+    forward[k] = (struct ern_composite_fwd_args){.pixel = {light.pixel.on[k], n, 3, ERN_PER_RAY},
+                                                 .colour = {light.colour.on[k], n, 3, ERN_PER_RAY},
+                                                 .opacity = light.opacity.on[k],
+                                                 .depth = light.depth.on[k],
+                                                 .attention = light.attention.on[k],
+                                                 .uncertainty = light.uncertainty.on[k],
+                                                 .first = in.first.on[k],
+                                                 .sigma = in.sigma.on[k],
+                                                 .dt = in.dt.on[k],
+                                                 .sample_depth = in.distance.on[k],
+                                                 .sample_attention = in.attention.on[k],
+                                                 .sample_uncertainty = in.uncertainty.on[k],
+                                                 .rgb = {in.rgb.on[k], total, 3, ERN_PER_SAMPLE},
+                                                 .background = {in.background.on[k], n, 3, ERN_PER_RAY},
+                                                 .transmittance_stop = stop,
+                                                 .n = n};
+  ON_EACH(composite_fwd, ern_composite_fwd_args, forward[k])
   ON_EACH(composite_bwd, ern_composite_bwd_args,
           {.dsigma = light.dsigma.on[k],
            .drgb = {light.drgb.on[k], total, 3, ERN_PER_SAMPLE},

@@ -37,11 +37,11 @@ static struct heard hear(const float *windows, float slope) {
   const struct many in = many_reals(windows, WINDOWS), parameters = many_reals(block, field.parameters);
   const struct many dcode = many_reals(slopes, CODE), codes = many_zeros(8 * CODE);
   const struct heard out = {many_room(CODE), many_room(CODE), many_zeros(field.parameters)};
-  struct ern_audio_args forward[MACHINES];
+  struct ern_audio_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_audio_args){
+    forward[k] = (struct ern_audio_fwd_args){
         .code = out.code.on[k], .windows = in.on[k], .parameters = parameters.on[k], .net = field.audio};
-  ON_EACH(audio_fwd, ern_audio_args, forward[k])
+  ON_EACH(audio_fwd, ern_audio_fwd_args, forward[k])
   ON_EACH(audio_bwd, ern_audio_bwd_args,
           {.dparameters = out.dparameters.on[k], .dcode = dcode.on[k], .forward = forward[k]})
   for (int k = 0; k < machines.count; k++) {
@@ -148,14 +148,14 @@ static struct attended attend(const float *v, float code, float slope) {
   const struct many in = many_reals(v, CODE * N), code_of = many_reals(codes, CODE);
   const struct many by_region = many_reals(slopes, CODE * N), by_norm = many_reals(slopes, N);
   const struct attended out = {many_room(CODE * N), many_room(N), many_room(CODE * N), many_zeros(CODE)};
-  struct ern_attention_args forward[MACHINES];
+  struct ern_attention_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_attention_args){.region = {out.region.on[k], N, CODE, ERN_PER_SAMPLE},
-                                             .norm = out.norm.on[k],
-                                             .v = {in.on[k], N, CODE, ERN_PER_SAMPLE},
-                                             .code = code_of.on[k],
-                                             .n = N};
-  ON_EACH(attention_fwd, ern_attention_args, forward[k])
+    forward[k] = (struct ern_attention_fwd_args){.region = {out.region.on[k], N, CODE, ERN_PER_SAMPLE},
+                                                 .norm = out.norm.on[k],
+                                                 .v = {in.on[k], N, CODE, ERN_PER_SAMPLE},
+                                                 .code = code_of.on[k],
+                                                 .n = N};
+  ON_EACH(attention_fwd, ern_attention_fwd_args, forward[k])
   ON_EACH(attention_bwd, ern_attention_bwd_args,
           {.dv = {out.dv.on[k], N, CODE, ERN_PER_SAMPLE},
            .dcode = out.dcode.on[k],
@@ -206,7 +206,7 @@ static void test_harmonics_of_odd_directions(void **state) {
   for (size_t i = 0; i < 3 * COUNT; i++) rows_of[i] = d[i % COUNT][i / COUNT];
   machines_clear();
   const struct many in = many_reals(rows_of, 3 * COUNT), y = many_room(16 * COUNT);
-  ON_EACH(sh_fwd, ern_sh_args,
+  ON_EACH(sh_fwd, ern_sh_fwd_args,
           {.y = {y.on[k], COUNT, 16, ERN_PER_RAY}, .d = {in.on[k], COUNT, 3, ERN_PER_RAY}, .n = COUNT})
   expect_truth("harmonics", y, 32 * 0x1p-23, 32 * 0x1p-23 * 3000);
   for (size_t c = 0; c < 16; c++) { /* of nothing: the constant, and -c20 */
@@ -226,7 +226,7 @@ static void test_sines_of_huge_places(void **state) {
   machines_clear();
   const struct many in = many_reals(x, COUNT), by = many_reals(ones, ROWS * COUNT);
   const struct many y = many_room(ROWS * COUNT), dx = many_zeros(COUNT);
-  ON_EACH(freq_fwd, ern_freq_args,
+  ON_EACH(freq_fwd, ern_freq_fwd_args,
           {.y = {y.on[k], COUNT, ROWS, ERN_PER_SAMPLE},
            .x = {in.on[k], COUNT, 1, ERN_PER_SAMPLE},
            .octaves = OCTAVES,

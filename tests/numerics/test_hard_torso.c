@@ -14,12 +14,12 @@ static struct points project(const float *anchors, const float *pose, float slop
   const float one = 1, slopes[6] = {slope, -slope, slope, slope, slope, slope};
   const struct many at = many_reals(anchors, 12), gamma = many_reals(&one, 1), dk = many_reals(slopes, 6);
   const struct points out = {many_room(6), many_zeros(12), many_zeros(1)};
-  struct ern_torso_pose_args forward[MACHINES];
+  struct ern_torso_pose_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++) {
-    forward[k] = (struct ern_torso_pose_args){.k = out.k.on[k], .anchors = at.on[k], .gamma = gamma.on[k]};
+    forward[k] = (struct ern_torso_pose_fwd_args){.k = out.k.on[k], .anchors = at.on[k], .gamma = gamma.on[k]};
     memcpy(forward[k].pose, pose, sizeof forward[k].pose);
   }
-  ON_EACH(torso_pose_fwd, ern_torso_pose_args, forward[k])
+  ON_EACH(torso_pose_fwd, ern_torso_pose_fwd_args, forward[k])
   ON_EACH(torso_pose_bwd, ern_torso_pose_bwd_args,
           {.danchors = out.danchors.on[k], .dgamma = out.dgamma.on[k], .dk = dk.on[k], .forward = forward[k]})
   return out;
@@ -158,13 +158,13 @@ static void test_deformation_without_end(void **state) {
   machines_clear();
   const struct many from = many_reals(q, N), move = many_reals(by, N), dx = many_reals(slope, N);
   const struct many x = many_room(N), dd = many_room(N);
-  struct ern_torso_deform_args forward[MACHINES];
+  struct ern_torso_deform_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_torso_deform_args){.x = {x.on[k], 11, 2, ERN_PER_SAMPLE},
-                                                .q = {from.on[k], 11, 2, ERN_PER_SAMPLE},
-                                                .d = {move.on[k], 11, 2, ERN_PER_SAMPLE},
-                                                .n = 11};
-  ON_EACH(torso_deform_fwd, ern_torso_deform_args, forward[k])
+    forward[k] = (struct ern_torso_deform_fwd_args){.x = {x.on[k], 11, 2, ERN_PER_SAMPLE},
+                                                    .q = {from.on[k], 11, 2, ERN_PER_SAMPLE},
+                                                    .d = {move.on[k], 11, 2, ERN_PER_SAMPLE},
+                                                    .n = 11};
+  ON_EACH(torso_deform_fwd, ern_torso_deform_fwd_args, forward[k])
   ON_EACH(torso_deform_bwd, ern_torso_deform_bwd_args,
           {.dd = {dd.on[k], 11, 2, ERN_PER_SAMPLE}, .dx = {dx.on[k], 11, 2, ERN_PER_SAMPLE}, .forward = forward[k]})
   expect_truth("x", x, 2 * 0x1p-23, 0);
@@ -189,16 +189,16 @@ static void test_torso_alpha_at_its_ends(void **state) {
                     back = many_reals(background, 3 * RAYS);
   const struct many dpixel = many_reals(slope, 3 * RAYS), dlayer = many_room(4 * N), pixel = many_room(3 * RAYS),
                     opacity = many_room(RAYS);
-  struct ern_torso_composite_args forward[MACHINES];
+  struct ern_torso_composite_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
-    forward[k] = (struct ern_torso_composite_args){.pixel = {pixel.on[k], RAYS, 3, ERN_PER_RAY},
-                                                   .opacity = opacity.on[k],
-                                                   .layer = {layers.on[k], N, 4, ERN_PER_SAMPLE},
-                                                   .index = at.on[k],
-                                                   .background = {back.on[k], RAYS, 3, ERN_PER_RAY},
-                                                   .rays = RAYS,
-                                                   .n = N};
-  ON_EACH(torso_composite_fwd, ern_torso_composite_args, forward[k])
+    forward[k] = (struct ern_torso_composite_fwd_args){.pixel = {pixel.on[k], RAYS, 3, ERN_PER_RAY},
+                                                       .opacity = opacity.on[k],
+                                                       .layer = {layers.on[k], N, 4, ERN_PER_SAMPLE},
+                                                       .index = at.on[k],
+                                                       .background = {back.on[k], RAYS, 3, ERN_PER_RAY},
+                                                       .rays = RAYS,
+                                                       .n = N};
+  ON_EACH(torso_composite_fwd, ern_torso_composite_fwd_args, forward[k])
   ON_EACH(torso_composite_bwd, ern_torso_composite_bwd_args,
           {.dlayer = {dlayer.on[k], N, 4, ERN_PER_SAMPLE},
            .dpixel = {dpixel.on[k], RAYS, 3, ERN_PER_RAY},

@@ -5,11 +5,12 @@
 
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/memory.h"
 #include "hashgrid/hashgrid.h"
 #include "io/npy.h"
 #include "io/safetensors.h"
-#include "mlp/mlp.h"
+#include "mlp/mlp_tile.h"
 
 enum { POINTS = 512, LEVELS = 12, ROWS = 3 * LEVELS, CODE = 32, WIDTH = 29, LENGTH = 16 };
 

@@ -6,14 +6,13 @@
 #include <jansson.h>
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "hashgrid/hashgrid.h"
 #include "io/npy.h"
 #include "io/safetensors.h"
-#include "mlp/mlp.h"
-#include "model/model_kernels.h"
-#include "render/render_kernels.h"
+#include "mlp/mlp_tile.h"
 
 enum {
   SIDE = 128,

@@ -5,9 +5,9 @@
 
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/rng.h"
 #include "render/morton.h"
-#include "render/render_kernels.h"
 
 /* The double build of the same kernel. */
 void ern_march_ref64(double *t, int32_t *count, const double *dir, size_t stride, const double *jitter,

@@ -4,9 +4,9 @@
 
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/rng.h"
 #include "render/morton.h"
-#include "render/render_kernels.h"
 
 enum { SIDE = ERN_OCCUPANCY_SIDE, CELLS = ERN_OCCUPANCY_CELLS };
 

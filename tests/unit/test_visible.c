@@ -5,9 +5,9 @@
 
 #include <math.h>
 
+#include "core/kernels.h"
 #include "core/rng.h"
 #include "render/morton.h"
-#include "render/render_kernels.h"
 #include "render/visible_ops.h"
 
 enum { MOST_STEPS = 200, SIDE = ERN_OCCUPANCY_SIDE };

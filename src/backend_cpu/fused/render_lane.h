@@ -12,7 +12,7 @@ struct ern_render_work {
   const struct ern_frame_net *net;
   ern_rays_kernel *rays;
   ern_march_from_kernel *march;
-  ern_sh_kernel *sh;
+  ern_sh_fwd_kernel *sh;
   struct ern_view view;
   struct ern_march_settings settings;
   float transmittance_stop;

@@ -90,33 +90,33 @@ static ern_rows rows_of(const struct ern_train_step *s, const float *values) {
 
 /* ---- losses ------------------------------------------------------------------------------------------------------ */
 
-static struct ern_composite_args composite_args(const struct ern_head_step_args *a, const struct ern_train_step *s,
-                                                const struct rays *rays) {
+static struct ern_composite_fwd_args composite_args(const struct ern_head_step_args *a, const struct ern_train_step *s,
+                                                    const struct rays *rays) {
   const bool eye = s->net.eye;
-  return (struct ern_composite_args){.pixel = rays->pixel,
-                                     .colour = rays->colour,
-                                     .opacity = rays->opacity.span,
-                                     .depth = rays->depth.span,
-                                     .attention = rays->attention.span,
-                                     .eye = eye ? rays->eye.span : (ern_span){0},
-                                     .uncertainty = rays->unc.span,
-                                     .first = s->first,
-                                     .sigma = span_of(s, s->live_sigma, s->count),
-                                     .dt = span_of(s, s->live_dt, s->count),
-                                     .sample_depth = span_of(s, s->live_depth, s->count),
-                                     .sample_attention = span_of(s, s->live_norm, s->count),
-                                     .sample_eye = eye ? span_of(s, s->live_eye, s->count) : (ern_span){0},
-                                     .sample_uncertainty = span_of(s, s->live_unc, s->count),
-                                     .rgb = rows_of(s, s->live_rgb),
-                                     .background = a->background,
-                                     .transmittance_stop = a->transmittance_stop,
-                                     .n = a->n};
+  return (struct ern_composite_fwd_args){.pixel = rays->pixel,
+                                         .colour = rays->colour,
+                                         .opacity = rays->opacity.span,
+                                         .depth = rays->depth.span,
+                                         .attention = rays->attention.span,
+                                         .eye = eye ? rays->eye.span : (ern_span){0},
+                                         .uncertainty = rays->unc.span,
+                                         .first = s->first,
+                                         .sigma = span_of(s, s->live_sigma, s->count),
+                                         .dt = span_of(s, s->live_dt, s->count),
+                                         .sample_depth = span_of(s, s->live_depth, s->count),
+                                         .sample_attention = span_of(s, s->live_norm, s->count),
+                                         .sample_eye = eye ? span_of(s, s->live_eye, s->count) : (ern_span){0},
+                                         .sample_uncertainty = span_of(s, s->live_unc, s->count),
+                                         .rgb = rows_of(s, s->live_rgb),
+                                         .background = a->background,
+                                         .transmittance_stop = a->transmittance_stop,
+                                         .n = a->n};
 }
 
 static ern_status losses(struct ern_head_step_args *a, const struct ern_train_step *s, const struct rays *rays) {
   const struct ern_backend *backend = s->stream->backend;
   const bool eye = s->net.eye;
-  struct ern_composite_args forward = composite_args(a, s, rays);
+  struct ern_composite_fwd_args forward = composite_args(a, s, rays);
   struct ern_mse_args plain = {.dpixel = rays->dpixel, .pixel = rays->pixel, .truth = a->truth, .n = a->n};
   struct ern_head_loss_args loss = {.dpixel = rays->dpixel,
                                     .dopacity = rays->dopacity.span,
@@ -336,7 +336,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   when[1] = ern_profile_now();
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &dcode));
-  struct ern_audio_args audio = {code, a->windows, a->parameters, a->field->audio};
+  struct ern_audio_fwd_args audio = {code, a->windows, a->parameters, a->field->audio};
   ERN_TRY(stream->backend->audio_fwd(stream, &audio));
   ERN_TRY(stream->backend->zero(stream, dcode));
   ERN_TRY(take_threads(&s, &weights));

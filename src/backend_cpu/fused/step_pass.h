@@ -3,8 +3,8 @@
 #ifndef ERN_TRAIN_STEP_FAST_H
 #define ERN_TRAIN_STEP_FAST_H
 
-#include "backend_cpu/slots.h"
 #include "backend_cpu/fused/step_kernels.h"
+#include "backend_cpu/slots.h"
 #include "core/profile.h"
 #include "render/stages.h"
 

@@ -3,8 +3,8 @@
  * of it is the stream's scratch. */
 #include "backend_cpu/fused/torso.h"
 
-#include "backend_cpu/slots.h"
 #include "backend_cpu/fused/pack.h"
+#include "backend_cpu/slots.h"
 #include "core/status.h"
 #include "model/field.h"
 #include "render/stages.h"

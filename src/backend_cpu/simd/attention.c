@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * Region attention for any instruction set (simd/isa.h). Sums over channels and samples are in double, as the
  * reference's are; those over channels in its order, so that the forward pass has its bits. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
+#include "core/kernels.h"
 
 /* y = factor x, or y += */
 LANES_INLINE void scaled(float *y, const float *x, float factor, bool accumulate, size_t n) {

@@ -5,10 +5,9 @@
  * exp(-tau) and 1 - exp(-tau) of each; the second walks along each ray as the reference does, in its order, with
  * nothing but products and sums left to do. A training batch has two or three samples a ray, so lanes of whole rays
  * would be mostly idle. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 /* What is in hand at a time: no marched ray has more samples. */
 enum { COMPOSITE_SAMPLES = ERN_MAX_STEPS, COMPOSITE_RAYS = 512 };

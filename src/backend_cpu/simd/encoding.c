@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * The positional encodings for any instruction set (simd/isa.h). */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
+#include "core/kernels.h"
 
 /* ---- spherical harmonics: the reference's polynomials ---- */
 

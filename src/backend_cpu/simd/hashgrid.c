@@ -3,9 +3,9 @@
  *
  * A register holds one quantity of LANES samples. Every sum is taken in the order of the reference and every product is
  * rounded by itself, so the results are the reference's to the last bit, on every instruction set. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
+#include "core/kernels.h"
 
 /* Samples whose coordinates are prepared together, for all levels; a level's table stays in the cache meanwhile. */
 enum { BLOCK = 1024, DIMS = ERN_GRID_MAX_DIMS, CORNERS = 1 << ERN_GRID_MAX_DIMS };

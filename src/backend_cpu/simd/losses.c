@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * The losses for any instruction set (simd/isa.h). Sums are in double, one a lane, added when the rays are done. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
 #include "backend_cpu/simd/lanes_random.h"
+#include "core/kernels.h"
 
 /* Lanes from `count` on are 0. */
 LANES_INLINE vf first_of(vf value, size_t count) {

@@ -4,10 +4,9 @@
  * A lane is a ray (of ern_samples: a sample of one ray). Every product is rounded by itself, so what comes out is the
  * reference's to the last bit, on every instruction set. Rays that arithmetic cannot carry up the ladder step by step
  * (infinite, or so far away that t + dt = t) are left to the reference. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 enum { AXES = 3 };
 

@@ -5,9 +5,9 @@
  *   forward   y  [outs][samples] = W   [outs][ins]     x   [ins][samples]
  *   backward  dx [ins][samples]  = W^T [ins][outs]     dy  [outs][samples]
  *             dW [outs][ins]    += dy  [outs][samples] x^T [samples][ins] */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
+#include "core/kernels.h"
 #include "mlp/mlp_tile.h"
 
 /* A block of ROWS x VECTORS sums lives in registers: 8 x 3 of 32, or 4 x 3 of 16, with three for B and one for A. */

@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * Points, refresh and bits of the head's occupancy grid for any instruction set (simd/isa.h). Points, cells and bits
  * are the reference's to the bit; the sum over cells is of the same doubles in another order. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_block.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_random.h"
-#include "render/render_kernels.h"
+#include "core/kernels.h"
 
 /* ---- points ---- */
 

@@ -4,9 +4,9 @@
 #include <float.h>
 #include <math.h>
 
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
+#include "core/kernels.h"
 
 struct adamw_scales {
   vf keep, fresh, unbias, rate, beta2, eps;

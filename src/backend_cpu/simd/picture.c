@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * Between bytes and rows (picture_ops.h), LANES pixels at a time; the same bits as the reference. Bytes are those of a
  * little-endian machine, as all that have these instruction sets. */
-#include "backend_cpu/kernels_isa.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
+#include "core/kernels.h"
 
 /* Bytes of a pixel, r in the lowest. */
 LANES_INLINE vu pixels_of_3(const uint8_t *from, size_t count) {

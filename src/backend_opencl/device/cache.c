@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/opencl.h"
+#include "backend_opencl/device/cache.h"
 #include "core/memory.h"
 #include "io/file.h"
 

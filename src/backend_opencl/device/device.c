@@ -1,26 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * Which devices there are, and what one of them can do. */
-#include "backend_opencl/backend_opencl.h"
+#include "backend_opencl/device/device.h"
 
-#include "core/status.h"
-
-#if defined(ERN_OPENCL)
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/device/tune.h"
-#include "backend_opencl/device/probe.h"
+enum { MAX_PLATFORMS = 16, MAX_DEVICES = ERN_CL_MAX_DEVICES, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
-enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
-
-struct found {
-  cl_platform_id platform;
-  cl_device_id device;
-};
-
-/* The loader answers with an error where no driver is installed: that is a machine without OpenCL. */
-static int find_devices(struct found found[MAX_DEVICES], int *platforms_found) {
+/* The loader answers with an error where no driver is installed. */
+int ern_cl_devices_find(struct ern_cl_found found[MAX_DEVICES], int *platforms_found) {
   cl_platform_id platform[MAX_PLATFORMS];
   cl_uint platforms = 0;
   int count = 0;
@@ -31,7 +20,7 @@ static int find_devices(struct found found[MAX_DEVICES], int *platforms_found) {
     cl_uint devices = 0;
     if (clGetDeviceIDs(platform[p], CL_DEVICE_TYPE_ALL, MAX_DEVICES, device, &devices) != CL_SUCCESS) continue;
     for (cl_uint d = 0; d < devices && d < MAX_DEVICES && count < MAX_DEVICES; d++)
-      found[count++] = (struct found){platform[p], device[d]};
+      found[count++] = (struct ern_cl_found){platform[p], device[d]};
   }
   *platforms_found = (int)platforms;
   return count;
@@ -57,7 +46,7 @@ static bool has_extension(const char *extensions, const char *name) {
   return false;
 }
 
-static void ask(struct ern_cl_device *device) {
+void ern_cl_device_ask(struct ern_cl_device *device) {
   char extensions[EXTENSION_BYTES];
   const cl_device_id id = device->id;
   text_of(id, CL_DEVICE_NAME, device->name, sizeof device->name);
@@ -89,61 +78,10 @@ static void ask(struct ern_cl_device *device) {
   device->units = (cl_uint)number_of(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof(cl_uint));
 }
 
-/* Tries all devices; false where none of them may even be asked for. What cannot be used is told as a warning. */
-static bool find_usable(ern_context *context, bool usable[MAX_DEVICES]) {
-  char before[ERN_ERROR_BYTES];
-  bool listed = true;
-  ern_error_keep(context, before);
-  for (int i = 0; i < MAX_DEVICES; i++) usable[i] = true;
-  for (int first = 0, dead = 0; listed && first < MAX_DEVICES; first = dead + 1) {
-    if (ern_cl_probe(context, first, MAX_DEVICES - 1, &listed, &dead) == ERN_OK) break;
-    ern_log_error(context, ERN_LOG_WARNING, "");
-    if (listed && dead >= first && dead < MAX_DEVICES) usable[dead] = false;
-    if (dead < first) break; /* it says what it cannot know */
-  }
-  ern_error_restore(context, before);
-  return listed;
-}
-
-ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
-  struct found found[MAX_DEVICES];
-  bool usable[MAX_DEVICES];
-  int platforms = 0;
-  if (!find_usable(context, usable)) return ERN_OK;
-  const int count = find_devices(found, &platforms);
-  if (platforms == 0) ern_log(context, ERN_LOG_INFO, "OpenCL: no driver is installed");
-  if (platforms > 0 && count == 0)
-    ern_log(context, ERN_LOG_INFO, "OpenCL: %d driver%s installed, but none of them has a device", platforms,
-            platforms == 1 ? " is" : "s are");
-  for (int i = 0; i < count; i++) {
-    if (!usable[i]) continue;
-    struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
-    ask(&device);
-    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
-    ern_cl_tune_read(context, &device, measured);
-    const ern_device_info info = {.kind = "opencl",
-                                  .number = i,
-                                  .name = device.name,
-                                  .version = device.version,
-                                  .instruction_sets = "",
-                                  .compute_units = device.units,
-                                  .memory_bytes = device.memory_bytes,
-                                  .driver = device.driver,
-                                  .buffer_bytes = device.buffer_bytes,
-                                  .local_bytes = device.local_bytes,
-                                  .half = device.half,
-                                  .subgroups = device.subgroups,
-                                  .tuned = ern_cl_is_tuned(measured),
-                                  .deterministic = device.cpu};
-    say(user, &info);
-  }
-  return ERN_OK;
-}
-
 ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device) {
-  struct found found[MAX_DEVICES];
+  struct ern_cl_found found[MAX_DEVICES];
   int platforms = 0;
-  const int count = find_devices(found, &platforms);
+  const int count = ern_cl_devices_find(found, &platforms);
   if (platforms == 0)
     return ern_fail(context, ERN_E_UNSUPPORTED,
                     "OpenCL: no driver is installed (no ICD); install one for your device (Debian: pocl-opencl-icd "
@@ -156,7 +94,7 @@ ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_de
                     "OpenCL: found no device %d, expected 0 to %d (`ernerf info devices` lists them)", number,
                     count - 1);
   *device = (struct ern_cl_device){.platform = found[number].platform, .id = found[number].device};
-  ask(device);
+  ern_cl_device_ask(device);
   if (number_of(device->id, CL_DEVICE_AVAILABLE, sizeof(cl_bool)) == 0)
     return ern_fail(context, ERN_E_DEVICE, "OpenCL: device %d (%s) says it is not available", number, device->name);
   if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)
@@ -164,22 +102,3 @@ ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_de
                     device->name);
   return ERN_OK;
 }
-
-#else
-ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, const ern_device_info *), void *user) {
-  (void)say, (void)user;
-  ern_log(context, ERN_LOG_INFO, "OpenCL: this build is without it");
-  return ERN_OK;
-}
-
-ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
-                                   ern_backend **backend) {
-  (void)number, (void)deterministic, (void)tune;
-  *backend = NULL;
-  return ern_fail(context, ERN_E_UNSUPPORTED, "backend: this build is without OpenCL (ERNERF_OPENCL=OFF)");
-}
-
-void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
-  (void)backend, (void)say, (void)user;
-}
-#endif

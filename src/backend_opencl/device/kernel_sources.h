@@ -3,7 +3,7 @@
 #ifndef ERN_OPENCL_KERNEL_SOURCES_H
 #define ERN_OPENCL_KERNEL_SOURCES_H
 
-#include "backend_opencl/opencl.h"
+#include "backend_opencl/device/backend.h"
 
 #define ERN_CL_TEXT(name)                          \
   extern const unsigned char ern_cl_text_##name[]; \

@@ -3,7 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend_opencl/opencl.h"
+#include "backend_opencl/device/launch.h"
+
+#include "backend_opencl/device/buffer.h"
+#include "backend_opencl/device/program.h"
 #include "core/memory.h"
 
 enum { GROUP = 64 };
@@ -117,5 +120,25 @@ ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
   own->pending[own->pending_count++] = (struct ern_cl_pending){settle, args, own->figures_used, count};
   own->figures_used += count;
 fail:
+  return status;
+}
+
+struct ern_cl_blocks ern_cl_blocks_of(struct ern_stream *stream, size_t n) {
+  enum { VECTORS = 32 };
+  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP;
+  return (struct ern_cl_blocks){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
+}
+
+ern_status ern_cl_run_sums(struct ern_cl_call *call) {
+  return ern_cl_run(call, ERN_CL_SUMS, ERN_CL_SUM_GROUP / (size_t)call->stream->owner->device.width);
+}
+
+ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  if (status == ERN_OK) return ERN_OK;
+  own->pending_count = own->figures_used = 0;
+  clFinish(own->queue); /* whatever it returns, `status` is what is told */
+  ern_arena_trim(stream);
   return status;
 }

@@ -5,8 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backend_opencl/device/buffer.h"
+#include "backend_opencl/device/cache.h"
 #include "backend_opencl/device/kernel_sources.h"
-#include "backend_opencl/opencl.h"
+#include "backend_opencl/device/program.h"
 #include "core/memory.h"
 #include "io/file.h"
 

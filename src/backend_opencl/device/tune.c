@@ -8,9 +8,11 @@
 #include <string.h>
 #include <time.h>
 
+#include "backend_opencl/device/cache.h"
 #include "backend_opencl/device/peak.h"
+#include "backend_opencl/device/program.h"
 #include "backend_opencl/device/tune.h"
-#include "backend_opencl/backend_opencl.h"
+#include "backend_opencl/device/tune_loads.h"
 #include "core/memory.h"
 #include "io/file.h"
 
@@ -19,8 +21,7 @@ enum {
   TURNS = 5,           /* of a size and the standard */
   READING_NS = 2000000 /* that a reading lasts at least: calls are repeated to fill it */
 };
-static const double seconds_unasked = 20, seconds_asked = 120; /* building included; the last build may run over */
-static const int64_t clearly = 105;                            /* percent: less is noise */
+static const int64_t clearly = 105; /* percent: less is noise */
 
 struct form {
   int most;         /* that kernels can be built with */
@@ -204,58 +205,22 @@ fail:
   return status;
 }
 
-/* ---- a backend's sizes ------------------------------------------------------------------------------------------- */
+/* ---- what is known ------------------------------------------------------------------------------------------- */
 
-static unsigned unknown_of(const struct ern_cl_measured *measured) {
+unsigned ern_cl_unknown_knobs(const struct ern_cl_measured *measured) {
   unsigned unknown = 0;
   for (int knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) unknown |= (unsigned)(measured[knob].standard_ns == 0) << knob;
   return unknown;
 }
 
-bool ern_cl_is_tuned(const struct ern_cl_measured *measured) { return unknown_of(measured) == 0; }
+bool ern_cl_is_tuned(const struct ern_cl_measured *measured) { return ern_cl_unknown_knobs(measured) == 0; }
 
-/* On a backend of its own, as programs and memory of what was tried are let go with it. */
-static void measure_now(struct ern_cl_backend *backend, int number, bool asked) {
-  ern_context *context = backend->table.context;
-  const double seconds = asked ? seconds_asked : seconds_unasked;
-  struct ern_cl_backend *bench = NULL;
-  ern_log(context, ERN_LOG_INFO, "OpenCL: measuring which sizes suit %s, for %g s at most, once", backend->device.name,
-          seconds);
-  ern_status status = ern_cl_backend_open(context, number, false, &bench);
-  if (status == ERN_OK)
-    status = ern_cl_measure(bench, asked ? ~0u : unknown_of(backend->measured), seconds, backend->measured);
-  if (status != ERN_OK) ern_log_error(context, ERN_LOG_INFO, "OpenCL: measuring ended early: ");
-  if (bench != NULL) bench->table.free(&bench->table);
-  if (!ern_cl_tune_write(context, &backend->device, backend->measured))
-    ern_log(context, ERN_LOG_INFO, "OpenCL: what was measured cannot be kept");
-}
-
-void ern_cl_tune(struct ern_cl_backend *backend, int number, bool asked) {
-  ern_context *context = backend->table.context;
-  const struct ern_cl_device *device = &backend->device;
-  struct ern_cl_measured *measured = backend->measured;
-  char before[ERN_ERROR_BYTES];
-  ern_error_keep(context, before);
-  ern_cl_tune_read(context, device, measured);
-  const bool wanted = asked || (!device->host && !ern_cl_is_tuned(measured));
-  if (wanted && (ern_cl_tune_write(context, device, measured) || asked)) measure_now(backend, number, asked);
-  ern_error_restore(context, before);
+void ern_cl_sizes_set(struct ern_cl_backend *backend) {
   for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const bool usable = measured[knob].standard_ns > 0 && !(knobs[knob].reorders && backend->table.deterministic);
-    backend->size[knob] = usable ? ern_cl_size_kept(&measured[knob]) : ern_cl_standard_size(device, knob);
+    const struct ern_cl_measured *m = &backend->measured[knob];
+    const bool usable = m->standard_ns > 0 && !(knobs[knob].reorders && backend->table.deterministic);
+    backend->size[knob] = usable ? ern_cl_size_kept(m) : ern_cl_standard_size(&backend->device, knob);
   }
 }
 
-void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
-  const struct ern_cl_backend *own = (const struct ern_cl_backend *)backend;
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const struct ern_cl_measured *m = &own->measured[knob];
-    const ern_tuning tuning = {.name = knobs[knob].name,
-                               .standard = ern_cl_standard_size(&own->device, knob),
-                               .best = m->standard_ns > 0 ? m->best : 0,
-                               .used = own->size[knob],
-                               .standard_seconds = 1e-9 * (double)m->standard_ns,
-                               .best_seconds = 1e-9 * (double)m->best_ns};
-    say(user, &tuning);
-  }
-}
+const char *ern_cl_knob_name(ern_cl_knob knob) { return knobs[knob].name; }

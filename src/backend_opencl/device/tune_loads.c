@@ -2,7 +2,7 @@
  * What the tuner times: calls of the slots on a made-up head and torso, with as little work as still fills a device. */
 #include <string.h>
 
-#include "backend_opencl/device/tune.h"
+#include "backend_opencl/device/tune_loads.h"
 #include "core/memory.h"
 #include "core/rng.h"
 #include "model/parameters.h"
@@ -85,13 +85,13 @@ static ern_status fill_samples(struct ern_cl_loads *p, size_t n) {
   ERN_TRY(take_reals(p, p->field.parameters, &gradient));
   ERN_TRY(take_rows(p, 2, n, &points));
   ERN_TRY(take_rows(p, grid->levels * grid->features, n, &p->grid.df));
-  struct ern_grid_args *g = &p->grid.forward;
+  struct ern_grid_fwd_args *g = &p->grid.forward;
   g->grid = grid, g->n = n;
   g->table = ern_span_part(parameters, p->field.encoder.table[0], (size_t)grid->entries * (size_t)grid->features);
   for (int d = 0; d < 2; d++) g->x[d] = ern_span_of_row(points, d, n);
   p->grid.dtable = ern_span_part(gradient, p->field.encoder.table[0], g->table.count);
   ERN_TRY(take_rows(p, grid->levels * grid->features, n, &g->f));
-  struct ern_mlp_args *m = &p->mlp.forward;
+  struct ern_mlp_fwd_args *m = &p->mlp.forward;
   m->mlp = *mlp, m->n = n, m->pieces = 1, m->parameters = parameters;
   ERN_TRY(take_rows(p, mlp->width[0], n, &m->x[0]));
   ERN_TRY(take_rows(p, mlp->width[mlp->layers], n, &m->y));

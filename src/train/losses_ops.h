@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Losses (value and gradient together), AdamW, the moving average (model.md section 6). */
-#ifndef ERN_TRAIN_OPS_H
-#define ERN_TRAIN_OPS_H
+ * Losses, value and gradient together (model.md section 6). */
+#ifndef ERN_LOSSES_OPS_H
+#define ERN_LOSSES_OPS_H
 
 #include "core/types.h"
 
@@ -106,94 +106,12 @@ struct ern_key_points_loss_args {
 };
 typedef double ern_key_points_loss_kernel(ern_real *danchors, const ern_real *anchors);
 
-/* AdamW with beta1 = 0, so that the first moment is the gradient and is not kept (Loshchilov and Hutter 2019):
- * p -= rate*decay*p; v = beta2*v + (1-beta2)*g^2; p -= rate*g/(sqrt(v/(1 - beta2^step)) + eps). */
-struct ern_adamw_args {
-  ern_span parameters, second_moment; /* in and out: real [n] */
-  ern_span gradient;
-  float rate, decay, beta2, eps;
-  uint64_t step; /* of this update, from 1 */
-  size_t n;
-};
-typedef void ern_adamw_kernel(ern_real *parameters, ern_real *second_moment, const ern_real *gradient, float rate,
-                              float decay, float beta2, float eps, double bias_correction, size_t n);
-
-/* average += (1 - decay)*(parameters - average) */
-struct ern_ema_args {
-  ern_span average; /* in and out */
-  ern_span parameters;
-  float decay;
-  size_t n;
-};
-typedef void ern_ema_kernel(ern_real *average, const ern_real *parameters, float decay, size_t n);
-
-/* Whether all values are finite. */
-struct ern_finite_args {
-  ern_span values;
-  size_t n;
-  bool finite; /* out, on the host */
-};
-typedef bool ern_finite_kernel(const ern_real *values, size_t n);
-
-/* ---- fused: the head's density at points, and a whole step of the head, forward and backward ---- */
-
-struct ern_field;
-struct ern_view;
-struct ern_march_settings;
-
-struct ern_profile;
-struct ern_head_density_args {
-  ern_span sigma; /* out: real [n] */
-  ern_rows x;     /* [3] per point */
-  ern_span parameters;
-  const struct ern_field *field;
-  ern_span code; /* real [A], the audio code */
-  float eye_value;
-  size_t n;
-};
-
-struct ern_head_step_args {
-  ern_span dparameters;         /* accumulates, the whole block */
-  double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included */
-  size_t samples;               /* out, on the host */
-  double squared_error;         /* out, on the host: mean over rays and channels of (pixel - truth)^2, unweighted */
-  ern_span parameters;
-  const struct ern_field *field;
-  const struct ern_view *view;
-  const struct ern_march_settings *settings;
-  ern_span bits;
-  ern_span pixel_number;      /* int32 [n] */
-  ern_span jitter;            /* real [n]; zeroed: none */
-  ern_rows truth, background; /* [3] per ray */
-  ern_span face;              /* real [n] */
-  ern_span windows;           /* real [8][window_length][width] */
-  float eye_value;
-  size_t individual; /* row of the individual codes */
-  struct ern_loss_weights weights;
-  float transmittance_stop;
-  bool smooth; /* with the smoothness term */
-  const float
-      *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
-  uint64_t seed, step;
-  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
-  size_t n;                    /* rays */
-};
-
-/* ---- and of the torso ---- */
-
-struct ern_torso_step_args {
-  ern_span dparameters;
-  double terms[ERN_LOSS_TERMS]; /* photometric and key points */
-  size_t samples;               /* pixels inside the torso's occupancy */
-  ern_span parameters;
-  const struct ern_field *field;
-  const struct ern_view *view;
-  ern_span grid; /* the torso's occupancy */
-  float threshold, shrink;
-  ern_span pixel_number;
-  ern_rows truth, background;
-  size_t individual;
-  size_t n;
-};
+#define ERN_LOSSES_OPERATIONS(OP, X) \
+  OP(X, head_loss, SLOT, FAST)       \
+  OP(X, head_softmax, NONE, FAST)    \
+  OP(X, smooth_loss, SLOT, FAST)     \
+  OP(X, smooth_points, SLOT, FAST)   \
+  OP(X, mse, SLOT, FAST)             \
+  OP(X, key_points_loss, SLOT, REF)
 
 #endif

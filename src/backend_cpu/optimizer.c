@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT
+ * Slots of the optimizer and of the average. */
+#include <math.h>
+
+#include "backend_cpu/slots.h"
+
+/* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
+struct adamw_job {
+  const struct ern_cpu_kernels *kernels;
+  const struct ern_adamw_args *args;
+  double correction;
+};
+static void adamw_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct adamw_job *job = user;
+  const struct ern_adamw_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->adamw(reals(a->parameters) + r.begin, reals(a->second_moment) + r.begin, reals(a->gradient) + r.begin,
+                      a->rate, a->decay, a->beta2, a->eps, job->correction, r.end - r.begin);
+}
+ern_status ERN_REF(ern_cpu_adamw)(struct ern_stream *stream, struct ern_adamw_args *a) {
+  struct adamw_job job = {kernels_of(stream), a, -expm1((double)a->step * log((double)a->beta2))};
+  ern_pool_run(pool_of(stream), ERN_SHARDS, adamw_task, &job);
+  return ERN_OK;
+}
+
+static void ema_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct job *job = user;
+  const struct ern_ema_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
+}
+ern_status ERN_REF(ern_cpu_ema)(struct ern_stream *stream, struct ern_ema_args *a) {
+  run(stream, a, ERN_SHARDS, ema_task);
+  return ERN_OK;
+}
+
+/* The figure of a shard: 1 where a value is not finite. */
+static void finite_task(void *user, size_t k, int lane) {
+  (void)lane;
+  struct figure_job *job = user;
+  const struct ern_finite_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->part[k] = job->kernels->finite(reals(a->values) + r.begin, r.end - r.begin) ? 0 : 1;
+}
+ern_status ERN_REF(ern_cpu_finite)(struct ern_stream *stream, struct ern_finite_args *a) {
+  a->finite = sum_of_parts(stream, a, finite_task) == 0;
+  return ERN_OK;
+}

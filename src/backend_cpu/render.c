@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT
+ * Rays from direction to pixel, a tile of them by calling the stages. */
+#include "backend_cpu/slots.h"
+#include "core/memory.h"
+#include "render/stages.h"
+
+enum { RAY_TILE = 1024 /* rays that a lane renders at a time */ };
+
+struct render_job {
+  struct ern_cpu_stream *stream;
+  const struct ern_render_rays_args *args;
+  ern_status *status; /* by tile */
+};
+
+static ern_span part(ern_span span, size_t begin, size_t count) {
+  return span.buffer != NULL ? ern_span_part(span, begin, count) : span;
+}
+static ern_rows rows_from(ern_rows rows, size_t begin) {
+  if (rows.span.buffer != NULL) rows.span = ern_span_part(rows.span, begin, rows.span.count - begin);
+  return rows;
+}
+
+/* A tile of rays through all stages on the lane's own serial stream: its samples stay in that core's cache. */
+static void render_rays_task(void *user, size_t tile, int lane) {
+  const struct render_job *job = user;
+  const size_t begin = tile * RAY_TILE, left = job->args->n - begin, n = left < RAY_TILE ? left : RAY_TILE;
+  struct ern_render_rays_args a = *job->args;
+  a.pixel = rows_from(a.pixel, begin);
+  a.colour = rows_from(a.colour, begin);
+  a.background = rows_from(a.background, begin);
+  a.opacity = part(a.opacity, begin, n);
+  a.depth = part(a.depth, begin, n);
+  a.attention = part(a.attention, begin, n);
+  a.eye = part(a.eye, begin, n);
+  a.pixel_number = part(a.pixel_number, begin, n);
+  a.n = n;
+  job->status[tile] = ern_render_rays_stages(&job->stream->lane[lane]->base, &a);
+}
+
+/* The stages read the parameters as they are. */
+ern_status ERN_REF(ern_cpu_render_prepare)(struct ern_stream *stream, struct ern_render_prepare_args *a) {
+  (void)stream;
+  (void)a;
+  return ERN_OK;
+}
+
+ern_status ERN_REF(ern_cpu_render_rays)(struct ern_stream *stream, struct ern_render_rays_args *a) {
+  struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
+  if (cpu->lane == NULL) return ern_render_rays_stages(stream, a);
+  const size_t tiles = (a->n + RAY_TILE - 1) / RAY_TILE;
+  void *room = NULL;
+  ern_status status = ern_allocate(stream->backend->context, tiles, sizeof(ern_status), &room);
+  if (status != ERN_OK) return status;
+  struct render_job job = {.stream = cpu, .args = a, .status = room};
+  ern_pool_run(cpu->pool, tiles, render_rays_task, &job);
+  for (size_t t = 0; t < tiles && status == ERN_OK; t++) status = job.status[t];
+  ern_release(stream->backend->context, room);
+  return status;
+}

@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: MIT
+ * Whole training steps and densities, by calling the stages. */
+#include "train/step.h"
+
+#include "backend_cpu/slots.h"
+
+ern_status ERN_REF(ern_cpu_head_density)(struct ern_stream *stream, struct ern_head_density_args *a) {
+  return ern_head_density_stages(stream, a);
+}
+ern_status ERN_REF(ern_cpu_head_step)(struct ern_stream *stream, struct ern_head_step_args *a) {
+  return ern_head_step_stages(stream, a);
+}
+ern_status ERN_REF(ern_cpu_torso_step)(struct ern_stream *stream, struct ern_torso_step_args *a) {
+  return ern_torso_step_stages(stream, a);
+}

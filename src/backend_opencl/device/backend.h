@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ * An OpenCL device as a backend, and its streams, as plain data. */
+#ifndef ERN_OPENCL_BACKEND_DATA_H
+#define ERN_OPENCL_BACKEND_DATA_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "backend_opencl/device/device.h"
+#include "core/backend.h"
+
+/* The sources, embedded at build time: kernels/NAME.cl. */
+#define ERN_CL_SOURCES(SOURCE) \
+  SOURCE(scan)                 \
+  SOURCE(march)                \
+  SOURCE(composite)            \
+  SOURCE(occupancy)            \
+  SOURCE(picture)              \
+  SOURCE(enlarge)              \
+  SOURCE(hashgrid)             \
+  SOURCE(mlp)                  \
+  SOURCE(activation)           \
+  SOURCE(encoding)             \
+  SOURCE(attention)            \
+  SOURCE(audio)                \
+  SOURCE(torso)                \
+  SOURCE(losses)               \
+  SOURCE(optimizer)            \
+  SOURCE(portrait)             \
+  SOURCE(render)               \
+  SOURCE(render_torso)         \
+  SOURCE(peak)
+
+#define ERN_CL_SOURCE_NUMBER(name) ERN_CL_##name,
+typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;
+#undef ERN_CL_SOURCE_NUMBER
+
+/* Sizes that kernels are cut to: a standard by the device's limits, or what was measured to be faster (tune.c). */
+#define ERN_CL_KNOBS(KNOB)                                                   \
+  KNOB(mlp_fwd)     /* CPU: vectors of an item; GPU: items of a group */     \
+  KNOB(mlp_bwd)     /* likewise */                                           \
+  KNOB(grid_fwd)    /* CPU: vectors that an item goes through; GPU: items */ \
+  KNOB(grid_bwd)    /* likewise */                                           \
+  KNOB(rays_tile)   /* of render_rays, CPU: vectors; GPU: items */           \
+  KNOB(rays_groups) /* groups a compute unit */                              \
+  KNOB(torso_tile)  /* of render_torso, likewise */                          \
+  KNOB(torso_groups)
+
+#define ERN_CL_KNOB_NUMBER(name) ERN_CL_SIZE_##name,
+typedef enum ern_cl_knob { ERN_CL_KNOBS(ERN_CL_KNOB_NUMBER) ERN_CL_KNOB_COUNT } ern_cl_knob;
+#undef ERN_CL_KNOB_NUMBER
+
+struct ern_cl_measured { /* of one knob */
+  int32_t standard, best;
+  int64_t standard_ns, best_ns; /* of a made-up call; 0: not measured */
+};
+
+struct ern_buffer {
+  ern_element element;
+  size_t count;
+  cl_mem memory;
+  atomic_size_t written; /* another number after its bytes were changed: by the host, cleared, copied to, or, of the
+                            bits of an occupancy, by a refresh. No two buffers of a backend have the same */
+};
+
+struct ern_cl_program { /* one source built with one set of options */
+  ern_cl_source source;
+  char *options; /* beside those that every program is built with */
+  cl_program program;
+};
+
+struct ern_cl_backend {
+  struct ern_backend table; /* first: a backend is one */
+  struct ern_cl_device device;
+  cl_context context;
+  cl_command_queue queue;      /* for what belongs to no stream: clearing new buffers */
+  cl_mem probe;                /* 4 bytes, written to see whether the device still answers */
+  atomic_size_t writes;        /* numbers given to buffers */
+  atomic_size_t taken;         /* bytes of all buffers */
+  int size[ERN_CL_KNOB_COUNT]; /* what kernels are built with */
+  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  pthread_mutex_t lock; /* of the programs */
+  struct ern_cl_program *programs;
+  size_t program_count, program_room;
+};
+
+struct ern_cl_kernel {
+  cl_program program;
+  const char *name; /* a literal */
+  cl_kernel kernel;
+};
+
+enum { ERN_CL_PENDING = 32 };
+
+/* Figures that a slot leaves on the device until `settle`. */
+struct ern_cl_pending {
+  void (*settle)(void *args, const float *values, size_t count); /* in the order of the calls */
+  void *args;
+  size_t at, count;
+};
+
+struct ern_cl_stream {
+  struct ern_stream base;       /* first: a stream is one; its table may be another that looks on (src/bench) */
+  struct ern_cl_backend *owner; /* the backend that made it */
+  cl_command_queue queue;
+  struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */
+  size_t kernel_count, kernel_room;
+  struct ern_buffer *figures; /* real; the pending ones one behind the other */
+  float *figures_host;
+  size_t figures_used;
+  struct ern_cl_pending pending[ERN_CL_PENDING];
+  size_t pending_count;
+  struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
+  size_t rays_at_once;              /* of a training step that had memory; 0: all of them had */
+};
+
+static inline struct ern_cl_stream *ern_cl_stream_of(struct ern_stream *stream) {
+  return (struct ern_cl_stream *)stream;
+}
+static inline struct ern_cl_backend *ern_cl_backend_of(struct ern_stream *stream) {
+  return ern_cl_stream_of(stream)->owner;
+}
+
+/* Notes that the buffer's bytes change. */
+static inline void ern_cl_touch(struct ern_cl_backend *backend, struct ern_buffer *buffer) {
+  atomic_store(&buffer->written, atomic_fetch_add(&backend->writes, 1) + 1);
+}
+
+#endif

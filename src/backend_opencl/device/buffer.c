@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: MIT
+ * Errors, buffers, and what moves bytes. */
+#include "backend_opencl/device/buffer.h"
+
+#include "core/memory.h"
+#include "core/status.h"
+
+static const size_t element_bytes[] = {
+    [ERN_ELEMENT_REAL] = sizeof(float), [ERN_ELEMENT_INT32] = sizeof(int32_t), [ERN_ELEMENT_BYTE] = 1};
+
+/* ---- errors ------------------------------------------------------------------------------------------------------ */
+
+const char *ern_cl_error_name(cl_int code) {
+  switch (code) {
+#define NAME(name) \
+  case name: return #name;
+    NAME(CL_DEVICE_NOT_FOUND)
+    NAME(CL_DEVICE_NOT_AVAILABLE)
+    NAME(CL_COMPILER_NOT_AVAILABLE)
+    NAME(CL_MEM_OBJECT_ALLOCATION_FAILURE)
+    NAME(CL_OUT_OF_RESOURCES)
+    NAME(CL_OUT_OF_HOST_MEMORY)
+    NAME(CL_BUILD_PROGRAM_FAILURE)
+    NAME(CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST)
+    NAME(CL_INVALID_VALUE)
+    NAME(CL_INVALID_CONTEXT)
+    NAME(CL_INVALID_COMMAND_QUEUE)
+    NAME(CL_INVALID_MEM_OBJECT)
+    NAME(CL_INVALID_BINARY)
+    NAME(CL_INVALID_BUILD_OPTIONS)
+    NAME(CL_INVALID_PROGRAM_EXECUTABLE)
+    NAME(CL_INVALID_KERNEL_NAME)
+    NAME(CL_INVALID_ARG_INDEX)
+    NAME(CL_INVALID_ARG_VALUE)
+    NAME(CL_INVALID_ARG_SIZE)
+    NAME(CL_INVALID_KERNEL_ARGS)
+    NAME(CL_INVALID_WORK_GROUP_SIZE)
+    NAME(CL_INVALID_WORK_ITEM_SIZE)
+    NAME(CL_INVALID_GLOBAL_OFFSET)
+    NAME(CL_INVALID_BUFFER_SIZE)
+    NAME(CL_INVALID_GLOBAL_WORK_SIZE)
+#undef NAME
+    default: return "an error without a name";
+  }
+}
+
+static bool is_memory(cl_int code) {
+  return code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_OUT_OF_RESOURCES;
+}
+
+/* Drivers tell of a device that is gone, or that stopped at a fault, by several codes, CL_OUT_OF_RESOURCES among them:
+ * so it is asked to do something small. */
+static bool answers(struct ern_cl_backend *backend) {
+  const cl_uint word = 0;
+  if (backend->probe == NULL) return true; /* still being made */
+  return clEnqueueFillBuffer(backend->queue, backend->probe, &word, sizeof word, 0, sizeof word, 0, NULL, NULL) ==
+             CL_SUCCESS &&
+         clFinish(backend->queue) == CL_SUCCESS;
+}
+
+ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing) {
+  if (code == CL_SUCCESS) return ERN_OK;
+  const bool lost = !answers(backend);
+  return ern_fail(backend->table.context, is_memory(code) && !lost ? ERN_E_NO_MEMORY : ERN_E_DEVICE,
+                  "OpenCL: %s: %s failed: %s (%d)%s", backend->device.name, doing, ern_cl_error_name(code), (int)code,
+                  lost ? "; the device is lost, it no longer answers" : "");
+}
+
+/* ---- buffers ----------------------------------------------------------------------------------------------------- */
+
+static size_t bytes_of(const struct ern_buffer *buffer) {
+  return (buffer->count > 0 ? buffer->count : 1) * element_bytes[buffer->element];
+}
+
+static void buffer_free(struct ern_backend *table, struct ern_buffer *buffer) {
+  if (buffer == NULL) return;
+  if (buffer->memory != NULL) {
+    clReleaseMemObject(buffer->memory);
+    atomic_fetch_sub(&((struct ern_cl_backend *)table)->taken, bytes_of(buffer));
+  }
+  ern_release(table->context, buffer);
+}
+
+static ern_status too_large(struct ern_cl_backend *backend, size_t bytes) {
+  const struct ern_cl_device *device = &backend->device;
+  return ern_fail(backend->table.context, ERN_E_NO_MEMORY,
+                  "OpenCL: %s: too little memory: a buffer of %zu bytes is needed beside the %zu taken, but one may "
+                  "have %llu and all memory is %llu",
+                  device->name, bytes, atomic_load(&backend->taken), (unsigned long long)device->buffer_bytes,
+                  (unsigned long long)device->memory_bytes);
+}
+
+static ern_status buffer_make(struct ern_backend *table, ern_element element, size_t count,
+                              struct ern_buffer **buffer) {
+  struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
+  ern_status status = ERN_OK;
+  struct ern_buffer *made = NULL;
+  void *room = NULL;
+  size_t bytes = 0;
+  cl_int code = CL_SUCCESS;
+  *buffer = NULL;
+  if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes)) return too_large(backend, SIZE_MAX);
+  if (bytes > backend->device.buffer_bytes) return too_large(backend, bytes);
+  ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
+  made = room;
+  made->element = element;
+  made->count = count;
+  ern_cl_touch(backend, made);
+  made->memory = clCreateBuffer(backend->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
+  /* Devices take memory when it is first used, so that now is when it turns out to be too little. */
+  const cl_uchar zero = 0;
+  if (code == CL_SUCCESS)
+    code = clEnqueueFillBuffer(backend->queue, made->memory, &zero, sizeof zero, 0, bytes, 0, NULL, NULL);
+  if (code == CL_SUCCESS) code = clFinish(backend->queue);
+  if (code != CL_SUCCESS && made->memory != NULL) {
+    clReleaseMemObject(made->memory);
+    made->memory = NULL;
+  }
+  if (is_memory(code) && answers(backend)) ERN_TRY(too_large(backend, bytes));
+  ERN_TRY(ern_cl_check(backend, code, "make a buffer"));
+  atomic_fetch_add(&backend->taken, bytes);
+  *buffer = made;
+  return ERN_OK;
+fail:
+  buffer_free(table, made);
+  return status;
+}
+
+/* ---- moving bytes ------------------------------------------------------------------------------------------------ */
+
+static ern_status write_span(struct ern_stream *stream, ern_span to, const void *from, size_t count) {
+  if (count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
+  const size_t each = element_bytes[to.buffer->element];
+  const cl_int code = clEnqueueWriteBuffer(ern_cl_stream_of(stream)->queue, to.buffer->memory, CL_TRUE, to.at * each,
+                                           count * each, from, 0, NULL, NULL);
+  return ern_cl_check(ern_cl_backend_of(stream), code, "write to the device");
+}
+
+ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count) {
+  if (count == 0) return ERN_OK;
+  const size_t each = element_bytes[from.buffer->element];
+  const cl_int code = clEnqueueReadBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, CL_TRUE, from.at * each,
+                                          count * each, to, 0, NULL, NULL);
+  return ern_cl_check(ern_cl_backend_of(stream), code, "read from the device");
+}
+
+static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {
+  return write_span(stream, to, from, count);
+}
+static ern_status download_reals(struct ern_stream *stream, float *to, ern_span from, size_t count) {
+  return ern_cl_read(stream, to, from, count);
+}
+static ern_status upload_int32(struct ern_stream *stream, ern_span to, const int32_t *from, size_t count) {
+  return write_span(stream, to, from, count);
+}
+static ern_status download_int32(struct ern_stream *stream, int32_t *to, ern_span from, size_t count) {
+  return ern_cl_read(stream, to, from, count);
+}
+static ern_status upload_bytes(struct ern_stream *stream, ern_span to, const uint8_t *from, size_t count) {
+  return write_span(stream, to, from, count);
+}
+static ern_status download_bytes(struct ern_stream *stream, uint8_t *to, ern_span from, size_t count) {
+  return ern_cl_read(stream, to, from, count);
+}
+
+static ern_status zero(struct ern_stream *stream, ern_span span) {
+  if (span.buffer == NULL || span.count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), span.buffer);
+  const size_t each = element_bytes[span.buffer->element];
+  const cl_uint word = 0;
+  const cl_int code = clEnqueueFillBuffer(ern_cl_stream_of(stream)->queue, span.buffer->memory, &word, each,
+                                          span.at * each, span.count * each, 0, NULL, NULL);
+  return ern_cl_check(ern_cl_backend_of(stream), code, "clear memory");
+}
+
+static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, size_t count) {
+  if (count == 0) return ERN_OK;
+  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
+  const size_t each = element_bytes[to.buffer->element];
+  const cl_int code = clEnqueueCopyBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, to.buffer->memory,
+                                          from.at * each, to.at * each, count * each, 0, NULL, NULL);
+  return ern_cl_check(ern_cl_backend_of(stream), code, "copy on the device");
+}
+
+static ern_status settle(struct ern_stream *stream) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  const size_t pending = own->pending_count, used = own->figures_used;
+  own->pending_count = 0;
+  own->figures_used = 0;
+  if (pending == 0) return ERN_OK;
+  const ern_status status = ern_cl_read(stream, own->figures_host, (ern_span){own->figures, 0, used}, used);
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < pending; i++)
+    own->pending[i].settle(own->pending[i].args, own->figures_host + own->pending[i].at, own->pending[i].count);
+  return ERN_OK;
+}
+
+void ern_cl_fill_memory(struct ern_backend *table) {
+  table->buffer_make = buffer_make;
+  table->buffer_free = buffer_free;
+  table->upload_reals = upload_reals;
+  table->download_reals = download_reals;
+  table->upload_int32 = upload_int32;
+  table->download_int32 = download_int32;
+  table->upload_bytes = upload_bytes;
+  table->download_bytes = download_bytes;
+  table->zero = zero;
+  table->copy = copy;
+  table->settle = settle;
+}

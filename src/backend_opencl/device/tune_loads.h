@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ * Made-up calls of the slots, for the tuner. */
+#ifndef ERN_OPENCL_TUNE_LOADS_H
+#define ERN_OPENCL_TUNE_LOADS_H
+
+#include "backend_opencl/device/backend.h"
+#include "model/field.h"
+
+struct ern_cl_loads {
+  struct ern_cl_backend *backend;
+  struct ern_stream *stream; /* whose scratch holds what the calls read and write */
+  struct ern_field field;
+  struct ern_render_prepare_args prepare;
+  struct ern_grid_bwd_args grid;
+  struct ern_mlp_bwd_args mlp;
+  struct ern_render_rays_args rays;
+  struct ern_render_torso_args torso;
+};
+ERN_NODISCARD ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_loads **loads);
+void ern_cl_loads_free(struct ern_cl_loads *loads); /* accepts NULL */
+/* Readies a stream for run with the backend's sizes as they are, and again after they have changed. */
+ERN_NODISCARD ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream);
+/* Enqueues a call that the knob matters to. */
+ERN_NODISCARD ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream);
+
+#endif

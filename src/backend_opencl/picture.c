@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT
+ * Slots between pixels and the caller's pictures. */
+#include "backend_opencl/opencl.h"
+
+/* Items that carry n elements, a device's vector each. */
+static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
+  const size_t width = (size_t)call->stream->owner->device.width;
+  return ern_cl_each(call, n / width + (n % width != 0));
+}
+
+ern_status ern_cl_backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "backdrop", "");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_span(&call, a->background);
+  ern_cl_span(&call, a->torso);
+  ern_cl_size(&call, a->n);
+  return run_vectors(&call, a->n);
+}
+
+ern_status ern_cl_picture(struct ern_stream *stream, struct ern_picture_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "picture", "");
+  ern_cl_span(&call, a->rgba);
+  ern_cl_span(&call, a->rgb);
+  ern_cl_span(&call, a->alpha);
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_span(&call, a->head);
+  ern_cl_span(&call, a->torso);
+  ern_cl_size(&call, a->n);
+  return run_vectors(&call, a->n);
+}
+
+static ern_status run_list(struct ern_stream *stream, const char *kernel, ern_rows to, ern_rows from, ern_span pixel,
+                           size_t n) {
+  if (n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, kernel, "");
+  ern_cl_rows(&call, to);
+  ern_cl_rows(&call, from);
+  ern_cl_span(&call, pixel);
+  ern_cl_int(&call, from.rows);
+  ern_cl_size(&call, n);
+  return ern_cl_each(&call, n);
+}
+ern_status ern_cl_pick(struct ern_stream *stream, struct ern_pick_args *a) {
+  return run_list(stream, "pick", a->to, a->from, a->pixel, a->n);
+}
+ern_status ern_cl_place(struct ern_stream *stream, struct ern_place_args *a) {
+  return run_list(stream, "place", a->to, a->from, a->pixel, a->n);
+}
+
+ern_status ern_cl_blend(struct ern_stream *stream, struct ern_blend_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "blend", "");
+  ern_cl_span(&call, a->to);
+  ern_cl_rows(&call, a->from);
+  ern_cl_span(&call, a->weight);
+  ern_cl_span(&call, a->pixel);
+  ern_cl_size(&call, a->weight.count);
+  ern_cl_size(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
+
+ern_status ern_cl_overlay(struct ern_stream *stream, struct ern_overlay_args *a) {
+  if (a->n == 0) return ERN_OK;
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "overlay", "");
+  ern_cl_rows(&call, a->pixel);
+  ern_cl_rows(&call, a->colour);
+  ern_cl_span(&call, a->opacity);
+  ern_cl_rows(&call, a->background);
+  ern_cl_size(&call, a->n);
+  return run_vectors(&call, a->n);
+}

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: MIT
+ * The occupancy grid of the head (model.md section 5). */
+#ifndef ERN_OCCUPANCY_OPS_H
+#define ERN_OCCUPANCY_OPS_H
+
+#include "core/types.h"
+
+struct ern_view;
+
+/* grid = -1 in cells that none of the views sees, 0 elsewhere: a cell is seen where z_cam > 0, |x_cam| < cx/f*z_cam +
+ * 2/128*bound and the same for y, for its centre (2c/127 - 1)*bound*(127/128). */
+struct ern_occupancy_mark_args {
+  ern_span grid;                /* out: real [ERN_OCCUPANCY_CELLS], Morton order */
+  const struct ern_view *views; /* on the host */
+  size_t view_count;
+  float bound;
+};
+typedef void ern_occupancy_mark_kernel(ern_real *grid, const struct ern_view *views, size_t view_count, float bound,
+                                       uint32_t cell_begin, uint32_t cell_end);
+
+/* Cells whose density a refresh must know: those not marked, and their 6 neighbours. */
+struct ern_occupancy_list_args {
+  ern_span cells; /* out: int32 [ERN_OCCUPANCY_CELLS], ascending Morton numbers, the first `count` of them */
+  ern_span grid;
+  size_t count; /* out, on the host */
+};
+typedef size_t ern_occupancy_list_kernel(int32_t *cells, const ern_real *grid);
+
+/* Points to look at: (2c/127 - 1)*bound*(127/128) + uniform(-1, 1)*bound/128 an axis; the numbers are Philox's for
+ * (seed, step, cell, ERN_RNG_REFRESH_CELL), words 0, 1, 2 for x, y, z. */
+struct ern_occupancy_points_args {
+  ern_rows x;     /* out: [3] per cell */
+  ern_span cells; /* int32 [n] */
+  float bound;
+  uint64_t seed, step;
+  size_t n;
+};
+typedef void ern_occupancy_points_kernel(ern_real *x, size_t stride, const int32_t *cells, float bound, uint64_t seed,
+                                         uint64_t step, size_t n);
+
+/* fresh[cells[i]] = sigma[i] */
+struct ern_occupancy_scatter_args {
+  ern_span fresh; /* out: real [ERN_OCCUPANCY_CELLS] */
+  ern_span cells, sigma;
+  size_t n;
+};
+
+/* new = maximum of fresh and its 6 neighbours (inside the cube); grid = max(decay*grid, new) where grid >= 0; then the
+ * mean over all cells with marked ones as 0, and the bits: grid > min(mean, limit). */
+struct ern_occupancy_update_args {
+  ern_span grid;      /* in and out */
+  ern_span bits;      /* out: byte [ERN_OCCUPANCY_BYTES] */
+  ern_span fresh;     /* 0 in cells that are in no list */
+  float decay, limit; /* 0.95, 10 */
+  double mean;        /* out, on the host */
+};
+/* Cells [cell_begin, cell_end); *sum gets the sum of max(grid, 0) over them, in double. */
+typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_real *fresh, float decay,
+                                         uint32_t cell_begin, uint32_t cell_end);
+/* Bytes [byte_begin, byte_end). */
+typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, float threshold, uint32_t byte_begin,
+                                       uint32_t byte_end);
+
+#define ERN_OCCUPANCY_OPERATIONS(OP, X) \
+  OP(X, occupancy_mark, SLOT, REF)      \
+  OP(X, occupancy_list, SLOT, REF)      \
+  OP(X, occupancy_points, SLOT, FAST)   \
+  OP(X, occupancy_scatter, SLOT, NONE)  \
+  OP(X, occupancy_update, SLOT, FAST)   \
+  OP(X, occupancy_pack, NONE, FAST)
+
+#endif

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT
+ * A whole training step of the head or of the torso, forward and backward, and the density at points. */
+#ifndef ERN_STEP_OPS_H
+#define ERN_STEP_OPS_H
+
+#include "core/types.h"
+#include "train/losses_ops.h"
+
+struct ern_field;
+struct ern_view;
+struct ern_march_settings;
+struct ern_profile;
+
+struct ern_head_density_args {
+  ern_span sigma; /* out: real [n] */
+  ern_rows x;     /* [3] per point */
+  ern_span parameters;
+  const struct ern_field *field;
+  ern_span code; /* real [A], the audio code */
+  float eye_value;
+  size_t n;
+};
+
+struct ern_head_step_args {
+  ern_span dparameters;         /* accumulates, the whole block */
+  double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included */
+  size_t samples;               /* out, on the host */
+  double squared_error;         /* out, on the host: mean over rays and channels of (pixel - truth)^2, unweighted */
+  ern_span parameters;
+  const struct ern_field *field;
+  const struct ern_view *view;
+  const struct ern_march_settings *settings;
+  ern_span bits;
+  ern_span pixel_number;      /* int32 [n] */
+  ern_span jitter;            /* real [n]; zeroed: none */
+  ern_rows truth, background; /* [3] per ray */
+  ern_span face;              /* real [n] */
+  ern_span windows;           /* real [8][window_length][width] */
+  float eye_value;
+  size_t individual; /* row of the individual codes */
+  struct ern_loss_weights weights;
+  float transmittance_stop;
+  bool smooth; /* with the smoothness term */
+  const float
+      *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
+  uint64_t seed, step;
+  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
+  size_t n;                    /* rays */
+};
+
+struct ern_torso_step_args {
+  ern_span dparameters;
+  double terms[ERN_LOSS_TERMS]; /* photometric and key points */
+  size_t samples;               /* pixels inside the torso's occupancy */
+  ern_span parameters;
+  const struct ern_field *field;
+  const struct ern_view *view;
+  ern_span grid; /* the torso's occupancy */
+  float threshold, shrink;
+  ern_span pixel_number;
+  ern_rows truth, background;
+  size_t individual;
+  size_t n;
+};
+
+#define ERN_STEP_OPERATIONS(OP, X) \
+  OP(X, head_density, SLOT, NONE)  \
+  OP(X, head_step, SLOT, NONE)     \
+  OP(X, torso_step, SLOT, NONE)
+
+#endif
