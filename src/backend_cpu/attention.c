@@ -6,19 +6,10 @@ static struct ern_attention_shape shape_of(const struct ern_attention_fwd_args *
   return (struct ern_attention_shape){a->region.rows, a->v.rows};
 }
 
-static void attention_fwd_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_attention_fwd_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->attention_fwd(after(reals(a->region.span), r.begin), after(reals(a->norm), r.begin),
-                              after(reals(a->region_eye), r.begin), after(reals(a->v.span), r.begin), reals(a->code),
-                              after(reals(a->eye_attention), r.begin), a->eye, shape_of(a), a->v.stride,
-                              r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_attention_fwd)(struct ern_stream *stream, struct ern_attention_fwd_args *a) {
-  run(stream, a, ERN_SHARDS, attention_fwd_task);
-  return ERN_OK;
+ERN_SHARDED_SLOT(attention_fwd, a->n, 64) {
+  kernels->attention_fwd(after(reals(a->region.span), r.begin), after(reals(a->norm), r.begin),
+                         after(reals(a->region_eye), r.begin), after(reals(a->v.span), r.begin), reals(a->code),
+                         after(reals(a->eye_attention), r.begin), a->eye, shape_of(a), a->v.stride, r.end - r.begin);
 }
 static void attention_bwd_task(void *user, size_t k, int lane) {
   (void)lane;

@@ -88,34 +88,27 @@ static void backend_free(struct ern_backend *backend) {
   ern_release(backend->context, cpu);
 }
 
-/* What each instruction set does faster than the reference: the same list for all of them. */
-#define OVERWRITE(isa) \
-  static void overwrite_##isa(struct ern_cpu_kernels *k) { ERN_FAST_KERNELS(OVERWRITE_##isa) }
-#define OVERWRITE_avx2(name) k->name = ern_##name##_avx2;
-#define OVERWRITE_avx512(name) k->name = ern_##name##_avx512;
-#define OVERWRITE_neon(name) k->name = ern_##name##_neon;
+/* What each instruction set does faster than the reference: kernels, and the slots that run several stages at once. */
+#define FASTER(isa)                                       \
+  static void faster_##isa(struct ern_cpu_backend *cpu) { \
+    struct ern_cpu_kernels *k = cpu->kernel_room;         \
+    ERN_FAST_KERNELS(FASTER_##isa)                        \
+    cpu->render_lane = ern_render_lane_##isa;             \
+    cpu->train = &ern_train_kernels_##isa;                \
+    cpu->table.render_torso = ern_render_torso_##isa;     \
+    ern_cpu_fuse_render(&cpu->table);                     \
+    ern_cpu_fuse_step(&cpu->table);                       \
+  }
+#define FASTER_avx2(name) k->name = ern_##name##_avx2;
+#define FASTER_avx512(name) k->name = ern_##name##_avx512;
+#define FASTER_neon(name) k->name = ern_##name##_neon;
 
 #if defined(ERN_X86_KERNELS)
-OVERWRITE(avx2)
-OVERWRITE(avx512)
+FASTER(avx2)
+FASTER(avx512)
 #endif
 #if defined(ERN_ARM_KERNELS)
-OVERWRITE(neon)
-#endif
-
-#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
-/* The slots that run several stages at once. */
-static void fuse(struct ern_cpu_backend *cpu, ern_render_lane_kernel *lane) {
-  cpu->render_lane = lane;
-  ern_cpu_fill_render_fast(&cpu->table);
-}
-#endif
-
-#if defined(ERN_X86_KERNELS) || defined(ERN_ARM_KERNELS)
-static void fuse_training(struct ern_cpu_backend *cpu, const struct ern_train_kernels *kernels) {
-  cpu->train = kernels;
-  ern_cpu_fill_train_fast(&cpu->table);
-}
+FASTER(neon)
 #endif
 
 ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend) {
@@ -140,36 +133,15 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   table->stream_make = stream_make;
   table->stream_free = stream_free;
   table->free = backend_free;
-  if (isa == ERN_ISA_REF64) {
-    ern_cpu_fill_slots_ref64(table);
-    ern_cpu_fill_kernels_ref64(made->kernel_room);
-  } else {
-    ern_cpu_fill_slots_ref(table);
-    ern_cpu_fill_kernels_ref(made->kernel_room);
-  }
+  (isa == ERN_ISA_REF64 ? ern_cpu_fill_ref64 : ern_cpu_fill_ref)(table, made->kernel_room);
 #if defined(ERN_X86_KERNELS)
-  const bool bf16 = isa == ERN_ISA_AVX512BF16, wide = isa == ERN_ISA_AVX512 || bf16;
-  if (isa == ERN_ISA_AVX2 || wide) overwrite_avx2(made->kernel_room);
-  if (wide) overwrite_avx512(made->kernel_room);
-  if (isa == ERN_ISA_AVX2) fuse(made, ern_render_lane_avx2);
-  if (wide) fuse(made, bf16 ? ern_render_lane_avx512bf16 : ern_render_lane_avx512);
-  made->render_pairs = bf16;
+  made->render_pairs = isa == ERN_ISA_AVX512BF16;
+  if (isa == ERN_ISA_AVX2) faster_avx2(made);
+  if (isa == ERN_ISA_AVX512 || made->render_pairs) faster_avx512(made);
+  if (made->render_pairs) made->render_lane = ern_render_lane_avx512bf16;
 #endif
 #if defined(ERN_ARM_KERNELS)
-  if (isa == ERN_ISA_NEON) {
-    overwrite_neon(made->kernel_room);
-    fuse(made, ern_render_lane_neon);
-  }
-#endif
-#if defined(ERN_X86_KERNELS)
-  if (isa == ERN_ISA_AVX2) table->render_torso = ern_render_torso_avx2;
-  if (wide) table->render_torso = ern_render_torso_avx512;
-  if (isa == ERN_ISA_AVX2) fuse_training(made, &ern_train_kernels_avx2);
-  if (wide) fuse_training(made, &ern_train_kernels_avx512);
-#endif
-#if defined(ERN_ARM_KERNELS)
-  if (isa == ERN_ISA_NEON) table->render_torso = ern_render_torso_neon;
-  if (isa == ERN_ISA_NEON) fuse_training(made, &ern_train_kernels_neon);
+  if (isa == ERN_ISA_NEON) faster_neon(made);
 #endif
   *backend = table;
   return ERN_OK;

@@ -23,23 +23,11 @@ static struct ern_composite_view composite_view(const struct ern_composite_fwd_a
                                      .rgb_stride = a->rgb.stride,
                                      .transmittance_stop = a->transmittance_stop};
 }
-static void composite_fwd_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_composite_fwd_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
+ERN_SHARDED_SLOT(composite_fwd, a->n, 64) {
   const struct ern_composite_view view = composite_view(a, r.begin);
-  job->kernels->composite_fwd(&view, r.end - r.begin);
+  kernels->composite_fwd(&view, r.end - r.begin);
 }
-ern_status ERN_REF(ern_cpu_composite_fwd)(struct ern_stream *stream, struct ern_composite_fwd_args *a) {
-  run(stream, a, ERN_SHARDS, composite_fwd_task);
-  return ERN_OK;
-}
-static void composite_bwd_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_composite_bwd_args *a = job->args;
-  const struct range r = shard(a->forward.n, 64, k);
+ERN_SHARDED_SLOT(composite_bwd, a->forward.n, 64) {
   const struct ern_composite_bwd_view view = {.dsigma = reals(a->dsigma),
                                               .drgb = reals(a->drgb.span),
                                               .dsample_attention = reals(a->dsample_attention),
@@ -51,9 +39,5 @@ static void composite_bwd_task(void *user, size_t k, int lane) {
                                               .deye = after(reals(a->deye), r.begin),
                                               .duncertainty = after(reals(a->duncertainty), r.begin),
                                               .forward = composite_view(&a->forward, r.begin)};
-  job->kernels->composite_bwd(&view, r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_composite_bwd)(struct ern_stream *stream, struct ern_composite_bwd_args *a) {
-  run(stream, a, ERN_SHARDS, composite_bwd_task);
-  return ERN_OK;
+  kernels->composite_bwd(&view, r.end - r.begin);
 }

@@ -53,11 +53,9 @@ struct ern_cpu_stream {
   struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */
 };
 
-/* Fills the slots, copies and fills of a table (memory.c, compiled once a scalar). */
-void ern_cpu_fill_slots_ref(struct ern_backend *backend);
-void ern_cpu_fill_slots_ref64(struct ern_backend *backend);
-/* The kernels of the reference. */
-void ern_cpu_fill_kernels_ref(void *kernels);
-void ern_cpu_fill_kernels_ref64(void *kernels);
+/* Fills the slots, copies and fills of a table, and the reference's struct ern_cpu_kernels (memory.c, compiled once a
+ * scalar). */
+void ern_cpu_fill_ref(struct ern_backend *backend, void *kernels);
+void ern_cpu_fill_ref64(struct ern_backend *backend, void *kernels);
 
 #endif

@@ -6,19 +6,11 @@ static void grid_pointers(const ern_real *out[ERN_GRID_MAX_DIMS], const ern_span
   for (int d = 0; d < ERN_GRID_MAX_DIMS; d++) out[d] = d < dims ? after(reals(in[d]), begin) : NULL;
 }
 
-static void grid_fwd_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_grid_fwd_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
+ERN_SHARDED_SLOT(grid_fwd, a->n, 64) {
   const ern_real *x[ERN_GRID_MAX_DIMS];
   grid_pointers(x, a->x, a->grid->dims, r.begin);
-  job->kernels->grid_fwd(reals(a->f.span) + r.begin, a->f.stride, x, reals(a->table), a->grid, 0, a->grid->levels,
-                         r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_grid_fwd)(struct ern_stream *stream, struct ern_grid_fwd_args *a) {
-  run(stream, a, ERN_SHARDS, grid_fwd_task);
-  return ERN_OK;
+  kernels->grid_fwd(reals(a->f.span) + r.begin, a->f.stride, x, reals(a->table), a->grid, 0, a->grid->levels,
+                    r.end - r.begin);
 }
 
 /* The table's gradient: a task a level. */

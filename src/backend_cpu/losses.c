@@ -80,17 +80,9 @@ ern_status ERN_REF(ern_cpu_smooth_loss)(struct ern_stream *stream, struct ern_sm
   return ERN_OK;
 }
 
-static void smooth_points_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_smooth_points_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->smooth_points(reals(a->moved.span) + r.begin, reals(a->x.span) + r.begin, a->x.stride, a->reach,
-                              a->seed, a->step, a->first + r.begin, r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_smooth_points)(struct ern_stream *stream, struct ern_smooth_points_args *a) {
-  run(stream, a, ERN_SHARDS, smooth_points_task);
-  return ERN_OK;
+ERN_SHARDED_SLOT(smooth_points, a->n, 64) {
+  kernels->smooth_points(reals(a->moved.span) + r.begin, reals(a->x.span) + r.begin, a->x.stride, a->reach, a->seed,
+                         a->step, a->first + r.begin, r.end - r.begin);
 }
 
 static void mse_task(void *user, size_t k, int lane) {

@@ -62,7 +62,8 @@ static ern_status settle(struct ern_stream *stream) {
   return ERN_OK;
 }
 
-void ERN_REF(ern_cpu_fill_slots)(struct ern_backend *backend) {
+void ERN_REF(ern_cpu_fill)(struct ern_backend *backend, void *kernels) {
+  struct ern_cpu_kernels *k = kernels;
   backend->real_bytes = sizeof(ern_real);
   backend->upload_reals = upload_reals;
   backend->download_reals = download_reals;
@@ -76,10 +77,6 @@ void ERN_REF(ern_cpu_fill_slots)(struct ern_backend *backend) {
 #define ERN_SLOT_FILL(name) backend->name = ERN_REF(ern_cpu_##name);
   ERN_SLOTS(ERN_SLOT_FILL)
 #undef ERN_SLOT_FILL
-}
-
-void ERN_REF(ern_cpu_fill_kernels)(void *kernels) {
-  struct ern_cpu_kernels *k = kernels;
 #define ERN_KERNEL_FILL(name) k->name = ERN_REF(ern_##name);
   ERN_KERNELS(ERN_KERNEL_FILL)
 #undef ERN_KERNEL_FILL

@@ -2,32 +2,16 @@
  * Slots of the occupancy grid. */
 #include "backend_cpu/slots.h"
 
-static void occupancy_mark_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_occupancy_mark_args *a = job->args;
-  const struct range r = shard(ERN_OCCUPANCY_CELLS, 64, k);
-  job->kernels->occupancy_mark(reals(a->grid), a->views, a->view_count, a->bound, (uint32_t)r.begin, (uint32_t)r.end);
-}
-ern_status ERN_REF(ern_cpu_occupancy_mark)(struct ern_stream *stream, struct ern_occupancy_mark_args *a) {
-  run(stream, a, ERN_SHARDS, occupancy_mark_task);
-  return ERN_OK;
+ERN_SHARDED_SLOT(occupancy_mark, ERN_OCCUPANCY_CELLS, 64) {
+  kernels->occupancy_mark(reals(a->grid), a->views, a->view_count, a->bound, (uint32_t)r.begin, (uint32_t)r.end);
 }
 ern_status ERN_REF(ern_cpu_occupancy_list)(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
   a->count = kernels_of(stream)->occupancy_list(int32s(a->cells), reals(a->grid));
   return ERN_OK;
 }
-static void occupancy_points_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_occupancy_points_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->occupancy_points(reals(a->x.span) + r.begin, a->x.stride, int32s(a->cells) + r.begin, a->bound, a->seed,
-                                 a->step, r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_occupancy_points)(struct ern_stream *stream, struct ern_occupancy_points_args *a) {
-  run(stream, a, ERN_SHARDS, occupancy_points_task);
-  return ERN_OK;
+ERN_SHARDED_SLOT(occupancy_points, a->n, 64) {
+  kernels->occupancy_points(reals(a->x.span) + r.begin, a->x.stride, int32s(a->cells) + r.begin, a->bound, a->seed,
+                            a->step, r.end - r.begin);
 }
 ern_status ERN_REF(ern_cpu_occupancy_scatter)(struct ern_stream *stream, struct ern_occupancy_scatter_args *a) {
   (void)stream;

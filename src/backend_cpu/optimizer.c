@@ -24,16 +24,8 @@ ern_status ERN_REF(ern_cpu_adamw)(struct ern_stream *stream, struct ern_adamw_ar
   return ERN_OK;
 }
 
-static void ema_task(void *user, size_t k, int lane) {
-  (void)lane;
-  const struct job *job = user;
-  const struct ern_ema_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
-}
-ern_status ERN_REF(ern_cpu_ema)(struct ern_stream *stream, struct ern_ema_args *a) {
-  run(stream, a, ERN_SHARDS, ema_task);
-  return ERN_OK;
+ERN_SHARDED_SLOT(ema, a->n, 64) {
+  kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
 }
 
 /* The figure of a shard: 1 where a value is not finite. */

@@ -58,6 +58,21 @@ static inline void run(struct ern_stream *stream, void *args, size_t tasks, void
   ern_pool_run(pool_of(stream), tasks, task, &job);
 }
 
+/* A slot whose items are dealt to tasks in units of `unit`; the block that follows it does the items of `r`. */
+#define ERN_SHARDED_SLOT(name, items, unit)                                                                 \
+  static void name##_shard(const struct ern_cpu_kernels *, const struct ern_##name##_args *, struct range); \
+  static void name##_task(void *user, size_t k, int lane) {                                                 \
+    (void)lane;                                                                                             \
+    const struct job *job = user;                                                                           \
+    const struct ern_##name##_args *a = job->args;                                                          \
+    name##_shard(job->kernels, a, shard(items, unit, k));                                                   \
+  }                                                                                                         \
+  ern_status ERN_REF(ern_cpu_##name)(struct ern_stream * stream, struct ern_##name##_args * a) {            \
+    run(stream, a, ERN_SHARDS, name##_task);                                                                \
+    return ERN_OK;                                                                                          \
+  }                                                                                                         \
+  static void name##_shard(const struct ern_cpu_kernels *kernels, const struct ern_##name##_args *a, struct range r)
+
 /* One block of `each` reals a shard, so that no two tasks share one. */
 static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern_real **block) {
   ern_span span;

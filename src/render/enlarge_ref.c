@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Reference of drawing a small picture larger (picture_ops.h). Down and across are apart: a stretch of a row is made
+ * Reference of drawing a small picture larger (enlarge_ops.h). Down and across are apart: a stretch of a row is made
  * from four rows of the small picture, and then stretched. */
 #include <math.h>
 

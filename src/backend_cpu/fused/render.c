@@ -208,7 +208,7 @@ fail:
   return status;
 }
 
-void ern_cpu_fill_render_fast(struct ern_backend *backend) {
+void ern_cpu_fuse_render(struct ern_backend *backend) {
   struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)backend;
   cpu->render_rays_stages = backend->render_rays;
   backend->render_prepare = prepare;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A training step of the head for the fast instruction sets: forward (train_forward.c), compositing and losses through
+ * A training step of the head for the fast instruction sets: forward (step_forward.c), compositing and losses through
  * their slots, backward with the hidden values computed again, the tables' gradients level by level. train/step.c is
  * the same by stages.
  *
@@ -396,7 +396,7 @@ fail:
   return status;
 }
 
-void ern_cpu_fill_train_fast(struct ern_backend *backend) {
+void ern_cpu_fuse_step(struct ern_backend *backend) {
   backend->head_density = head_density;
   backend->head_step = head_step;
 }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * The kernels of the fused training step: the head's networks over lists of samples, forward, and backward with the
  * hidden values computed again. Float only, one set an instruction set. */
-#ifndef ERN_FIELD_TRAIN_H
-#define ERN_FIELD_TRAIN_H
+#ifndef ERN_STEP_KERNELS_H
+#define ERN_STEP_KERNELS_H
 
 #include "backend_cpu/fused/step_net.h"
 #include "mlp/mlp_tile.h"

@@ -8,8 +8,8 @@
  *  - the last density layer without its first row, Wg, and the colour's weights of the geometry, Wc, between which
  *    there is no activation: M = Wc Wg; dWg = Wc^T dM and dWc = dM Wg^T;
  *  - the individual code, one a step, into a bias of the colour's hidden layer. */
-#ifndef ERN_TRAIN_NET_H
-#define ERN_TRAIN_NET_H
+#ifndef ERN_STEP_NET_H
+#define ERN_STEP_NET_H
 
 #include "backend_cpu/fused/frame_net.h"
 

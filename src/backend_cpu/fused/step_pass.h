@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * A fused training step of the head in flight: what its parts share. Float only. */
-#ifndef ERN_TRAIN_STEP_FAST_H
-#define ERN_TRAIN_STEP_FAST_H
+#ifndef ERN_STEP_PASS_H
+#define ERN_STEP_PASS_H
 
 #include "backend_cpu/fused/step_kernels.h"
 #include "backend_cpu/slots.h"

@@ -8,8 +8,8 @@
  *
  * A kernel works through a band of ERN_TORSO_BAND rows of pixels, in blocks of LANES/4 x 4 pixels, one a register,
  * tiles of blocks from coordinate to pixel; blocks without a chosen pixel are never looked at. */
-#ifndef ERN_TORSO_FAST_H
-#define ERN_TORSO_FAST_H
+#ifndef ERN_FUSED_TORSO_H
+#define ERN_FUSED_TORSO_H
 
 #include "core/backend.h"
 

@@ -60,7 +60,7 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
 }
 
 #define LANES 64 /* sums of a part */
-#define PARTS 64 /* of the samples, as in slots_encoding.c */
+#define PARTS 64 /* of the samples, as in attention.c */
 
 /* sum[0] += all others, in halves; the order is the same however many items there are. */
 static inline void fold(float *sum) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A small picture drawn larger (picture_ops.h): a work-item takes a pixel. The same sums in the same order as the
+ * A small picture drawn larger (enlarge_ops.h): a work-item takes a pixel. The same sums in the same order as the
  * reference's. */
 
 #pragma OPENCL FP_CONTRACT OFF

@@ -75,7 +75,7 @@ SUMMING void head_softmax(SPAN(float, most), SPAN(float, sum), SPAN(const float,
   sum[part] = sum_of_part;
 }
 
-/* struct head_factors of slots_train.c: of each term's gradient weight, schedule and 1/R; s in [0, 1]; 1/R; R. */
+/* struct head_factors of losses.c: of each term's gradient weight, schedule and 1/R; s in [0, 1]; 1/R; R. */
 struct head_factors {
   float by_pixel, by_uncertainty, by_outside, by_entropy, by_audio, by_eye;
   float s, mean, rays;

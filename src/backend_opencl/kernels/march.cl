@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Rays of a camera, their way through the occupancy grid, and the samples that come of it: rays_ref.c and march_ref.c.
+ * Rays of a camera, their way through the occupancy grid, and the samples that come of it: march_ref.c.
  * Every product is rounded by itself and every operation has the reference's order, so that all backends look at the
  * same points to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
@@ -101,7 +101,7 @@ INLINE reals limit(reals value, float low, float high) {
 
 /* ---- march ------------------------------------------------------------------------------------------------------- */
 
-struct walk { /* struct walk in slots_march.c */
+struct walk { /* struct walk in march.c */
   float origin[3];
   float bound, inverse_bound; /* of the box; 1/bound */
   float near;                 /* smallest distance of a sample */

@@ -5,7 +5,7 @@
  * a work-item computes the columns of its own samples, so that only what is shared is waited for: weights, which a GPU
  * stages in local memory and a CPU reads from its caches, and sums over samples.
  *
- * Built for one stack, by the options of slots_mlp.c:
+ * Built for one stack, by the options of mlp.c:
  *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. first element of each W, from that of the first
  *   R0 .. R3 rows of the input's pieces (0: there is none), P0 .. P3 their kinds: 0 per sample, 1 per ray, 2 per batch
  *   GROUP work-items, each with VECTORS vectors of LANES samples

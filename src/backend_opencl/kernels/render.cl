@@ -14,7 +14,7 @@
 #define SIDE 8    /* pixels an edge of a block that nearest[] has a value for */
 #define CELLS 128 /* of the occupancy, an axis */
 
-/* What a frame decides; as in slots_render.c. */
+/* What a frame decides; as in render_head.c. */
 struct frame {
   float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value;
   int width, height, max_steps, picture; /* picture: rays are all pixels, dealt block by block */
@@ -28,7 +28,7 @@ struct output {
   ulong pixel_stride, colour_stride, background_stride;
 };
 
-/* ---- marching: the reference's points bit for bit (march_ref.c, rays_ref.c) ---- */
+/* ---- marching: the reference's points bit for bit (march_ref.c) ---- */
 
 /* dt(t) = clamp(gamma t, shortest, longest) */
 INLINE floatw step_at(const struct frame *f, floatw t) {
@@ -293,7 +293,7 @@ struct values { /* of a tile's samples */
 };
 
 #if SH
-/* Spherical harmonics of degrees 0 to 3 of the unit vector (x, v, z) (posenc_ref.c). */
+/* Spherical harmonics of degrees 0 to 3 of the unit vector (x, v, z) (encoding_ref.c). */
 INLINE void harmonics(local floatw *y, floatw x, floatw v, floatw z) {
   const float c00 = 0.28209479177387814f, c1 = 0.48860251190291992f, c2 = 1.0925484305920792f,
               c20 = 0.31539156525252005f, c33 = 0.59004358992664352f, c32 = 2.8906114426405538f,
