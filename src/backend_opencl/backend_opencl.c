@@ -9,7 +9,7 @@
 #include "backend_opencl/device/program.h"
 #include "backend_opencl/device/tune.h"
 #include "backend_opencl/opencl.h"
-#include "backend_opencl/portrait.h"
+#include "backend_opencl/render.h"
 #include "core/memory.h"
 
 /* ---- streams ----------------------------------------------------------------------------------------------------- */

@@ -1,26 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * What a stream keeps of a model for its fused passes, and how weights are laid out for them (kernels/tile.cl). */
+ * How weights are laid out for the fused passes (kernels/tile.cl). */
 #ifndef ERN_OPENCL_PORTRAIT_H
 #define ERN_OPENCL_PORTRAIT_H
 
-#include "backend_opencl/opencl.h"
-#include "model/field.h"
-
-struct ern_cl_head;  /* of render_rays: render_head.c */
-struct ern_cl_torso; /* of render_torso: render_torso.c */
-
-struct ern_cl_portrait {
-  ern_span of;                /* the parameters it was made from */
-  struct ern_cl_head *head;   /* NULL: a shape that goes through the stages */
-  struct ern_cl_torso *torso; /* likewise, or a model without one */
-};
+#include "backend_opencl/device/launch.h"
 
 /* How tiles are cut for a device: vectors an item, outputs of a layer that are summed at once, items a group. */
 struct ern_cl_form {
   int vectors, outputs, group;
 };
-
-void ern_cl_portrait_free(struct ern_cl_stream *stream); /* accepts a stream without one */
 
 enum { ERN_CL_ALIGN = 16 /* reals that a packed matrix begins at a multiple of */ };
 
@@ -53,18 +41,5 @@ struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_
 static inline size_t ern_cl_groups(const struct ern_cl_backend *backend, ern_cl_knob knob) {
   return backend->device.units * (size_t)backend->size[knob];
 }
-
-/* *head: NULL for a shape that the kernels cannot be built for. */
-ERN_NODISCARD ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_prepare_args *args,
-                                          struct ern_cl_head **head);
-void ern_cl_head_free(struct ern_cl_stream *stream, struct ern_cl_head *head); /* accepts NULL */
-ERN_NODISCARD ern_status ern_cl_head_render(struct ern_stream *stream, struct ern_cl_head *head,
-                                            const struct ern_render_rays_args *args);
-
-ERN_NODISCARD ern_status ern_cl_torso_make(struct ern_stream *stream, const struct ern_render_prepare_args *args,
-                                           struct ern_cl_torso **torso);
-void ern_cl_torso_free(struct ern_cl_stream *stream, struct ern_cl_torso *torso); /* accepts NULL */
-ERN_NODISCARD ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *torso,
-                                             const struct ern_render_torso_args *args);
 
 #endif

@@ -1,52 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * The slots of the fused passes: what goes through one kernel, what through the stages. */
+#include "backend_opencl/render.h"
+
+#include "backend_opencl/opencl.h"
 #include "backend_opencl/portrait.h"
+#include "backend_opencl/render_head.h"
+#include "backend_opencl/render_torso.h"
 #include "core/memory.h"
 #include "render/stages.h"
-
-/* ---- laying out -------------------------------------------------------------------------------------------------- */
-
-static void say_place(struct ern_cl_call *call, const struct ern_cl_place *place, size_t rows, size_t columns) {
-  ern_cl_int(call, (int)rows);
-  ern_cl_int(call, (int)columns);
-  ern_cl_int(call, (int)rows < place->outputs ? (int)rows : place->outputs);
-  ern_cl_int(call, (int)place->width);
-  ern_cl_int(call, (int)place->column);
-}
-
-ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
-                       size_t rows, size_t columns) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "pack", "");
-  ern_cl_span(&call, place->matrix);
-  ern_cl_span(&call, a);
-  ern_cl_size(&call, row_step);
-  say_place(&call, place, rows, columns);
-  return ern_cl_each(&call, rows * columns);
-}
-
-ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
-                           ern_span scale, ern_span b, size_t rows, size_t count, size_t columns) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "multiply", "");
-  ern_cl_span(&call, place->matrix);
-  ern_cl_span(&call, a);
-  ern_cl_span(&call, scale);
-  ern_cl_span(&call, b);
-  ern_cl_size(&call, row_step);
-  ern_cl_int(&call, (int)count);
-  say_place(&call, place, rows, columns);
-  return ern_cl_each(&call, rows * columns);
-}
-
-struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows) {
-  const struct ern_cl_device *device = &backend->device;
-  const size_t column = rows * (size_t)device->width * sizeof(float);
-  const bool vectors = device->width > 1;
-  size_t size = (size_t)backend->size[knob];
-  while (size > 1 && (size * column > device->local_bytes || (!vectors && size > device->group_most))) size /= 2;
-  return vectors ? (struct ern_cl_form){(int)size, outputs, 1} : (struct ern_cl_form){1, outputs, (int)size};
-}
-
-/* ---- a model ----------------------------------------------------------------------------------------------------- */
 
 void ern_cl_portrait_free(struct ern_cl_stream *stream) {
   struct ern_cl_portrait *portrait = stream->portrait;

@@ -7,8 +7,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "backend_opencl/render_head.h"
+
+#include "backend_opencl/device/buffer.h"
 #include "backend_opencl/portrait.h"
 #include "core/memory.h"
+#include "model/field.h"
 #include "render/visible_ops.h"
 
 enum {

@@ -4,8 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "backend_opencl/render_torso.h"
+
+#include "backend_opencl/device/buffer.h"
 #include "backend_opencl/portrait.h"
 #include "core/memory.h"
+#include "model/field.h"
 #include "model/torso_ops.h"
 
 enum {
