@@ -95,8 +95,9 @@ static void backend_free(struct ern_backend *backend) {
     ERN_FAST_KERNELS(FASTER_##isa)                        \
     cpu->render_lane = ern_render_lane_##isa;             \
     cpu->train = &ern_train_kernels_##isa;                \
-    cpu->table.render_torso = ern_render_torso_##isa;     \
+    cpu->torso = &ern_torso_kernels_##isa;                \
     ern_cpu_fuse_render(&cpu->table);                     \
+    ern_cpu_fuse_torso(&cpu->table);                      \
     ern_cpu_fuse_step(&cpu->table);                       \
   }
 #define FASTER_avx2(name) k->name = ern_##name##_avx2;

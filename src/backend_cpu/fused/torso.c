@@ -253,8 +253,8 @@ static void band_task(void *user, size_t band, int lane) {
   job->kernel(job->frame, band);
 }
 
-static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a,
-                               ern_torso_terms_kernel *terms, ern_torso_band_kernel *kernel) {
+static ern_status render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
+  const struct ern_torso_kernels *torso = ((const struct ern_cpu_backend *)stream->backend)->torso;
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct ern_torso_frame frame = {.width = a->width,
                                   .height = a->height,
@@ -268,22 +268,12 @@ static ern_status render_torso(struct ern_stream *stream, struct ern_render_tors
   if (!fits(a->field) || !fill_levels(&frame, &a->field->torso_grid, reals(a->parameters) + a->field->torso_table))
     return ern_render_torso_stages(stream, a);
   ERN_TRY(take_weights(stream, a, &frame));
-  ERN_TRY(take_axes(stream, a, terms, &frame));
-  struct job_of_bands job = {&frame, kernel};
+  ERN_TRY(take_axes(stream, a, torso->terms, &frame));
+  struct job_of_bands job = {&frame, torso->band};
   ern_pool_run(pool_of(stream), ((size_t)a->height + ERN_TORSO_BAND - 1) / ERN_TORSO_BAND, band_task, &job);
 fail:
   ern_arena_release(stream, mark);
   return status;
 }
 
-#define RENDER_TORSO_OF(isa)                                                                         \
-  ern_status ern_render_torso_##isa(struct ern_stream *stream, struct ern_render_torso_args *args) { \
-    return render_torso(stream, args, ern_torso_terms_##isa, ern_torso_band_##isa);                  \
-  }
-#if defined(ERN_X86_KERNELS)
-RENDER_TORSO_OF(avx2)
-RENDER_TORSO_OF(avx512)
-#endif
-#if defined(ERN_ARM_KERNELS)
-RENDER_TORSO_OF(neon)
-#endif
+void ern_cpu_fuse_torso(struct ern_backend *backend) { backend->render_torso = render_torso; }

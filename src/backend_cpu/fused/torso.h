@@ -65,13 +65,13 @@ typedef void ern_torso_terms_kernel(float *terms, const float *bias, const float
 /* Rows ERN_TORSO_BAND*band and on. */
 typedef void ern_torso_band_kernel(const struct ern_torso_frame *frame, size_t band);
 
-#define ERN_TORSO_KERNELS_OF(isa)                      \
-  extern ern_torso_terms_kernel ern_torso_terms_##isa; \
-  extern ern_torso_band_kernel ern_torso_band_##isa;   \
-  ern_status ern_render_torso_##isa(struct ern_stream *stream, struct ern_render_torso_args *args)
+struct ern_torso_kernels {
+  ern_torso_terms_kernel *terms;
+  ern_torso_band_kernel *band;
+};
+extern const struct ern_torso_kernels ern_torso_kernels_avx2, ern_torso_kernels_avx512, ern_torso_kernels_neon;
 
-ERN_TORSO_KERNELS_OF(avx2);
-ERN_TORSO_KERNELS_OF(avx512);
-ERN_TORSO_KERNELS_OF(neon);
+/* Overwrites render_torso of a table of floats whose ern_cpu_backend has torso kernels. */
+void ern_cpu_fuse_torso(struct ern_backend *backend);
 
 #endif

@@ -16,8 +16,8 @@ enum {
   FEATURES = 2 * ERN_GRID_MAX_LEVELS
 };
 
-void ERN_ISA(ern_torso_terms)(float *terms, const float *bias, const float *weight, const float *encoding,
-                              size_t stride, size_t count) {
+static void axis_terms(float *terms, const float *bias, const float *weight, const float *encoding, size_t stride,
+                       size_t count) {
   for (size_t i = 0; i < count; i += LANES) {
     vf value[ERN_TORSO_AXIS_ROWS];
 #pragma GCC unroll 17
@@ -338,7 +338,7 @@ static void tile_run(struct tile *tile, const struct ern_torso_frame *frame, con
   tile->count = 0;
 }
 
-void ERN_ISA(ern_torso_band)(const struct ern_torso_frame *frame, size_t band) {
+static void draw_band(const struct ern_torso_frame *frame, size_t band) {
   const size_t begin = band * ERN_TORSO_BAND, left = (size_t)frame->height - begin, width = (size_t)frame->width;
   const size_t height = left < ERN_TORSO_BAND ? left : ERN_TORSO_BAND;
   struct rows rows;
@@ -356,3 +356,5 @@ void ERN_ISA(ern_torso_band)(const struct ern_torso_frame *frame, size_t band) {
   }
   if (tile.count > 0) tile_run(&tile, frame, &rows);
 }
+
+const struct ern_torso_kernels ERN_ISA(ern_torso_kernels) = {axis_terms, draw_band};
