@@ -193,7 +193,7 @@ static void test_another_kind(void **state) {
   config.iters = 2;
   support_ok(m.context, train(&m, &config, NULL));
   for (int resume = 0; resume < 2; resume++) {
-    config = config_of(rows[5], "kind.safetensors");
+    config = config_of(rows[5], resume != 0 ? "kind.safetensors" : "another.safetensors");
     config.resume = resume != 0;
     config.from = resume != 0 ? NULL : "kind.run/state.safetensors";
     config.attention = ERN_ATTENTION_FEATURE;
