@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The tuner of an OpenCL device: what it keeps in the cache folder, which of it is trusted, that it is bounded in time,
  * and that results do not depend on it. */
-#include "twin.h"
+#include "machines.h"
 
 #include <unistd.h>
 
@@ -282,7 +282,7 @@ static void test_results(void **state) {
     float *odd = result_of(backend[1], loads[1], knob, output_of(loads[1], knob));
     if (knob == ERN_CL_SIZE_mlp_bwd) {
       for (size_t k = 0; k < span.count; k++)
-        if (!twin_near(odd[k], standard[k], reordered, reordered))
+        if (!is_near(odd[k], standard[k], reordered, reordered))
           fail_msg("weight %zu: %g, expected %g", k, (double)odd[k], (double)standard[k]);
     } else if (memcmp(odd, standard, span.count * sizeof *odd) != 0) {
       fail_msg("knob %d changes a result", (int)knob);

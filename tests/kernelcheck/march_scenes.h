@@ -3,7 +3,7 @@
 #ifndef ERN_TESTS_MARCH_SCENES_H
 #define ERN_TESTS_MARCH_SCENES_H
 
-#include "kernelcheck.h"
+#include "harness.h"
 
 #include "render/morton.h"
 #include "render/render_ops.h"
@@ -11,9 +11,7 @@
 static const size_t sizes[] = {1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31, 33, 100, 403};
 enum { SIZES = sizeof sizes / sizeof *sizes, MOST = 403, SIDE = ERN_OCCUPANCY_SIDE };
 
-static inline uint32_t word_at(uint64_t seed, size_t at) {
-  return ern_random_at(seed, 1, (uint32_t)at, ERN_RNG_INIT).word[0];
-}
+static inline uint32_t word_at(uint64_t seed, size_t at) { return words_at(seed, 1, at).word[0]; }
 
 /* Pixels anywhere, at the ends of rows, where a quotient that is rounded goes over, and 0; a camera, at times with an
  * odd number in it. */
@@ -45,7 +43,7 @@ struct scene {
   float dir[3 * MOST], jitter[MOST], not_before[MOST]; /* rows of MOST */
 };
 
-static inline void fill_random(uint8_t *bits, uint32_t per_mille, uint64_t seed) {
+static inline void fill_bits(uint8_t *bits, uint32_t per_mille, uint64_t seed) {
   memset(bits, 0, ERN_OCCUPANCY_BYTES);
   for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) {
     if (word_at(seed, c) % 1000 < per_mille) bits[c >> 3] |= (uint8_t)(1u << (c & 7));

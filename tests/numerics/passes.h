@@ -103,7 +103,8 @@ static inline void kill_units(const struct ern_mlp *net, int layer) {
 static inline bool in_bf16(int k) { return strcmp(machines.name[k], "avx512bf16") == 0; }
 
 /* As expect_truth; where products are of bf16, `rough` of the value instead. */
-static inline void expect_near(const char *what, struct many span, double relative, double absolute, double rough) {
+static inline void expect_near_truth(const char *what, struct many span, double relative, double absolute,
+                                     double rough) {
   double *truth = many_values(0, span);
   for (int k = 1; k < machines.count; k++) {
     double *values = many_values(k, span);

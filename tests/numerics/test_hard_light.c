@@ -84,7 +84,7 @@ static void shine(void) {
            .forward = forward[k]})
 }
 
-/* Relative rounding of K samples, as kernelcheck/check_opencl_composite derives it: 6 K + 8 roundings; a sum of weights
+/* Relative rounding of K samples, as kernelcheck/composite.c derives it: 6 K + 8 roundings; a sum of weights
  * is at most 1 but for as many. What passes the stop elsewhere than in double is at most `stop` of the light. */
 static double rounding(size_t samples) { return (6 * (double)samples + 8) * 0x1p-23; }
 

@@ -89,7 +89,7 @@ static void test_fused_exponents_of_200(void **state) {
     expect_finite(&opaque);
     expect_truth("opacity", opaque.opacity, 0, 0); /* exactly 1 or, beside the ball, 0 */
     expect_truth("depth", opaque.depth, 4 * 0x1p-23, 0);
-    expect_near("pixel", opaque.pixel, 64 * 0x1p-23, 0x1p-18, ROUGH);
+    expect_near_truth("pixel", opaque.pixel, 64 * 0x1p-23, 0x1p-18, ROUGH);
     double *truth = many_values(0, opaque.opacity);
     size_t full = 0;
     for (size_t r = 0; r < PASS_RAYS; r++) full += truth[MACHINE_GUARD + r] == 1;
@@ -168,7 +168,7 @@ static void test_fused_dead_units(void **state) {
     const struct drawn d = draw_all();
     expect_finite(&d);
     expect_truth("opacity", d.opacity, SUMS, 0); /* of a density of exactly 1 */
-    expect_near("pixel", d.pixel, SUMS, 0x1p-20, ROUGH);
+    expect_near_truth("pixel", d.pixel, SUMS, 0x1p-20, ROUGH);
     if (which == 2) expect_within("attention", d.attention, 0, 0);
     if (which == 1)
       for (size_t r = 0; r < PASS_RAYS; r++) { /* 1.002/2 - 0.001 over the background */
@@ -190,7 +190,7 @@ static void test_fused_layers_of_1e12(void **state) {
       scale_layer(nets[n], layer, 1e12f);
       const struct drawn d = draw_all();
       expect_finite(&d);
-      if (n == 2) expect_near("opacity", d.opacity, SUMS + 0x1p-15, 0, ROUGH);
+      if (n == 2) expect_near_truth("opacity", d.opacity, SUMS + 0x1p-15, 0, ROUGH);
     }
   }
 }
@@ -221,7 +221,7 @@ static void test_fused_attention_of_zero_tiny_and_huge(void **state) {
     expect_finite(&d);
     /* sums of 64 products of either sign, eight times as large without their signs; below the normal numbers nothing is
      * promised */
-    expect_near("attention", d.attention, 8 * 64 * 0x1p-23, 16 * 1.2e-38, ROUGH);
+    expect_near_truth("attention", d.attention, 8 * 64 * 0x1p-23, 16 * 1.2e-38, ROUGH);
     double *truth = many_values(0, d.attention);
     double most = 0;
     for (size_t r = 0; r < PASS_RAYS; r++) most = fmax(most, truth[MACHINE_GUARD + r]);
@@ -312,8 +312,8 @@ static void test_fused_tables_of_huge_and_denormal_values(void **state) {
     const struct drawn d = draw_all();
     expect_finite(&d);
     /* a density's exponent is a sum of some hundred products; weights of 1e-38 are no longer whole floats */
-    expect_near("opacity", d.opacity, 0x1p-12, 0x1p-20, ROUGH);
-    expect_near("pixel", d.pixel, 0x1p-12, 0x1p-14, ROUGH);
+    expect_near_truth("opacity", d.opacity, 0x1p-12, 0x1p-20, ROUGH);
+    expect_near_truth("pixel", d.pixel, 0x1p-12, 0x1p-14, ROUGH);
   }
 }
 
@@ -357,7 +357,7 @@ static void test_fused_one_and_1024_samples(void **state) {
     const struct drawn d = draw_all();
     expect_finite(&d);
     expect_truth("opacity", d.opacity, 64 * SUMS, 0);
-    expect_near("pixel", d.pixel, 64 * SUMS, 0x1p-18, ROUGH);
+    expect_near_truth("pixel", d.pixel, 64 * SUMS, 0x1p-18, ROUGH);
   }
   passes.settings = kept;
 }

@@ -1,0 +1,331 @@
+/* SPDX-License-Identifier: MIT
+ * Between bytes and rows, and pictures of another size: the reference against the definition, all machines the same
+ * numbers and bytes. Every pixel is one of its own, so that a tolerance has nothing to allow for but division that is
+ * not correctly rounded. */
+#include "harness.h"
+
+enum { EVERY_PAIR = 65536, SOME_PAIRS = 4096 };
+
+/* Every pair of two byte values is among the first 65536. */
+static uint8_t byte_at(size_t i, size_t c) {
+  return (uint8_t)(c == 3 ? i >> 8 : c == 0 ? i : words_at(5, 0, (4 * i + c)).word[0]);
+}
+
+/* Three roundings of values up to 1. */
+static void define_backdrop(const float *pixel, const float *opacity, const uint8_t *back, const uint8_t *front,
+                            size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    const double a = front != NULL ? front[4 * i + 3] / 255.0 : 0;
+    assert_true(fabs((double)opacity[i] - a) <= 1e-7);
+    for (size_t c = 0; c < 3; c++) {
+      const double f = front != NULL ? front[4 * i + c] / 255.0 : 0, b = back != NULL ? back[3 * i + c] / 255.0 : 0;
+      assert_true(fabs((double)pixel[c * (n + 5) + i] - (f * a + b * (1 - a))) <= 2e-7);
+    }
+  }
+}
+
+static void check_backdrop(size_t n) {
+  uint8_t *background = held_memory(3 * n, 1), *torso = held_memory(4 * n, 1);
+  for (size_t i = 0; i < n; i++) {
+    for (size_t c = 0; c < 3; c++) background[3 * i + c] = byte_at(i, c + 1 == 3 ? 3 : c + 1);
+    for (size_t c = 0; c < 4; c++) torso[4 * i + c] = byte_at(i, c);
+  }
+  const struct many back = many_of(ERN_ELEMENT_BYTE, background, 3 * n),
+                    front = many_of(ERN_ELEMENT_BYTE, torso, 4 * n);
+  for (int with = 0; with < 4; with++) {
+    const struct many_rows pixel = many_strided(NULL, 3, n, ERN_PER_RAY);
+    const struct many opacity = many_room(n);
+    struct ern_backdrop_args args[MACHINES];
+    EACH_MACHINE (k)
+      args[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], with & 1 ? back.on[k] : (ern_span){0},
+                                           with & 2 ? front.on[k] : (ern_span){0}, n};
+    RUN(backdrop, args);
+    expect_near("pixel", of_rows(pixel), 0, 0);
+    expect_near("opacity", opacity, 0, 0);
+    define_backdrop(floats_of(0, of_rows(pixel)), floats_of(0, opacity), with & 1 ? background : NULL,
+                    with & 2 ? torso : NULL, n);
+  }
+  machines_clear();
+}
+
+static void test_backdrop(void **state) {
+  (void)state;
+  for (size_t s = 0; s < size_count(); s++) check_backdrop(test_sizes[s]);
+  check_backdrop(is_small() ? SOME_PAIRS : EVERY_PAIR);
+  check_backdrop(0);
+}
+
+/* Colours, and opacities among which 0 is: ordinary ones, borders between two bytes, and what no byte can hold. */
+static float colour_at(size_t i) {
+  static const float hard[] = {0,      -0.0f,  1,          -1,         2,          NAN,          INFINITY, -INFINITY,
+                               1e-45f, 1e-30f, 0.5f / 255, 1.5f / 255, 2.5f / 255, 254.5f / 255, 1e30f,    0.99999994f};
+  const size_t kinds = COUNT_OF(hard);
+  if (i % 5 == 0) return hard[i / 5 % kinds];
+  return i % 5 == 1 ? ((float)(i / 5 % 255) + 0.5f) / 255 : fabsf(random_at(9, i, 1.02f));
+}
+
+/* How far a byte may be off: a quotient of 2.5 ulp may cross a border between two bytes. */
+static void expect_bytes(struct many span, bool divided) {
+  const uint8_t *expected = bytes_of(0, span);
+  EACH_OTHER (k) {
+    const uint8_t *found = bytes_of(k, span);
+    const int reach = divided && !divides_exactly(k) ? 1 : 0;
+    for (size_t i = 0; i < span.on[k].count; i++)
+      if (abs(found[i] - expected[i]) > reach)
+        fail_msg("%s: byte [%zu]: %d, reference %d", machines.name[k], i, found[i], expected[i]);
+  }
+}
+
+static void expect_byte(const char *what, double value, bool exact, uint8_t found) {
+  const double clamped = isnan(value) ? 0 : fmin(fmax(value, 0), 1) * 255;
+  /* 1/2 by the definition; 1e-4 for the roundings of the quotient, the factor and the sum before it: 4 u of 255 */
+  if (fabs(found - clamped) > 0.5 + (exact ? 2e-5 : 1e-4)) fail_msg("%s: byte %d of %.9g", what, found, value);
+}
+
+struct shown {
+  const uint8_t *rgba;
+  const float *rgb, *alpha, *pixel, *head, *torso; /* pixel: [3][n]; head NULL: over a background */
+};
+
+static void define_picture(const struct shown *v, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    const float alpha = v->head == NULL ? 1 : v->head[i] + (1 - v->head[i]) * v->torso[i];
+    assert_true(same_bits(v->alpha[i], alpha));
+    expect_byte("alpha", (double)alpha, true, v->rgba[4 * i + 3]);
+    for (size_t c = 0; c < 3; c++) {
+      const float value = v->pixel[c * n + i];
+      assert_true(same_bits(v->rgb[3 * i + c], value));
+      const double straight = v->head == NULL ? (double)value : alpha > 0 ? (double)value / (double)alpha : 0;
+      expect_byte("colour", straight, v->head == NULL, v->rgba[4 * i + c]);
+    }
+  }
+}
+
+static void check_picture(size_t n) {
+  enum { WANT_RGBA = 1, WANT_RGB = 2, WANT_ALPHA = 4, WANT_ALL = 7 };
+  const ern_span none = {0};
+  float *values = floats(5 * n), *head = values + 3 * n, *torso = head + n;
+  for (size_t c = 0; c < 3; c++)
+    for (size_t i = 0; i < n; i++) values[c * n + i] = colour_at(7 * i + 3 * c + n);
+  for (size_t i = 0; i < n; i++) {
+    head[i] = i % 3 == 0 ? 0 : i % 3 == 1 ? fabsf(random_at(3, i, 1)) : colour_at(i);
+    torso[i] = i % 4 < 2 ? (float)(i % 2) : fabsf(random_at(4, i, 1));
+  }
+  const struct many_rows pixel = many_strided(values, 3, n, ERN_PER_RAY);
+  const struct many heads = many_reals(head, n), torsos = many_reals(torso, n);
+  for (int over = 0; over < 2; over++) {
+    for (int want = 0; want <= WANT_ALL; want++) {
+      const struct many rgba = many_of(ERN_ELEMENT_BYTE, NULL, 4 * n);
+      const struct many rgb = many_room(3 * n);
+      const struct many alpha = many_room(n);
+      struct ern_picture_args args[MACHINES];
+      EACH_MACHINE (k)
+        args[k] = (struct ern_picture_args){.rgba = want & WANT_RGBA ? rgba.on[k] : none,
+                                            .rgb = want & WANT_RGB ? rgb.on[k] : none,
+                                            .alpha = want & WANT_ALPHA ? alpha.on[k] : none,
+                                            .pixel = pixel.on[k],
+                                            .head = over ? none : heads.on[k],
+                                            .torso = over ? none : torsos.on[k],
+                                            .n = n};
+      RUN(picture, args);
+      expect_bytes(rgba, !over);
+      expect_near("rgb", rgb, 0, 0);
+      expect_near("alpha", alpha, 0, 0);
+      const struct shown shown = {bytes_of(0, rgba),  floats_of(0, rgb),  floats_of(0, alpha), values,
+                                  over ? NULL : head, over ? NULL : torso};
+      if (want == WANT_ALL) define_picture(&shown, n);
+    }
+  }
+  machines_clear();
+}
+
+static void test_picture(void **state) {
+  (void)state;
+  for (size_t s = 0; s < size_count(); s++) check_picture(test_sizes[s]);
+  check_picture(is_small() ? SOME_PAIRS : EVERY_PAIR);
+  check_picture(0);
+}
+
+/* Keys (1981), a = -1/2, at a distance; straight from the paper. */
+static double keys(double x) {
+  x = fabs(x);
+  if (x >= 2) return 0;
+  return x < 1 ? 1.5 * x * x * x - 2.5 * x * x + 1 : -0.5 * x * x * x + 2.5 * x * x - 4 * x + 2;
+}
+
+struct scaled {
+  int width, height, small_width, small_height;
+  float ratio;
+  const float *small, *background;
+};
+
+static double clamped(double value, double most) { return fmin(fmax(value, 0), most); }
+
+static double point(const struct scaled *s, int c, int x, int y) {
+  /* positions are float in every build */
+  const float at_x = ((float)x + 0.5f) * s->ratio - 0.5f, at_y = ((float)y + 0.5f) * s->ratio - 0.5f;
+  double sum = 0;
+  for (int j = (int)floorf(at_y) - 1; j <= (int)floorf(at_y) + 2; j++)
+    for (int i = (int)floorf(at_x) - 1; i <= (int)floorf(at_x) + 2; i++) {
+      const int column = i < 0 ? 0 : i >= s->small_width ? s->small_width - 1 : i;
+      const int row = j < 0 ? 0 : j >= s->small_height ? s->small_height - 1 : j;
+      sum += keys((double)at_x - i) * keys((double)at_y - j) *
+             (double)s->small[(c * s->small_height + row) * s->small_width + column];
+    }
+  return sum;
+}
+
+static double expected_at(const struct scaled *s, int c, int x, int y, bool over) {
+  if (!over) return point(s, c, x, y);
+  const double opacity = clamped(point(s, 3, x, y), 1);
+  const size_t pixels = (size_t)s->width * (size_t)s->height, i = (size_t)y * (size_t)s->width + (size_t)x;
+  return c == 3 ? opacity
+                : clamped(point(s, c, x, y), opacity) + (1 - opacity) * (double)s->background[(size_t)c * pixels + i];
+}
+
+/* 16 products of values in [-1, 2] and weights whose magnitudes sum to at most 1.25^2: some tens of roundings of 6e-8,
+ * and weights that are rounded polynomials. */
+static const double rounding = 1e-5;
+
+/* On other machines the same sums in the same order, which a compiler may contract in spite of the pragma. */
+static void check_enlarge(int width, int height, float ratio, bool over) {
+  enum { CHANNELS = 4 };
+  struct scaled s = {.width = width,
+                     .height = height,
+                     .small_width = (int)ceilf((float)width * ratio),
+                     .small_height = (int)ceilf((float)height * ratio),
+                     .ratio = ratio};
+  const size_t pixels = (size_t)width * (size_t)height, few = (size_t)s.small_width * (size_t)s.small_height;
+  float *values = floats(CHANNELS * few), *back = floats(3 * pixels);
+  for (size_t i = 0; i < CHANNELS * few; i++) values[i] = 0.5f + random_at(31, i, 1.5f);
+  for (size_t i = 0; i < 3 * pixels; i++) back[i] = fabsf(random_at(32, i, 1));
+  s.small = values, s.background = back;
+  const struct many_rows large = many_strided(NULL, CHANNELS, pixels, ERN_PER_SAMPLE);
+  const struct many_rows small = many_strided(values, CHANNELS, few, ERN_PER_SAMPLE);
+  const struct many_rows background = many_strided(back, 3, pixels, ERN_PER_SAMPLE);
+  ON_EACH(enlarge, ern_enlarge_args,
+          {.large = large.on[k],
+           .small = small.on[k],
+           .background = over ? background.on[k] : (ern_rows){.rows = 0},
+           .width = width,
+           .height = height,
+           .small_width = s.small_width,
+           .small_height = s.small_height,
+           .ratio = ratio})
+  expect_near("enlarged", of_rows(large), 0, rounding);
+  const float *found = floats_of(0, of_rows(large));
+  for (int c = 0; c < CHANNELS; c++)
+    for (int y = 0; y < height; y++)
+      for (int x = 0; x < width; x++) {
+        const size_t at = (size_t)c * large.on[0].stride + (size_t)y * (size_t)width + (size_t)x;
+        const double expected = expected_at(&s, c, x, y, over);
+        if (!(fabs((double)found[at] - expected) <= rounding))
+          fail_msg("%d x %d times %g, channel %d at (%d, %d): %.9g, expected %.9g", width, height, (double)ratio, c, x,
+                   y, (double)found[at], expected);
+        /* at ratio 1 every pixel falls on its own: the weights are 0 1 0 0 exactly */
+        if (ratio == 1 && !over) assert_true(found[at] == values[(size_t)c * few + at % large.on[0].stride]);
+      }
+  machines_clear();
+}
+
+static void test_enlarge(void **state) {
+  (void)state;
+  static const int sides[][2] = {{1, 1}, {2, 1}, {3, 7}, {64, 5}, {127, 4}, {128, 3}, {129, 9}, {257, 6}, {300, 40}};
+  static const float ratios[] = {0.25f, 0.3f, 0.5f, 0.6180340f, 0.75f, 0.99f, 1};
+  for (size_t i = 0; i < COUNT_OF(sides); i++)
+    for (size_t r = 0; r < COUNT_OF(ratios); r++)
+      for (int over = 0; over < 2; over++) check_enlarge(sides[i][0], sides[i][1], ratios[r], over != 0);
+}
+
+/* ---- rows in the order of a list ---- */
+
+enum { LISTED_CHANNELS = 3, SHARES = 5 };
+struct listed {
+  size_t all, n;
+  const float *from, *behind, *known; /* [channels][all], known: [SHARES][all] by place in the list */
+  const int32_t *pixel;
+  const float *weight;
+};
+
+/* Of the reference: five products of values up to 2 in a blend. */
+static void define_listed(const struct listed *s, const float *list, const float *placed, const float *blended,
+                          const float *laid) {
+  const size_t stride = s->all + 5;
+  int32_t *place = held_memory(s->all, sizeof *place); /* in the list, from 1 */
+  for (size_t i = 0; i < s->n; i++) place[s->pixel[i]] = (int32_t)i + 1;
+  for (size_t i = 0; i < s->all; i++) {
+    const size_t at = (size_t)place[i] - 1;
+    double sum = 0;
+    for (size_t j = 0; j < SHARES && place[i] > 0; j++) sum += (double)s->weight[j] * (double)s->known[j * s->all + at];
+    if (place[i] > 0) assert_true(fabs((double)blended[i] - sum) <= 2e-6);
+    if (place[i] == 0) assert_true(blended[i] == s->from[i]);
+    for (size_t c = 0; c < LISTED_CHANNELS; c++) {
+      const float behind = s->behind[c * s->all + i], here = s->from[c * s->all + i];
+      if (place[i] > 0) assert_true(list[c * (s->n + 5) + at] == behind);
+      assert_true(placed[c * stride + i] == (place[i] > 0 ? behind : here));
+      const double over = (double)here + (1 - (double)s->behind[i]) * (double)behind;
+      assert_true(fabs((double)laid[c * stride + i] - fmin(fmax(over, 0), 1)) <= 1e-6);
+    }
+  }
+}
+
+/* Every second pixel, and all of them; sums of five products that a compiler may contract. */
+static void check_some_pixels(size_t all, size_t step) {
+  const size_t n = (all + step - 1) / step;
+  float *values = floats((2 * LISTED_CHANNELS + SHARES) * all), *back = values + LISTED_CHANNELS * all;
+  float *known = back + LISTED_CHANNELS * all, weight[SHARES];
+  int32_t *number = held_memory(n, sizeof *number);
+  fill_random(values, (2 * LISTED_CHANNELS + SHARES) * all, 41, 1);
+  fill_random(weight, SHARES, 42, 2);
+  for (size_t i = 0; i < n; i++) number[i] = (int32_t)(step * (n - 1 - i));
+  const struct many_rows from = many_strided(values, LISTED_CHANNELS, all, ERN_PER_SAMPLE);
+  const struct many_rows behind = many_strided(back, LISTED_CHANNELS, all, ERN_PER_SAMPLE);
+  const struct many_rows moments = many_strided(known, SHARES, all, ERN_PER_SAMPLE);
+  const struct many_rows list = many_strided(NULL, LISTED_CHANNELS, n, ERN_PER_SAMPLE);
+  const struct many_rows to = many_strided(values, LISTED_CHANNELS, all, ERN_PER_SAMPLE);
+  const struct many_rows over = many_strided(NULL, LISTED_CHANNELS, all, ERN_PER_SAMPLE);
+  const struct many sum = many_reals(values, all), share = many_reals(weight, SHARES);
+  const struct many opacity = many_reals(back, all), pixel = many_int32s(number, n);
+  ON_EACH(pick, ern_pick_args, {list.on[k], behind.on[k], pixel.on[k], n})
+  expect_near("pick", of_rows(list), 0, 0);
+  ON_EACH(place, ern_place_args, {to.on[k], list.on[k], pixel.on[k], n})
+  expect_near("place", of_rows(to), 0, 0);
+  ON_EACH(blend, ern_blend_args, {sum.on[k], moments.on[k], share.on[k], pixel.on[k], n})
+  expect_near("blend", sum, 0, 2e-6); /* five products of values up to 2 */
+  ON_EACH(overlay, ern_overlay_args, {over.on[k], from.on[k], opacity.on[k], behind.on[k], all})
+  expect_near("overlay", of_rows(over), 0, 5e-7);
+  const struct listed listed = {all, n, values, back, known, number, weight};
+  define_listed(&listed, floats_of(0, of_rows(list)), floats_of(0, of_rows(to)), floats_of(0, sum),
+                floats_of(0, of_rows(over)));
+  machines_clear();
+}
+
+static void test_some_pixels(void **state) {
+  (void)state;
+  for (size_t s = 0; s < size_count(); s++)
+    for (size_t step = 1; step < 3; step++) check_some_pixels(test_sizes[s], step);
+}
+
+static void bench(void) {
+  enum { N = 450 * 450 };
+  uint8_t *bytes = held_memory(4 * N, 1);
+  for (size_t i = 0; i < 4 * N; i++) bytes[i] = byte_at(i / 4, i % 4);
+  const struct many back = many_of(ERN_ELEMENT_BYTE, bytes, 3 * N), front = many_of(ERN_ELEMENT_BYTE, bytes, 4 * N),
+                    rgba = many_of(ERN_ELEMENT_BYTE, NULL, 4 * N), opacity = many_zeros(N);
+  const struct many_rows pixel = many_strided(NULL, 3, N, ERN_PER_RAY);
+  struct ern_backdrop_args plain[MACHINES], torso[MACHINES];
+  struct ern_picture_args picture[MACHINES];
+  EACH_MACHINE (k) {
+    plain[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], back.on[k], {0}, N};
+    torso[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], back.on[k], front.on[k], N};
+    picture[k] = (struct ern_picture_args){.rgba = rgba.on[k], .pixel = pixel.on[k], .n = N};
+  }
+  BENCH("backdrop", N, backdrop, plain);
+  BENCH("backdrop with torso", N, backdrop, torso);
+  BENCH("picture", N, picture, picture);
+  machines_clear();
+}
+
+static const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture),
+                                          cmocka_unit_test(test_enlarge), cmocka_unit_test(test_some_pixels)};
+NOUN(picture, bench, .isa = NULL)
