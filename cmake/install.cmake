@@ -1,13 +1,14 @@
 # `cmake --install`: headers, both libraries, the program, pkg-config files, a CMake package.
 include(CMakePackageConfigHelpers)
 
-# libernerf-media holds its own copy of core and io; it shows media.h alone, so that a program that links both libraries
-# has every function once.
-get_target_property(media_kind ernerf-media TYPE)
-if(media_kind STREQUAL "SHARED_LIBRARY")
-  set(media_map ${CMAKE_CURRENT_LIST_DIR}/libernerf-media.map)
-  target_link_options(ernerf-media PRIVATE -Wl,--version-script=${media_map})
-  set_property(TARGET ernerf-media APPEND PROPERTY LINK_DEPENDS ${media_map})
+# Which symbols are exported, under which version (docs/abi.md).
+if(BUILD_SHARED_LIBS)
+  configure_file(${CMAKE_CURRENT_LIST_DIR}/libernerf.map.in ${PROJECT_BINARY_DIR}/libernerf.map @ONLY)
+  configure_file(${CMAKE_CURRENT_LIST_DIR}/libernerf-media.map ${PROJECT_BINARY_DIR}/libernerf-media.map COPYONLY)
+  foreach(library ernerf ernerf-media)
+    target_link_options(${library} PRIVATE -Wl,--version-script=${PROJECT_BINARY_DIR}/lib${library}.map)
+    set_property(TARGET ${library} APPEND PROPERTY LINK_DEPENDS ${PROJECT_BINARY_DIR}/lib${library}.map)
+  endforeach()
 else()
   target_link_libraries(ernerf-media PRIVATE stdc++) # for programs in C
 endif()
@@ -47,7 +48,7 @@ if(NOT BUILD_SHARED_LIBS)
     string(APPEND pc_engine_needs " OpenCL")
   endif()
   set(pc_engine_libraries "-lm -ldl -pthread")
-  set(pc_media_needs ", jansson libzip libavformat libavcodec libavutil libswscale libswresample OpenImageIO")
+  set(pc_media_needs ", libavformat libavcodec libavutil libswscale libswresample OpenImageIO")
   set(pc_media_libraries "-lopencv_imgproc -lopencv_core -lstdc++ -lm -pthread")
 endif()
 foreach(library libernerf libernerf-media)

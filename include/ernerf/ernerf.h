@@ -12,13 +12,12 @@
  *   for each video frame: ern_audio_windows(), ern_renderer_frame()
  *   ern_renderer_free(&renderer); ern_model_free(&model); ern_backend_free(&backend); ern_context_free(&context);
  *
- * Training: train.h. How fast it is: bench.h. Clips, pictures and video: media.h, a library of its own. */
+ * Training: train.h. Clips, pictures and video: media.h, a library of its own. */
 #ifndef ERNERF_ERNERF_H
 #define ERNERF_ERNERF_H
 
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
-#include "ernerf/bench.h"
 #include "ernerf/data.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"

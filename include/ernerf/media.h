@@ -99,27 +99,6 @@ ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
-/* ---- a made-up clip ---------------------------------------------------------------------------------------------- */
-
-typedef struct ern_synth_options {
-  uint32_t cookie;
-  int size;   /* pixels a side, 64..1024 */
-  int frames; /* 8..100000; one in eleven, at least one, is for validation */
-  uint64_t seed;
-  bool blink;         /* without: no au.csv, eyes stay open */
-  bool torso;         /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
-  bool moving_camera; /* without: every frame has the first frame's pose */
-  /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
-  int (*progress)(void *user, int done, int total);
-  void *user;
-} ern_synth_options;
-
-ERN_API ern_synth_options ern_synth_options_default(void);
-
-/* Writes a whole preprocessed clip to `folder`, which must not exist or be empty. Same options: same bytes. */
-ERN_API ERN_NODISCARD ern_status ern_synth_write(ern_context *context, const char *folder,
-                                                 const ern_synth_options *options);
-
 /* ---- a preprocessed clip ----------------------------------------------------------------------------------------- */
 
 typedef enum ern_split { ERN_SPLIT_TRAIN = 0, ERN_SPLIT_VAL = 1 } ern_split;

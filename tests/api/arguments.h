@@ -47,22 +47,29 @@ static inline void arguments_function(const char *at, char name[128]) {
   name[end - begin] = 0;
 }
 
-/* Every ERN_API function of a header has a row; returns how many there are. */
+/* Whether a line begins the declaration of a function, or the definition of an inline one. */
+static inline bool arguments_declares(const char *line) {
+  const bool word = (*line >= 'a' && *line <= 'z') || (*line >= 'A' && *line <= 'Z');
+  return word && strncmp(line, "typedef ", 8) != 0 && line[strcspn(line, "(\n")] == '(';
+}
+
+/* Every function of a header has a row; returns how many there are. `header` is a path in the repository. */
 static inline size_t arguments_cover(const char *header, const struct arguments_check *table, size_t count) {
   static char text[1 << 16];
-  char path[1024], name[128];
+  char path[2048], name[128];
   size_t found = 0;
   assert_non_null(getenv("ERNERF_SOURCE"));
-  snprintf(path, sizeof path, "%s/include/ernerf/%s", getenv("ERNERF_SOURCE"), header);
+  snprintf(path, sizeof path, "%s/%s", getenv("ERNERF_SOURCE"), header);
   FILE *file = fopen(path, "rb");
   assert_non_null(file);
   const size_t bytes = fread(text, 1, sizeof text - 1, file);
   assert_true(bytes > 0 && bytes < sizeof text - 1);
   text[bytes] = 0;
   fclose(file);
-  for (const char *at = strstr(text, "ERN_API"); at != NULL; at = strstr(at + 1, "ERN_API")) {
-    if (at != text && at[-1] != '\n') continue; /* its definition */
-    arguments_function(at, name);
+  for (const char *line = text; line != NULL; line = strchr(line, '\n')) {
+    if (*line == '\n') line++;
+    if (!arguments_declares(line)) continue;
+    arguments_function(line, name);
     if (!arguments_among(name, table, count))
       fail_msg("%s: %s has no check of its arguments; it needs a row in tests/api/test_arguments*.c", header, name);
     found++;

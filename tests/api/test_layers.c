@@ -35,9 +35,9 @@ static const struct rule rules[] = {
     {"backend_cpu", {FILLS}},
     {"backend_opencl", {FILLS, "io/file.h", "model/parameters.h"}},
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
-    {"bench", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},
-    {"tools", {"ernerf/*", "session/*", "output/*", "verbs/*", "lab/*"}},
+    {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
+    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "output/*", "verbs/*", "lab/*"}},
     {"examples", {"ernerf/*"}},
 };
 
@@ -46,7 +46,7 @@ static const struct {
   const char *header;
   const char *folders[5];
 } outside[] = {
-    {"jansson.h", {"io", "model", "train", "media", "tools"}},
+    {"jansson.h", {"io", "model", "train", "lab", "tools"}},
     {"zip.h", {"io"}},
     {"CL/*", {"backend_opencl", "tools"}},
     {"*intrin.h", {"backend_cpu"}},
@@ -202,6 +202,15 @@ static void test_rules(void **state) {
       {"media", "clip.c", "io/npy.h", true},
       {"media", "clip.c", "model/model.h", false},
       {"media", "clip.c", "render/render_ops.h", false},
+      {"media", "clip.c", "ernerf-lab/synth.h", false},
+      {"media", "clip.c", "lab/synth/synth_parts.h", false},
+      {"render", "frame.c", "ernerf-lab/bench.h", false},
+      {"train", "trainer.c", "lab/bench/bench_shared.h", false},
+      {"lab", "synth.c", "ernerf/media.h", true},
+      {"lab", "synth.c", "media/image.h", false},
+      {"lab", "bench_scene.c", "lab/bench/bench_shared.h", true},
+      {"tools", "cmd_bench.c", "ernerf-lab/bench.h", true},
+      {"tools", "cmd_bench.c", "lab/ablation.h", true},
       {"backend", "registry.c", "backend_cpu/backend_cpu.h", true},
       {"backend", "other.c", "backend_cpu/backend_cpu.h", false},
       {"train", "trainer.c", "core/x.h", true},

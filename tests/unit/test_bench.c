@@ -6,8 +6,8 @@
 #include <math.h>
 #include <stdbool.h>
 
-#include "bench/bench.h"
 #include "core/status.h"
+#include "lab/bench/bench_shared.h"
 
 enum { SIDE = 40, RAYS = 96, MOST = 256 };
 /* A ray ends at the sample after which T < 1e-4, on all in float: where log T, a sum of 16 terms up to 9, is that to

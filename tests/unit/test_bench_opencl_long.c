@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <sys/resource.h>
 
-#include "bench/bench.h"
+#include "lab/bench/bench_shared.h"
 
 enum { SIDE = 64, RAYS = 1024, MOST = 256 };
 

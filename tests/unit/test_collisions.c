@@ -8,8 +8,8 @@
 #include <stdlib.h>
 
 #include "core/rng.h"
-#include "ernerf/bench.h"
-#include "hashgrid/collisions.h"
+#include "ernerf-lab/bench.h"
+#include "lab/bench/collisions.h"
 
 static ern_context *context;
 

@@ -8,11 +8,12 @@
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "ernerf-lab/synth.h"
 #include "ernerf/media.h"
 #include "io/csv.h"
 #include "io/file.h"
 #include "io/landmarks.h"
-#include "media/synth.h"
+#include "lab/synth/synth_parts.h"
 
 enum { SIZE = 64, FRAMES = 12, VAL = 2, TRAIN = FRAMES - VAL, FILE_LIMIT = 1 << 24 };
 

@@ -6,7 +6,7 @@
 #include <jansson.h>
 
 #include "bytes.h"
-#include "ernerf/bench.h"
+#include "ernerf-lab/bench.h"
 #include "ernerf/model.h"
 #include "session/session.h"
 

@@ -3,7 +3,7 @@
 #ifndef ERN_CLI_BENCH_REPORT_H
 #define ERN_CLI_BENCH_REPORT_H
 
-#include "ernerf/bench.h"
+#include "ernerf-lab/bench.h"
 #include "session/session.h"
 
 struct bench_device {

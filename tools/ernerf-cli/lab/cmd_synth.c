@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "ernerf/media.h"
+#include "ernerf-lab/synth.h"
 #include "output/progress.h"
 #include "session/session.h"
 #include "verbs.h"

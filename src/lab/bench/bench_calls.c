@@ -1,0 +1,270 @@
+/* SPDX-License-Identifier: MIT
+ * Name, arithmetic and traffic of one call of a slot, from its arguments; include/ernerf/bench.h says what counts.
+ * Figures that are not sums of products are read off the equations in docs/maths.md, to the operation where a kernel is
+ * bound by arithmetic, roughly where it is bound by memory. */
+#include "lab/bench/bench_shared.h"
+#include "model/field.h"
+
+enum { INT_BYTES = 4, SMALL = 64 /* calls on fewer items are set-up, not work */ };
+
+typedef struct ern_bench_call_cost cost;
+
+/* ---- fully connected stacks -------------------------------------------------------------------------------------- */
+
+static const struct {
+  size_t mlp; /* offset in struct ern_field */
+  const char *fwd, *bwd;
+} mlps[] = {
+    {offsetof(struct ern_field, attention), "attention_mlp_fwd", "attention_mlp_bwd"},
+    {offsetof(struct ern_field, eye), "eye_mlp_fwd", "eye_mlp_bwd"},
+    {offsetof(struct ern_field, density), "density_mlp_fwd", "density_mlp_bwd"},
+    {offsetof(struct ern_field, colour), "colour_mlp_fwd", "colour_mlp_bwd"},
+    {offsetof(struct ern_field, uncertainty), "uncertainty_mlp_fwd", "uncertainty_mlp_bwd"},
+    {offsetof(struct ern_field, torso_deform), "torso_deform_mlp_fwd", "torso_deform_mlp_bwd"},
+    {offsetof(struct ern_field, torso_net), "torso_mlp_fwd", "torso_mlp_bwd"},
+};
+
+static const char *name_mlp(const struct ern_mlp *mlp, const struct ern_field *field, bool backward) {
+  for (size_t i = 0; i < sizeof mlps / sizeof *mlps; i++) {
+    const struct ern_mlp *known = (const struct ern_mlp *)((const char *)field + mlps[i].mlp);
+    const int last = known->layers;
+    if (known->layers > 0 && known->weight[0] == mlp->weight[0] && known->width[last] == mlp->width[last])
+      return backward ? mlps[i].bwd : mlps[i].fwd;
+  }
+  return NULL; /* the density alone, of a refresh */
+}
+
+static double rows_bytes(const ern_rows *rows, size_t n, size_t real) {
+  if (rows->span.buffer == NULL) return 0;
+  const double values = rows->per == ERN_PER_SAMPLE ? (double)n : rows->per == ERN_PER_RAY ? (double)rows->stride : 1;
+  return values * rows->rows * (double)real;
+}
+
+static cost cost_mlp(const struct ern_mlp_fwd_args *a, const struct ern_field *field, size_t real) {
+  const double n = (double)a->n, macs = ern_bench_mlp_macs(&a->mlp);
+  cost c = {.name = name_mlp(&a->mlp, field, false), .item = "sample", .items = n};
+  c.flops = c.flops_written = 2 * macs * n;
+  c.bytes = (macs + n * a->mlp.width[a->mlp.layers]) * (double)real;
+  for (int p = 0; p < a->pieces; p++) c.bytes += rows_bytes(&a->x[p], a->n, real);
+  return c;
+}
+
+static cost cost_mlp_bwd(const struct ern_mlp_bwd_args *a, const struct ern_field *field, size_t real) {
+  const struct ern_mlp_fwd_args *f = &a->forward;
+  const double n = (double)f->n, macs = ern_bench_mlp_macs(&f->mlp);
+  cost c = {.name = name_mlp(&f->mlp, field, true), .item = "sample", .items = n};
+  int wanted = 0;
+  c.bytes = (3 * macs + n * f->mlp.width[f->mlp.layers]) * (double)real; /* weights; their gradients in and out */
+  for (int p = 0; p < f->pieces; p++) {
+    if (a->dx[p].span.buffer != NULL) wanted += f->x[p].rows;
+    c.bytes += rows_bytes(&f->x[p], f->n, real) + 2 * rows_bytes(&a->dx[p], f->n, real);
+  }
+  c.flops_written = 2 * n * ern_bench_mlp_bwd_macs(&f->mlp, wanted, false);
+  c.flops = 2 * n * ern_bench_mlp_bwd_macs(&f->mlp, wanted, true);
+  return c;
+}
+
+/* ---- grids ------------------------------------------------------------------------------------------------------- */
+
+static cost cost_grid(const struct ern_grid_fwd_args *a, size_t real) {
+  const double n = (double)a->n, rows = (double)a->grid->levels * a->grid->features;
+  cost c = {.name = a->grid->hashed ? "plane_fwd" : "torso_grid_fwd", .item = "sample", .items = n};
+  c.flops = c.flops_written = n * ern_bench_grid_flops(a->grid);
+  c.bytes = n * (a->grid->dims + rows) * (double)real;
+  c.reads = n * ern_bench_grid_reads(a->grid);
+  return c;
+}
+/* A place of the table is read and written; with the gradient of the coordinates the table's values are read too. */
+static cost cost_grid_bwd(const struct ern_grid_bwd_args *a, size_t real) {
+  cost c = cost_grid(&a->forward, real);
+  const int passes = (a->dtable.buffer != NULL) + (a->dx[0].buffer != NULL);
+  c.name = a->forward.grid->hashed ? "plane_bwd" : "torso_grid_bwd";
+  c.flops *= passes;
+  c.flops_written = c.flops;
+  c.bytes *= passes;
+  c.reads *= passes;
+  return c;
+}
+
+/* ---- functions of one value -------------------------------------------------------------------------------------- */
+
+static cost cost_activate(ern_activation kind, size_t values, bool backward, size_t real) {
+  static const struct {
+    const char *fwd, *bwd;
+    int flops, flops_bwd;
+  } of[] = {
+      [ERN_ACT_DENSITY] = {"density_activation_fwd", "density_activation_bwd", 1, 2},
+      [ERN_ACT_COLOUR] = {"colour_activation_fwd", "colour_activation_bwd", 4, 7},
+      [ERN_ACT_SIGMOID] = {"sigmoid_fwd", "sigmoid_bwd", 3, 6},
+      [ERN_ACT_SOFTPLUS] = {"softplus_fwd", "softplus_bwd", 3, 4},
+      [ERN_ACT_RELU] = {"relu_fwd", "relu_bwd", 1, 1},
+  };
+  const double n = (double)values, flops = n * (backward ? of[kind].flops_bwd : of[kind].flops);
+  return (cost){.name = backward ? of[kind].bwd : of[kind].fwd,
+                .item = "value",
+                .items = n,
+                .flops_written = flops,
+                .flops = flops,
+                .bytes = n * (backward ? 3 : 2) * (double)real};
+}
+
+/* `flops` and `reals` an item; bytes: `ints` on top. */
+static cost cost_each(const char *name, const char *item, size_t n, double flops, double reals, double ints,
+                      size_t real) {
+  const double items = (double)n;
+  return (cost){.name = name,
+                .item = item,
+                .items = items,
+                .flops_written = items * flops,
+                .flops = items * flops,
+                .bytes = items * (reals * (double)real + ints * INT_BYTES)};
+}
+
+/* ---- audio ------------------------------------------------------------------------------------------------------- */
+
+static double audio_macs(const struct ern_audio_net *net) {
+  const int wide[ERN_AUDIO_CONVS + 1] = {net->width, 32, 32, 64, 64};
+  const int att[ERN_AUDIO_ATT_CONVS + 1] = {net->code, 16, 8, 4, 2, 1};
+  double window = 64 * 64 + 64.0 * net->code, smooth = ERN_AUDIO_WINDOWS * (ERN_AUDIO_WINDOWS + (double)net->code);
+  int length = net->window_length;
+  for (int k = 0; k < ERN_AUDIO_CONVS; k++) {
+    length = (length + 1) / 2;
+    window += 3.0 * wide[k] * wide[k + 1] * length;
+  }
+  for (int k = 0; k < ERN_AUDIO_ATT_CONVS; k++) smooth += 3.0 * att[k] * att[k + 1] * ERN_AUDIO_WINDOWS;
+  return ERN_AUDIO_WINDOWS * window + smooth;
+}
+
+static cost cost_audio(const struct ern_audio_net *net, bool backward, size_t real) {
+  const double macs = audio_macs(net);
+  const double in = (double)ERN_AUDIO_WINDOWS * net->window_length * net->width;
+  return (cost){.name = backward ? "audio_bwd" : "audio_fwd",
+                .item = "frame",
+                .items = 1,
+                .flops_written = (backward ? 4 : 2) * macs,
+                .flops = (backward ? 6 : 2) * macs,
+                .bytes = (in + (backward ? 3 : 1) * (double)net->count) * (double)real};
+}
+
+/* ---- rays -------------------------------------------------------------------------------------------------------- */
+
+static cost cost_rays(const struct ern_bench_call *call, size_t real) {
+  const union ern_bench_args *a = &call->args;
+  switch (call->slot) {
+    case ERN_BENCH_SLOT_rays: return cost_each("rays", "ray", a->rays.n, 31, 3, 1, real);
+    case ERN_BENCH_SLOT_march: return (cost){"march", "ray", (double)a->march.n, 0, 0, 0, 0}; /* steps are not known */
+    case ERN_BENCH_SLOT_samples: return cost_each("samples", "sample", a->samples.dt.count, 8, 6, 1, real);
+    case ERN_BENCH_SLOT_sh_fwd: return cost_each("sh_fwd", "ray", a->sh_fwd.n, 44, 19, 0, real);
+    case ERN_BENCH_SLOT_freq_fwd: {
+      const double dims = a->freq_fwd.x.rows, octaves = a->freq_fwd.octaves;
+      return cost_each("frequencies_fwd", "pixel", a->freq_fwd.n, 4 * dims * octaves, dims * (2 + 2 * octaves), 0,
+                       real);
+    }
+    case ERN_BENCH_SLOT_attention_fwd:
+      return cost_each("region_fwd", "sample", a->attention_fwd.n, 3 * ERN_AUDIO_CODE + 2, 2 * ERN_AUDIO_CODE + 3, 0,
+                       real);
+    case ERN_BENCH_SLOT_attention_bwd:
+      return cost_each("region_bwd", "sample", a->attention_bwd.forward.n, 5 * ERN_AUDIO_CODE + 3,
+                       3 * ERN_AUDIO_CODE + 5, 0, real);
+    case ERN_BENCH_SLOT_composite_fwd:
+      return cost_each("composite_fwd", "sample", a->composite_fwd.dt.count, 18, 9, 0, real);
+    case ERN_BENCH_SLOT_composite_bwd:
+      return cost_each("composite_bwd", "sample", a->composite_bwd.forward.dt.count, 32, 16, 0, real);
+    default: return (cost){0};
+  }
+}
+
+/* ---- losses, updates, occupancy ---------------------------------------------------------------------------------- */
+
+static cost cost_update(const struct ern_bench_call *call, size_t real) {
+  const union ern_bench_args *a = &call->args;
+  switch (call->slot) {
+    case ERN_BENCH_SLOT_head_loss: return cost_each("head_loss", "ray", a->head_loss.n, 60, 18, 0, real);
+    case ERN_BENCH_SLOT_mse: return cost_each("mse", "ray", a->mse.n, 12, 9, 0, real);
+    case ERN_BENCH_SLOT_smooth_loss: return cost_each("smooth_loss", "sample", a->smooth_loss.n, 4, 3, 0, real);
+    case ERN_BENCH_SLOT_smooth_points: /* its time is integer arithmetic, Philox's */
+      return (cost){"smooth_points", "sample", (double)a->smooth_points.n, 0, 0, 0, 0};
+    case ERN_BENCH_SLOT_adamw: return cost_each("adamw", "value", a->adamw.n, 12, 5, 0, real);
+    case ERN_BENCH_SLOT_ema: return cost_each("ema", "value", a->ema.n, 3, 3, 0, real);
+    case ERN_BENCH_SLOT_finite: return cost_each("finite", "value", a->finite.n, 0, 1, 0, real);
+    case ERN_BENCH_SLOT_occupancy_mark: { /* a centre into the camera 15, its place in the picture 4 */
+      const double views = (double)a->occupancy_mark.view_count;
+      return cost_each("occupancy_mark", "cell", a->occupancy_mark.grid.count, 19 * views, 1, 0, real);
+    }
+    case ERN_BENCH_SLOT_occupancy_list:
+      return cost_each("occupancy_list", "cell", a->occupancy_list.grid.count, 0, 1, 1, real);
+    case ERN_BENCH_SLOT_occupancy_points: /* Philox too */
+      return (cost){"occupancy_points", "cell", (double)a->occupancy_points.n, 0, 0, 0, 0};
+    case ERN_BENCH_SLOT_occupancy_scatter: /* ascending cells */
+      return cost_each("occupancy_scatter", "cell", a->occupancy_scatter.n, 0, 2, 1, real);
+    case ERN_BENCH_SLOT_occupancy_update:
+      return cost_each("occupancy_update", "cell", a->occupancy_update.grid.count, 2, 3, 0, real);
+    default: return (cost){0};
+  }
+}
+
+/* and pictures */
+static cost cost_torso(const struct ern_bench_call *call, size_t real) {
+  const union ern_bench_args *a = &call->args;
+  switch (call->slot) {
+    case ERN_BENCH_SLOT_torso_coords: return cost_each("torso_coords", "pixel", a->torso_coords.n, 6, 2, 1, real);
+    case ERN_BENCH_SLOT_torso_select: {
+      cost c = cost_each("torso_select", "pixel", a->torso_select.n, 14, 0, 3, real);
+      c.reads = 4 * c.items;
+      return c;
+    }
+    case ERN_BENCH_SLOT_torso_deform_fwd:
+      return cost_each("torso_deform_fwd", "pixel", a->torso_deform_fwd.n, 2, 6, 0, real);
+    case ERN_BENCH_SLOT_torso_deform_bwd:
+      return cost_each("torso_deform_bwd", "pixel", a->torso_deform_bwd.forward.n, 2, 8, 0, real);
+    case ERN_BENCH_SLOT_torso_composite_fwd:
+      return cost_each("torso_composite_fwd", "pixel", a->torso_composite_fwd.n, 12, 10, 1, real);
+    case ERN_BENCH_SLOT_torso_composite_bwd:
+      return cost_each("torso_composite_bwd", "pixel", a->torso_composite_bwd.forward.n, 12, 14, 1, real);
+    case ERN_BENCH_SLOT_backdrop: /* bytes count a quarter of an int */
+      return a->backdrop.torso.buffer != NULL ? cost_each("backdrop", "pixel", a->backdrop.n, 13, 4, 1.75, real)
+                                              : cost_each("backdrop", "pixel", a->backdrop.n, 3, 4, 0.75, real);
+    case ERN_BENCH_SLOT_picture:
+      return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
+                       a->picture.head.buffer != NULL ? 5 : 3, 1, real);
+    case ERN_BENCH_SLOT_enlarge: /* 7 products and sums a channel and column that is made, 7 across */
+      return cost_each("enlarge", "pixel", (size_t)a->enlarge.width * (size_t)a->enlarge.height,
+                       14 * (double)a->enlarge.large.rows, 2 * (double)a->enlarge.large.rows, 0, real);
+    case ERN_BENCH_SLOT_pick: return cost_each("pick", "pixel", a->pick.n, 0, 2 * (double)a->pick.from.rows, 1, real);
+    case ERN_BENCH_SLOT_place:
+      return cost_each("place", "pixel", a->place.n, 0, 2 * (double)a->place.from.rows, 1, real);
+    case ERN_BENCH_SLOT_blend:
+      return cost_each("blend", "pixel", a->blend.n, 2 * (double)a->blend.from.rows, 1 + (double)a->blend.from.rows, 1,
+                       real);
+    case ERN_BENCH_SLOT_overlay: return cost_each("overlay", "pixel", a->overlay.n, 7, 10, 0, real);
+    case ERN_BENCH_SLOT_torso_points: return (cost){"torso_points", "cell", ERN_TORSO_CELLS, 0, 0, 0, 0};
+    case ERN_BENCH_SLOT_torso_update: return cost_each("torso_update", "cell", ERN_TORSO_CELLS, 1, 3, 0, real);
+    default: return (cost){0};
+  }
+}
+
+struct ern_bench_call_cost ern_bench_call_cost(const struct ern_bench_call *call, const struct ern_field *field,
+                                               size_t real) {
+  const union ern_bench_args *a = &call->args;
+  cost c;
+  switch (call->slot) {
+    case ERN_BENCH_SLOT_mlp_fwd: c = cost_mlp(&a->mlp_fwd, field, real); break;
+    case ERN_BENCH_SLOT_mlp_bwd: c = cost_mlp_bwd(&a->mlp_bwd, field, real); break;
+    case ERN_BENCH_SLOT_grid_fwd: c = cost_grid(&a->grid_fwd, real); break;
+    case ERN_BENCH_SLOT_grid_bwd: c = cost_grid_bwd(&a->grid_bwd, real); break;
+    case ERN_BENCH_SLOT_activate_fwd:
+      c = cost_activate(a->activate_fwd.kind, a->activate_fwd.n * (size_t)a->activate_fwd.y.rows, false, real);
+      break;
+    case ERN_BENCH_SLOT_activate_bwd:
+      c = cost_activate(a->activate_bwd.kind, a->activate_bwd.n * (size_t)a->activate_bwd.dx.rows, true, real);
+      break;
+    case ERN_BENCH_SLOT_audio_fwd: return cost_audio(&a->audio_fwd.net, false, real);
+    case ERN_BENCH_SLOT_audio_bwd: return cost_audio(&a->audio_bwd.forward.net, true, real);
+    default:
+      c = cost_rays(call, real);
+      if (c.name == NULL) c = cost_update(call, real);
+      if (c.name == NULL) c = cost_torso(call, real);
+  }
+  if (c.items < SMALL) c.name = NULL;
+  return c;
+}

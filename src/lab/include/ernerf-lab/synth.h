@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ * A made-up clip, to train on and to test with. */
+#ifndef ERNERF_LAB_SYNTH_H
+#define ERNERF_LAB_SYNTH_H
+
+#include "ernerf/base.h"
+
+typedef struct ern_synth_options {
+  uint32_t cookie;
+  int size;   /* pixels a side, 64..1024 */
+  int frames; /* 8..100000; one in eleven, at least one, is for validation */
+  uint64_t seed;
+  bool blink;         /* without: no au.csv, eyes stay open */
+  bool torso;         /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
+  bool moving_camera; /* without: every frame has the first frame's pose */
+  /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
+  int (*progress)(void *user, int done, int total);
+  void *user;
+} ern_synth_options;
+
+ern_synth_options ern_synth_options_default(void);
+
+/* Writes a whole preprocessed clip to `folder`, which must not exist or be empty. Same options: same bytes. */
+ERN_NODISCARD ern_status ern_synth_write(ern_context *context, const char *folder, const ern_synth_options *options);
+
+#endif
