@@ -174,7 +174,6 @@ int main(int count, char **words) {
                                .scale = world_scale,
                                .features = &speech,
                                .background = scene.background,
-                               .identity = "",
                                .frame = give_frame,
                                .pixels = give_pixels};
   ern_train_config config = ern_train_config_default();

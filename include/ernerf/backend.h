@@ -11,25 +11,32 @@
 extern "C" {
 #endif
 
+/* Read-only once made: any number of threads may make models, renderers and trainers on one, and describe it. */
 typedef struct ern_backend ern_backend;
 
 enum { ERN_THREADS_MOST = 256 }; /* of a renderer, a trainer or a measurement */
 
+/* Plain data, may grow. */
 typedef struct ern_backend_config {
-  uint32_t cookie;
-  const char *name;   /* "auto" (the CPU), "cpu", "opencl" */
-  const char *isa;    /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
-                         "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon". An OpenCL device computes
-                         without one, and refuses a name that the machine does not have all the same */
-  int device;         /* number of an OpenCL device, as ern_devices_list counts; another one is ERN_E_UNSUPPORTED */
-  bool deterministic; /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
-                         slower so. The CPU, as either backend, always computes in this way */
-  bool tune;          /* measure now which sizes of work-groups and tiles suit an OpenCL device, for up to two minutes,
-                         and keep that for later runs in the user's cache folder. GPUs are measured unasked when first
-                         used, for up to 20 seconds */
+  uint32_t cookie, size; /* set by ern_backend_config_default() */
+  const char *name;      /* "auto" (the CPU), "cpu", "opencl" */
+  const char *isa;       /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
+                            "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon". An OpenCL device computes
+                            without one, and refuses a name that the machine does not have all the same */
+  int device;            /* number of an OpenCL device, as ern_devices_list counts; another one is ERN_E_UNSUPPORTED */
+  bool deterministic;    /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
+                            slower so. The CPU, as either backend, always computes in this way */
+  bool tune; /* measure now which sizes of work-groups and tiles suit an OpenCL device, for up to two minutes,
+                and keep that for later runs in the user's cache folder. GPUs are measured unasked when first
+                used, for up to 20 seconds */
 } ern_backend_config;
 
-ERN_API ern_backend_config ern_backend_config_default(void);
+ERN_API void ern_backend_config_fill(ern_backend_config *config, size_t bytes);
+static inline ern_backend_config ern_backend_config_default(void) {
+  ern_backend_config config;
+  ern_backend_config_fill(&config, sizeof config);
+  return config;
+}
 
 /* On success the caller owns *backend; it serves any number of models, renderers and trainers of the context, and must
  * outlive them. ERN_E_UNSUPPORTED names what the machine or the build lacks. config NULL: the defaults. */
@@ -37,6 +44,7 @@ ERN_API ERN_NODISCARD ern_status ern_backend_create(ern_backend **backend, ern_c
                                                     const ern_backend_config *config);
 ERN_API void ern_backend_free(ern_backend **backend); /* accepts NULL and a pointer to NULL */
 
+/* Plain data, may grow. */
 typedef struct ern_backend_info {
   const char *name, *isa; /* live as long as the backend */
   int real_bytes;         /* 4, or 8 for ref64 */
@@ -44,9 +52,12 @@ typedef struct ern_backend_info {
   int threads;            /* what 0 threads stand for here: the cores that this process may use, as its affinity mask
                              and the limits of its control groups (cgroups) have it; at most ERN_THREADS_MOST */
 } ern_backend_info;
-ERN_API void ern_backend_describe(const ern_backend *backend, ern_backend_info *info);
+ERN_API void ern_backend_describe_sized(const ern_backend *backend, ern_backend_info *info, size_t bytes);
+static inline void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
+  ern_backend_describe_sized(backend, info, sizeof *info);
+}
 
-/* A size of an OpenCL device's kernels: of a work-group, a tile, or how many there are. */
+/* A size of an OpenCL device's kernels: of a work-group, a tile, or how many there are. Plain data, may grow. */
 typedef struct ern_tuning {
   const char *name; /* "mlp_fwd"; a literal */
   int standard;     /* by the device's limits alone */
@@ -59,7 +70,7 @@ typedef struct ern_tuning {
 ERN_API void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning),
                                 void *user);
 
-/* One line of `ernerf info devices`. */
+/* One line of `ernerf info devices`. Plain data, may grow. */
 typedef struct ern_device_info {
   const char *kind; /* "cpu" or "opencl" */
   int number;       /* of the OpenCL device; 0 for the CPU */

@@ -78,6 +78,19 @@ typedef enum ern_log_level {
  * - A callback that returns ern_status or int may answer anything: what is not ERN_OK, or 0, ends the call. What a
  *   callback writes is checked as arguments are. */
 
+/* Types. "Plain data" is a struct without functions of its own: threads may read one at the same time; who writes one,
+ * or has a function write it, has it alone meanwhile. What is handed to a callback by pointer is valid until the
+ * callback returns.
+ *
+ * "Final": the struct stays as it is. "May grow": a later version may add members at its end. A program need not be
+ * built again for that, as the library knows which size the program's headers gave a struct: from the `size` that the
+ * ..._default function sets beside the `cookie`, or from an argument. Functions that take or fill a struct without a
+ * cookie are inline here and hand sizeof to an exported function ..._sized, as ..._default does to ..._fill; only
+ * bindings of other languages call those themselves. The library takes what a shorter struct lacks as 0, or as its
+ * default where there is a cookie, and never writes past its end. A struct that the library knows only the beginning
+ * of, as the program was built for a later version, is ERN_E_UNSUPPORTED where it is read, and filled up with zeros
+ * where it is written. docs/abi.md has the rest. */
+
 /* Functions that compute do so in the floating-point environment that C programs start in (to nearest, denormal numbers
  * kept, nothing trapped), whatever the caller's is, and leave the caller's as it was; hooks of the caller are called in
  * the former. */
@@ -100,8 +113,10 @@ typedef enum ern_log_level {
  * only ern_last_error_copy may be called while other threads use the context. */
 typedef struct ern_context ern_context;
 
+/* Plain data, may grow. */
 typedef struct ern_context_config {
   uint32_t cookie; /* set by ern_context_config_default(); proves that the struct was initialised */
+  uint32_t size;   /* set beside it: bytes of the struct in the program's headers */
   /* Memory hooks, both or neither; NULL: the C library. allocate returns at least `bytes` bytes aligned to
    * `alignment` (a power of two), or NULL. */
   void *(*allocate)(void *user, size_t bytes, size_t alignment);
@@ -112,7 +127,12 @@ typedef struct ern_context_config {
   bool keep_files; /* functions that write a file fail with ERN_E_EXISTS where it exists; false: they replace it */
 } ern_context_config;
 
-ERN_API ern_context_config ern_context_config_default(void);
+ERN_API void ern_context_config_fill(ern_context_config *config, size_t bytes);
+static inline ern_context_config ern_context_config_default(void) {
+  ern_context_config config;
+  ern_context_config_fill(&config, sizeof config);
+  return config;
+}
 
 /* Makes a context; `config` NULL means the defaults. On success the caller owns *context.
  * Errors: ERN_E_ARGUMENT (uninitialised config), ERN_E_NO_MEMORY. */

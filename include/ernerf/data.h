@@ -9,7 +9,8 @@
 extern "C" {
 #endif
 
-/* Speech features: for video frame t (25 a second) a window of feature vectors at 50 a second around it. */
+/* Speech features: for video frame t (25 a second) a window of feature vectors at 50 a second around it.
+ * Plain data, final. */
 typedef struct ern_features {
   float *data;       /* [windows][window_length][width] */
   size_t windows;    /* T >= 1, one a video frame */
@@ -23,7 +24,7 @@ typedef struct ern_features {
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */
 
-/* How far the lids are closed, frame by frame. */
+/* How far the lids are closed, frame by frame. Plain data, final. */
 typedef struct ern_eyes {
   float *data;  /* [count], 0 open .. 1 closed */
   size_t count; /* >= 1, frames */
@@ -37,7 +38,7 @@ typedef struct ern_eyes {
 ERN_API ERN_NODISCARD ern_status ern_eyes_load(ern_context *context, const char *path, ern_eyes *eyes);
 ERN_API void ern_eyes_free(ern_context *context, ern_eyes *eyes); /* accepts NULL and an empty one */
 
-/* One frame of a transforms_*.json file. */
+/* One frame of a transforms_*.json file. Plain data, final. */
 typedef struct ern_pose {
   int64_t img_id;   /* names the frame's files, >= 0 */
   int64_t aud_id;   /* its row in the feature file, >= 0 */
@@ -45,6 +46,7 @@ typedef struct ern_pose {
                        within 1e3, place within 1e6, last row 0 0 0 1 */
 } ern_pose;
 
+/* A transforms_*.json file. Plain data, final. */
 typedef struct ern_pose_list {
   double focal, cx, cy; /* pixels */
   int width, height;    /* pixels; 2*cx and 2*cy where the file has neither w nor h */

@@ -17,7 +17,7 @@ extern "C" {
 
 enum { ERN_IMAGE_MAX_SIDE = 8192 }; /* pixels; a larger picture is refused before memory is taken */
 
-/* 8 bits a channel, top row first, channels interleaved. */
+/* 8 bits a channel, top row first, channels interleaved. Plain data, final. */
 typedef struct ern_image {
   int width, height, channels; /* channels: 1 grey, 3 RGB, 4 RGBA (alpha not premultiplied) */
   uint8_t *data;               /* [height][width][channels]; owned by the holder (ern_image_free) */
@@ -42,6 +42,7 @@ ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts 
 
 /* ---- sound ------------------------------------------------------------------------------------------------------- */
 
+/* Plain data, final. */
 typedef struct ern_sound {
   int rate;      /* samples a second, 1..384000 */
   int channels;  /* 1..8 */
@@ -57,8 +58,10 @@ ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
 
 /* ---- video ------------------------------------------------------------------------------------------------------- */
 
+/* Plain data, may grow. */
 typedef struct ern_video_options {
-  int width, height; /* of the frames handed over; odd sizes are padded by a repeated row or column */
+  uint32_t cookie, size; /* set by ern_video_options_default() */
+  int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
   int rate_numerator, rate_denominator; /* frames a second: 25, 1 */
   const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
                              Must outlive the writer. */
@@ -66,10 +69,17 @@ typedef struct ern_video_options {
   int crf;                /* H.264 quality 0..51, 15 is the default */
 } ern_video_options;
 
-ERN_API ern_video_options ern_video_options_default(int width, int height);
+ERN_API void ern_video_options_fill(ern_video_options *options, size_t bytes);
+static inline ern_video_options ern_video_options_default(int width, int height) {
+  ern_video_options options;
+  ern_video_options_fill(&options, sizeof options);
+  options.width = width;
+  options.height = height;
+  return options;
+}
 
 /* mp4: H.264 yuv420p (BT.709, limited range, tagged so), AAC. Frame k is shown at exactly k/rate seconds. Written
- * beside its place and put there by close: no half file is ever seen at `path`. */
+ * beside its place and put there by close: no half file is ever seen at `path`. One thread at a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);
@@ -80,6 +90,7 @@ ERN_API ERN_NODISCARD ern_status ern_video_writer_close(ern_video_writer **write
 /* Frees the writer and removes what it wrote; accepts NULL and a pointer to NULL. */
 ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
 
+/* Plain data, may grow. */
 typedef struct ern_video_info {
   int width, height;
   int rate_numerator, rate_denominator;
@@ -89,10 +100,14 @@ typedef struct ern_video_info {
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
 } ern_video_info;
 
+/* One thread at a time uses a reader. */
 typedef struct ern_video_reader ern_video_reader;
 ERN_API ERN_NODISCARD ern_status ern_video_reader_open(ern_context *context, const char *path,
                                                        ern_video_reader **reader);
-ERN_API void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info);
+ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_video_info *info, size_t bytes);
+static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
+  ern_video_reader_info_sized(reader, info, sizeof *info);
+}
 /* The next frame as RGB in `image` (its buffer is reused when it fits) and its time in seconds; *end is set, and the
  * image left alone, when there is none. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
@@ -103,16 +118,23 @@ ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
 typedef enum ern_split { ERN_SPLIT_TRAIN = 0, ERN_SPLIT_VAL = 1 } ern_split;
 
+/* Plain data, may grow. */
 typedef struct ern_clip_options {
-  uint32_t cookie;
+  uint32_t cookie, size; /* set by ern_clip_options_default() */
   uint64_t memory_bytes; /* most that kept frames may take; 0: half of the memory that this
                             process may take (ern_device_info of the CPU) */
   const char *features;  /* another feature file than the clip's own, NULL: the clip's; must outlive the open call */
   const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), NULL: the
                             first that is there of aud_ds, aud_eo, aud_hu, aud */
 } ern_clip_options;
-ERN_API ern_clip_options ern_clip_options_default(void);
+ERN_API void ern_clip_options_fill(ern_clip_options *options, size_t bytes);
+static inline ern_clip_options ern_clip_options_default(void) {
+  ern_clip_options options;
+  ern_clip_options_fill(&options, sizeof options);
+  return options;
+}
 
+/* Plain data, may grow. */
 typedef struct ern_clip_info {
   int width, height;
   double focal, cx, cy;
@@ -125,6 +147,7 @@ typedef struct ern_clip_info {
   char identity[65];         /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
 } ern_clip_info;
 
+/* Plain data, may grow: it is the clip's. */
 typedef struct ern_clip_frame {
   ern_pose pose;
   float eye; /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
@@ -132,6 +155,8 @@ typedef struct ern_clip_frame {
   float landmarks[68][2]; /* x, y in pixels */
 } ern_clip_frame;
 
+/* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_measure, and a trainer on its dataset. Any
+ * number of threads may look at the rest. */
 typedef struct ern_clip ern_clip;
 
 /* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error.
@@ -139,8 +164,11 @@ typedef struct ern_clip ern_clip;
 ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char *folder,
                                                const ern_clip_options *options, ern_clip **clip);
 ERN_API void ern_clip_free(ern_clip **clip);
-ERN_API void ern_clip_describe(const ern_clip *clip, ern_clip_info *info); /* strings live as long as the clip */
-ERN_API const char *ern_clip_identity(const ern_clip *clip);               /* 64 hex digits, see ern_clip_info */
+ERN_API void ern_clip_describe_sized(const ern_clip *clip, ern_clip_info *info, size_t bytes);
+static inline void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) { /* strings live as long as the clip */
+  ern_clip_describe_sized(clip, info, sizeof *info);
+}
+ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, see ern_clip_info */
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
 ERN_API const ern_image *ern_clip_background(
     const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
@@ -153,10 +181,13 @@ ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split
                                                  ern_image *torso);
 
 /* The clip as the trainer takes it. The clip must outlive the dataset. */
-ERN_API void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset);
+ERN_API void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes);
+static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
+  ern_clip_dataset_sized(clip, dataset, sizeof *dataset);
+}
 
 /* What a clip holds, in figures: what an effect is worth modelling for. Poses, eye values and features are those of all
- * training frames; pictures are those of at most 48 of them, evenly spaced. */
+ * training frames; pictures are those of at most 48 of them, evenly spaced. Plain data, may grow. */
 typedef struct ern_clip_measures {
   size_t frames, looked;   /* training frames; those whose pictures were looked at */
   float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
@@ -174,7 +205,10 @@ typedef struct ern_clip_measures {
 /* The least span of eye values that is a blink: a tenth of the way, about a pixel of lid at 512 a side. */
 #define ERN_CLIP_BLINK 0.1
 /* Reads the pictures that it looks at. */
-ERN_API ERN_NODISCARD ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures);
+ERN_API ERN_NODISCARD ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, size_t bytes);
+static inline ERN_NODISCARD ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures) {
+  return ern_clip_measure_sized(clip, measures, sizeof *measures);
+}
 
 /* `ernerf check`: what is there, what is missing, what follows and which step makes what is missing, a sentence a call
  * of `say`. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's header. Returns

@@ -57,6 +57,7 @@ ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to
 /* Writes the model: weights as float32, occupancy as bits, configuration and identity in the metadata. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
+/* Plain data, may grow. */
 typedef struct ern_model_info {
   bool has_torso; /* head and torso, else the head alone */
   bool has_eye;   /* follows the eye value */
@@ -85,9 +86,12 @@ typedef struct ern_model_info {
   size_t parameters;                /* trained numbers */
   size_t parameter_bytes;
 } ern_model_info;
-ERN_API void ern_model_describe(const ern_model *model, ern_model_info *info);
+ERN_API void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes);
+static inline void ern_model_describe(const ern_model *model, ern_model_info *info) {
+  ern_model_describe_sized(model, info, sizeof *info);
+}
 
-/* One tensor of a file, for listing. */
+/* One tensor of a file, for listing. Plain data, may grow. */
 typedef struct ern_tensor_info {
   const char *name, *dtype; /* dtype as safetensors writes it: "F32" */
   int dims;

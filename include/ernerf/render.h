@@ -15,6 +15,7 @@ extern "C" {
 
 /* ---- camera ------------------------------------------------------------------------------------------------------ */
 
+/* Plain data, final. */
 typedef struct ern_box {
   int top, bottom, left, right; /* rows [top, bottom), columns [left, right) */
 } ern_box;
@@ -31,7 +32,7 @@ typedef enum ern_fit {
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
 /* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right; the scene is the cube
- * [-bound, bound]^3. */
+ * [-bound, bound]^3. Plain data, final. */
 typedef struct ern_camera {
   float pose[16];      /* camera to world, row-major */
   float focal, cx, cy; /* pixels */
@@ -81,7 +82,7 @@ ERN_API void ern_audio_windows(float *windows, const ern_features *features, int
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
-/* What silence looks like in speech features of one kind. */
+/* What silence looks like in speech features of one kind. Read-only once learnt: any number of threads may use one. */
 typedef struct ern_silence ern_silence;
 
 /* Learns it from a recording, such as the clip that a model was trained on. loudness: [features->windows] of each
@@ -101,11 +102,12 @@ ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, co
 
 /* ---- renderer ---------------------------------------------------------------------------------------------------- */
 
+/* Plain data, may grow. */
 typedef struct ern_render_options {
-  uint32_t cookie;
-  int threads;    /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
-  int max_steps;  /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
-  float dt_gamma; /* step growth with distance, 0..1; below 0: the model's. -1 */
+  uint32_t cookie, size; /* set by ern_render_options_default() */
+  int threads;           /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
+  int max_steps;         /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
+  float dt_gamma;        /* step growth with distance, 0..1; below 0: the model's. -1 */
   float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0: the model's. 0 */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
@@ -114,7 +116,12 @@ typedef struct ern_render_options {
   float image_scale;        /* the head is drawn at so many times the frame's width and height, and enlarged (bicubic)
                                before it is laid over the background, which stays sharp; 0.25..1; 1 */
 } ern_render_options;
-ERN_API ern_render_options ern_render_options_default(void);
+ERN_API void ern_render_options_fill(ern_render_options *options, size_t bytes);
+static inline ern_render_options ern_render_options_default(void) {
+  ern_render_options options;
+  ern_render_options_fill(&options, sizeof options);
+  return options;
+}
 
 /* One renderer is used by one thread at a time; several may share a model and a backend. */
 typedef struct ern_renderer ern_renderer;
@@ -164,13 +171,19 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_keep_still(ern_renderer *renderer,
 
 /* What the frames since ern_renderer_keep_still have taken: of each frame, the share of the rays with samples that was
  * rendered anew, and the share of their samples in occupied cells, 0..1, summed over the frames; the moments that were
- * rendered are counted as frames of 1. */
+ * rendered are counted as frames of 1. Plain data, may grow. */
 typedef struct ern_still_work {
   uint64_t frames;
   double rays, samples;
 } ern_still_work;
-ERN_API ern_still_work ern_renderer_still_work(const ern_renderer *renderer);
+ERN_API void ern_renderer_still_work_sized(const ern_renderer *renderer, ern_still_work *work, size_t bytes);
+static inline ern_still_work ern_renderer_still_work(const ern_renderer *renderer) {
+  ern_still_work work;
+  ern_renderer_still_work_sized(renderer, &work, sizeof work);
+  return work;
+}
 
+/* Plain data, may grow. */
 typedef struct ern_frame_input {
   ern_camera camera;
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
@@ -186,7 +199,7 @@ typedef struct ern_frame_input {
                                 of rest_code */
 } ern_frame_input;
 
-/* Where to put the result; NULL members are not computed into. Memory is the caller's. */
+/* Where to put the result; NULL members are not computed into. Memory is the caller's. Plain data, may grow. */
 typedef struct ern_frame_output {
   uint8_t *rgba;    /* [height][width][4]; alpha 255 over a background, else straight (not premultiplied) */
   float *rgb;       /* [height][width][3] in [0, 1]; premultiplied where there is no background */
@@ -197,21 +210,28 @@ typedef struct ern_frame_output {
   float *eye;       /* [height][width] sum over samples of the eye attention; zeros without one */
 } ern_frame_output;
 
+/* Plain data, may grow. */
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
  * is not finite, or a picture that is not (values too large; never black pixels instead); ERN_E_NO_MEMORY. */
-ERN_API ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input,
-                                                    const ern_frame_output *output, ern_frame_times *times);
+ERN_API ERN_NODISCARD ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_input *input,
+                                                          size_t input_bytes, const ern_frame_output *output,
+                                                          size_t output_bytes, ern_frame_times *times,
+                                                          size_t times_bytes);
+static inline ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input,
+                                                          const ern_frame_output *output, ern_frame_times *times) {
+  return ern_renderer_frame_sized(renderer, input, sizeof *input, output, sizeof *output, times, sizeof *times);
+}
 
 /* ---- holding a rate ---------------------------------------------------------------------------------------------- */
 
 /* Chooses, frame by frame, among settings whose cost is known, such as renderers of different options: the most
  * accurate one that holds a budget at the pace that the machine has now. Where frames come late it falls back at once,
  * as far as it takes, and makes up for what was late, a little less at once where it was ahead; it returns to what
- * would have fitted in each of 12 frames in a row. Plain data: copy it, drop it. */
+ * would have fitted in each of 12 frames in a row. Plain data, final: copy it, drop it. */
 typedef struct ern_pace {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */

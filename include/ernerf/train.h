@@ -16,6 +16,7 @@ extern "C" {
 
 /* ---- what is trained on ------------------------------------------------------------------------------------------ */
 
+/* Plain data, may grow: it is the library's, all zeros when the callback gets it. */
 typedef struct ern_dataset_frame {
   float matrix[16]; /* camera to world, as in a transforms file */
   int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
@@ -27,7 +28,8 @@ typedef struct ern_dataset_frame {
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
  * pointers must outlive the trainer. ern_trainer_create looks at all members, at the sizes and values of the features,
  * and at each training frame's camera and row; what the callbacks give later is looked at when it is given. An error
- * that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty). */
+ * that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
+ * Callbacks are called in the thread that calls the trainer. Plain data, may grow. */
 typedef struct ern_dataset {
   void *user;
   size_t frames[2];
@@ -37,17 +39,18 @@ typedef struct ern_dataset {
   bool has_eye, has_torso;
   const ern_features *features;
   const uint8_t *background; /* [height][width][3] */
-  const char *identity;      /* 64 hex digits, or "" */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
   /* truth [height][width][3]; torso [height][width][4], NULL: transparent everywhere; not looked at where has_torso is
    * false. Valid until the next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
+  const char *identity; /* 64 hex digits; "" or NULL: none */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
 
+/* Plain data, may grow. */
 typedef struct ern_train_config {
-  uint32_t cookie;
+  uint32_t cookie, size; /* set by ern_train_config_default() */
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
   bool resume;           /* go on from the newest state in X.run that verifies; needs an output */
@@ -83,13 +86,18 @@ typedef struct ern_train_config {
   uint64_t ema_every;          /* steps between its updates; 1000 */
   uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0; 16 */
 } ern_train_config;
-ERN_API ern_train_config ern_train_config_default(void);
+ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
+static inline ern_train_config ern_train_config_default(void) {
+  ern_train_config config;
+  ern_train_config_fill(&config, sizeof config);
+  return config;
+}
 
+/* One trainer is used by one thread at a time; several may share a backend. */
 typedef struct ern_trainer ern_trainer;
 
-/* What a state was trained with. */
+/* What a state was trained with. Plain data, may grow. */
 typedef struct ern_train_state {
-  ern_model_info model; /* how its model is made and seen */
   bool torso;
   uint64_t step, seed;
   int rays;
@@ -102,9 +110,14 @@ typedef struct ern_train_state {
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
- * state is there; ERN_E_FORMAT and others: none that is whole. */
-ERN_API ERN_NODISCARD ern_status ern_train_state_describe(ern_context *context, const char *output,
-                                                          ern_train_state *state);
+ * state is there; ERN_E_FORMAT and others: none that is whole. `model`: how its model is made and seen. */
+ERN_API ERN_NODISCARD ern_status ern_train_state_describe_sized(ern_context *context, const char *output,
+                                                                ern_train_state *state, size_t state_bytes,
+                                                                ern_model_info *model, size_t model_bytes);
+static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *context, const char *output,
+                                                                ern_train_state *state, ern_model_info *model) {
+  return ern_train_state_describe_sized(context, output, state, sizeof *state, model, sizeof *model);
+}
 
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
  * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an
@@ -114,10 +127,16 @@ ERN_API ERN_NODISCARD ern_status ern_train_state_describe(ern_context *context, 
  * intervals, max_steps); a torso takes no other scale, audio_pad, dt_gamma or max_steps than its head's. What differs
  * from the file of `from` is logged. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is copied; what
  * it points to is not. */
-ERN_API ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,
-                                                    const ern_dataset *dataset, const ern_train_config *config);
+ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
+                                                          const ern_dataset *dataset, size_t dataset_bytes,
+                                                          const ern_train_config *config);
+static inline ERN_NODISCARD ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend,
+                                                          const ern_dataset *dataset, const ern_train_config *config) {
+  return ern_trainer_create_sized(trainer, backend, dataset, sizeof *dataset, config);
+}
 ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a pointer to NULL; does not save */
 
+/* Plain data, may grow. */
 typedef struct ern_train_report {
   uint64_t step, iters; /* steps done, and in all */
   double loss, psnr;    /* of the step's rays; means since the last report in ern_trainer_run */
@@ -128,17 +147,23 @@ typedef struct ern_train_report {
 } ern_train_report;
 
 /* Where the training stands: step, iters and seconds; all else is 0. */
-ERN_API void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report);
+ERN_API void ern_trainer_describe_sized(const ern_trainer *trainer, ern_train_report *report, size_t bytes);
+static inline void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report) {
+  ern_trainer_describe_sized(trainer, report, sizeof *report);
+}
 
 /* One step, with its occupancy refresh where one is due. Neither saves nor validates. A non-finite loss or gradient is
  * ERN_E_NONFINITE, names step and term or tensor, and leaves the parameters as they were before the step. */
-ERN_API ERN_NODISCARD ern_status ern_trainer_step(ern_trainer *trainer, ern_train_report *report);
+ERN_API ERN_NODISCARD ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report, size_t bytes);
+static inline ERN_NODISCARD ern_status ern_trainer_step(ern_trainer *trainer, ern_train_report *report) {
+  return ern_trainer_step_sized(trainer, report, sizeof *report);
+}
 
 /* Looks at all that is kept from step to step: values, the last gradient, second moments, moving averages and
  * occupancy. ERN_E_NONFINITE names the first tensor with a NaN or an infinity. Costs less than a step. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_check(ern_trainer *trainer);
 
-/* What ern_trainer_run tells its caller. All may be NULL. */
+/* What ern_trainer_run tells its caller, in its thread. All may be NULL. Plain data, may grow. */
 typedef struct ern_train_hooks {
   void *user;
   /* Now and then; a non-zero answer stops: the state is saved, ERN_E_CANCELLED returned. */
@@ -152,7 +177,11 @@ typedef struct ern_train_hooks {
 
 /* Steps until config.iters, saving and validating on the way and at the end. Where a validation fails, a save that is
  * due at the same step is made before the error is returned, unless that is ERN_E_NONFINITE or ERN_E_DEVICE. */
-ERN_API ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks);
+ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
+                                                       size_t bytes);
+static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {
+  return ern_trainer_run_sized(trainer, hooks, sizeof *hooks);
+}
 
 /* Writes X.run/state.safetensors (its predecessor is kept) and then X. ERN_E_STATE without an output. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_save(ern_trainer *trainer);

@@ -7,13 +7,15 @@
 #include "backend_opencl/backend_opencl.h"
 #include "core/floats.h"
 #include "core/machine.h"
+#include "core/sized.h"
 #include "core/status.h"
 #include "ernerf/backend.h"
 
 enum { CONFIG_COOKIE = 0x45524e38, TEXT_BYTES = 128 };
 
-ern_backend_config ern_backend_config_default(void) {
-  return (ern_backend_config){.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
+void ern_backend_config_fill(ern_backend_config *config, size_t bytes) {
+  const ern_backend_config own = {.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
+  ern_config_give(config, bytes, &own, sizeof own);
 }
 
 /* bf16 is chosen unasked where it is measured to be faster, and if it costs a rendered frame less than 0.05 dB of its
@@ -46,10 +48,10 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   if (backend != NULL) *backend = NULL;
   ERN_NEED(context, context);
   ERN_NEED(context, backend);
-  const ern_backend_config chosen = config != NULL ? *config : ern_backend_config_default();
+  ern_backend_config chosen = ern_backend_config_default();
   ern_isa isa = ERN_ISA_REF;
-  if (chosen.cookie != CONFIG_COOKIE)
-    return ern_fail(context, ERN_E_ARGUMENT, "backend: the configuration was not made by ern_backend_config_default");
+  ern_status status = ERN_OK;
+  if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_backend_config, &chosen, config));
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
     /* it computes without one, but a name that is none is a mistake */
     if (chosen.isa != NULL && strcmp(chosen.isa, "auto") != 0) {
@@ -63,9 +65,10 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   }
   if (chosen.name != NULL && strcmp(chosen.name, "auto") != 0 && strcmp(chosen.name, "cpu") != 0)
     return ern_fail(context, ERN_E_UNSUPPORTED, "backend: found \"%s\", expected auto, cpu or opencl", chosen.name);
-  ern_status status = choose_isa(context, chosen.isa, &isa);
-  if (status == ERN_OK) status = ern_cpu_backend_make(context, isa, backend);
-  if (status == ERN_OK) ern_log(context, ERN_LOG_INFO, "backend: cpu, instruction set %s", ern_isa_name(isa));
+  ERN_TRY(choose_isa(context, chosen.isa, &isa));
+  ERN_TRY(ern_cpu_backend_make(context, isa, backend));
+  ern_log(context, ERN_LOG_INFO, "backend: cpu, instruction set %s", ern_isa_name(isa));
+fail:
   return status;
 }
 
@@ -75,16 +78,17 @@ void ern_backend_free(ern_backend **backend) {
   *backend = NULL;
 }
 
-void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
-  if (info == NULL) return;
-  *info = (ern_backend_info){0};
-  if (backend == NULL) return;
-  const int cores = ern_machine_cores();
-  *info = (ern_backend_info){.name = backend->name,
+void ern_backend_describe_sized(const ern_backend *backend, ern_backend_info *info, size_t bytes) {
+  ern_backend_info own = {0};
+  if (backend != NULL) {
+    const int cores = ern_machine_cores();
+    own = (ern_backend_info){.name = backend->name,
                              .isa = backend->isa,
                              .real_bytes = (int)backend->real_bytes,
                              .deterministic = backend->deterministic,
                              .threads = cores < ERN_THREADS_MOST ? cores : ERN_THREADS_MOST};
+  }
+  ern_struct_give(info, bytes, &own, sizeof own);
 }
 
 void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {

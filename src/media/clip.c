@@ -9,6 +9,7 @@
 #include "core/floats.h"
 #include "core/machine.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "io/file.h"
 #include "io/landmarks.h"
 
@@ -34,8 +35,9 @@ struct ern_clip {
   uint64_t budget, used; /* bytes of kept pictures */
 };
 
-ern_clip_options ern_clip_options_default(void) {
-  return (ern_clip_options){.cookie = OPTIONS_COOKIE, .memory_bytes = 0, .features = NULL, .asr_model = NULL};
+void ern_clip_options_fill(ern_clip_options *options, size_t bytes) {
+  const ern_clip_options own = {.cookie = OPTIONS_COOKIE, .memory_bytes = 0, .features = NULL, .asr_model = NULL};
+  ern_config_give(options, bytes, &own, sizeof own);
 }
 
 static uint64_t half_of_memory(void) {
@@ -233,13 +235,11 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   ERN_NEED(context, context);
   ERN_NEED(context, folder);
   ERN_NEED(context, clip);
-  const ern_clip_options chosen = options != NULL ? *options : ern_clip_options_default();
-  if (chosen.cookie != OPTIONS_COOKIE) {
-    return ern_fail(context, ERN_E_ARGUMENT, "clip: options are not from ern_clip_options_default()");
-  }
+  ern_clip_options chosen = ern_clip_options_default();
   ern_status status = ERN_OK;
   void *room = NULL;
   ern_clip *made = NULL;
+  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_clip_options, &chosen, options));
   ERN_TRY(check_folder(context, folder));
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
   made = room;
@@ -284,8 +284,9 @@ void ern_clip_free(ern_clip **clip) {
 
 /* ---- looking ----------------------------------------------------------------------------------------------------- */
 
-void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) {
-  if (info != NULL) *info = clip != NULL ? clip->info : (ern_clip_info){0};
+void ern_clip_describe_sized(const ern_clip *clip, ern_clip_info *info, size_t bytes) {
+  const ern_clip_info none = {0};
+  ern_struct_give(info, bytes, clip != NULL ? &clip->info : &none, sizeof none);
 }
 
 const char *ern_clip_identity(const ern_clip *clip) { return clip != NULL ? clip->info.identity : NULL; }

@@ -2,6 +2,7 @@
  * A clip as the trainer takes it. */
 #include <string.h>
 
+#include "core/sized.h"
 #include "ernerf/media.h"
 
 static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *out) {
@@ -28,25 +29,27 @@ static ern_status pixels(void *user, int split, size_t index, const uint8_t **tr
   return status;
 }
 
-void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
+static ern_dataset dataset_of(ern_clip *clip) {
   ern_clip_info info;
-  if (dataset == NULL) return;
-  *dataset = (ern_dataset){0};
-  if (clip == NULL) return;
   ern_clip_describe(clip, &info);
-  *dataset = (ern_dataset){.user = clip,
-                           .frames = {info.frames[0], info.frames[1]},
-                           .focal = info.focal,
-                           .cx = info.cx,
-                           .cy = info.cy,
-                           .width = info.width,
-                           .height = info.height,
-                           .scale = 4,
-                           .has_eye = info.has_blink,
-                           .has_torso = info.has_torso,
-                           .features = ern_clip_features(clip),
-                           .background = ern_clip_background(clip)->data,
-                           .identity = ern_clip_identity(clip),
-                           .frame = frame,
-                           .pixels = pixels};
+  return (ern_dataset){.user = clip,
+                       .frames = {info.frames[0], info.frames[1]},
+                       .focal = info.focal,
+                       .cx = info.cx,
+                       .cy = info.cy,
+                       .width = info.width,
+                       .height = info.height,
+                       .scale = 4,
+                       .has_eye = info.has_blink,
+                       .has_torso = info.has_torso,
+                       .features = ern_clip_features(clip),
+                       .background = ern_clip_background(clip)->data,
+                       .identity = ern_clip_identity(clip),
+                       .frame = frame,
+                       .pixels = pixels};
+}
+
+void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes) {
+  const ern_dataset own = clip != NULL ? dataset_of(clip) : (ern_dataset){0};
+  ern_struct_give(dataset, bytes, &own, sizeof own);
 }

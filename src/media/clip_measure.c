@@ -5,6 +5,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "media/clip.h"
 
 enum { LOOKED_MOST = 48, POSE_TERMS = 4 };
@@ -255,16 +256,20 @@ static ern_status measure_pictures(ern_clip *clip, ern_clip_measures *m) {
   return ERN_OK;
 }
 
-ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures) {
+ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, size_t bytes) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, clip);
   ERN_NEED(ern_clip_context(clip), measures);
   ern_clip_info info;
   ern_clip_describe(clip, &info);
-  *measures = (ern_clip_measures){.frames = info.frames[ERN_SPLIT_TRAIN]};
-  measure_poses(clip, measures);
-  measure_eyes(clip, measures);
-  measure_sound(clip, measures);
-  const ern_status status = measure_features(clip, measures);
-  return status == ERN_OK ? measure_pictures(clip, measures) : status;
+  ern_clip_measures own = {.frames = info.frames[ERN_SPLIT_TRAIN]};
+  measure_poses(clip, &own);
+  measure_eyes(clip, &own);
+  measure_sound(clip, &own);
+  ern_status status = ERN_OK;
+  ERN_TRY(measure_features(clip, &own));
+  ERN_TRY(measure_pictures(clip, &own));
+  ern_struct_give(measures, bytes, &own, sizeof own);
+fail:
+  return status;
 }

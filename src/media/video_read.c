@@ -7,6 +7,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
 #include "media/image.h"
@@ -64,8 +65,9 @@ fail:
   return status;
 }
 
-void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
-  if (info != NULL) *info = reader != NULL ? reader->info : (ern_video_info){0};
+void ern_video_reader_info_sized(const ern_video_reader *reader, ern_video_info *info, size_t bytes) {
+  const ern_video_info none = {0};
+  ern_struct_give(info, bytes, reader != NULL ? &reader->info : &none, sizeof none);
 }
 
 /* The matrix the file names; where it names none, what players take: BT.709 from 720 rows on, BT.601 below. */

@@ -7,6 +7,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
@@ -16,7 +17,7 @@
 /* With the settings below, libx264's crf of 15 gives what 18 gives with its own defaults (measured on a rendered 450 x
  * 450 portrait: 43.5 against 43.8 dB of RGB, 48.8 against 48.5 dB of luma) for half of their time and memory, and for
  * 29 percent more bytes. */
-enum { MAX_RATE_PART = 1000000, DEFAULT_CRF = 15 };
+enum { OPTIONS_COOKIE = 0x45524e56, MAX_RATE_PART = 1000000, DEFAULT_CRF = 15 };
 static const char *const preset = "veryfast";
 
 struct ern_video_writer {
@@ -36,9 +37,10 @@ struct ern_video_writer {
   struct ern_sound_track sound;
 };
 
-ern_video_options ern_video_options_default(int width, int height) {
-  return (ern_video_options){
-      .width = width, .height = height, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
+void ern_video_options_fill(ern_video_options *options, size_t bytes) {
+  const ern_video_options own = {
+      .cookie = OPTIONS_COOKIE, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
+  ern_config_give(options, bytes, &own, sizeof own);
 }
 
 static ern_status check_options(ern_context *context, const char *path, const ern_video_options *options) {
@@ -209,14 +211,16 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ern_status status = ERN_OK;
   void *memory = NULL;
   ern_video_writer *made = NULL;
+  ern_video_options chosen = ern_video_options_default(0, 0);
   ern_av_hush();
-  ERN_TRY(check_options(context, path, options));
+  ERN_TRY(ERN_TAKE_CONFIG(context, ern_video_options, &chosen, options));
+  ERN_TRY(check_options(context, path, &chosen));
   ERN_TRY(ern_allocate(context, 1, sizeof *made, &memory));
   made = memory;
   made->context = context;
-  made->width = options->width;
-  made->height = options->height;
-  av_reduce(&made->rate.num, &made->rate.den, options->rate_numerator, options->rate_denominator, MAX_RATE_PART);
+  made->width = chosen.width;
+  made->height = chosen.height;
+  av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, MAX_RATE_PART);
   made->file.descriptor = -1;
   ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &made->file));
   made->muxer = (struct ern_muxer){.context = context, .path = made->file.path, .packet = av_packet_alloc()};
@@ -224,10 +228,10 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   if (error < 0 || made->muxer.packet == NULL) {
     ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "make an mp4", error < 0 ? error : AVERROR(ENOMEM)));
   }
-  ERN_TRY(open_encoder(made, options->crf));
+  ERN_TRY(open_encoder(made, chosen.crf));
   ERN_TRY(open_conversion(made));
   ERN_TRY(open_frame(made));
-  ERN_TRY(ern_sound_track_open(&made->muxer, options->sound, options->sound_start, &made->sound));
+  ERN_TRY(ern_sound_track_open(&made->muxer, chosen.sound, chosen.sound_start, &made->sound));
   ERN_TRY(open_file(made));
   *writer = made;
   return ERN_OK;

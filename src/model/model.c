@@ -7,6 +7,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "model/torso_ops.h"
 
 ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config) {
@@ -44,10 +45,7 @@ void ern_model_free(ern_model **model) {
   *model = NULL;
 }
 
-void ern_model_describe(const ern_model *model, ern_model_info *info) {
-  if (info == NULL) return;
-  *info = (ern_model_info){0};
-  if (model == NULL) return;
+static void describe(const ern_model *model, ern_model_info *info) {
   const struct ern_model_config *config = &model->field.config;
   *info = (ern_model_info){.has_torso = config->torso,
                            .has_eye = config->eye,
@@ -74,6 +72,12 @@ void ern_model_describe(const ern_model *model, ern_model_info *info) {
   memcpy(info->clip, model->clip, sizeof info->clip);
   for (int r = 0; r < model->table.rows; r++) info->parameters += model->table.row[r].count;
   info->parameter_bytes = info->parameters * sizeof(float);
+}
+
+void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes) {
+  ern_model_info own = {0};
+  if (model != NULL) describe(model, &own);
+  ern_struct_give(info, bytes, &own, sizeof own);
 }
 
 /* m = Rx(a) Ry(b) Rz(c) */

@@ -8,21 +8,23 @@
 #include <time.h>
 
 #include "core/floats.h"
+#include "core/sized.h"
 #include "render/frame_input.h"
 #include "render/thin.h"
 
 enum { OPTIONS_COOKIE = 0x45524e33 };
 
-ern_render_options ern_render_options_default(void) {
-  return (ern_render_options){.cookie = OPTIONS_COOKIE,
-                              .threads = 0,
-                              .max_steps = 0,
-                              .dt_gamma = -1,
-                              .transmittance_stop = 1e-4f,
-                              .torso_shrink = 0,
-                              .smooth_lips = false,
-                              .frame_rate = 25,
-                              .image_scale = 1};
+void ern_render_options_fill(ern_render_options *options, size_t bytes) {
+  const ern_render_options own = {.cookie = OPTIONS_COOKIE,
+                                  .threads = 0,
+                                  .max_steps = 0,
+                                  .dt_gamma = -1,
+                                  .transmittance_stop = 1e-4f,
+                                  .torso_shrink = 0,
+                                  .smooth_lips = false,
+                                  .frame_rate = 25,
+                                  .image_scale = 1};
+  ern_config_give(options, bytes, &own, sizeof own);
 }
 
 /* What the options leave to the model. */
@@ -33,8 +35,6 @@ static void take_from_model(ern_render_options *o, const struct ern_view_setting
 }
 
 static ern_status check_options(ern_context *context, const ern_render_options *o) {
-  if (o->cookie != OPTIONS_COOKIE)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: the options were not made by ern_render_options_default");
   if (o->threads < 0 || o->threads > ERN_THREADS_MOST)
     return ern_fail(context, ERN_E_ARGUMENT, "render: threads is %d, expected 0 to %d", o->threads, ERN_THREADS_MOST);
   if (o->max_steps < 1 || o->max_steps > ERN_MAX_STEPS)
@@ -91,10 +91,11 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   ern_context *context = backend->context;
   ERN_NEED(context, renderer);
   ERN_NEED(context, model);
-  ern_render_options chosen = options != NULL ? *options : ern_render_options_default();
+  ern_render_options chosen = ern_render_options_default();
   void *room = NULL;
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
+  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_render_options, &chosen, options));
   take_from_model(&chosen, &model->view);
   ERN_TRY(check_options(context, &chosen));
   if (chosen.threads > 0 && strcmp(backend->name, "cpu") != 0)
@@ -337,12 +338,8 @@ fail:
   return status;
 }
 
-ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
-                              ern_frame_times *times) {
-  ERN_PLAIN_FLOATS;
-  ERN_NEED(NULL, renderer);
-  ERN_NEED(renderer->context, input);
-  ERN_NEED(renderer->context, output);
+static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
+                             ern_frame_times *times) {
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
   double at[5] = {milliseconds()};
   struct frame *frame = &renderer->frame;
@@ -359,8 +356,27 @@ ern_status ern_renderer_frame(ern_renderer *renderer, const ern_frame_input *inp
   ERN_TRY(check_outputs(renderer, frame));
   ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
   at[4] = milliseconds();
-  if (times != NULL) *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};
+  *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};
 fail:
   ern_arena_release(renderer->stream, mark);
+  return status;
+}
+
+ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_input *input, size_t input_bytes,
+                                    const ern_frame_output *output, size_t output_bytes, ern_frame_times *times,
+                                    size_t times_bytes) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(renderer->context, input);
+  ERN_NEED(renderer->context, output);
+  ern_frame_input in = {0};
+  ern_frame_output out = {0};
+  ern_frame_times took = {0};
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_TAKE(renderer->context, ern_frame_input, &in, input, input_bytes));
+  ERN_TRY(ERN_TAKE(renderer->context, ern_frame_output, &out, output, output_bytes));
+  ERN_TRY(draw_frame(renderer, &in, &out, &took));
+  ern_struct_give(times, times_bytes, &took, sizeof took);
+fail:
   return status;
 }

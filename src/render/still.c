@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "core/floats.h"
+#include "core/sized.h"
 
 enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
 
@@ -51,8 +52,9 @@ fail:
   return status;
 }
 
-ern_still_work ern_renderer_still_work(const ern_renderer *renderer) {
-  return renderer != NULL ? renderer->still.work : (ern_still_work){0};
+void ern_renderer_still_work_sized(const ern_renderer *renderer, ern_still_work *work, size_t bytes) {
+  const ern_still_work own = renderer != NULL ? renderer->still.work : (ern_still_work){0};
+  ern_struct_give(work, bytes, &own, sizeof own);
 }
 
 /* ---- behind the head --------------------------------------------------------------------------------------------- */

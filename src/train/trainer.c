@@ -10,6 +10,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "train/decline.h"
 #include "train/step.h"
 
@@ -144,10 +145,7 @@ static ern_status average(ern_trainer *t) {
   return t->backend->ema(t->stream, &args);
 }
 
-ern_status ern_trainer_step(ern_trainer *t, ern_train_report *report) {
-  ERN_PLAIN_FLOATS;
-  ERN_NEED(NULL, t);
-  ERN_NEED(t->context, report);
+static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
   double terms[ERN_LOSS_TERMS] = {0};
@@ -171,6 +169,16 @@ fail:
   report->step = t->step;
   report->seconds = t->seconds;
   ern_arena_release(t->stream, mark);
+  return status;
+}
+
+ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report, size_t bytes) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, trainer);
+  ERN_NEED(trainer->context, report);
+  ern_train_report own = {0};
+  const ern_status status = take_step(trainer, &own);
+  ern_struct_give(report, bytes, &own, sizeof own);
   return status;
 }
 
@@ -233,7 +241,7 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
   if (say) {
     const ern_train_report report = tell(t, tally);
     ERN_TRY(note(t, &report, validation));
-    if (hooks != NULL && hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
+    if (hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
       if (t->output != NULL) ERN_TRY(ern_trainer_save(t));
       ERN_TRY(ern_fail(t->context, ERN_E_CANCELLED, "train: stopped at step %" PRIu64 " of %" PRIu64 "%s", t->step,
                        t->config.iters, t->output != NULL ? "; the state is saved" : ""));
@@ -272,15 +280,18 @@ static void tell_of_decline(ern_trainer *t, const struct ern_decline *decline) {
           decline->best, decline->mean, t->step, (double)t->config.lr, (double)t->config.lr_net, kept);
 }
 
-ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
+ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, size_t bytes) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, t);
+  ern_train_hooks own = {0};
+  ern_status status = hooks != NULL ? ERN_TAKE(t->context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
+  if (status != ERN_OK) return status;
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
   struct ern_decline decline = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
   while (t->step < t->config.iters) {
     ern_train_report report;
-    ern_status status = ern_trainer_step(t, &report);
+    status = take_step(t, &report);
     const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* it may end an update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     if (t->config.rays >= 64 && ern_decline_step(&decline, report.psnr)) tell_of_decline(t, &decline);
@@ -288,7 +299,7 @@ ern_status ern_trainer_run(ern_trainer *t, const ern_train_hooks *hooks) {
     tally.psnr += report.psnr;
     tally.samples += report.samples_per_ray;
     tally.steps++;
-    status = finish_step(t, hooks, &tally);
+    status = finish_step(t, &own, &tally);
     if (status != ERN_OK) return stopped(t, status);
   }
   return ERN_OK;
@@ -312,11 +323,11 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   return ERN_OK;
 }
 
-void ern_trainer_describe(const ern_trainer *trainer, ern_train_report *report) {
-  if (report == NULL) return;
-  *report = (ern_train_report){0};
-  if (trainer == NULL) return;
-  *report = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
+void ern_trainer_describe_sized(const ern_trainer *trainer, ern_train_report *report, size_t bytes) {
+  ern_train_report own = {0};
+  if (trainer != NULL)
+    own = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
+  ern_struct_give(report, bytes, &own, sizeof own);
 }
 
 const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer != NULL ? trainer->run.folder : NULL; }

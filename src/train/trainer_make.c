@@ -9,31 +9,33 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "io/file.h"
 #include "render/frame_input.h"
 #include "train/state_about.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 
-ern_train_config ern_train_config_default(void) {
-  return (ern_train_config){.cookie = CONFIG_COOKIE,
-                            .iters = 100000,
-                            .rays = 65536,
-                            .seed = 0,
-                            .lr = 1e-2f,
-                            .lr_net = 1e-3f,
-                            .lr_att = 5e-3f,
-                            .codes = -1,
-                            .max_steps = 16,
-                            .dt_gamma = 1.0f / 256,
-                            .bound = 1,
-                            .torso_shrink = 0.8f,
-                            .audio_pad = ERN_AUDIO_PAD_EDGE,
-                            .save_every = 1000,
-                            .validate_every = 1000,
-                            .validate_frames = 16,
-                            .ema_every = 1000,
-                            .refresh_every = ERN_REFRESH_EVERY};
+void ern_train_config_fill(ern_train_config *config, size_t bytes) {
+  const ern_train_config own = {.cookie = CONFIG_COOKIE,
+                                .iters = 100000,
+                                .rays = 65536,
+                                .seed = 0,
+                                .lr = 1e-2f,
+                                .lr_net = 1e-3f,
+                                .lr_att = 5e-3f,
+                                .codes = -1,
+                                .max_steps = 16,
+                                .dt_gamma = 1.0f / 256,
+                                .bound = 1,
+                                .torso_shrink = 0.8f,
+                                .audio_pad = ERN_AUDIO_PAD_EDGE,
+                                .save_every = 1000,
+                                .validate_every = 1000,
+                                .validate_frames = 16,
+                                .ema_every = 1000,
+                                .refresh_every = ERN_REFRESH_EVERY};
+  ern_config_give(config, bytes, &own, sizeof own);
 }
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
@@ -64,8 +66,6 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 1, 1e12}};
-  if (c->cookie != CONFIG_COOKIE)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: the configuration was not made by ern_train_config_default");
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
     const ern_status status = check_range(context, ranges[i].name, ranges[i].found, ranges[i].least, ranges[i].most);
     if (status != ERN_OK) return status;
@@ -333,28 +333,31 @@ fail:
   return status;
 }
 
-ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
-                              const ern_train_config *config) {
+ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
+                                    size_t dataset_bytes, const ern_train_config *config) {
   ERN_PLAIN_FLOATS;
   if (trainer != NULL) *trainer = NULL;
   ERN_NEED(NULL, backend);
   ern_context *context = backend->context;
   ERN_NEED(context, trainer);
   ERN_NEED(context, dataset);
-  const ern_train_config chosen = config != NULL ? *config : ern_train_config_default();
+  ern_train_config chosen = ern_train_config_default();
+  ern_dataset data = {0};
   void *room = NULL;
   ern_trainer *t = NULL;
   ern_status status = ERN_OK;
+  if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_train_config, &chosen, config));
+  ERN_TRY(ERN_TAKE(context, ern_dataset, &data, dataset, dataset_bytes));
   ERN_TRY(check_config(context, &chosen));
   ERN_TRY(ern_allocate(context, 1, sizeof *t, &room));
   t = room;
   t->context = context;
   t->backend = backend;
-  t->data = *dataset;
+  t->data = data;
   t->config = chosen;
   t->run.lock = -1;
-  if (dataset->identity != NULL && strlen(dataset->identity) < sizeof t->identity)
-    memcpy(t->identity, dataset->identity, strlen(dataset->identity) + 1);
+  if (data.identity != NULL && strlen(data.identity) < sizeof t->identity)
+    memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(check_data(t));
   ERN_TRY(make_model(t));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));

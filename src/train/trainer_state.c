@@ -9,6 +9,7 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
+#include "core/sized.h"
 #include "io/file.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
@@ -368,34 +369,36 @@ fail:
   return status;
 }
 
-ern_status ern_train_state_describe(ern_context *context, const char *output, ern_train_state *state) {
+ern_status ern_train_state_describe_sized(ern_context *context, const char *output, ern_train_state *state,
+                                          size_t state_bytes, ern_model_info *model, size_t model_bytes) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(context, context);
   ERN_NEED(context, output);
   ERN_NEED(context, state);
+  ERN_NEED(context, model);
   struct ern_run_folder run;
   struct candidate best = {0};
   ern_status status = ERN_OK;
-  *state = (ern_train_state){0};
   ERN_TRY(ern_run_folder_name(context, output, &run));
   ERN_TRY(find_newest(context, &run, false, &best));
   if (best.model == NULL) ERN_TRY(ern_fail(context, ERN_E_MISSING, "%s: holds no state of a training", run.folder));
   const struct ern_state_about *about = &best.about;
-  *state = (ern_train_state){.torso = about->torso,
-                             .step = about->step,
-                             .seed = about->seed,
-                             .rays = about->rays,
-                             .has_settings = about->said,
-                             .iters = about->iters,
-                             .lr = about->lr,
-                             .lr_net = about->lr_net,
-                             .lr_att = about->lr_att,
-                             .refresh_every = about->refresh_every,
-                             .ema_every = about->ema_every,
-                             .data_begin = (size_t)about->data_begin,
-                             .data_end = (size_t)about->data_end,
-                             .torso_layer = about->layer};
-  ern_model_describe(best.model, &state->model);
+  const ern_train_state own = {.torso = about->torso,
+                               .step = about->step,
+                               .seed = about->seed,
+                               .rays = about->rays,
+                               .has_settings = about->said,
+                               .iters = about->iters,
+                               .lr = about->lr,
+                               .lr_net = about->lr_net,
+                               .lr_att = about->lr_att,
+                               .refresh_every = about->refresh_every,
+                               .ema_every = about->ema_every,
+                               .data_begin = (size_t)about->data_begin,
+                               .data_end = (size_t)about->data_end,
+                               .torso_layer = about->layer};
+  ern_struct_give(state, state_bytes, &own, sizeof own);
+  ern_model_describe_sized(best.model, model, model_bytes);
 fail:
   close_candidate(context, &best);
   ern_run_folder_close(context, &run);

@@ -117,7 +117,7 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
     if (k == 0) draw(t, &look, truth);
   }
   snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
-  if (hooks != NULL && hooks->validation != NULL) {
+  if (hooks->validation != NULL) {
     ern_error_keep(t->context, before);
     status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height,
                                name);

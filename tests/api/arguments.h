@@ -29,6 +29,40 @@ struct arguments_check {
 /* The same where there is no context to say anything. */
 #define REFUSED_ALONE(call) assert_int_equal(call, ERN_E_ARGUMENT)
 
+/* A struct as it is handed out in some number of bytes, of which some may be too many: a fill or ..._sized function
+ * writes so many and none past them, zeros where the library knows no member. `call` uses `it` and `bytes`. */
+#define KEEPS_TO(type, call)                                                              \
+  do {                                                                                    \
+    const size_t sizes[] = {0, 1, 8, sizeof(type) - 1, sizeof(type), sizeof(type) + 40};  \
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++) {                           \
+      union {                                                                             \
+        type it;                                                                          \
+        unsigned char bytes[sizeof(type) + 64];                                           \
+      } room;                                                                             \
+      const size_t bytes = sizes[k];                                                      \
+      type *it = &room.it;                                                                \
+      memset(&room, 0xa5, sizeof room);                                                   \
+      call;                                                                               \
+      for (size_t i = bytes; i < sizeof room; i++) assert_int_equal(room.bytes[i], 0xa5); \
+      for (size_t i = sizeof(type); i < bytes; i++) assert_int_equal(room.bytes[i], 0);   \
+      if (bytes > 1) assert_true(room.bytes[0] != 0xa5 || room.bytes[1] != 0xa5);         \
+    }                                                                                     \
+  } while (0)
+
+/* The same of a configuration, which says its size itself. */
+#define FILLS(type, fill)                                                \
+  do {                                                                   \
+    fill(NULL, sizeof(type));                                            \
+    KEEPS_TO(type, {                                                     \
+      fill(it, bytes);                                                   \
+      if (bytes >= 8) assert_true(it->cookie != 0 && it->size == bytes); \
+    });                                                                  \
+  } while (0)
+
+/* A struct of a program that was built for a later version is refused, by its name. */
+#define REFUSED_LATER(context, type, call) \
+  support_expect(context, call, ERN_E_UNSUPPORTED, #type ": found ", "a later version", (char *)NULL)
+
 static inline bool arguments_among(const char *name, const struct arguments_check *table, size_t count) {
   for (size_t i = 0; i < count; i++)
     if (strcmp(name, table[i].name) == 0) return true;

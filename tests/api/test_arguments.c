@@ -22,7 +22,13 @@ static const char *const junk = "no such file";
 CHECK(ern_status_name) { assert_string_equal(ern_status_name((ern_status)999), "ERN_E_UNKNOWN"); }
 CHECK(ern_version) { assert_non_null(ern_version()); }
 CHECK(ern_context_config_default) { assert_int_not_equal(ern_context_config_default().cookie, 0); }
+CHECK(ern_context_config_fill) { FILLS(ern_context_config, ern_context_config_fill); }
+static void must_not_log(void *user, ern_log_level level, const char *line) {
+  (void)user, (void)level;
+  fail_msg("a hook past the size was called: %s", line);
+}
 CHECK(ern_context_create) {
+  ern_backend *backend = NULL;
   ern_context *made = (ern_context *)(void *)&w;
   ern_context_config config = ern_context_config_default();
   REFUSED_ALONE(ern_context_create(NULL, NULL));
@@ -31,6 +37,22 @@ CHECK(ern_context_create) {
   assert_null(made);
   config = (ern_context_config){0};
   REFUSED_ALONE(ern_context_create(&made, &config));
+  config = ern_context_config_default();
+  config.size += 8;
+  assert_int_equal(ern_context_create(&made, &config), ERN_E_UNSUPPORTED);
+  config.size = 4;
+  REFUSED_ALONE(ern_context_create(&made, &config));
+  config.size = offsetof(ern_context_config, release); /* the rest is as by default */
+  config.allocate = NULL;
+  config.release = NULL;
+  assert_int_equal(ern_context_create(&made, &config), ERN_E_ARGUMENT);
+  config = ern_context_config_default();
+  config.size = offsetof(ern_context_config, log);
+  config.log = must_not_log; /* past the size */
+  assert_int_equal(ern_context_create(&made, &config), ERN_OK);
+  support_ok(made, ern_backend_create(&backend, made, NULL)); /* which logs its choice */
+  ern_backend_free(&backend);
+  ern_context_free(&made);
 }
 CHECK(ern_context_free) {
   ern_context *none = NULL;
@@ -57,6 +79,7 @@ static void say_device(void *user, const ern_device_info *device) { (void)user, 
 static void say_tuning(void *user, const ern_tuning *tuning) { (void)user, (void)tuning; }
 
 CHECK(ern_backend_config_default) { assert_int_not_equal(ern_backend_config_default().cookie, 0); }
+CHECK(ern_backend_config_fill) { FILLS(ern_backend_config, ern_backend_config_fill); }
 CHECK(ern_backend_create) {
   ern_backend *made = w.backend;
   REFUSED_ALONE(ern_backend_create(&made, NULL, NULL));
@@ -67,6 +90,11 @@ CHECK(ern_backend_create) {
   config.name = "opencl";
   config.device = -1;
   assert_int_equal(ern_backend_create(&made, w.context, &config), ERN_E_UNSUPPORTED);
+  config.size = offsetof(ern_backend_config, name); /* of a time without the rest */
+  support_ok(w.context, ern_backend_create(&made, w.context, &config));
+  ern_backend_free(&made);
+  config.size = sizeof config + 8;
+  REFUSED_LATER(w.context, ern_backend_config, ern_backend_create(&made, w.context, &config));
 }
 CHECK(ern_backend_free) {
   ern_backend *none = NULL;
@@ -78,6 +106,11 @@ CHECK(ern_backend_describe) {
   ern_backend_describe(NULL, &info);
   assert_int_equal(info.real_bytes, 0);
   ern_backend_describe(w.backend, NULL);
+}
+CHECK(ern_backend_describe_sized) {
+  ern_backend_describe_sized(w.backend, NULL, sizeof(ern_backend_info));
+  KEEPS_TO(ern_backend_info, ern_backend_describe_sized(w.backend, it, bytes));
+  KEEPS_TO(ern_backend_info, ern_backend_describe_sized(NULL, it, bytes));
 }
 CHECK(ern_backend_tuning) {
   ern_backend_tuning(NULL, say_tuning, NULL);
@@ -175,6 +208,10 @@ CHECK(ern_model_describe) {
   ern_model_describe(NULL, &info);
   assert_int_equal(info.levels, 0);
   ern_model_describe(w.model, NULL);
+}
+CHECK(ern_model_describe_sized) {
+  ern_model_describe_sized(w.model, NULL, sizeof(ern_model_info));
+  KEEPS_TO(ern_model_info, ern_model_describe_sized(w.model, it, bytes));
 }
 CHECK(ern_file_tensors) {
   REFUSED_ALONE(ern_file_tensors(NULL, junk, say_tensor, NULL));
@@ -318,6 +355,7 @@ CHECK(ern_silence_rest) {
 /* ---- render.h: renderer ------------------------------------------------------------------------------------------ */
 
 CHECK(ern_render_options_default) { assert_int_not_equal(ern_render_options_default().cookie, 0); }
+CHECK(ern_render_options_fill) { FILLS(ern_render_options, ern_render_options_fill); }
 CHECK(ern_renderer_create) {
   ern_renderer *made = w.renderer;
   ern_render_options options = ern_render_options_default();
@@ -334,6 +372,12 @@ CHECK(ern_renderer_create) {
   options.threads = ERN_THREADS_MOST; /* what the header allows is taken */
   support_ok(w.context, ern_renderer_create(&made, w.backend, w.model, &options));
   ern_renderer_free(&made);
+  options.image_scale = -7;
+  options.size = offsetof(ern_render_options, image_scale); /* so it is not looked at */
+  support_ok(w.context, ern_renderer_create(&made, w.backend, w.model, &options));
+  ern_renderer_free(&made);
+  options.size = sizeof options + 8;
+  REFUSED_LATER(w.context, ern_render_options, ern_renderer_create(&made, w.backend, w.model, &options));
 }
 CHECK(ern_renderer_free) {
   ern_renderer *none = NULL;
@@ -381,6 +425,10 @@ CHECK(ern_renderer_keep_still) {
   support_ok(w.context, ern_renderer_keep_still(w.renderer, NULL, 0, NULL, 0, -1));
 }
 CHECK(ern_renderer_still_work) { assert_int_equal(ern_renderer_still_work(NULL).frames, 0); }
+CHECK(ern_renderer_still_work_sized) {
+  ern_renderer_still_work_sized(w.renderer, NULL, sizeof(ern_still_work));
+  KEEPS_TO(ern_still_work, ern_renderer_still_work_sized(w.renderer, it, bytes));
+}
 CHECK(ern_renderer_frame) {
   static uint8_t rgba[SIDE * SIDE * 4];
   ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
@@ -392,8 +440,8 @@ CHECK(ern_renderer_frame) {
   support_ok(w.context, ern_renderer_frame(w.renderer, &input, &output, NULL));
   support_ok(w.context, ern_renderer_frame(w.renderer, &input, &(ern_frame_output){0}, NULL));
   REFUSED_ALONE(ern_renderer_frame(NULL, &input, &output, NULL));
-  REFUSED(w.context, "ern_renderer_frame: input is NULL", ern_renderer_frame(w.renderer, NULL, &output, NULL));
-  REFUSED(w.context, "ern_renderer_frame: output is NULL", ern_renderer_frame(w.renderer, &input, NULL, NULL));
+  REFUSED(w.context, "ern_renderer_frame_sized: input is NULL", ern_renderer_frame(w.renderer, NULL, &output, NULL));
+  REFUSED(w.context, "ern_renderer_frame_sized: output is NULL", ern_renderer_frame(w.renderer, &input, NULL, NULL));
   input.window_length = -1;
   REFUSED(w.context, "window_length is -1", ern_renderer_frame(w.renderer, &input, &output, NULL));
   input.window_length = 16;
@@ -408,6 +456,29 @@ CHECK(ern_renderer_frame) {
   input.camera.width = SIDE;
   input.individual = SIZE_MAX;
   REFUSED(w.context, "individual code", ern_renderer_frame(w.renderer, &input, &output, NULL));
+}
+
+CHECK(ern_renderer_frame_sized) {
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = w.windows,
+                           .window_length = 16,
+                           .rest = NAN}; /* past the members of the sizes below */
+  const ern_frame_output output = {.rgba = rgba, .rgb = (float *)(void *)rgba};
+  const size_t in = offsetof(ern_frame_input, rest), out = offsetof(ern_frame_output, rgb);
+  const float matrix[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1};
+  ern_camera_pose(input.camera.pose, matrix, 4);
+  KEEPS_TO(ern_frame_times,
+           support_ok(w.context, ern_renderer_frame_sized(w.renderer, &input, in, &output, out, it, bytes)));
+  support_ok(w.context, ern_renderer_frame_sized(w.renderer, &input, in, &output, out, NULL, 0));
+  memset(rgba, 7, sizeof rgba);
+  support_ok(w.context, ern_renderer_frame_sized(w.renderer, &input, in, &output, 0, NULL, 0));
+  for (size_t i = 0; i < sizeof rgba; i++) assert_int_equal(rgba[i], 7);
+  REFUSED(w.context, "size is 0 x 0", ern_renderer_frame_sized(w.renderer, &input, 0, &output, out, NULL, 0));
+  REFUSED_LATER(w.context, ern_frame_input,
+                ern_renderer_frame_sized(w.renderer, &input, sizeof input + 8, &output, out, NULL, 0));
+  REFUSED_LATER(w.context, ern_frame_output,
+                ern_renderer_frame_sized(w.renderer, &input, in, &output, sizeof output + 8, NULL, 0));
 }
 
 /* ---- render.h: rate, judging ------------------------------------------------------------------------------------- */
@@ -456,14 +527,17 @@ CHECK(ern_ssim) {
 static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_version),
                                                ROW(ern_context_config_default),
+                                               ROW(ern_context_config_fill),
                                                ROW(ern_context_create),
                                                ROW(ern_context_free),
                                                ROW(ern_last_error),
                                                ROW(ern_last_error_copy),
                                                ROW(ern_backend_config_default),
+                                               ROW(ern_backend_config_fill),
                                                ROW(ern_backend_create),
                                                ROW(ern_backend_free),
                                                ROW(ern_backend_describe),
+                                               ROW(ern_backend_describe_sized),
                                                ROW(ern_backend_tuning),
                                                ROW(ern_devices_list),
                                                ROW(ern_features_load),
@@ -486,6 +560,7 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_model_free),
                                                ROW(ern_model_save),
                                                ROW(ern_model_describe),
+                                               ROW(ern_model_describe_sized),
                                                ROW(ern_file_tensors),
                                                ROW(ern_file_sha256),
                                                ROW(ern_model_refine),
@@ -501,6 +576,7 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_silence_free),
                                                ROW(ern_silence_rest),
                                                ROW(ern_render_options_default),
+                                               ROW(ern_render_options_fill),
                                                ROW(ern_renderer_create),
                                                ROW(ern_renderer_free),
                                                ROW(ern_renderer_accepts),
@@ -508,7 +584,9 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_renderer_code),
                                                ROW(ern_renderer_keep_still),
                                                ROW(ern_renderer_still_work),
+                                               ROW(ern_renderer_still_work_sized),
                                                ROW(ern_renderer_frame),
+                                               ROW(ern_renderer_frame_sized),
                                                ROW(ern_pace_begin),
                                                ROW(ern_pace_next),
                                                ROW(ern_pace_holds),

@@ -108,6 +108,7 @@ CHECK(ern_sound_free) {
   ern_sound_free(w.context, &(ern_sound){0});
 }
 CHECK(ern_video_options_default) { assert_int_equal(ern_video_options_default(-1, 0).width, -1); }
+CHECK(ern_video_options_fill) { FILLS(ern_video_options, ern_video_options_fill); }
 CHECK(ern_video_writer_open) {
   ern_video_options options = ern_video_options_default(16, 16);
   ern_video_writer *writer = (ern_video_writer *)(void *)&w;
@@ -116,6 +117,8 @@ CHECK(ern_video_writer_open) {
   REFUSED(w.context, "path is NULL", ern_video_writer_open(w.context, NULL, &options, &writer));
   REFUSED(w.context, "options is NULL", ern_video_writer_open(w.context, "a.mp4", NULL, &writer));
   REFUSED(w.context, "writer is NULL", ern_video_writer_open(w.context, "a.mp4", &options, NULL));
+  REFUSED(w.context, "ern_video_options_default",
+          ern_video_writer_open(w.context, "a.mp4", &(ern_video_options){.width = 16, .height = 16}, &writer));
   options.crf = 99;
   REFUSED(w.context, "crf is 99", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.crf = 15;
@@ -124,6 +127,11 @@ CHECK(ern_video_writer_open) {
   options.rate_denominator = 1;
   options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
   REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.size = offsetof(ern_video_options, sound); /* so it is not looked at */
+  support_ok(w.context, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  ern_video_writer_abandon(&writer);
+  options.size = sizeof options + 8;
+  REFUSED_LATER(w.context, ern_video_options, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
 }
 CHECK(ern_video_writer_frame) {
   const ern_video_options options = ern_video_options_default(16, 16);
@@ -157,6 +165,13 @@ CHECK(ern_video_reader_info) {
   assert_int_equal(info.width, 0);
   ern_video_reader_info(NULL, NULL);
 }
+CHECK(ern_video_reader_info_sized) { /* a.mp4 is that of ern_video_writer_frame */
+  ern_video_reader *reader = NULL;
+  support_ok(w.context, ern_video_reader_open(w.context, "a.mp4", &reader));
+  ern_video_reader_info_sized(reader, NULL, sizeof(ern_video_info));
+  KEEPS_TO(ern_video_info, ern_video_reader_info_sized(reader, it, bytes));
+  ern_video_reader_free(&reader);
+}
 CHECK(ern_video_reader_frame) { /* a.mp4 is that of ern_video_writer_frame */
   ern_video_reader *reader = NULL;
   ern_image image = {0};
@@ -183,6 +198,7 @@ CHECK(ern_video_reader_free) {
 static void say_line(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
 
 CHECK(ern_clip_options_default) { assert_int_not_equal(ern_clip_options_default().cookie, 0); }
+CHECK(ern_clip_options_fill) { FILLS(ern_clip_options, ern_clip_options_fill); }
 CHECK(ern_clip_open) {
   ern_clip *clip = w.clip;
   REFUSED_ALONE(ern_clip_open(NULL, junk, NULL, &clip));
@@ -190,6 +206,9 @@ CHECK(ern_clip_open) {
   REFUSED(w.context, "folder is NULL", ern_clip_open(w.context, NULL, NULL, &clip));
   REFUSED(w.context, "clip is NULL", ern_clip_open(w.context, junk, NULL, NULL));
   REFUSED(w.context, "ern_clip_options_default", ern_clip_open(w.context, junk, &(ern_clip_options){0}, &clip));
+  ern_clip_options options = ern_clip_options_default();
+  options.size += 8;
+  REFUSED_LATER(w.context, ern_clip_options, ern_clip_open(w.context, junk, &options, &clip));
 }
 CHECK(ern_clip_free) {
   ern_clip *none = NULL;
@@ -201,6 +220,10 @@ CHECK(ern_clip_describe) {
   ern_clip_describe(NULL, &info);
   assert_int_equal(info.width, 0);
   ern_clip_describe(w.clip, NULL);
+}
+CHECK(ern_clip_describe_sized) {
+  ern_clip_describe_sized(w.clip, NULL, sizeof(ern_clip_info));
+  KEEPS_TO(ern_clip_info, ern_clip_describe_sized(w.clip, it, bytes));
 }
 CHECK(ern_clip_identity) { assert_null(ern_clip_identity(NULL)); }
 CHECK(ern_clip_features) { assert_null(ern_clip_features(NULL)); }
@@ -226,6 +249,14 @@ CHECK(ern_clip_dataset) {
   assert_int_equal(data.width, 0);
   ern_clip_dataset(w.clip, NULL);
 }
+CHECK(ern_clip_dataset_sized) {
+  ern_clip_dataset_sized(w.clip, NULL, sizeof(ern_dataset));
+  KEEPS_TO(ern_dataset, ern_clip_dataset_sized(w.clip, it, bytes));
+}
+CHECK(ern_clip_measure_sized) {
+  REFUSED_ALONE(ern_clip_measure_sized(NULL, &(ern_clip_measures){0}, sizeof(ern_clip_measures)));
+  KEEPS_TO(ern_clip_measures, support_ok(w.context, ern_clip_measure_sized(w.clip, it, bytes)));
+}
 CHECK(ern_clip_measure) {
   ern_clip_measures measures;
   REFUSED_ALONE(ern_clip_measure(NULL, &measures));
@@ -249,12 +280,18 @@ static const struct arguments_check table[] = {ROW(ern_image_read),
                                                ROW(ern_sound_write_wav),
                                                ROW(ern_sound_free),
                                                ROW(ern_video_options_default),
+                                               ROW(ern_video_options_fill),
+                                               ROW(ern_clip_options_fill),
+                                               ROW(ern_clip_describe_sized),
+                                               ROW(ern_clip_dataset_sized),
+                                               ROW(ern_clip_measure_sized),
                                                ROW(ern_video_writer_open),
                                                ROW(ern_video_writer_frame),
                                                ROW(ern_video_writer_close),
                                                ROW(ern_video_writer_abandon),
                                                ROW(ern_video_reader_open),
                                                ROW(ern_video_reader_info),
+                                               ROW(ern_video_reader_info_sized),
                                                ROW(ern_video_reader_frame),
                                                ROW(ern_video_reader_free),
                                                ROW(ern_clip_options_default),

@@ -77,6 +77,7 @@ static void refuse_failing(struct lie next, ern_status expected, const char *wor
 
 /* ---- train.h ----------------------------------------------------------------------------------------------------- */
 
+CHECK(ern_train_config_fill) { FILLS(ern_train_config, ern_train_config_fill); }
 CHECK(ern_train_config_default) { assert_int_not_equal(ern_train_config_default().cookie, 0); }
 
 static void refuse_config(ern_train_config config, const char *words) {
@@ -156,16 +157,49 @@ CHECK(ern_trainer_create) {
   ern_trainer *made = w.trainer;
   REFUSED_ALONE(ern_trainer_create(&made, NULL, &w.clip.data, NULL));
   assert_null(made);
-  REFUSED(w.context, "ern_trainer_create: dataset is NULL", ern_trainer_create(&made, w.backend, NULL, NULL));
-  REFUSED(w.context, "ern_trainer_create: trainer is NULL", ern_trainer_create(NULL, w.backend, &w.clip.data, NULL));
+  REFUSED(w.context, "ern_trainer_create_sized: dataset is NULL", ern_trainer_create(&made, w.backend, NULL, NULL));
+  REFUSED(w.context, "ern_trainer_create_sized: trainer is NULL",
+          ern_trainer_create(NULL, w.backend, &w.clip.data, NULL));
   check_configs();
   check_datasets();
 }
+CHECK(ern_trainer_create_sized) {
+  ern_train_config config = small_config(3, NULL);
+  ern_dataset data = w.clip.data;
+  ern_trainer *made = w.trainer;
+  REFUSED_ALONE(ern_trainer_create_sized(&made, NULL, &data, sizeof data, &config));
+  assert_null(made);
+  data.identity = (const char *)(uintptr_t)1; /* past the size */
+  config.refresh_every = 0;
+  config.size = offsetof(ern_train_config, refresh_every);
+  support_ok(w.context, ern_trainer_create_sized(&made, w.backend, &data, offsetof(ern_dataset, identity), &config));
+  ern_trainer_free(&made);
+  REFUSED(w.context, "lacks frames", ern_trainer_create_sized(&made, w.backend, &data, 0, &config));
+  REFUSED_LATER(w.context, ern_dataset, ern_trainer_create_sized(&made, w.backend, &data, sizeof data + 8, &config));
+  config.size = sizeof config + 8;
+  REFUSED_LATER(w.context, ern_train_config,
+                ern_trainer_create_sized(&made, w.backend, &w.clip.data, sizeof data, &config));
+}
 CHECK(ern_train_state_describe) {
   ern_train_state state;
-  REFUSED_ALONE(ern_train_state_describe(NULL, "none", &state));
-  REFUSED(w.context, "output is NULL", ern_train_state_describe(w.context, NULL, &state));
-  REFUSED(w.context, "state is NULL", ern_train_state_describe(w.context, "none", NULL));
+  ern_model_info model;
+  REFUSED_ALONE(ern_train_state_describe(NULL, "none", &state, &model));
+  REFUSED(w.context, "output is NULL", ern_train_state_describe(w.context, NULL, &state, &model));
+  REFUSED(w.context, "state is NULL", ern_train_state_describe(w.context, "none", NULL, &model));
+  REFUSED(w.context, "model is NULL", ern_train_state_describe(w.context, "none", &state, NULL));
+}
+CHECK(ern_train_state_describe_sized) {
+  const ern_train_config config = small_config(2, "sized.safetensors");
+  ern_trainer *trainer = NULL;
+  ern_train_state state;
+  ern_model_info model;
+  support_ok(w.context, ern_trainer_create(&trainer, w.backend, &w.clip.data, &config));
+  support_ok(w.context, ern_trainer_save(trainer));
+  ern_trainer_free(&trainer);
+  KEEPS_TO(ern_train_state, support_ok(w.context, ern_train_state_describe_sized(w.context, config.output, it, bytes,
+                                                                                 &model, sizeof model)));
+  KEEPS_TO(ern_model_info, support_ok(w.context, ern_train_state_describe_sized(w.context, config.output, &state,
+                                                                                sizeof state, it, bytes)));
 }
 CHECK(ern_trainer_free) {
   ern_trainer *none = NULL;
@@ -178,10 +212,22 @@ CHECK(ern_trainer_describe) {
   assert_int_equal(report.iters, 0);
   ern_trainer_describe(w.trainer, NULL);
 }
+CHECK(ern_trainer_describe_sized) {
+  ern_trainer_describe_sized(w.trainer, NULL, sizeof(ern_train_report));
+  KEEPS_TO(ern_train_report, ern_trainer_describe_sized(w.trainer, it, bytes));
+}
+CHECK(ern_trainer_step_sized) {
+  const ern_train_config config = small_config(9, NULL);
+  ern_trainer *trainer = NULL;
+  support_ok(w.context, ern_trainer_create(&trainer, w.backend, &w.clip.data, &config));
+  KEEPS_TO(ern_train_report, support_ok(w.context, ern_trainer_step_sized(trainer, it, bytes)));
+  ern_trainer_free(&trainer);
+  REFUSED_ALONE(ern_trainer_step_sized(NULL, &(ern_train_report){0}, sizeof(ern_train_report)));
+}
 CHECK(ern_trainer_step) {
   ern_train_report report;
   REFUSED_ALONE(ern_trainer_step(NULL, &report));
-  REFUSED(w.context, "ern_trainer_step: report is NULL", ern_trainer_step(w.trainer, NULL));
+  REFUSED(w.context, "ern_trainer_step_sized: report is NULL", ern_trainer_step(w.trainer, NULL));
   for (int pad = 0; pad < 2; pad++) {
     refuse_lie((ern_audio_pad)pad, (struct lie){.aud_id = -1}, "aud_id is -1");
     refuse_lie((ern_audio_pad)pad, (struct lie){.aud_id = INT64_MIN}, "aud_id is -9223372036854775808");
@@ -205,6 +251,22 @@ CHECK(ern_trainer_run) {
   support_ok(w.context, ern_trainer_run(trainer, &(ern_train_hooks){0}));
   ern_trainer_free(&trainer);
 }
+static int must_not_tell(void *user, const ern_train_report *report) {
+  (void)user, (void)report;
+  fail_msg("a hook past the size was called");
+  return 0;
+}
+CHECK(ern_trainer_run_sized) {
+  const ern_train_config config = small_config(2, NULL);
+  const ern_train_hooks hooks = {.progress = must_not_tell};
+  ern_trainer *trainer = NULL;
+  support_ok(w.context, ern_trainer_create(&trainer, w.backend, &w.clip.data, &config));
+  REFUSED_LATER(w.context, ern_train_hooks, ern_trainer_run_sized(trainer, &hooks, sizeof hooks + 8));
+  support_ok(w.context, ern_trainer_run_sized(trainer, &hooks, offsetof(ern_train_hooks, progress)));
+  support_ok(w.context, ern_trainer_run_sized(trainer, &hooks, 0));
+  ern_trainer_free(&trainer);
+  REFUSED_ALONE(ern_trainer_run_sized(NULL, NULL, sizeof hooks));
+}
 CHECK(ern_trainer_save) {
   REFUSED_ALONE(ern_trainer_save(NULL));
   assert_int_equal(ern_trainer_save(w.trainer), ERN_E_STATE);
@@ -219,10 +281,15 @@ CHECK(ern_trainer_folder) { assert_null(ern_trainer_folder(NULL)); }
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {
-    ROW(ern_train_config_default), ROW(ern_trainer_create), ROW(ern_train_state_describe), ROW(ern_trainer_free),
-    ROW(ern_trainer_describe),     ROW(ern_trainer_step),   ROW(ern_trainer_check),        ROW(ern_trainer_run),
-    ROW(ern_trainer_save),         ROW(ern_trainer_model),  ROW(ern_trainer_folder)};
+static const struct arguments_check table[] = {ROW(ern_train_config_default),   ROW(ern_train_config_fill),
+                                               ROW(ern_trainer_create_sized),   ROW(ern_train_state_describe_sized),
+                                               ROW(ern_trainer_describe_sized), ROW(ern_trainer_step_sized),
+                                               ROW(ern_trainer_run_sized),      ROW(ern_trainer_create),
+                                               ROW(ern_train_state_describe),   ROW(ern_trainer_free),
+                                               ROW(ern_trainer_describe),       ROW(ern_trainer_step),
+                                               ROW(ern_trainer_check),          ROW(ern_trainer_run),
+                                               ROW(ern_trainer_save),           ROW(ern_trainer_model),
+                                               ROW(ern_trainer_folder)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

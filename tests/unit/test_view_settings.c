@@ -230,12 +230,13 @@ static void test_resume_mixes_nothing(void **state) {
 static void test_state_describes_itself(void **state) {
   (void)state;
   ern_train_state found;
-  support_ok(made.context, ern_train_state_describe(made.context, "again.safetensors", &found));
+  ern_model_info model;
+  support_ok(made.context, ern_train_state_describe(made.context, "again.safetensors", &found, &model));
   assert_true(found.has_settings && !found.torso && found.torso_layer && found.step == 6 && found.iters == 6);
   assert_true(found.rays == 90 && found.lr == 0.02f && found.refresh_every == 8 && found.ema_every == 2);
-  assert_true(found.data_begin == 0 && found.data_end == 3 && found.model.scale == 3 && found.model.max_steps == 20);
-  support_expect(made.context, ern_train_state_describe(made.context, "nobody.safetensors", &found), ERN_E_MISSING,
-                 "nobody.run", NULL);
+  assert_true(found.data_begin == 0 && found.data_end == 3 && model.scale == 3 && model.max_steps == 20);
+  support_expect(made.context, ern_train_state_describe(made.context, "nobody.safetensors", &found, &model),
+                 ERN_E_MISSING, "nobody.run", NULL);
 }
 
 /* A state of before these were kept says nothing of them; one that says part of them, or nonsense, is refused. */

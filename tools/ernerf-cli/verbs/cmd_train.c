@@ -340,7 +340,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->ema_every = job->ema_every;
   config->refresh_every = job->refresh_every;
   config->seed = job->session.seed;
-  if (job->has_state) inherit_state(args, &job->state, config);
+  if (job->has_state) inherit_state(args, &job->state, &job->from, config);
   const uint64_t tenth = config->iters / 10;
   config->validate_every = args_given(args, "validate-every") ? job->validate_every
                            : tenth > VALIDATE_MOST            ? VALIDATE_MOST
@@ -435,10 +435,9 @@ static int open_all(struct train_job *job, const struct args *args) {
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
   /* A state that cannot be read is told of when it is resumed. */
-  if (job->config.resume && ern_train_state_describe(session->context, job->config.output, &job->state) == ERN_OK) {
-    job->from = job->state.model;
+  if (job->config.resume &&
+      ern_train_state_describe(session->context, job->config.output, &job->state, &job->from) == ERN_OK)
     job->has_from = job->has_state = true;
-  }
   fill_config(job, args);
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);

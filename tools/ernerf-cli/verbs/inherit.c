@@ -20,10 +20,11 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
   if (torso && !args_given(args, "torso_shrink")) config->torso_shrink = model->torso_shrink;
 }
 
-void inherit_state(const struct args *args, const ern_train_state *state, ern_train_config *config) {
+void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
+                   ern_train_config *config) {
   if (!args_given(args, "seed")) config->seed = state->seed;
   if (!args_given(args, "rays") && state->rays > 0) config->rays = state->rays;
-  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso && state->model.has_gamma;
+  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso && model->has_gamma;
   if (!state->has_settings) return;
   if (!args_given(args, "iters")) config->iters = state->iters;
   if (!args_given(args, "lr")) config->lr = state->lr;

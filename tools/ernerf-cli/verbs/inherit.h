@@ -14,6 +14,7 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
                   float *scale);
 
 /* Steps, rates, rays, seed, intervals and frames of the state that is resumed. */
-void inherit_state(const struct args *args, const ern_train_state *state, ern_train_config *config);
+void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
+                   ern_train_config *config);
 
 #endif
