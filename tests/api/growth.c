@@ -20,14 +20,15 @@ enum { GUARD = 256, SIDE = 64, STEPS = 3 };
     }                                                                                           \
   } while (0)
 
-/* A struct `name->it` between guards; UNTOUCHED ends the program where one of these has changed. */
+/* A struct `name->it` between guards; UNTOUCHED ends the program where one of these has changed. They are volatile, as
+ * a compiler may take it that a function that is given `it` leaves them alone. */
 #define GUARDED(type, name)                        \
   static struct {                                  \
-    unsigned char before[GUARD];                   \
+    volatile unsigned char before[GUARD];          \
     type it;                                       \
-    unsigned char after[GUARD];                    \
+    volatile unsigned char after[GUARD];           \
   } name##_guarded, *const name = &name##_guarded; \
-  memset(name, 0xa5, sizeof *name)
+  memset((void *)name, 0xa5, sizeof *name)
 #define UNTOUCHED(name)                                                                               \
   for (int i = 0; i < GUARD; i++)                                                                     \
     if (name->before[i] != 0xa5 || name->after[i] != 0xa5) {                                          \

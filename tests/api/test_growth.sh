@@ -96,11 +96,11 @@ for age in now before; do
   compile "$examples" "$source/examples/render_minimal.c" "$folder/render_minimal" -lernerf -lm
   compile "$examples" "$source/examples/contact_sheet.c" "$folder/contact_sheet" -lernerf-media -lernerf
   (
-    cd "$folder"
-    ./growth_program "$source/data/tiny" growth >growth.txt
-    ./train_minimal ball 10 | tail -1 >train.txt # what it says now and then is not the same
-    ./render_minimal ball/ball.safetensors ball/speech.npy ball/poses.json ball.rgba
-    ./contact_sheet growth/video.mp4 sheet.png 1 1 32
+    cd "$folder" &&
+      ./growth_program "$source/data/tiny" growth >growth.txt &&
+      ./train_minimal ball 10 | tail -1 >train.txt && # what it says now and then is not the same
+      ./render_minimal ball/ball.safetensors ball/speech.npy ball/poses.json ball.rgba &&
+      ./contact_sheet growth/video.mp4 sheet.png 1 1 32
   ) >"$folder/log" 2>&1 || fail "a program with the headers of $age: $(tail -3 "$folder/log")"
 done
 for file in growth.txt train.txt ball.rgba ball/ball.safetensors growth/model.safetensors sheet.png; do
