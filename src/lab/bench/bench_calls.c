@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Name, arithmetic and traffic of one call of a slot, from its arguments; include/ernerf/bench.h says what counts.
+ * Name, arithmetic and traffic of one call of a slot, from its arguments; ernerf-lab/bench.h says what counts.
  * Figures that are not sums of products are read off the equations in docs/maths.md, to the operation where a kernel is
  * bound by arithmetic, roughly where it is bound by memory. */
 #include "lab/bench/bench_shared.h"
