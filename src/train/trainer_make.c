@@ -246,20 +246,15 @@ fail:
 
 static ern_status take_host(ern_trainer *t) {
   const size_t rays = (size_t)t->config.rays;
-  void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
-  ERN_TRY(ern_allocate(t->context, t->data.frames[0], sizeof(struct ern_view), &room));
-  t->views = room;
+  ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
-  ERN_TRY(ern_allocate(t->context, rays, sizeof(int32_t), &room));
-  t->host_pixels = room;
-  ERN_TRY(ern_allocate(t->context, 8 * rays, sizeof(float), &room));
-  t->host_rows = room;
-  ERN_TRY(ern_allocate(
-      t->context, (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
-      sizeof(float), &room));
-  t->host_windows = room;
+  ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
+  ERN_TRY(ERN_NEW(t->context, 8 * rays, &t->host_rows));
+  ERN_TRY(ERN_NEW(t->context,
+                  (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
+                  &t->host_windows));
 fail:
   return status;
 }
@@ -342,12 +337,10 @@ ern_status ern_trainer_create(ern_trainer **trainer, ern_backend *backend, const
   ERN_NEED(context, trainer);
   ERN_NEED(context, dataset);
   const ern_train_config chosen = config != NULL ? *config : ern_train_config_default();
-  void *room = NULL;
   ern_trainer *t = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(check_config(context, &chosen));
-  ERN_TRY(ern_allocate(context, 1, sizeof *t, &room));
-  t = room;
+  ERN_TRY(ERN_NEW(context, 1, &t));
   t->context = context;
   t->backend = backend;
   t->data = *dataset;
