@@ -23,7 +23,7 @@ static ern_status buffer_make(struct ern_backend *backend, ern_element element, 
   made->element = element;
   made->count = count;
   made->memory =
-      ern_zeroed_memory(backend->context, count, element == ERN_ELEMENT_REAL ? backend->real_bytes : fixed[element]);
+      ern_allocate(backend->context, count, element == ERN_ELEMENT_REAL ? backend->real_bytes : fixed[element]);
   if (made->memory == NULL) {
     ern_release(backend->context, made);
     return ERN_E_NO_MEMORY;
@@ -114,7 +114,7 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   if (status != ERN_OK) return status;
   struct ern_backend *table = &made->table;
   table->context = context;
-  made->kernel_room = ern_zeroed_memory(context, 1, KERNEL_TABLE_BYTES);
+  made->kernel_room = ern_allocate(context, 1, KERNEL_TABLE_BYTES);
   if (made->kernel_room == NULL) {
     ern_release(context, made);
     return ERN_E_NO_MEMORY;

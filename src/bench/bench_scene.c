@@ -138,7 +138,7 @@ static ern_camera front_camera(int width, int height) {
 static ern_status make_frame(struct ern_bench_scene *scene, int width, int height, uint64_t seed) {
   const size_t pixels = (size_t)width * (size_t)height,
                values = (size_t)ERN_AUDIO_WINDOWS * MADE_WINDOW * MADE_FEATURES;
-  scene->room = ern_zeroed_memory(scene->context, values * sizeof(float) + 6 * pixels, 1);
+  scene->room = ern_allocate(scene->context, values * sizeof(float) + 6 * pixels, 1);
   if (scene->room == NULL) return ERN_E_NO_MEMORY;
   float *windows = scene->room;
   uint8_t *background = (uint8_t *)(windows + values), *truth = background + 3 * pixels;

@@ -119,7 +119,7 @@ void ern_log_error(ern_context *context, ern_log_level level, const char *before
   ern_log(context, level, "%s%s", before, text);
 }
 
-void *ern_zeroed_memory(ern_context *context, size_t count, size_t item_bytes) {
+void *ern_allocate(ern_context *context, size_t count, size_t item_bytes) {
   size_t bytes = 0, padded = 0;
   if (context == NULL) return NULL;
   const bool fits = ern_size_multiply(count, item_bytes, &bytes) &&
@@ -130,11 +130,6 @@ void *ern_zeroed_memory(ern_context *context, size_t count, size_t item_bytes) {
   if (fits) ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu bytes were refused", padded);
   if (!fits) ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu items of %zu bytes do not fit", count, item_bytes);
   return NULL;
-}
-
-ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory) {
-  *memory = ern_zeroed_memory(context, count, item_bytes);
-  return ern_allocation_status(context, *memory);
 }
 
 void ern_release(ern_context *context, void *memory) {

@@ -238,7 +238,7 @@ ern_status ern_npy_read(ern_context *context, const char *path, struct ern_npy *
   ERN_TRY(read_claims(&reader, &header, &type, &count, &bytes));
   ERN_TRY(ERN_NEW(context, bytes, &from));
   ERN_TRY(ern_file_reader_take(&reader, reader.size - bytes, from, bytes));
-  array->data = ern_zeroed_memory(context, count, types[type].loaded_bytes);
+  array->data = ern_allocate(context, count, types[type].loaded_bytes);
   ERN_TRY(ern_allocation_status(context, array->data));
   load_items(array->data, from, types[type].type, count, types[type].bytes);
   array->type = types[type].type;

@@ -27,7 +27,7 @@ void *ern_pickle_allocate(struct ern_pickle_machine *m, size_t bytes, ern_status
   const size_t need = (bytes + 15) / 16 * 16;
   if (need > arena->left) {
     const size_t size = need > BLOCK_BYTES ? need : BLOCK_BYTES;
-    struct block *fresh = ern_zeroed_memory(m->context, size + 16, 1);
+    struct block *fresh = ern_allocate(m->context, size + 16, 1);
     *status = ern_allocation_status(m->context, fresh);
     if (fresh == NULL) return NULL;
     fresh->before = arena->last;

@@ -211,7 +211,7 @@ static ern_status put_metadata(ern_context *context, const struct ern_metadata *
                                struct ern_tensor_file *file) {
   size_t bytes = count * sizeof *from;
   for (size_t i = 0; i < count; i++) bytes += strlen(from[i].value) + 1;
-  file->metadata = ern_zeroed_memory(context, bytes, 1);
+  file->metadata = ern_allocate(context, bytes, 1);
   if (file->metadata == NULL) return ERN_E_NO_MEMORY;
   char *at = (char *)(file->metadata + count);
   for (size_t i = 0; i < count; i++) {

@@ -30,7 +30,7 @@ static ern_status add(struct ern_torch_layout *l, const char *prefix, const char
   if (l->tensors >= ERN_TORCH_LAYOUT_TENSORS)
     return ern_fail(l->context, ERN_E_SHAPE, "%s: more tensors than a model has", l->path);
   for (int d = 0; d < dims; d++) count *= shape[d];
-  void *bytes = ern_zeroed_memory(l->context, count, ern_dtype_bytes(dtype));
+  void *bytes = ern_allocate(l->context, count, ern_dtype_bytes(dtype));
   if (bytes == NULL) return ERN_E_NO_MEMORY;
   struct ern_tensor *tensor = &l->tensor[l->tensors];
   snprintf(l->name[l->tensors], sizeof l->name[0], "%s%s", prefix, name);

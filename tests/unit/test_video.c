@@ -30,7 +30,7 @@ static int tear_down(void **state) {
 }
 
 static void *room(size_t bytes) {
-  void *memory = ern_zeroed_memory(context, bytes, 1);
+  void *memory = ern_allocate(context, bytes, 1);
   assert_non_null(memory);
   return memory;
 }
