@@ -16,18 +16,17 @@ enum { KERNEL_TABLE_BYTES = sizeof(struct ern_cpu_kernels) };
 static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count,
                               struct ern_buffer **buffer) {
   static const size_t fixed[] = {[ERN_ELEMENT_REAL] = 0, [ERN_ELEMENT_INT32] = 4, [ERN_ELEMENT_BYTE] = 1};
-  void *room = NULL;
+  struct ern_buffer *made = NULL;
   *buffer = NULL;
-  ern_status status = ern_allocate(backend->context, 1, sizeof(struct ern_buffer), &room);
+  ern_status status = ERN_NEW(backend->context, 1, &made);
   if (status != ERN_OK) return status;
-  struct ern_buffer *made = room;
   made->element = element;
   made->count = count;
-  status = ern_allocate(backend->context, count, element == ERN_ELEMENT_REAL ? backend->real_bytes : fixed[element],
-                        &made->memory);
-  if (status != ERN_OK) {
+  made->memory =
+      ern_allocate(backend->context, count, element == ERN_ELEMENT_REAL ? backend->real_bytes : fixed[element]);
+  if (made->memory == NULL) {
     ern_release(backend->context, made);
-    return status;
+    return ERN_E_NO_MEMORY;
   }
   *buffer = made;
   return ERN_OK;
@@ -54,9 +53,7 @@ static void stream_free(struct ern_stream *stream) {
 
 /* A stream without a pool: a lane. */
 static ern_status serial_stream_make(struct ern_backend *backend, struct ern_cpu_stream **stream) {
-  void *room = NULL;
-  ern_status status = ern_allocate(backend->context, 1, sizeof(struct ern_cpu_stream), &room);
-  *stream = room;
+  ern_status status = ERN_NEW(backend->context, 1, stream);
   if (status != ERN_OK) return status;
   (*stream)->base.backend = backend;
   return ern_arena_make(backend, &(*stream)->base.arena);
@@ -64,14 +61,12 @@ static ern_status serial_stream_make(struct ern_backend *backend, struct ern_cpu
 
 static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
   struct ern_cpu_stream *made = NULL;
-  void *room = NULL;
   ern_status status = ERN_OK;
   *stream = NULL;
   ERN_TRY(serial_stream_make(backend, &made));
   ERN_TRY(ern_pool_make(backend->context, threads, &made->pool));
   const int lanes = ern_pool_threads(made->pool);
-  ERN_TRY(ern_allocate(backend->context, (size_t)lanes, sizeof(struct ern_cpu_stream *), &room));
-  made->lane = room;
+  ERN_TRY(ERN_NEW(backend->context, (size_t)lanes, &made->lane));
   made->lanes = lanes;
   for (int i = 0; i < lanes; i++) ERN_TRY(serial_stream_make(backend, &made->lane[i]));
   *stream = &made->base;
@@ -113,17 +108,16 @@ FASTER(neon)
 #endif
 
 ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_backend **backend) {
-  void *room = NULL;
+  struct ern_cpu_backend *made = NULL;
   *backend = NULL;
-  ern_status status = ern_allocate(context, 1, sizeof(struct ern_cpu_backend), &room);
+  ern_status status = ERN_NEW(context, 1, &made);
   if (status != ERN_OK) return status;
-  struct ern_cpu_backend *made = room;
   struct ern_backend *table = &made->table;
   table->context = context;
-  status = ern_allocate(context, 1, KERNEL_TABLE_BYTES, &made->kernel_room);
-  if (status != ERN_OK) {
+  made->kernel_room = ern_allocate(context, 1, KERNEL_TABLE_BYTES);
+  if (made->kernel_room == NULL) {
     ern_release(context, made);
-    return status;
+    return ERN_E_NO_MEMORY;
   }
   made->kernels = made->kernel_room;
   table->name = "cpu";

@@ -48,12 +48,11 @@ ern_status ERN_REF(ern_cpu_render_rays)(struct ern_stream *stream, struct ern_re
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
   if (cpu->lane == NULL) return ern_render_rays_stages(stream, a);
   const size_t tiles = (a->n + RAY_TILE - 1) / RAY_TILE;
-  void *room = NULL;
-  ern_status status = ern_allocate(stream->backend->context, tiles, sizeof(ern_status), &room);
+  struct render_job job = {.stream = cpu, .args = a};
+  ern_status status = ERN_NEW(stream->backend->context, tiles, &job.status);
   if (status != ERN_OK) return status;
-  struct render_job job = {.stream = cpu, .args = a, .status = room};
   ern_pool_run(cpu->pool, tiles, render_rays_task, &job);
   for (size_t t = 0; t < tiles && status == ERN_OK; t++) status = job.status[t];
-  ern_release(stream->backend->context, room);
+  ern_release(stream->backend->context, job.status);
   return status;
 }

@@ -33,12 +33,10 @@ static ern_status stream_make(struct ern_backend *table, int threads, struct ern
   struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
   struct ern_cl_stream *made = NULL;
   ern_status status = ERN_OK;
-  void *room = NULL;
   cl_int code = CL_SUCCESS;
   (void)threads; /* the driver's own affair */
   *stream = NULL;
-  ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(table->context, 1, &made));
   made->base.backend = table;
   made->owner = backend;
   made->queue = clCreateCommandQueue(backend->context, backend->device.id, 0, &code);
@@ -82,11 +80,9 @@ static void fill_table(struct ern_cl_backend *backend, bool deterministic) {
 ern_status ern_cl_backend_open(ern_context *context, int number, bool deterministic, struct ern_cl_backend **backend) {
   struct ern_cl_backend *made = NULL;
   ern_status status = ERN_OK;
-  void *room = NULL;
   cl_int code = CL_SUCCESS;
   *backend = NULL;
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->table.context = context;
   if (pthread_mutex_init(&made->lock, NULL) != 0) {
     ern_release(context, made);

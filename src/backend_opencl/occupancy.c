@@ -26,16 +26,16 @@ ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const bool cpu = ern_cl_backend_of(stream)->device.cpu;
   ern_status status = ERN_OK;
-  void *room = NULL;
+  float *sight = NULL;
   size_t floats = 0;
   ern_span sights = {0};
   if (!ern_size_multiply(a->view_count, SIGHT, &floats))
     ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "occupancy: %zu views are too many", a->view_count));
   if (floats > 0) {
-    ERN_TRY(ern_allocate(context, floats, sizeof(float), &room));
-    for (size_t k = 0; k < a->view_count; k++) sight_of((float *)room + k * SIGHT, &a->views[k]);
+    ERN_TRY(ERN_NEW(context, floats, &sight));
+    for (size_t k = 0; k < a->view_count; k++) sight_of(sight + k * SIGHT, &a->views[k]);
     ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, floats, &sights));
-    ERN_TRY(stream->backend->upload_reals(stream, sights, room, floats));
+    ERN_TRY(stream->backend->upload_reals(stream, sights, sight, floats));
   }
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_mark", "");
   ern_cl_span(&call, a->grid);
@@ -46,7 +46,7 @@ ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy
   ern_cl_size(&call, a->view_count);
   ERN_TRY(ern_cl_each(&call, cpu ? BLOCKS : ERN_OCCUPANCY_CELLS));
 fail:
-  ern_release(context, room);
+  ern_release(context, sight);
   ern_arena_release(stream, mark);
   return status;
 }

@@ -22,12 +22,10 @@ ern_status ern_cl_render_prepare(struct ern_stream *stream, struct ern_render_pr
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   ern_context *context = own->owner->table.context;
   char last_error[ERN_ERROR_BYTES];
-  void *room = NULL;
   ern_status status = ERN_OK;
   ern_error_keep(context, last_error);
   ern_cl_portrait_free(own);
-  ERN_TRY(ern_allocate(context, 1, sizeof *own->portrait, &room));
-  own->portrait = room;
+  ERN_TRY(ERN_NEW(context, 1, &own->portrait));
   status = ern_cl_clean_up(stream, ern_cl_head_make(stream, a, &own->portrait->head));
   if (status == ERN_OK) status = ern_cl_clean_up(stream, ern_cl_torso_make(stream, a, &own->portrait->torso));
   if (status == ERN_E_NO_MEMORY) {

@@ -265,14 +265,12 @@ ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_p
                             struct ern_cl_head **head) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *table = &own->owner->table;
-  void *room = NULL;
   ern_status status = ERN_OK;
   *head = NULL;
   if (!fits(a->field)) return ERN_OK;
-  ERN_TRY(ern_allocate(table->context, 1, sizeof **head, &room));
-  struct ern_cl_head *p = *head = room;
-  ERN_TRY(ern_allocate(table->context, ERN_OCCUPANCY_BYTES, 1, &room));
-  p->bits = room;
+  ERN_TRY(ERN_NEW(table->context, 1, head));
+  struct ern_cl_head *p = *head;
+  ERN_TRY(ERN_NEW(table->context, ERN_OCCUPANCY_BYTES, &p->bits));
   p->form.outputs = ern_cl_outputs(&own->owner->device, WIDEST);
   measure(p, a->field);
   p->form = ern_cl_form_for(own->owner, ERN_CL_SIZE_rays_tile, p->form.outputs, column_of(p).rows);
@@ -326,12 +324,11 @@ static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p,
   struct ern_backend *table = &ern_cl_backend_of(stream)->table;
   const size_t blocks = ern_visible_count(a->view.width) * ern_visible_count(a->view.height);
   ern_status status = ERN_OK;
-  void *room = NULL;
   if (p->nearest_room < blocks) {
     ern_release(table->context, p->nearest);
-    p->nearest = NULL, p->nearest_room = 0;
-    ERN_TRY(ern_allocate(table->context, blocks, sizeof *p->nearest, &room));
-    p->nearest = room, p->nearest_room = blocks;
+    p->nearest_room = 0;
+    ERN_TRY(ERN_NEW(table->context, blocks, &p->nearest));
+    p->nearest_room = blocks;
   }
   const size_t written = atomic_load(&a->bits.buffer->written);
   if (p->bits_written != written || p->bits_at != a->bits.at) {

@@ -152,13 +152,12 @@ ern_status ern_cl_torso_make(struct ern_stream *stream, const struct ern_render_
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *table = &own->owner->table;
   struct torso_level level[ERN_GRID_MAX_LEVELS];
-  void *room = NULL;
   ern_status status = ERN_OK;
   *torso = NULL;
   if (!fits(a->field, level)) return ERN_OK;
   const size_t levels = (size_t)a->field->torso_grid.levels;
-  ERN_TRY(ern_allocate(table->context, 1, sizeof **torso, &room));
-  struct ern_cl_torso *p = *torso = room;
+  ERN_TRY(ERN_NEW(table->context, 1, torso));
+  struct ern_cl_torso *p = *torso;
   p->features = 2 * levels;
   for (int i = 0; i < PARTS; i++) {
     const struct matrix shape = shape_of(p, (matrix_name)i);

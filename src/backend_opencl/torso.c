@@ -207,15 +207,14 @@ ern_status ern_cl_torso_points(struct ern_stream *stream, struct ern_torso_point
 /* The grid is 64 KB: read back and added up cell by cell in double, its mean has the reference's bits. */
 static ern_status mean_of(struct ern_stream *stream, ern_span grid, double *mean) {
   ern_context *context = stream->backend->context;
-  void *room = NULL;
+  float *values = NULL;
   double sum = 0;
-  ern_status status = ern_allocate(context, ERN_TORSO_CELLS, sizeof(float), &room);
+  ern_status status = ERN_NEW(context, ERN_TORSO_CELLS, &values);
   if (status != ERN_OK) return status;
-  const float *values = room;
-  status = ern_cl_read(stream, room, grid, ERN_TORSO_CELLS);
+  status = ern_cl_read(stream, values, grid, ERN_TORSO_CELLS);
   for (size_t i = 0; i < ERN_TORSO_CELLS && status == ERN_OK; i++) sum += (double)values[i];
   *mean = sum / ERN_TORSO_CELLS;
-  ern_release(context, room);
+  ern_release(context, values);
   return status;
 }
 

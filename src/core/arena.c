@@ -15,9 +15,7 @@ struct ern_arena {
 };
 
 ern_status ern_arena_make(struct ern_backend *backend, struct ern_arena **arena) {
-  void *room = NULL;
-  const ern_status status = ern_allocate(backend->context, 1, sizeof(struct ern_arena), &room);
-  *arena = room;
+  const ern_status status = ERN_NEW(backend->context, 1, arena);
   if (status == ERN_OK) (*arena)->backend = backend;
   return status;
 }

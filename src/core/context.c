@@ -122,18 +122,17 @@ void ern_log_error(ern_context *context, ern_log_level level, const char *before
   ern_log(context, level, "%s%s", before, text);
 }
 
-ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory) {
-  *memory = NULL;
-  ERN_NEED(context, context);
+void *ern_allocate(ern_context *context, size_t count, size_t item_bytes) {
   size_t bytes = 0, padded = 0;
+  if (context == NULL) return NULL;
   const bool fits = ern_size_multiply(count, item_bytes, &bytes) &&
                     ern_size_add(bytes, 2 * (size_t)ERN_ALIGNMENT - 1, &padded) && padded <= PTRDIFF_MAX;
-  if (!fits) return ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu items of %zu bytes do not fit", count, item_bytes);
   padded = padded / ERN_ALIGNMENT * ERN_ALIGNMENT;
-  *memory = context->config.allocate(context->config.user, padded, ERN_ALIGNMENT);
-  if (*memory == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu bytes were refused", padded);
-  memset(*memory, 0, padded);
-  return ERN_OK;
+  void *memory = fits ? context->config.allocate(context->config.user, padded, ERN_ALIGNMENT) : NULL;
+  if (memory != NULL) return memset(memory, 0, padded);
+  if (fits) ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu bytes were refused", padded);
+  if (!fits) ern_fail(context, ERN_E_NO_MEMORY, "memory: %zu items of %zu bytes do not fit", count, item_bytes);
+  return NULL;
 }
 
 void ern_release(ern_context *context, void *memory) {
@@ -142,10 +141,8 @@ void ern_release(ern_context *context, void *memory) {
 
 ern_status ern_string_copy(ern_context *context, const char *text, char **copy) {
   const size_t bytes = strlen(text) + 1;
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, bytes, 1, &room);
-  if (status == ERN_OK) memcpy(room, text, bytes);
-  *copy = room;
+  const ern_status status = ERN_NEW(context, bytes, copy);
+  if (status == ERN_OK) memcpy(*copy, text, bytes);
   return status;
 }
 

@@ -11,9 +11,19 @@
  * Kernels may read, never write, up to this many bytes past the end. */
 enum { ERN_ALIGNMENT = 64 };
 
-/* *memory = zeroed room for count items of item_bytes each. A count of 0 gives a valid pointer.
- * On failure *memory is NULL and the error says how many bytes were asked for. */
-ERN_NODISCARD ern_status ern_allocate(ern_context *context, size_t count, size_t item_bytes, void **memory);
+/* Zeroed memory for count items of item_bytes each. A count of 0 gives a valid pointer.
+ * NULL on failure: the error says how many bytes were asked for. */
+ERN_NODISCARD void *ern_allocate(ern_context *context, size_t count, size_t item_bytes);
+
+/* What an allocation has come to. */
+ERN_NODISCARD static inline ern_status ern_allocation_status(const ern_context *context, const void *memory) {
+  if (context == NULL) return ERN_E_ARGUMENT;
+  return memory != NULL ? ERN_OK : ERN_E_NO_MEMORY;
+}
+
+/* *pointer = zeroed memory for count items of the type that it points to; NULL where the status is not ERN_OK. */
+#define ERN_NEW(context, count, pointer) \
+  ern_allocation_status((context), *(pointer) = ern_allocate((context), (count), sizeof **(pointer)))
 
 /* Accepts NULL. Without a context nothing is released. */
 void ern_release(ern_context *context, void *memory);

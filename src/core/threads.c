@@ -63,10 +63,9 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   *pool = NULL;
   if (threads < 0 || threads > MAX_THREADS)
     return ern_fail(context, ERN_E_ARGUMENT, "threads: found %d, expected 0 to %d", threads, MAX_THREADS);
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, 1, sizeof(struct ern_pool), &room);
+  struct ern_pool *made = NULL;
+  const ern_status status = ERN_NEW(context, 1, &made);
   if (status != ERN_OK) return status;
-  struct ern_pool *made = room;
   made->context = context;
   made->threads = threads > 0 ? threads : ern_machine_cores();
   if (made->threads > MAX_THREADS) made->threads = MAX_THREADS;

@@ -87,7 +87,7 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
                                size_t *count) {
   ern_status status = ERN_OK;
   uint8_t *bytes = NULL;
-  void *room = NULL;
+  float *cells = NULL;
   size_t size = 0, lines = 0;
   char listed[LISTED_BYTES];
   struct piece line;
@@ -106,16 +106,16 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
   if (text.begin < text.end) lines++;
   if (lines > MOST_ROWS)
     ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has %zu rows, expected at most %d", path, lines, MOST_ROWS));
-  ERN_TRY(ern_allocate(context, lines, sizeof(float), &room));
+  ERN_TRY(ERN_NEW(context, lines, &cells));
   for (size_t row = 0; take_line(&text, &line); row++) {
-    ERN_TRY(read_cell(context, path, name, row + 2, line, column, (float *)room + row));
+    ERN_TRY(read_cell(context, path, name, row + 2, line, column, cells + row));
   }
   ern_release(context, bytes);
-  *values = room;
+  *values = cells;
   *count = lines;
   return ERN_OK;
 fail:
   ern_release(context, bytes);
-  ern_release(context, room);
+  ern_release(context, cells);
   return status;
 }

@@ -70,13 +70,11 @@ static bool take_number(const char **at, const char *end, double *value) {
 
 static ern_status read_lines(ern_context *context, const char *path, const char *text, const char *end,
                              ern_eyes *eyes) {
-  void *room = NULL;
   size_t lines = 1;
   for (const char *at = text; at < end; at++) lines += *at == '\n';
   if (lines > MOST_LINES)
     return ern_fail(context, ERN_E_SHAPE, "%s: has %zu lines, expected at most %d", path, lines, MOST_LINES);
-  ern_status status = ern_allocate(context, lines, sizeof(float), &room);
-  eyes->data = room;
+  ern_status status = ERN_NEW(context, lines, &eyes->data);
   for (const char *at = text; status == ERN_OK && at < end; eyes->count++) {
     const char *line = at;
     double value = 0;

@@ -68,29 +68,26 @@ ern_status ern_file_read(ern_context *context, const char *path, size_t limit, u
   *bytes = NULL;
   *count = 0;
   ern_status status = ERN_OK;
-  void *room = NULL;
+  uint8_t *all = NULL;
   struct ern_file_reader reader;
   size_t with_end = 0;
   ERN_TRY(ern_file_reader_open(context, path, limit, &reader));
   if (!ern_size_add(reader.size, 1, &with_end)) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: too large", path));
-  ERN_TRY(ern_allocate(context, with_end, 1, &room));
-  ERN_TRY(ern_file_reader_take(&reader, 0, room, reader.size));
-  *bytes = room;
+  ERN_TRY(ERN_NEW(context, with_end, &all));
+  ERN_TRY(ern_file_reader_take(&reader, 0, all, reader.size));
+  *bytes = all;
   *count = reader.size;
 fail:
   ern_file_reader_close(&reader);
-  if (status != ERN_OK) ern_release(context, room);
+  if (status != ERN_OK) ern_release(context, all);
   return status;
 }
 
 ern_status ern_path_join(ern_context *context, const char *dir, const char *name, char **path) {
-  *path = NULL;
   const size_t length = strlen(dir), bytes = length + strlen(name) + 2;
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, bytes, 1, &room);
+  const ern_status status = ERN_NEW(context, bytes, path);
   if (status != ERN_OK) return status;
-  snprintf(room, bytes, "%s%s%s", dir, length > 0 && dir[length - 1] == '/' ? "" : "/", name);
-  *path = room;
+  snprintf(*path, bytes, "%s%s%s", dir, length > 0 && dir[length - 1] == '/' ? "" : "/", name);
   return ERN_OK;
 }
 

@@ -29,9 +29,7 @@ static size_t folder_length(const char *path) {
 
 static ern_status join(ern_context *context, const char *folder, size_t folder_bytes, const char *name, char **path) {
   const size_t bytes = folder_bytes + strlen(name) + 1;
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, bytes, 1, &room);
-  *path = room;
+  const ern_status status = ERN_NEW(context, bytes, path);
   if (status == ERN_OK) snprintf(*path, bytes, "%.*s%s", (int)folder_bytes, folder, name);
   return status;
 }

@@ -21,8 +21,8 @@ static ern_status grow(struct ern_pickle_machine *m, struct ern_pickle_pointers 
   if (need <= list->room) return ERN_OK;
   size_t room = list->room > 0 ? list->room : 64;
   while (room < need) room *= 2;
-  void *fresh = NULL;
-  const ern_status status = ern_allocate(m->context, room, sizeof list->item[0], &fresh);
+  struct ern_pickle_value **fresh = NULL;
+  const ern_status status = ERN_NEW(m->context, room, &fresh);
   if (status != ERN_OK) return status;
   if (list->room > 0) memcpy(fresh, list->item, list->room * sizeof list->item[0]);
   ern_release(m->context, list->item);
@@ -140,12 +140,12 @@ static ern_status push_float(struct ern_pickle_machine *m) {
 
 static ern_status make_words(struct ern_pickle_machine *m, ern_pickle_kind kind, const uint8_t *from, size_t count,
                              struct ern_pickle_value **value) {
-  void *copy = NULL;
   ern_status status = ern_pickle_make(m, kind, value);
-  if (status == ERN_OK) status = ern_pickle_room(m, count + 1, &copy);
+  if (status != ERN_OK) return status;
+  char *copy = ern_pickle_allocate(m, count + 1, &status);
   if (status != ERN_OK) return status;
   memcpy(copy, from, count);
-  ((char *)copy)[count] = 0;
+  copy[count] = 0;
   (*value)->as.words.text = copy;
   (*value)->as.words.length = count;
   return ERN_OK;
@@ -218,11 +218,9 @@ static ern_status push_list(struct ern_pickle_machine *m, ern_pickle_kind kind, 
   ern_status status = ern_pickle_make(m, kind, &list);
   if (status != ERN_OK) return status;
   if (count > 0) {
-    void *room = NULL;
-    status = ern_pickle_room(m, count * sizeof *item, &room);
+    list->as.list.item = ern_pickle_allocate(m, count * sizeof *item, &status);
     if (status != ERN_OK) return status;
-    memcpy(room, item, count * sizeof *item);
-    list->as.list.item = room;
+    memcpy(list->as.list.item, item, count * sizeof *item);
     list->as.list.count = list->as.list.room = count;
   }
   return push(m, list);

@@ -187,27 +187,26 @@ static ern_status call_numpy_scalar(struct ern_pickle_machine *m, const struct e
 static ern_status call_encode(struct ern_pickle_machine *m, const struct ern_pickle_value *arguments,
                               struct ern_pickle_value **made) {
   struct ern_pickle_value *const *part = arguments->as.list.item;
-  void *room = NULL;
   if (arguments->as.list.count != 2 || part[0]->kind != ERN_PICKLE_TEXT || !is_text(part[1], "latin1"))
     return wrong(m, "expected a text and latin1");
   ern_status status = ern_pickle_make(m, ERN_PICKLE_BYTES, made);
-  if (status == ERN_OK) status = ern_pickle_room(m, part[0]->as.words.length + 1, &room);
+  if (status != ERN_OK) return status;
+  char *to = ern_pickle_allocate(m, part[0]->as.words.length + 1, &status);
   if (status != ERN_OK) return status;
   const uint8_t *from = (const uint8_t *)part[0]->as.words.text;
-  uint8_t *to = room;
   size_t count = 0;
   for (size_t i = 0; i < part[0]->as.words.length; i++) {
     if (from[i] < 0x80) {
-      to[count++] = from[i];
+      to[count++] = (char)from[i];
     } else if ((from[i] == 0xc2 || from[i] == 0xc3) && (from[i + 1] & 0xc0) == 0x80) {
-      to[count++] = (uint8_t)((from[i] & 3) << 6 | (from[i + 1] & 0x3f));
+      to[count++] = (char)((from[i] & 3) << 6 | (from[i + 1] & 0x3f));
       i++;
     } else {
       return wrong(m, "a character that latin1 lacks");
     }
   }
   to[count] = 0;
-  (*made)->as.words.text = room;
+  (*made)->as.words.text = to;
   (*made)->as.words.length = count;
   return ERN_OK;
 }

@@ -18,33 +18,33 @@ struct ern_pickle_arena {
   size_t left, taken;
 };
 
-ern_status ern_pickle_room(struct ern_pickle_machine *m, size_t bytes, void **room) {
+void *ern_pickle_allocate(struct ern_pickle_machine *m, size_t bytes, ern_status *status) {
   struct ern_pickle_arena *arena = m->arena;
-  *room = NULL;
+  *status = ERN_OK;
   if (bytes > arena_limit - arena->taken)
-    return ern_fail(m->context, ERN_E_SHAPE, "%s: the values take more than %zu bytes", m->where, arena_limit);
+    *status = ern_fail(m->context, ERN_E_SHAPE, "%s: the values take more than %zu bytes", m->where, arena_limit);
+  if (*status != ERN_OK) return NULL;
   const size_t need = (bytes + 15) / 16 * 16;
   if (need > arena->left) {
     const size_t size = need > BLOCK_BYTES ? need : BLOCK_BYTES;
-    void *fresh = NULL;
-    const ern_status status = ern_allocate(m->context, size + 16, 1, &fresh);
-    if (status != ERN_OK) return status;
-    ((struct block *)fresh)->before = arena->last;
+    struct block *fresh = ern_allocate(m->context, size + 16, 1);
+    *status = ern_allocation_status(m->context, fresh);
+    if (fresh == NULL) return NULL;
+    fresh->before = arena->last;
     arena->last = fresh;
     arena->free = (uint8_t *)fresh + 16;
     arena->left = size;
   }
-  *room = arena->free;
+  void *memory = arena->free;
   arena->free += need;
   arena->left -= need;
   arena->taken += bytes;
-  return ERN_OK;
+  return memory;
 }
 
 ern_status ern_pickle_make(struct ern_pickle_machine *m, ern_pickle_kind kind, struct ern_pickle_value **value) {
-  void *room = NULL;
-  const ern_status status = ern_pickle_room(m, sizeof **value, &room);
-  *value = room;
+  ern_status status;
+  *value = ern_pickle_allocate(m, sizeof **value, &status);
   if (status == ERN_OK) (*value)->kind = kind;
   return status;
 }
@@ -53,8 +53,8 @@ ern_status ern_pickle_append(struct ern_pickle_machine *m, struct ern_pickle_val
                              struct ern_pickle_value *item) {
   if (list->as.list.count == list->as.list.room) {
     const size_t room = list->as.list.room > 0 ? 2 * list->as.list.room : 4;
-    void *fresh = NULL;
-    const ern_status status = ern_pickle_room(m, room * sizeof(struct ern_pickle_value *), &fresh);
+    ern_status status;
+    struct ern_pickle_value **fresh = ern_pickle_allocate(m, room * sizeof *fresh, &status);
     if (status != ERN_OK) return status;
     if (list->as.list.count > 0) memcpy(fresh, list->as.list.item, list->as.list.count * sizeof list->as.list.item[0]);
     list->as.list.item = fresh;
@@ -75,10 +75,7 @@ void ern_pickle_arena_free(ern_context *context, struct ern_pickle_arena *arena)
 }
 
 ern_status ern_pickle_arena_make(ern_context *context, struct ern_pickle_arena **arena) {
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, 1, sizeof **arena, &room);
-  *arena = room;
-  return status;
+  return ERN_NEW(context, 1, arena);
 }
 
 struct ern_pickle_value *ern_pickle_get(const struct ern_pickle_value *dict, const char *key) {

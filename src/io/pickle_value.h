@@ -82,8 +82,8 @@ struct ern_pickle_machine {
   struct ern_pickle_arena *arena;
 };
 
-/* Room of the machine's arena, within its limit. */
-ERN_NODISCARD ern_status ern_pickle_room(struct ern_pickle_machine *m, size_t bytes, void **room);
+/* Memory of the machine's arena, within its limit; NULL where *status is not ERN_OK. */
+ERN_NODISCARD void *ern_pickle_allocate(struct ern_pickle_machine *m, size_t bytes, ern_status *status);
 ERN_NODISCARD ern_status ern_pickle_make(struct ern_pickle_machine *m, ern_pickle_kind kind,
                                          struct ern_pickle_value **value);
 ERN_NODISCARD ern_status ern_pickle_append(struct ern_pickle_machine *m, struct ern_pickle_value *list,

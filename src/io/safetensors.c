@@ -27,7 +27,7 @@ size_t ern_dtype_bytes(ern_dtype dtype) { return (unsigned)dtype < DTYPES ? dtyp
 
 /* What a file in memory holds besides its lists. */
 struct storage {
-  void *bytes;      /* that the tensors lie in: the file, or what comes after its header */
+  uint8_t *bytes;   /* that the tensors lie in: the file, or what comes after its header */
   uint8_t *aligned; /* copies of the tensors that lie unaligned in it; NULL: none do */
   json_t *header;   /* names and metadata point into it */
 };
@@ -147,15 +147,13 @@ static ern_status check_places(const struct reading *reading, const struct ern_t
 
 static ern_status read_metadata(const struct reading *reading, json_t *entry, struct ern_tensor_file *file) {
   ern_status status = ERN_OK;
-  void *room = NULL;
   const char *key;
   json_t *value;
   if (entry == NULL) return ERN_OK;
   if (!json_is_object(entry)) {
     return ern_fail(reading->context, ERN_E_FORMAT, "%s: %s is no object", reading->path, metadata_key);
   }
-  ERN_TRY(ern_allocate(reading->context, json_object_size(entry), sizeof *file->metadata, &room));
-  file->metadata = room;
+  ERN_TRY(ERN_NEW(reading->context, json_object_size(entry), &file->metadata));
   json_object_foreach(entry, key, value) {
     if (!json_is_string(value)) {
       return ern_fail(reading->context, ERN_E_FORMAT, "%s: %s: %s is no string", reading->path, metadata_key, key);
@@ -176,15 +174,13 @@ static ern_status place_tensors(const struct reading *reading, const uint8_t *da
   struct storage *storage = file->private_data;
   ern_status status = ERN_OK;
   size_t room_bytes = 0;
-  void *room = NULL;
   for (size_t i = 0; i < file->tensor_count; i++) file->tensors[i].data = data + file->tensors[i].at;
   for (size_t i = 0; i < file->tensor_count; i++) {
     if (!is_aligned(&file->tensors[i])) room_bytes += (tensor_bytes(&file->tensors[i]) + 7) / 8 * 8;
   }
   if (room_bytes == 0) return ERN_OK;
-  ERN_TRY(ern_allocate(reading->context, room_bytes, 1, &room));
-  storage->aligned = room;
-  uint8_t *at = room;
+  ERN_TRY(ERN_NEW(reading->context, room_bytes, &storage->aligned));
+  uint8_t *at = storage->aligned;
   for (size_t i = 0; i < file->tensor_count; i++) {
     struct ern_tensor *tensor = &file->tensors[i];
     if (is_aligned(tensor)) continue;
@@ -220,12 +216,10 @@ static ern_status read_header(const struct reading *reading, const char *text, s
                               struct ern_tensor_file *file) {
   struct storage *storage = file->private_data;
   ern_status status = ERN_OK;
-  void *room = NULL;
   const char *name;
   json_t *entry;
   ERN_TRY(ern_json_parse(reading->context, reading->path, "header: ", text, length, JSON_LIMIT, &storage->header));
-  ERN_TRY(ern_allocate(reading->context, json_object_size(storage->header), sizeof *file->tensors, &room));
-  file->tensors = room;
+  ERN_TRY(ERN_NEW(reading->context, json_object_size(storage->header), &file->tensors));
   ERN_TRY(read_metadata(reading, json_object_get(storage->header, metadata_key), file));
   json_object_foreach(storage->header, name, entry) {
     if (strcmp(name, metadata_key) == 0) continue;
@@ -242,19 +236,20 @@ ern_status ern_safetensors_read(ern_context *context, const char *path, struct e
   struct reading reading = {.context = context, .path = path};
   struct ern_file_reader reader;
   uint8_t start[LENGTH_BYTES] = {0};
-  void *text = NULL;
+  char *text = NULL;
+  struct storage *storage = NULL;
   size_t length = 0;
   *file = (struct ern_tensor_file){0};
   ern_status status = ern_file_reader_open(context, path, file_limit, &reader);
   if (status != ERN_OK) return status;
-  ERN_TRY(ern_allocate(context, 1, sizeof(struct storage), &file->private_data));
-  struct storage *storage = file->private_data;
+  ERN_TRY(ERN_NEW(context, 1, &storage));
+  file->private_data = storage;
   ERN_TRY(ern_file_reader_take(&reader, 0, start, reader.size < LENGTH_BYTES ? reader.size : LENGTH_BYTES));
   ERN_TRY(read_length(&reading, start, reader.size, &length));
-  ERN_TRY(ern_allocate(context, length, 1, &text));
+  ERN_TRY(ERN_NEW(context, length, &text));
   ERN_TRY(ern_file_reader_take(&reader, LENGTH_BYTES, text, length));
   ERN_TRY(read_header(&reading, text, length, file));
-  ERN_TRY(ern_allocate(context, reading.data_bytes, 1, &storage->bytes));
+  ERN_TRY(ERN_NEW(context, reading.data_bytes, &storage->bytes));
   ERN_TRY(ern_file_reader_take(&reader, LENGTH_BYTES + length, storage->bytes, reading.data_bytes));
   status = place_tensors(&reading, storage->bytes, file);
 fail:
@@ -267,14 +262,15 @@ fail:
 ern_status ern_safetensors_open(ern_context *context, const char *path, uint8_t *bytes, size_t size,
                                 struct ern_tensor_file *file) {
   struct reading reading = {.context = context, .path = path};
+  struct storage *storage = NULL;
   size_t length = 0;
   *file = (struct ern_tensor_file){0};
-  ern_status status = ern_allocate(context, 1, sizeof(struct storage), &file->private_data);
+  ern_status status = ERN_NEW(context, 1, &storage);
   if (status != ERN_OK) {
     ern_release(context, bytes);
     return status;
   }
-  struct storage *storage = file->private_data;
+  file->private_data = storage;
   storage->bytes = bytes;
   ERN_TRY(read_length(&reading, bytes, size, &length));
   ERN_TRY(read_header(&reading, (const char *)bytes + LENGTH_BYTES, length, file));

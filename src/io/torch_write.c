@@ -40,11 +40,11 @@ struct writing {
 };
 
 static void put(struct writing *w, const void *bytes, size_t count) {
-  void *fresh = NULL;
+  uint8_t *fresh = NULL;
   if (w->status != ERN_OK) return;
   if (count > w->room - w->count) {
     const size_t room = 2 * w->room + count + 4096;
-    w->status = ern_allocate(w->context, room, 1, &fresh);
+    w->status = ERN_NEW(w->context, room, &fresh);
     if (w->status != ERN_OK) return;
     if (w->count > 0) memcpy(fresh, w->bytes, w->count);
     ern_release(w->context, w->bytes);
@@ -130,13 +130,9 @@ static int compare_tensors(const void *left, const void *right) {
 
 /* Makes the lists. */
 static ern_status sort_tensors(struct writing *w) {
-  void *room = NULL;
-  ern_status status = ern_allocate(w->context, w->tensor_count, sizeof *w->named, &room);
+  ern_status status = ERN_NEW(w->context, w->tensor_count, &w->named);
+  if (status == ERN_OK) status = ERN_NEW(w->context, ERN_TORCH_ENTRIES, &w->used);
   if (status != ERN_OK) return status;
-  w->named = room;
-  status = ern_allocate(w->context, ERN_TORCH_ENTRIES, sizeof(const struct ern_tensor *), &room);
-  if (status != ERN_OK) return status;
-  w->used = room;
   for (size_t i = 0; i < w->tensor_count; i++) w->named[i].tensor = &w->tensors[i];
   qsort(w->named, w->tensor_count, sizeof *w->named, compare_tensors);
   return ERN_OK;
@@ -199,14 +195,13 @@ static void put_entry(struct writing *w, const struct ern_tensor *tensor, size_t
 }
 
 static void put_number(struct writing *w, double value) {
-  void *room = NULL;
+  struct number *number = NULL;
   if (!w->numbers) {
     put_float(w, value);
     return;
   }
-  w->status = ern_allocate(w->context, 1, sizeof(struct number), &room);
+  w->status = ERN_NEW(w->context, 1, &number);
   if (w->status != ERN_OK) return;
-  struct number *number = room;
   *number = (struct number){.before = w->number, .value = value};
   number->tensor = (struct ern_tensor){.name = "", .dtype = ERN_F64, .count = 1, .data = &number->value};
   w->number = number;

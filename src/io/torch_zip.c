@@ -20,7 +20,7 @@ struct opened {
   size_t count, read, spread; /* read: bytes of entries taken out so far */
   zip_t *zip;
   char prefix[256]; /* "archive/" */
-  void **entry;     /* [entries] bytes of those that were read */
+  uint8_t **entry;  /* [entries] bytes of those that were read */
   size_t entries;
   struct named_entry {
     const char *name;
@@ -30,8 +30,8 @@ struct opened {
   struct found_tensor {
     struct ern_pickle_value *value;
     char *name;
-    void *copy; /* contiguous bytes of a view, NULL: it lies so in the storage */
-  } * tensor;   /* all that have a name */
+    uint8_t *copy; /* contiguous bytes of a view, NULL: it lies so in the storage */
+  } * tensor;      /* all that have a name */
   size_t tensors, room;
 };
 
@@ -47,18 +47,17 @@ ern_status ern_torch_check_end(const struct ern_file_reader *reader) {
   static const uint8_t mark[] = {'P', 'K', 5, 6};
   enum { END_BYTES = 22 + 65535 /* with the longest comment */ };
   const size_t count = reader->size < END_BYTES ? reader->size : END_BYTES;
-  void *end = NULL;
+  uint8_t *bytes = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(reader->context, count, 1, &end));
-  ERN_TRY(ern_file_reader_take(reader, reader->size - count, end, count));
-  const uint8_t *bytes = end;
+  ERN_TRY(ERN_NEW(reader->context, count, &bytes));
+  ERN_TRY(ern_file_reader_take(reader, reader->size - count, bytes, count));
   size_t at = 0;
   while (at + sizeof mark <= count && memcmp(bytes + at, mark, sizeof mark) != 0) at++;
   if (at + sizeof mark > count)
     status = ern_fail(reader->context, ERN_E_FORMAT,
                       "%s: the zip is damaged: no list of entries at its end, so it is cut off", reader->path);
 fail:
-  ern_release(reader->context, end);
+  ern_release(reader->context, bytes);
   return status;
 }
 
@@ -135,7 +134,7 @@ static ern_status read_entry(ern_context *context, struct opened *o, zip_uint64_
   if (o->entry[index] != NULL) return ERN_OK;
   if (*size > o->count - o->read) return zip_wrong(context, o, "its entries overlap or are longer than the file");
   o->read += *size;
-  ERN_TRY(ern_allocate(context, *size + 1, 1, &o->entry[index]));
+  ERN_TRY(ERN_NEW(context, *size + 1, &o->entry[index]));
   file = zip_fopen_index(o->zip, index, 0);
   if (file == NULL) ERN_TRY(zip_wrong(context, o, zip_strerror(o->zip)));
   char more;
@@ -182,10 +181,8 @@ static ern_status find_prefix(ern_context *context, struct opened *o) {
 
 /* The names by which entries are looked up. Of two equal ones, one hides the other. */
 static ern_status sort_names(ern_context *context, struct opened *o) {
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, o->entries, sizeof *o->named, &room);
+  const ern_status status = ERN_NEW(context, o->entries, &o->named);
   if (status != ERN_OK) return status;
-  o->named = room;
   for (size_t i = 0; i < o->entries; i++)
     o->named[i] =
         (struct named_entry){zip_get_name(o->zip, i, ZIP_FL_ENC_RAW), i}; /* find_prefix saw that all have one */
@@ -211,17 +208,15 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
                           struct ern_torch *torch) {
   ern_status status = ERN_OK;
   struct opened *o = NULL;
-  void *room = NULL;
   zip_uint64_t index = 0;
   size_t size = 0;
   char where[1024];
   *torch = (struct ern_torch){0};
-  status = ern_allocate(context, 1, sizeof *o, &room);
+  status = ERN_NEW(context, 1, &o);
   if (status != ERN_OK) {
     ern_release(context, bytes);
     return status;
   }
-  o = room;
   o->path = path;
   o->bytes = bytes;
   o->count = count;
@@ -230,8 +225,7 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
   const zip_int64_t entries = zip_get_num_entries(o->zip, 0);
   if (entries < 1) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: the zip has no entries", path));
   o->entries = (size_t)entries;
-  ERN_TRY(ern_allocate(context, o->entries, sizeof *o->entry, &room));
-  o->entry = room;
+  ERN_TRY(ERN_NEW(context, o->entries, &o->entry));
   ERN_TRY(find_prefix(context, o));
   ERN_TRY(sort_names(context, o));
   ERN_TRY(check_byte_order(context, o));
@@ -311,7 +305,7 @@ static ern_status fill_tensor(ern_context *context, struct opened *o, size_t num
     return ern_fail(context, ERN_E_SHAPE, "%s: tensor %.200s repeats its storage: views take more than %zu bytes",
                     o->path, out->name, o->count + spread_limit);
   o->spread += size;
-  status = ern_allocate(context, size, 1, &o->tensor[number].copy);
+  status = ERN_NEW(context, size, &o->tensor[number].copy);
   if (status != ERN_OK) return status;
   gather(o->tensor[number].copy, bytes + value->as.tensor.offset * item, value, out->count, item);
   out->data = o->tensor[number].copy;
@@ -360,14 +354,14 @@ static json_t *walk_words(struct walk *w, const struct ern_pickle_value *value) 
 }
 
 static json_t *walk_bytes(struct walk *w, const struct ern_pickle_value *value) {
-  void *room = NULL;
+  char *text = NULL;
   if (!take_words(w, value)) return NULL;
-  w->status = ern_allocate(w->context, 2 * value->as.words.length + 1, 1, &room);
+  w->status = ERN_NEW(w->context, 2 * value->as.words.length + 1, &text);
   if (w->status != ERN_OK) return NULL;
   for (size_t i = 0; i < value->as.words.length; i++)
-    snprintf((char *)room + 2 * i, 3, "%02x", (unsigned)(uint8_t)value->as.words.text[i]);
-  json_t *object = made(w, json_pack("{s:s}", "bytes", (const char *)room));
-  ern_release(w->context, room);
+    snprintf(text + 2 * i, 3, "%02x", (unsigned)(uint8_t)value->as.words.text[i]);
+  json_t *object = made(w, json_pack("{s:s}", "bytes", text));
+  ern_release(w->context, text);
   return object;
 }
 
@@ -459,22 +453,23 @@ static json_t *walk(struct walk *w, struct ern_pickle_value *value, int depth) {
 ern_status ern_torch_name(ern_context *context, struct ern_torch *torch, struct ern_pickle_value *tensor,
                           const char *prefix, const char *name) {
   struct opened *o = torch->private_data;
-  void *fresh = NULL;
+  struct found_tensor *larger = NULL;
+  char *full = NULL;
   ern_status status = ERN_OK;
   if (tensor->as.tensor.name != NULL) return ERN_OK;
   if (o->tensors == o->room) {
     const size_t room = o->room > 0 ? 2 * o->room : 64;
-    ERN_TRY(ern_allocate(context, room, sizeof *o->tensor, &fresh));
-    if (o->tensors > 0) memcpy(fresh, o->tensor, o->tensors * sizeof *o->tensor);
+    ERN_TRY(ERN_NEW(context, room, &larger));
+    if (o->tensors > 0) memcpy(larger, o->tensor, o->tensors * sizeof *o->tensor);
     ern_release(context, o->tensor);
-    o->tensor = fresh;
+    o->tensor = larger;
     o->room = room;
   }
   const size_t length = strlen(prefix) + strlen(name) + 1;
-  ERN_TRY(ern_allocate(context, length, 1, &fresh));
-  snprintf(fresh, length, "%s%s", prefix, name);
-  o->tensor[o->tensors++] = (struct found_tensor){.value = tensor, .name = fresh};
-  tensor->as.tensor.name = fresh;
+  ERN_TRY(ERN_NEW(context, length, &full));
+  snprintf(full, length, "%s%s", prefix, name);
+  o->tensor[o->tensors++] = (struct found_tensor){.value = tensor, .name = full};
+  tensor->as.tensor.name = full;
 fail:
   return status;
 }
@@ -484,10 +479,9 @@ static int compare_names(const void *left, const void *right) {
 }
 
 static ern_status check_tensor_names(ern_context *context, const struct opened *o) {
-  void *room = NULL;
-  ern_status status = ern_allocate(context, o->tensors, sizeof(char *), &room);
+  const char **name = NULL;
+  ern_status status = ERN_NEW(context, o->tensors, &name);
   if (status != ERN_OK) return status;
-  const char **name = room;
   for (size_t i = 0; i < o->tensors; i++) name[i] = o->tensor[i].name;
   qsort(name, o->tensors, sizeof *name, compare_names);
   for (size_t i = 0; i < o->tensors && status == ERN_OK; i++) {
@@ -495,7 +489,7 @@ static ern_status check_tensor_names(ern_context *context, const struct opened *
     if (i > 0 && strcmp(name[i], name[i - 1]) == 0)
       status = ern_fail(context, ERN_E_FORMAT, "%s: the tensor %.200s is there twice", o->path, name[i]);
   }
-  ern_release(context, room);
+  ern_release(context, name);
   return status;
 }
 
@@ -503,7 +497,6 @@ ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, cons
                              struct ern_tensor_file *file, char **tree) {
   struct opened *o = torch->private_data;
   struct walk w = {.context = context, .o = o, .prefix = prefix};
-  void *room = NULL;
   char *text = NULL;
   ern_status status = ERN_OK;
   *file = (struct ern_tensor_file){.private_data = o, .release = release_opened};
@@ -514,8 +507,7 @@ ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, cons
   ERN_TRY(check_tensor_names(context, o));
   text = json_dumps(json, JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
   if (text == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the tree", o->path));
-  ERN_TRY(ern_allocate(context, o->tensors, sizeof *file->tensors, &room));
-  file->tensors = room;
+  ERN_TRY(ERN_NEW(context, o->tensors, &file->tensors));
   for (size_t i = 0; i < o->tensors; i++) {
     ERN_TRY(fill_tensor(context, o, i, &file->tensors[i]));
     file->tensor_count++;

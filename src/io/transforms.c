@@ -146,11 +146,9 @@ fail:
 static ern_status read_frames(struct place *place, const json_t *root, ern_pose_list *list) {
   ern_status status = ERN_OK;
   const json_t *frames = json_object_get(root, "frames");
-  void *room = NULL;
   if (frames == NULL) return wrong(place, ERN_E_FORMAT, "frames", frames, "a list of frames");
   if (json_array_size(frames) == 0) return wrong(place, ERN_E_FORMAT, "frames", frames, "a list of at least one frame");
-  ERN_TRY(ern_allocate(place->context, json_array_size(frames), sizeof *list->poses, &room));
-  list->poses = room;
+  ERN_TRY(ERN_NEW(place->context, json_array_size(frames), &list->poses));
   list->count = json_array_size(frames);
   for (size_t i = 0; i < list->count; i++) {
     const json_t *frame = json_array_get(frames, i);

@@ -78,14 +78,14 @@ static ern_status identity_of(ern_clip *clip, char identity[65]) {
   char *transforms_path = NULL, *path = NULL;
   uint8_t *transforms = NULL, *picture = NULL;
   size_t transforms_bytes = 0, picture_bytes = 0;
-  void *both = NULL;
+  uint8_t *both = NULL;
   ERN_TRY(ern_path_join(context, clip->folder, "transforms_train.json", &transforms_path));
   ERN_TRY(ern_path_join(context, clip->folder, "bc.jpg", &path));
   ERN_TRY(ern_file_read(context, transforms_path, TRANSFORMS_LIMIT, &transforms, &transforms_bytes));
   ERN_TRY(ern_file_read(context, path, BACKGROUND_LIMIT, &picture, &picture_bytes));
-  ERN_TRY(ern_allocate(context, transforms_bytes + picture_bytes, 1, &both));
+  ERN_TRY(ERN_NEW(context, transforms_bytes + picture_bytes, &both));
   memcpy(both, transforms, transforms_bytes);
-  memcpy((uint8_t *)both + transforms_bytes, picture, picture_bytes);
+  memcpy(both + transforms_bytes, picture, picture_bytes);
   ern_sha256_hex(both, transforms_bytes + picture_bytes, identity);
 fail:
   ern_release(context, transforms_path);
@@ -159,13 +159,9 @@ fail:
 
 static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_list *list, const float *blink) {
   ern_status status = ERN_OK;
-  void *frames = NULL, *truth = NULL, *torso = NULL;
-  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(ern_clip_frame), &frames));
-  clip->frames[split] = frames;
-  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(uint8_t *), &truth));
-  clip->truth.kept[split] = truth;
-  ERN_TRY(ern_allocate(clip->context, list->count, sizeof(uint8_t *), &torso));
-  clip->torso.kept[split] = torso;
+  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->frames[split]));
+  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->truth.kept[split]));
+  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->torso.kept[split]));
   clip->info.frames[split] = list->count;
   const int64_t windows = (int64_t)clip->features.windows;
   for (size_t i = 0; i < list->count; i++) {
@@ -237,12 +233,10 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   ERN_NEED(context, clip);
   ern_clip_options chosen = ern_clip_options_default();
   ern_status status = ERN_OK;
-  void *room = NULL;
   ern_clip *made = NULL;
   if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_clip_options, &chosen, options));
   ERN_TRY(check_folder(context, folder));
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->budget = chosen.memory_bytes != 0 ? chosen.memory_bytes : half_of_memory();
   made->truth = (struct pictures){.part = ERN_PART_TRUTH, .channels = 3};

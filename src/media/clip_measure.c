@@ -88,10 +88,9 @@ static void measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
 static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
   const ern_features *features = ern_clip_features(clip);
   const size_t width = (size_t)features->window_length * (size_t)features->width;
-  void *room = NULL;
-  const ern_status status = ern_allocate(ern_clip_context(clip), width, sizeof(double), &room);
+  double *mean = NULL, change = 0, all = 0;
+  const ern_status status = ERN_NEW(ern_clip_context(clip), width, &mean);
   if (status != ERN_OK) return status;
-  double *mean = room, change = 0, all = 0;
   for (size_t t = 0; t < features->windows; t++)
     for (size_t i = 0; i < width; i++) mean[i] += (double)features->data[t * width + i] / (double)features->windows;
   for (size_t t = 0; t < features->windows; t++)
@@ -101,7 +100,7 @@ static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
       all += value * value;
     }
   m->feature_change = all > 0 ? sqrt(change / all) : 0;
-  ern_release(ern_clip_context(clip), room);
+  ern_release(ern_clip_context(clip), mean);
   return ERN_OK;
 }
 

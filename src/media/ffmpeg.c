@@ -32,13 +32,10 @@ void ern_av_hush(void) {
 
 ern_status ern_av_url(ern_context *context, const char *path, char **url) {
   static const char protocol[] = "file:";
-  *url = NULL;
-  void *room = NULL;
   const size_t bytes = strlen(path) + sizeof protocol;
-  const ern_status status = ern_allocate(context, bytes, 1, &room);
+  const ern_status status = ERN_NEW(context, bytes, url);
   if (status != ERN_OK) return status;
-  snprintf(room, bytes, "%s%s", protocol, path);
-  *url = room;
+  snprintf(*url, bytes, "%s%s", protocol, path);
   return ERN_OK;
 }
 

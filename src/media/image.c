@@ -31,13 +31,12 @@ fail:
 ern_status ern_image_make(ern_context *context, const char *what, int width, int height, int channels,
                           ern_image *image) {
   ern_status status = ERN_OK;
-  void *data = NULL;
   *image = (ern_image){0};
   ERN_TRY(check_channels(context, what, channels));
   ERN_TRY(ern_image_check_sides(context, what, width, height));
   /* at most 8192 * 8192 * 4: fits */
-  ERN_TRY(ern_allocate(context, (size_t)width * (size_t)height, (size_t)channels, &data));
-  *image = (ern_image){.width = width, .height = height, .channels = channels, .data = data};
+  ERN_TRY(ERN_NEW(context, (size_t)width * (size_t)height * (size_t)channels, &image->data));
+  image->width = width, image->height = height, image->channels = channels;
 fail:
   return status;
 }

@@ -44,8 +44,8 @@ static ern_status make_room(ern_context *context, const char *path, struct growi
   if (needed <= growing->room && sound->data != NULL) return ERN_OK;
   size_t room = growing->room * 2 > needed ? growing->room * 2 : needed;
   if (room > most) room = most;
-  void *larger = NULL;
-  const ern_status status = ern_allocate(context, room, channels * sizeof *sound->data, &larger);
+  int16_t *larger = NULL;
+  const ern_status status = ERN_NEW(context, room * channels, &larger);
   if (status != ERN_OK) return status;
   if (sound->frames > 0) memcpy(larger, sound->data, sound->frames * channels * sizeof *sound->data);
   ern_release(context, sound->data);

@@ -50,10 +50,8 @@ ern_status ern_video_reader_open(ern_context *context, const char *path, ern_vid
   ERN_NEED(context, path);
   ERN_NEED(context, reader);
   ern_status status = ERN_OK;
-  void *memory = NULL;
   ern_video_reader *made = NULL;
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &memory));
-  made = memory;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_VIDEO, 0, &made->decoder));
   ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));

@@ -173,10 +173,7 @@ static ern_status open_frame(ern_video_writer *writer) {
   const int error = av_frame_get_buffer(frame, 0);
   if (error < 0) return ern_av_fail(writer->context, ERN_E_NO_MEMORY, writer->file.path, "make a frame", error);
   if (codec->width == writer->width && codec->height == writer->height) return ERN_OK;
-  void *padded = NULL;
-  const ern_status status = ern_allocate(writer->context, (size_t)codec->width * (size_t)codec->height, 4, &padded);
-  writer->padded = padded;
-  return status;
+  return ERN_NEW(writer->context, 4 * (size_t)codec->width * (size_t)codec->height, &writer->padded);
 }
 
 /* FFmpeg opens the temporary file by its name, which `file` has locked, and writes the head of the container. */
@@ -209,14 +206,12 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ERN_NEED(context, options);
   ERN_NEED(context, writer);
   ern_status status = ERN_OK;
-  void *memory = NULL;
   ern_video_writer *made = NULL;
   ern_video_options chosen = ern_video_options_default(0, 0);
   ern_av_hush();
   ERN_TRY(ERN_TAKE_CONFIG(context, ern_video_options, &chosen, options));
   ERN_TRY(check_options(context, path, &chosen));
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &memory));
-  made = memory;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->width = chosen.width;
   made->height = chosen.height;

@@ -210,12 +210,10 @@ static int64_t count_of(const struct ern_pickle_value *dict, const char *key) {
 static ern_status put_metadata(ern_context *context, const struct ern_metadata *from, size_t count,
                                struct ern_tensor_file *file) {
   size_t bytes = count * sizeof *from;
-  void *room = NULL;
   for (size_t i = 0; i < count; i++) bytes += strlen(from[i].value) + 1;
-  const ern_status status = ern_allocate(context, bytes, 1, &room);
-  if (status != ERN_OK) return status;
-  file->metadata = room;
-  char *at = (char *)room + count * sizeof *from;
+  file->metadata = ern_allocate(context, bytes, 1);
+  if (file->metadata == NULL) return ERN_E_NO_MEMORY;
+  char *at = (char *)(file->metadata + count);
   for (size_t i = 0; i < count; i++) {
     const size_t length = strlen(from[i].value) + 1;
     memcpy(at, from[i].value, length);
@@ -231,7 +229,8 @@ static const char *text_of(const struct ern_pickle_value *dict, const char *key)
 }
 
 static ern_status name_all(struct reading *r) {
-  void *numbers = NULL, *room = NULL;
+  int64_t *numbers = NULL;
+  struct trained list = {0};
   ern_status status = ERN_OK;
   if (r->model == NULL) return ERN_OK;
   const size_t most = r->model->as.list.count / 2;
@@ -241,15 +240,14 @@ static ern_status name_all(struct reading *r) {
             "%s: has %zu tensors, which are no model's: no state of a training is looked for", r->path, most);
     return ERN_OK;
   }
-  ERN_TRY(ern_allocate(r->context, most, sizeof(int64_t), &numbers));
-  ERN_TRY(ern_allocate(r->context, 2 * most + 1, sizeof(void *), &room));
-  struct trained list = {.value = room};
+  ERN_TRY(ERN_NEW(r->context, most, &numbers));
+  ERN_TRY(ERN_NEW(r->context, 2 * most + 1, &list.value));
   ERN_TRY(name_optimizer(r, &list, numbers, most));
   ERN_TRY(name_average(r, &list, "shadow_params", "state.average."));
   ERN_TRY(name_average(r, &list, "collected_params", "state.collected."));
 fail:
   ern_release(r->context, numbers);
-  ern_release(r->context, room);
+  ern_release(r->context, list.value);
   return status;
 }
 
@@ -282,10 +280,10 @@ fail:
 }
 
 static ern_status read_zip(const struct ern_file_reader *reader, struct ern_tensor_file *file) {
-  void *bytes = NULL;
+  uint8_t *bytes = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_torch_check_end(reader));
-  ERN_TRY(ern_allocate(reader->context, reader->size, 1, &bytes));
+  ERN_TRY(ERN_NEW(reader->context, reader->size, &bytes));
   ERN_TRY(ern_file_reader_take(reader, 0, bytes, reader->size));
   return read_torch(reader->context, reader->path, bytes, reader->size, file);
 fail:

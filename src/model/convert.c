@@ -30,11 +30,10 @@ static bool has_model(const struct ern_tensor_file *file) {
 /* Everything as it is, and our description of the model where the file has none. */
 static ern_status write_safetensors(ern_context *context, const struct ern_tensor_file *file, const ern_model *model,
                                     const char *path) {
-  void *room = NULL;
+  struct ern_metadata *metadata = NULL;
   char *text = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(context, file->metadata_count + 2, sizeof(struct ern_metadata), &room));
-  struct ern_metadata *metadata = room;
+  ERN_TRY(ERN_NEW(context, file->metadata_count + 2, &metadata));
   size_t count = 0;
   for (size_t i = 0; i < file->metadata_count; i++) metadata[count++] = file->metadata[i];
   if (model != NULL && ern_tensor_file_metadata(file, "ernerf") == NULL) {
@@ -47,7 +46,7 @@ static ern_status write_safetensors(ern_context *context, const struct ern_tenso
       ern_safetensors_write(context, path, file->tensors, file->tensor_count, metadata, count, ERN_EXISTING_BY_CONTEXT);
 fail:
   ern_release(context, text);
-  ern_release(context, room);
+  ern_release(context, metadata);
   return status;
 }
 

@@ -11,22 +11,16 @@
 #include "model/torso_ops.h"
 
 ern_status ern_model_make(ern_model **model, ern_context *context, const struct ern_model_config *config) {
-  void *room = NULL;
+  ern_model *made = NULL;
   *model = NULL;
-  ern_status status = ern_allocate(context, 1, sizeof(ern_model), &room);
+  ern_status status = ERN_NEW(context, 1, &made);
   if (status != ERN_OK) return status;
-  ern_model *made = room;
   made->context = context;
   made->view = ern_view_settings_default();
   ERN_TRY(ern_parameters_build(context, config, &made->field, &made->table));
-  ERN_TRY(ern_allocate(context, made->field.parameters, sizeof(float), &room));
-  made->block = room;
-  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_BYTES, 1, &room));
-  made->bits = room;
-  if (config->torso) {
-    ERN_TRY(ern_allocate(context, ERN_TORSO_CELLS, sizeof(float), &room));
-    made->torso_grid = room;
-  }
+  ERN_TRY(ERN_NEW(context, made->field.parameters, &made->block));
+  ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_BYTES, &made->bits));
+  if (config->torso) ERN_TRY(ERN_NEW(context, ERN_TORSO_CELLS, &made->torso_grid));
   *model = made;
   return ERN_OK;
 fail:
@@ -154,18 +148,17 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
 }
 
 ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing) {
-  void *room = NULL;
+  struct ern_model_tensors *tensors = NULL;
   char *json = NULL;
-  ern_status status = ern_allocate(model->context, 1, sizeof(struct ern_model_tensors), &room);
+  ern_status status = ERN_NEW(model->context, 1, &tensors);
   if (status != ERN_OK) return status;
-  ern_model_tensors(model, room);
-  struct ern_model_tensors *tensors = room;
+  ern_model_tensors(model, tensors);
   ERN_TRY(ern_model_metadata(model, &json));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", json}};
   status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2, existing);
 fail:
   ern_release(model->context, json);
-  ern_release(model->context, room);
+  ern_release(model->context, tensors);
   return status;
 }
 

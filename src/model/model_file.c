@@ -254,10 +254,9 @@ static bool is_extra(const ern_model *model, const char *name) {
 
 /* A file without the bits has the grid: occupied where grid > min(mean, 10), marked cells counting as 0 in the mean. */
 static ern_status bits_from_grid(ern_model *model, const struct ern_tensor_file *file, const char *path) {
-  void *room = NULL;
-  ern_status status = ern_allocate(model->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room);
+  float *grid = NULL;
+  ern_status status = ERN_NEW(model->context, ERN_OCCUPANCY_CELLS, &grid);
   if (status != ERN_OK) return status;
-  float *grid = room;
   double sum = 0;
   ERN_TRY(ern_tensor_take(model->context, file, path, "density_grid", 2, (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
   for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++) sum += grid[i] > 0 ? (double)grid[i] : 0;
@@ -265,7 +264,7 @@ static ern_status bits_from_grid(ern_model *model, const struct ern_tensor_file 
   for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++)
     if ((double)grid[i] > threshold) model->bits[i / 8] |= (uint8_t)(1u << (i % 8));
 fail:
-  ern_release(model->context, room);
+  ern_release(model->context, grid);
   return status;
 }
 
@@ -322,12 +321,10 @@ fail:
 static ern_status take_camera(ern_model *model, const struct ern_tensor_file *file, const char *path) {
   const size_t rows = side(file, "camera_dR", 0), shape[2] = {rows, 3};
   const bool there = ern_tensor_file_find(file, "camera_dR") != NULL || ern_tensor_file_find(file, "camera_dT") != NULL;
-  void *room = NULL;
   ern_status status = ERN_OK;
   if (!there) return ERN_OK;
   if (rows > 1000000) return ern_fail(model->context, ERN_E_SHAPE, "%s: camera_dR has %zu rows", path, rows);
-  ERN_TRY(ern_allocate(model->context, 6 * rows, sizeof(float), &room));
-  model->camera = room;
+  ERN_TRY(ERN_NEW(model->context, 6 * rows, &model->camera));
   model->cameras = rows;
   ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dR", 2, shape, model->camera));
   ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dT", 2, shape, model->camera + 3 * rows));
@@ -340,9 +337,8 @@ fail:
 static ern_status check_tensors(ern_context *context, const struct ern_tensor_file *file, const char *path,
                                 const struct ern_model_config *config) {
   const struct ern_tensor *tensor = NULL;
-  void *room = NULL;
-  ern_status status = ern_allocate(context, 1, sizeof(ern_model), &room);
-  ern_model *planned = room;
+  ern_model *planned = NULL;
+  ern_status status = ERN_NEW(context, 1, &planned);
   if (status != ERN_OK) return status;
   status = ern_parameters_build(context, config, &planned->field, &planned->table);
   if (status == ERN_OK && ern_tensor_file_metadata(file, "torch") != NULL && !ern_field_is_standard(&planned->field))
@@ -355,7 +351,7 @@ static ern_status check_tensors(ern_context *context, const struct ern_tensor_fi
     const struct ern_parameter *row = &planned->table.row[r];
     status = find_exact(context, file, path, row->name, row->dims, row->shape, &tensor);
   }
-  ern_release(context, room);
+  ern_release(context, planned);
   return status;
 }
 

@@ -23,22 +23,21 @@ void ern_torch_layout_free(struct ern_torch_layout *l) {
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
 
-/* A tensor of zeros; its bytes are at *room. */
+/* A tensor of zeros; its bytes are the last of l->owned. */
 static ern_status add(struct ern_torch_layout *l, const char *prefix, const char *name, ern_dtype dtype, int dims,
-                      const size_t *shape, void **room) {
+                      const size_t *shape) {
   size_t count = 1;
-  *room = NULL;
   if (l->tensors >= ERN_TORCH_LAYOUT_TENSORS)
     return ern_fail(l->context, ERN_E_SHAPE, "%s: more tensors than a model has", l->path);
   for (int d = 0; d < dims; d++) count *= shape[d];
-  const ern_status status = ern_allocate(l->context, count, ern_dtype_bytes(dtype), room);
-  if (status != ERN_OK) return status;
+  void *bytes = ern_allocate(l->context, count, ern_dtype_bytes(dtype));
+  if (bytes == NULL) return ERN_E_NO_MEMORY;
   struct ern_tensor *tensor = &l->tensor[l->tensors];
   snprintf(l->name[l->tensors], sizeof l->name[0], "%s%s", prefix, name);
   *tensor =
-      (struct ern_tensor){.name = l->name[l->tensors], .dtype = dtype, .dims = dims, .count = count, .data = *room};
+      (struct ern_tensor){.name = l->name[l->tensors], .dtype = dtype, .dims = dims, .count = count, .data = bytes};
   for (int d = 0; d < dims; d++) tensor->shape[d] = shape[d];
-  l->owned[l->tensors++] = *room;
+  l->owned[l->tensors++] = bytes;
   return ERN_OK;
 }
 
@@ -48,22 +47,21 @@ static ern_status add_padded(struct ern_torch_layout *l, const char *prefix, con
                              const float *values) {
   const struct ern_model_config *config = &l->model->field.config;
   size_t shape[ERN_PARAMETER_DIMS] = {row->shape[0], row->shape[1], row->shape[2]};
-  void *room = NULL;
   if (strncmp(row->name, "individual_codes", 16) == 0 && shape[0] < PUBLIC_CODES) shape[0] = PUBLIC_CODES;
   if (strcmp(row->name, "sigma_net.net.0.weight") == 0 && !config->eye) shape[1]++;
-  const ern_status status = add(l, prefix, row->name, ERN_F32, row->dims, shape, &room);
+  const ern_status status = add(l, prefix, row->name, ERN_F32, row->dims, shape);
   if (status != ERN_OK || values == NULL) return status;
   const size_t from = row->dims > 1 ? row->count / row->shape[0] : 1,
                to = row->dims > 1 ? from / row->shape[1] * shape[1] : 1;
-  for (size_t i = 0; i < row->shape[0]; i++) memcpy((float *)room + i * to, values + i * from, from * sizeof(float));
+  float *padded = l->owned[l->tensors - 1];
+  for (size_t i = 0; i < row->shape[0]; i++) memcpy(padded + i * to, values + i * from, from * sizeof(float));
   return ERN_OK;
 }
 
 static ern_status add_copy(struct ern_torch_layout *l, const char *name, ern_dtype dtype, size_t count,
                            const void *values) {
-  void *room = NULL;
-  const ern_status status = add(l, "", name, dtype, 1, &count, &room);
-  if (status == ERN_OK) memcpy(room, values, count * ern_dtype_bytes(dtype));
+  const ern_status status = add(l, "", name, dtype, 1, &count);
+  if (status == ERN_OK) memcpy(l->owned[l->tensors - 1], values, count * ern_dtype_bytes(dtype));
   return status;
 }
 
@@ -95,10 +93,9 @@ static ern_status add_grid(struct ern_torch_layout *l, const char *name, const s
 static ern_status add_density(struct ern_torch_layout *l, double *mean) {
   static const char *const names[] = {"density_grid", "state.density_grid"};
   const struct ern_tensor *have = NULL;
-  void *room = NULL;
-  const ern_status status = add(l, "", "density_grid", ERN_F32, 2, (size_t[]){1, ERN_OCCUPANCY_CELLS}, &room);
+  const ern_status status = add(l, "", "density_grid", ERN_F32, 2, (size_t[]){1, ERN_OCCUPANCY_CELLS});
   if (status != ERN_OK) return status;
-  float *grid = room;
+  float *grid = l->owned[l->tensors - 1];
   for (size_t i = 0; i < 2 && have == NULL; i++) have = ern_tensor_file_find(l->file, names[i]);
   if (have != NULL && have->count == ERN_OCCUPANCY_CELLS) {
     const ern_status taken = ern_tensor_to_float(l->context, have, grid);
@@ -115,7 +112,6 @@ static ern_status add_density(struct ern_torch_layout *l, double *mean) {
 static ern_status add_buffers(struct ern_torch_layout *l, double mean[2]) {
   const ern_model *model = l->model;
   const float b = model->field.config.bound, box[6] = {-b, -b / 2, -b, b, b / 2, b};
-  void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(add_copy(l, "aabb_train", ERN_F32, 6, box));
   ERN_TRY(add_copy(l, "aabb_infer", ERN_F32, 6, box));
@@ -127,7 +123,7 @@ static ern_status add_buffers(struct ern_torch_layout *l, double mean[2]) {
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
     mean[1] = sum / ERN_TORSO_CELLS;
   }
-  status = add(l, "", "step_counter", ERN_I32, 2, (size_t[]){16, 2}, &room);
+  status = add(l, "", "step_counter", ERN_I32, 2, (size_t[]){16, 2});
 fail:
   return status;
 }
@@ -136,7 +132,6 @@ fail:
 static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
   const struct ern_field *field = &l->model->field;
   const size_t inputs = (size_t)field->feature_rows;
-  void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(add_rows(l, "individual_codes"));
   if (field->config.torso) {
@@ -144,10 +139,10 @@ static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
     ERN_TRY(add_rows(l, "anchor_points"));
   }
   if (l->model->cameras > 0) {
-    ERN_TRY(add(l, "", "camera_dR", ERN_F32, 2, (size_t[]){l->model->cameras, 3}, &room));
-    memcpy(room, l->model->camera, 3 * l->model->cameras * sizeof(float));
-    ERN_TRY(add(l, "", "camera_dT", ERN_F32, 2, (size_t[]){l->model->cameras, 3}, &room));
-    memcpy(room, l->model->camera + 3 * l->model->cameras, 3 * l->model->cameras * sizeof(float));
+    ERN_TRY(add(l, "", "camera_dR", ERN_F32, 2, (size_t[]){l->model->cameras, 3}));
+    memcpy(l->owned[l->tensors - 1], l->model->camera, 3 * l->model->cameras * sizeof(float));
+    ERN_TRY(add(l, "", "camera_dT", ERN_F32, 2, (size_t[]){l->model->cameras, 3}));
+    memcpy(l->owned[l->tensors - 1], l->model->camera + 3 * l->model->cameras, 3 * l->model->cameras * sizeof(float));
   }
   ERN_TRY(add_buffers(l, mean));
   ERN_TRY(add_rows(l, "audio_net."));
@@ -156,8 +151,8 @@ static ern_status add_model(struct ern_torch_layout *l, double mean[2]) {
   if (field->config.eye) {
     ERN_TRY(add_rows(l, "eye_att_net."));
   } else {
-    ERN_TRY(add(l, "", "eye_att_net.net.0.weight", ERN_F32, 2, (size_t[]){16, inputs}, &room));
-    ERN_TRY(add(l, "", "eye_att_net.net.1.weight", ERN_F32, 2, (size_t[]){1, 16}, &room));
+    ERN_TRY(add(l, "", "eye_att_net.net.0.weight", ERN_F32, 2, (size_t[]){16, inputs}));
+    ERN_TRY(add(l, "", "eye_att_net.net.1.weight", ERN_F32, 2, (size_t[]){1, 16}));
   }
   static const char *const nets[] = {"sigma_net.", "color_net.", "unc_net.", "aud_ch_att_net."};
   for (size_t i = 0; i < sizeof nets / sizeof *nets; i++) ERN_TRY(add_rows(l, nets[i]));
@@ -206,31 +201,30 @@ static ern_status add_state(struct ern_torch_layout *l, const char *prefix, cons
                             const struct ern_tensor *like, bool fall_back) {
   const struct ern_parameter *row = ern_parameters_find(&l->model->table, like->name);
   char name[ERN_PARAMETER_NAME + 24];
-  void *room = NULL, *unused = NULL;
+  float *values = NULL;
   snprintf(name, sizeof name, "%s%s", source, like->name);
   if (row == NULL) {
-    const ern_status added = add(l, prefix, like->name, ERN_F32, like->dims, like->shape, &unused);
-    if (added == ERN_OK && fall_back) memcpy(unused, like->data, like->count * sizeof(float));
+    const ern_status added = add(l, prefix, like->name, ERN_F32, like->dims, like->shape);
+    if (added == ERN_OK && fall_back) memcpy(l->owned[l->tensors - 1], like->data, like->count * sizeof(float));
     return added;
   }
   if (ern_tensor_file_find(l->file, name) == NULL)
     return add_padded(l, prefix, row, fall_back ? l->model->block + row->at : NULL);
-  ern_status status = ern_allocate(l->context, row->count, sizeof(float), &room);
-  if (status == ERN_OK) status = ern_tensor_take(l->context, l->file, l->path, name, row->dims, row->shape, room);
-  if (status == ERN_OK) status = add_padded(l, prefix, row, room);
-  ern_release(l->context, room);
+  ern_status status = ERN_NEW(l->context, row->count, &values);
+  if (status == ERN_OK) status = ern_tensor_take(l->context, l->file, l->path, name, row->dims, row->shape, values);
+  if (status == ERN_OK) status = add_padded(l, prefix, row, values);
+  ern_release(l->context, values);
   return status;
 }
 
 /* What AdamW keeps of one tensor. Its first moment is not kept here: with beta1 = 0 the next step overwrites it. */
 static ern_status add_moments(struct ern_torch_layout *l, const struct ern_tensor *like, int64_t step, json_t *state,
                               int64_t number) {
-  void *room = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(add(l, "count.", like->name, ERN_F32, 0, NULL, &room));
-  *(float *)room = (float)step;
+  ERN_TRY(add(l, "count.", like->name, ERN_F32, 0, NULL));
+  *(float *)l->owned[l->tensors - 1] = (float)step;
   const char *count = l->tensor[l->tensors - 1].name;
-  ERN_TRY(add(l, "first.", like->name, ERN_F32, like->dims, like->shape, &room));
+  ERN_TRY(add(l, "first.", like->name, ERN_F32, like->dims, like->shape));
   const char *first = l->tensor[l->tensors - 1].name;
   ERN_TRY(add_state(l, "moment.", "state.moment.", like, false));
   const char *moment = l->tensor[l->tensors - 1].name;
@@ -420,9 +414,7 @@ ern_status ern_torch_layout_make(struct ern_torch_layout *l) {
   text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17));
   if (text == NULL) ERN_TRY(ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path));
   const size_t length = strlen(text) + 16;
-  void *room = NULL;
-  ERN_TRY(ern_allocate(l->context, length, 1, &room));
-  l->tree = room;
+  ERN_TRY(ERN_NEW(l->context, length, &l->tree));
   snprintf(l->tree, length, "{\"dict\":%s}", text);
 fail:
   json_decref(root);

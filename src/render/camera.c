@@ -112,10 +112,9 @@ ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count,
   ERN_NEED(context, poses);
   if (window < 1 || window % 2 == 0)
     return ern_fail(context, ERN_E_ARGUMENT, "smooth path: window is %d, expected an odd number from 1", window);
-  void *room = NULL;
-  ern_status status = ern_allocate(context, count, sizeof(ern_pose), &room);
+  ern_pose *smooth = NULL;
+  ern_status status = ERN_NEW(context, count, &smooth);
   if (status != ERN_OK) return status;
-  ern_pose *smooth = room;
   const size_t half = (size_t)window / 2;
   for (size_t i = 0; i < count; i++) {
     const size_t begin = i < half ? 0 : i - half, end = i + half + 1 < count ? i + half + 1 : count;
@@ -135,7 +134,7 @@ ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count,
   }
   memcpy(poses, smooth, count * sizeof *poses);
 fail:
-  ern_release(context, room);
+  ern_release(context, smooth);
   return status;
 }
 

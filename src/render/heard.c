@@ -36,12 +36,10 @@ static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
   const size_t most = (size_t)ERN_AUDIO_WINDOWS * MAX_WINDOW_LENGTH * (size_t)r->field.config.feature_width;
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
-  void *room = r->heard.windows;
-  if (room == NULL) {
-    const ern_status status = ern_allocate(r->context, most, sizeof(float), &room);
+  if (r->heard.windows == NULL) {
+    const ern_status status = ERN_NEW(r->context, most, &r->heard.windows);
     if (status != ERN_OK) return status;
   }
-  r->heard.windows = room;
   memcpy(r->heard.windows, input->windows, values * sizeof(float));
   r->heard.length = input->window_length;
   return ERN_OK;
@@ -93,14 +91,13 @@ fail:
 ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length, const float *eyes,
                                 size_t count, struct ern_moment **moment) {
   ern_context *context = r->context;
-  void *room = NULL;
+  struct ern_moment *made = NULL;
   ern_status status = ERN_OK;
   *moment = NULL;
   status = ern_window_length_check(context, &r->field, "render", window_length);
   if (status != ERN_OK) return status;
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
-  ERN_TRY(ern_allocate(context, count, sizeof(struct ern_moment), &room));
-  struct ern_moment *made = room;
+  ERN_TRY(ERN_NEW(context, count, &made));
   for (size_t k = 0; k < count; k++) {
     made[k] = (struct ern_moment){windows + k * values, window_length, eyes[k]};
     if (!(eyes[k] >= 0 && eyes[k] <= 1))
@@ -116,6 +113,6 @@ ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int windo
   *moment = made;
   return ERN_OK;
 fail:
-  ern_release(context, room);
+  ern_release(context, made);
   return status;
 }

@@ -78,22 +78,22 @@ static ern_status number_rays(ern_renderer *r, const ern_box *frame, const struc
                               ern_span *number) {
   const size_t pixels = (size_t)view->width * (size_t)view->height;
   int left, right, top, bottom;
-  void *room = NULL;
+  int32_t *pixel = NULL;
   ern_status status = ERN_OK;
   if (frame->right == frame->left) return ERN_OK;
   bound_rays(&left, &right, frame->left, frame->right, ratio, view->width);
   bound_rays(&top, &bottom, frame->top, frame->bottom, ratio, view->height);
   if (left == 0 && right == view->width - 1 && top == 0 && bottom == view->height - 1) return ERN_OK;
-  ERN_TRY(ern_allocate(r->context, pixels, sizeof(int32_t), &room));
-  int32_t *to = room;
+  ERN_TRY(ERN_NEW(r->context, pixels, &pixel));
+  int32_t *to = pixel;
   for (int y = 0; y < view->height; y++) {
     const int row = y < top ? top : y > bottom ? bottom : y;
     for (int x = 0; x < view->width; x++) *to++ = row * view->width + (x < left ? left : x > right ? right : x);
   }
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, pixels, number));
-  status = r->backend->upload_int32(r->stream, *number, room, pixels);
+  status = r->backend->upload_int32(r->stream, *number, pixel, pixels);
 fail:
-  ern_release(r->context, room);
+  ern_release(r->context, pixel);
   return status;
 }
 

@@ -76,12 +76,11 @@ ern_status ern_ssim(ern_context *context, const float *rgb, const uint8_t *truth
   double weight[SSIM_WINDOW], total = 0;
   for (int k = 0; k < SSIM_WINDOW; k++) total += weight[k] = exp(-(k - 5) * (k - 5) / (2 * 1.5 * 1.5));
   for (int k = 0; k < SSIM_WINDOW; k++) weight[k] /= total;
-  void *room = NULL;
-  const ern_status status =
-      ern_allocate(context, (size_t)width * (size_t)height * 2 * SSIM_MOMENTS, sizeof(double), &room);
+  double *planes = NULL;
+  const ern_status status = ERN_NEW(context, (size_t)width * (size_t)height * 2 * SSIM_MOMENTS, &planes);
   if (status != ERN_OK) return status;
   *ssim = 0;
-  for (int c = 0; c < 3; c++) *ssim += ssim_channel(rgb, truth, width, height, c, room, weight) / 3;
-  ern_release(context, room);
+  for (int c = 0; c < 3; c++) *ssim += ssim_channel(rgb, truth, width, height, c, planes, weight) / 3;
+  ern_release(context, planes);
   return ERN_OK;
 }

@@ -123,12 +123,12 @@ static bool solve(struct ern_moments *m) {
 ern_status ern_moments_choose(struct ern_moments *moments, struct ern_stream *stream, const struct ern_field *field,
                               ern_span parameters, const struct ern_moment *moment, size_t count) {
   ern_context *context = stream->backend->context;
-  void *codes = NULL, *away = NULL;
+  float *code = NULL;
+  double *away = NULL;
   ern_status status = ERN_OK;
   *moments = (struct ern_moments){0};
-  ERN_TRY(ern_allocate(context, count, ERN_AUDIO_CODE * sizeof(float), &codes));
-  ERN_TRY(ern_allocate(context, count, sizeof(double), &away));
-  float *code = codes;
+  ERN_TRY(ERN_NEW(context, count * ERN_AUDIO_CODE, &code));
+  ERN_TRY(ERN_NEW(context, count, &away));
   for (size_t k = 0; k < count && status == ERN_OK; k++) {
     const struct ern_arena_mark mark = ern_arena_mark(stream);
     ern_span heard;
@@ -144,7 +144,7 @@ ern_status ern_moments_choose(struct ern_moments *moments, struct ern_stream *st
     status = ern_fail(context, ERN_E_NONFINITE, "render: the audio codes of the speech's moments are not numbers");
 fail:
   ern_release(context, away);
-  ern_release(context, codes);
+  ern_release(context, code);
   return status;
 }
 

@@ -92,7 +92,6 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   ERN_NEED(context, renderer);
   ERN_NEED(context, model);
   ern_render_options chosen = ern_render_options_default();
-  void *room = NULL;
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
   if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_render_options, &chosen, options));
@@ -101,8 +100,7 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   if (chosen.threads > 0 && strcmp(backend->name, "cpu") != 0)
     ern_log(context, ERN_LOG_WARNING, "render: threads is %d, which the backend %s has no use for: its driver decides",
             chosen.threads, backend->name);
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->backend = backend;
   made->model = model;
@@ -152,13 +150,13 @@ ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, 
     ERN_NEED(context, eyes);
   }
   struct ern_moment *moment = NULL;
-  void *bits = NULL;
+  uint8_t *bits = NULL;
   ern_status status = ERN_OK;
   if (!(density >= 0) || !isfinite(density))
     ERN_TRY(
         ern_fail(context, ERN_E_ARGUMENT, "render: density to leave out is %g, expected 0 or more", (double)density));
   ERN_TRY(ern_renderer_moments(renderer, windows, window_length, eyes, count, &moment));
-  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_BYTES, 1, &bits));
+  ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_BYTES, &bits));
   memcpy(bits, renderer->model->bits, ERN_OCCUPANCY_BYTES);
   if (density > 0 && count > 0)
     ERN_TRY(ern_occupancy_thin(renderer->stream, &renderer->field,
@@ -196,14 +194,14 @@ static double milliseconds(void) {
 }
 
 static ern_status number_pixels(ern_renderer *r, struct frame *f) {
-  void *room = NULL;
+  int32_t *number = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_renderer_room(r, NUMBER, ERN_ELEMENT_INT32, f->pixels, &f->number));
-  ERN_TRY(ern_allocate(r->context, f->pixels, sizeof(int32_t), &room));
-  for (size_t i = 0; i < f->pixels; i++) ((int32_t *)room)[i] = (int32_t)i;
-  status = r->backend->upload_int32(r->stream, f->number, room, f->pixels);
+  ERN_TRY(ERN_NEW(r->context, f->pixels, &number));
+  for (size_t i = 0; i < f->pixels; i++) number[i] = (int32_t)i;
+  status = r->backend->upload_int32(r->stream, f->number, number, f->pixels);
 fail:
-  ern_release(r->context, room);
+  ern_release(r->context, number);
   return status;
 }
 

@@ -72,16 +72,15 @@ static double split(const double *sorted, size_t count, double *gap) {
 /* kind[count] of frames of this level in dB. Frames at the border of a quiet run, and short runs, are neither. */
 static ern_status sort_frames(ern_context *context, const double *level, size_t count, double least_gap,
                               unsigned char *kind) {
-  void *room = NULL;
-  ern_status status = ern_allocate(context, count, sizeof(double), &room);
+  double *sorted = NULL, gap = 0;
+  ern_status status = ERN_NEW(context, count, &sorted);
   if (status != ERN_OK) return status;
-  double *sorted = room, gap = 0;
   memcpy(sorted, level, count * sizeof *sorted);
   qsort(sorted, count, sizeof *sorted, by_value);
   const double floor = sorted[count - 1 - count / 10] - DEEPEST; /* under a loud frame */
   for (size_t i = 0; i < count; i++) sorted[i] = fmax(sorted[i], floor);
   const double threshold = split(sorted, count, &gap);
-  ern_release(context, room);
+  ern_release(context, sorted);
   if (gap < least_gap)
     return ern_fail(context, ERN_E_STATE, "silence: quiet and loud frames differ by %.1f dB, expected %g at least", gap,
                     least_gap);
@@ -99,10 +98,10 @@ static ern_status sort_frames(ern_context *context, const double *level, size_t 
 static ern_status movement(ern_context *context, const ern_features *features, double *level) {
   enum { AROUND = 2 };
   const size_t width = (size_t)features->width, count = features->windows;
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, 2 * width + count, sizeof(double), &room);
+  double *now = NULL;
+  const ern_status status = ERN_NEW(context, 2 * width + count, &now);
   if (status != ERN_OK) return status;
-  double *now = room, *before = now + width, *step = before + width;
+  double *before = now + width, *step = before + width;
   middle(features, 0, before);
   for (size_t t = 0; t < count; t++) {
     middle(features, t, now);
@@ -115,7 +114,7 @@ static ern_status movement(ern_context *context, const ern_features *features, d
     for (size_t k = from; k < to; k++) sum += step[k];
     level[t] = 10 * log10(sum / (double)(to - from) + 1e-20);
   }
-  ern_release(context, room);
+  ern_release(context, now);
   return ERN_OK;
 }
 
@@ -124,11 +123,10 @@ static ern_status movement(ern_context *context, const ern_features *features, d
 /* Means of both kinds and the discriminant between them. mean[2][width], count[2]: quiet, loud. */
 static ern_status discriminate(ern_silence *s, const ern_features *features, const unsigned char *kind) {
   const size_t width = (size_t)s->width;
-  double count[2] = {0}, total = 0, apart = 0;
-  void *room = NULL;
-  ern_status status = ern_allocate(s->context, 4 * width, sizeof(double), &room);
+  double count[2] = {0}, total = 0, apart = 0, *x = NULL;
+  ern_status status = ERN_NEW(s->context, 4 * width, &x);
   if (status != ERN_OK) return status;
-  double *x = room, *mean[2] = {x + width, x + 2 * width}, *variance = x + 3 * width;
+  double *mean[2] = {x + width, x + 2 * width}, *variance = x + 3 * width;
   for (int pass = 0; pass < 2; pass++) {
     for (size_t t = 0; t < features->windows; t++) {
       if (kind[t] == NEITHER) continue;
@@ -154,20 +152,20 @@ static ern_status discriminate(ern_silence *s, const ern_features *features, con
     s->offset += s->weight[i] * (mean[0][i] + mean[1][i]) / 2;
   }
 fail:
-  ern_release(s->context, room);
+  ern_release(s->context, x);
   return status;
 }
 
 /* score[windows]: about -1 in silence, about 1 in speech. */
 static ern_status score_frames(const ern_silence *s, const ern_features *features, double *score) {
-  void *room = NULL;
-  const ern_status status = ern_allocate(s->context, (size_t)s->width, sizeof(double), &room);
+  double *x = NULL;
+  const ern_status status = ERN_NEW(s->context, (size_t)s->width, &x);
   for (size_t t = 0; status == ERN_OK && t < features->windows; t++) {
-    middle(features, t, room);
+    middle(features, t, x);
     score[t] = -s->offset;
-    for (int i = 0; i < s->width; i++) score[t] += s->weight[i] * ((const double *)room)[i];
+    for (int i = 0; i < s->width; i++) score[t] += s->weight[i] * x[i];
   }
-  ern_release(s->context, room);
+  ern_release(s->context, x);
   return status;
 }
 
@@ -201,20 +199,19 @@ ern_status ern_silence_learn(ern_context *context, const ern_features *features,
   ERN_NEED(context, features);
   ERN_NEED(context, silence);
   const size_t count = features->windows;
-  void *room = NULL, *level = NULL, *kind = NULL;
+  double *level = NULL;
+  unsigned char *kind = NULL;
   ern_silence *made = NULL;
   ern_status status = ern_features_check(context, "silence", features);
   if (status != ERN_OK) return status;
   if (count < 2 * FEWEST)
     return ern_fail(context, ERN_E_STATE, "silence: %zu frames, expected %d at least", count, 2 * FEWEST);
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   *made = (ern_silence){.context = context, .width = features->width};
-  ERN_TRY(ern_allocate(context, (size_t)features->width, sizeof(double), &room));
-  made->weight = room;
-  ERN_TRY(ern_allocate(context, count, sizeof(double), &level));
-  ERN_TRY(ern_allocate(context, count, 1, &kind));
-  for (size_t t = 0; t < count && loudness != NULL; t++) ((double *)level)[t] = (double)loudness[t];
+  ERN_TRY(ERN_NEW(context, (size_t)features->width, &made->weight));
+  ERN_TRY(ERN_NEW(context, count, &level));
+  ERN_TRY(ERN_NEW(context, count, &kind));
+  for (size_t t = 0; t < count && loudness != NULL; t++) level[t] = (double)loudness[t];
   if (loudness == NULL) ERN_TRY(movement(context, features, level));
   ERN_TRY(sort_frames(context, level, count, loudness != NULL ? LOUDNESS_GAP : STILLNESS_GAP, kind));
   ERN_TRY(discriminate(made, features, kind));
@@ -253,16 +250,15 @@ ern_status ern_silence_rest(const ern_silence *silence, const ern_features *feat
   ERN_NEED(silence->context, features);
   ERN_NEED(silence->context, rest);
   const size_t count = features->windows;
-  void *room = NULL;
+  double *score = NULL;
   ern_status status = ern_features_check(silence->context, "silence", features);
   if (status != ERN_OK) return status;
   if (features->width != silence->width)
     return ern_fail(silence->context, ERN_E_MISMATCH,
                     "silence: the features are %d wide, expected %d: it was learnt on features of another kind",
                     features->width, silence->width);
-  ERN_TRY(ern_allocate(silence->context, count, sizeof(double), &room));
-  ERN_TRY(score_frames(silence, features, room));
-  const double *score = room;
+  ERN_TRY(ERN_NEW(silence->context, count, &score));
+  ERN_TRY(score_frames(silence, features, score));
   memset(rest, 0, count * sizeof *rest);
   for (size_t t = 0; t < count;) {
     if (!(score[t] < silence->enter)) {
@@ -274,6 +270,6 @@ ern_status ern_silence_rest(const ern_silence *silence, const ern_features *feat
     rest_in(rest, begin, t);
   }
 fail:
-  ern_release(silence->context, room);
+  ern_release(silence->context, score);
   return status;
 }

@@ -61,19 +61,17 @@ void ern_renderer_still_work_sized(const ern_renderer *renderer, ern_still_work 
 
 /* Whether *kept is a copy of `bytes`; if not, it becomes one. */
 static ern_status same_bytes(ern_renderer *r, uint8_t **kept, const uint8_t *bytes, size_t count, bool *same) {
-  void *room = *kept;
   ern_status status = ERN_OK;
-  if (room != NULL && bytes != NULL && memcmp(room, bytes, count) == 0) return ERN_OK;
-  if (room == NULL && bytes == NULL) return ERN_OK;
+  if (*kept != NULL && bytes != NULL && memcmp(*kept, bytes, count) == 0) return ERN_OK;
+  if (*kept == NULL && bytes == NULL) return ERN_OK;
   *same = false;
   if (bytes == NULL) {
-    ern_release(r->context, room);
-    room = NULL;
-  } else if (room == NULL) {
-    status = ern_allocate(r->context, count, 1, &room);
+    ern_release(r->context, *kept);
+    *kept = NULL;
+  } else if (*kept == NULL) {
+    status = ERN_NEW(r->context, count, kept);
   }
-  if (room != NULL) memcpy(room, bytes, count);
-  *kept = room;
+  if (*kept != NULL) memcpy(*kept, bytes, count);
   return status;
 }
 

@@ -67,11 +67,10 @@ static ern_status march(const struct sorting *s, ern_span bits, int32_t *samples
 static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
   const struct ern_view *view = &s->all->view;
   const size_t across = ern_visible_count(view->width), blocks = across * ern_visible_count(view->height);
-  void *room = NULL;
+  float *nearest = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(s->r->context, blocks, sizeof(float), &room));
-  const float *nearest = room;
-  ern_visible_blocks(room, bits, view, s->all->settings.bound);
+  ERN_TRY(ERN_NEW(s->r->context, blocks, &nearest));
+  ern_visible_blocks(nearest, bits, view, s->all->settings.bound);
   for (size_t i = 0; i < s->all->n; i++) {
     const size_t through = (size_t)s->through[i], row = through / (size_t)view->width;
     const size_t column = through % (size_t)view->width;
@@ -89,7 +88,7 @@ static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
   s->count = hits;
   number_rays(s);
 fail:
-  ern_release(s->r->context, room);
+  ern_release(s->r->context, nearest);
   return status;
 }
 
@@ -135,12 +134,12 @@ static bool is_steady(const struct ern_moments *moments, const struct measured *
 /* Moves what belongs to the steady ones to the front, pixel by pixel; the order in each kind stays. */
 static ern_status part_hits(struct sorting *s, struct measured *m, const bool *steady, size_t count) {
   const size_t hits = s->count, rows = m->channels * m->moments;
-  void *room = NULL;
+  int32_t *parted = NULL;
   size_t front = 0, back = count;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(s->r->context, hits, sizeof(int32_t), &room));
-  for (size_t i = 0; i < hits; i++) ((int32_t *)room)[steady[i] ? front++ : back++] = s->pixel[i];
-  memcpy(s->pixel, room, hits * sizeof(int32_t));
+  ERN_TRY(ERN_NEW(s->r->context, hits, &parted));
+  for (size_t i = 0; i < hits; i++) parted[steady[i] ? front++ : back++] = s->pixel[i];
+  memcpy(s->pixel, parted, hits * sizeof *parted);
   for (size_t row = 0; row < rows; row++) {
     float *value = m->value + row * hits;
     front = 0;
@@ -148,7 +147,7 @@ static ern_status part_hits(struct sorting *s, struct measured *m, const bool *s
       if (steady[i]) value[front++] = value[i];
   }
 fail:
-  ern_release(s->r->context, room);
+  ern_release(s->r->context, parted);
   return status;
 }
 
@@ -169,10 +168,9 @@ fail:
 
 /* Parts the hits by what they are found to be; rays->samples is that of those rendered anew. */
 static ern_status judge(struct sorting *s, struct measured *m, float most, struct ern_still_rays *rays) {
-  void *room = NULL;
+  bool *steady = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(s->r->context, s->count, sizeof(bool), &room));
-  bool *steady = room;
+  ERN_TRY(ERN_NEW(s->r->context, s->count, &steady));
   for (size_t i = 0; i < s->count; i++) {
     steady[i] = is_steady(&s->r->still.moments, m, s->count, i, most);
     rays->steady += steady[i];
@@ -181,7 +179,7 @@ static ern_status judge(struct sorting *s, struct measured *m, float most, struc
   ERN_TRY(part_hits(s, m, steady, rays->steady));
   status = keep_moments(s, m, rays);
 fail:
-  ern_release(s->r->context, room);
+  ern_release(s->r->context, steady);
   return status;
 }
 
@@ -194,12 +192,10 @@ static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_rows rows[ERN_STILL_CHANNELS];
   struct measured m = {.channels = ern_still_rows(rows, r, s->all), .moments = r->still.moments.count};
-  void *room = NULL;
   ern_span list, ray, code;
   ern_status status = ERN_OK;
   if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.moments)) return ERN_OK;
-  ERN_TRY(ern_allocate(r->context, m.channels * m.moments * s->count, sizeof(float), &room));
-  m.value = room;
+  ERN_TRY(ERN_NEW(r->context, m.channels * m.moments * s->count, &m.value));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &ray));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
@@ -211,7 +207,7 @@ static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
   status = judge(s, &m, share / gain * r->still.bound, rays);
 fail:
   ern_arena_release(r->stream, mark);
-  ern_release(r->context, room);
+  ern_release(r->context, m.value);
   return status;
 }
 
@@ -226,9 +222,9 @@ void ern_still_rays_free(ern_renderer *r) {
 
 static ern_status sort(struct sorting *s, struct ern_still_rays *rays) {
   ern_renderer *r = s->r;
-  void *bits = NULL;
+  uint8_t *bits = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(r->context, ERN_OCCUPANCY_BYTES, 1, &bits));
+  ERN_TRY(ERN_NEW(r->context, ERN_OCCUPANCY_BYTES, &bits));
   ERN_TRY(r->backend->download_bytes(r->stream, bits, s->all->bits, ERN_OCCUPANCY_BYTES));
   ERN_TRY(find_hits(s, bits));
   rays->hits = s->count;
@@ -248,18 +244,19 @@ fail:
 
 ern_status ern_still_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
   struct sorting s = {.r = r, .all = all};
-  void *room[4] = {NULL};
   ern_status status = ERN_OK;
   ern_still_rays_free(r);
-  for (int k = 0; k < 4; k++) ERN_TRY(ern_allocate(r->context, all->n, sizeof(int32_t), &room[k]));
-  s.pixel = room[0];
-  s.samples = room[1];
-  s.ray = room[2];
-  s.through = room[3];
+  ERN_TRY(ERN_NEW(r->context, all->n, &s.pixel));
+  ERN_TRY(ERN_NEW(r->context, all->n, &s.samples));
+  ERN_TRY(ERN_NEW(r->context, all->n, &s.ray));
+  ERN_TRY(ERN_NEW(r->context, all->n, &s.through));
   ERN_TRY(r->backend->download_int32(r->stream, s.through, all->pixel_number, all->n));
   status = sort(&s, &r->still.rays);
 fail:
-  for (int k = 0; k < 4; k++) ern_release(r->context, room[k]);
+  ern_release(r->context, s.pixel);
+  ern_release(r->context, s.samples);
+  ern_release(r->context, s.ray);
+  ern_release(r->context, s.through);
   if (status != ERN_OK) ern_still_rays_free(r);
   return status;
 }

@@ -28,26 +28,27 @@ ern_status ern_occupancy_thin(struct ern_stream *stream, const struct ern_field 
                               const struct ern_moment *moment, size_t moments, float least, uint8_t *bits) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_context *context = stream->backend->context;
-  void *cells = NULL, *dense = NULL, *room = NULL;
+  uint32_t *cell = NULL;
+  bool *dense = NULL;
+  float *density = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_CELLS, sizeof(uint32_t), &cells));
-  ERN_TRY(ern_allocate(context, ERN_OCCUPANCY_CELLS, sizeof(bool), &dense));
-  ERN_TRY(ern_allocate(context, (size_t)CHUNK * ERN_EIGHTHS, sizeof(float), &room));
-  const uint32_t *cell = cells;
-  const size_t count = ern_cells_list(cells, bits);
+  ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_CELLS, &cell));
+  ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_CELLS, &dense));
+  ERN_TRY(ERN_NEW(context, (size_t)CHUNK * ERN_EIGHTHS, &density));
+  const size_t count = ern_cells_list(cell, bits);
   for (size_t s = 0; s < moments; s++) {
     struct ern_head_density_args args = {.parameters = parameters, .field = field, .eye_value = moment[s].eye};
     ERN_TRY(ern_moment_hear(stream, field, parameters, &moment[s], &args.code));
     for (size_t begin = 0; begin < count; begin += CHUNK)
-      ERN_TRY(look_at(stream, &args, cell + begin, count - begin < CHUNK ? count - begin : CHUNK, least, room,
-                      (bool *)dense + begin));
+      ERN_TRY(look_at(stream, &args, cell + begin, count - begin < CHUNK ? count - begin : CHUNK, least, density,
+                      dense + begin));
   }
   for (size_t i = 0; i < count; i++)
-    if (!((bool *)dense)[i]) bits[cell[i] >> 3] &= (uint8_t) ~(1u << (cell[i] & 7));
+    if (!dense[i]) bits[cell[i] >> 3] &= (uint8_t) ~(1u << (cell[i] & 7));
 fail:
-  ern_release(context, room);
+  ern_release(context, density);
   ern_release(context, dense);
-  ern_release(context, cells);
+  ern_release(context, cell);
   ern_arena_release(stream, mark);
   return status;
 }

@@ -14,17 +14,17 @@ static ern_status take_numbers(struct ern_stream *stream, int width, int height,
                                ern_span *number) {
   ern_context *context = stream->backend->context;
   const size_t pixels = (size_t)width * (size_t)height;
-  void *room = NULL;
+  int32_t *pixel = NULL;
   ern_status status = ern_take(stream, ERN_ELEMENT_INT32, pixels, number);
   if (status != ERN_OK) return status;
-  status = ern_allocate(context, pixels, sizeof(int32_t), &room);
+  status = ERN_NEW(context, pixels, &pixel);
   if (status != ERN_OK) return status;
-  int32_t *to = room;
+  int32_t *to = pixel;
   for (int32_t row = 0; row < height; row++)
     for (int32_t column = 0; column < width; column++)
       *to++ = held(row, frame->top, frame->height) * frame->width + held(column, frame->left, frame->width);
-  status = stream->backend->upload_int32(stream, *number, room, pixels);
-  ern_release(context, room);
+  status = stream->backend->upload_int32(stream, *number, pixel, pixels);
+  ern_release(context, pixel);
   return status;
 }
 

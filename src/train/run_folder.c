@@ -21,9 +21,7 @@ static ern_status folder_name(ern_context *context, const char *output, char **f
   static const char extension[] = ".safetensors";
   const size_t length = strlen(output), tail = sizeof extension - 1;
   const size_t stem = length > tail && strcmp(output + length - tail, extension) == 0 ? length - tail : length;
-  void *room = NULL;
-  const ern_status status = ern_allocate(context, stem + sizeof ".run", 1, &room);
-  *folder = room;
+  const ern_status status = ERN_NEW(context, stem + sizeof ".run", folder);
   if (status != ERN_OK) return status;
   memcpy(*folder, output, stem);
   memcpy(*folder + stem, ".run", sizeof ".run");
@@ -158,14 +156,14 @@ void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
 ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...) {
   enum { LINE_BYTES = 1024 };
   if (lines->room - lines->used < LINE_BYTES) {
-    void *room = NULL;
-    const size_t larger = 2 * lines->room + 16 * LINE_BYTES;
-    const ern_status status = ern_allocate(context, larger, 1, &room);
+    char *larger = NULL;
+    const size_t bytes = 2 * lines->room + 16 * LINE_BYTES;
+    const ern_status status = ERN_NEW(context, bytes, &larger);
     if (status != ERN_OK) return status;
-    if (lines->used > 0) memcpy(room, lines->text, lines->used);
+    if (lines->used > 0) memcpy(larger, lines->text, lines->used);
     ern_release(context, lines->text);
-    lines->text = room;
-    lines->room = larger;
+    lines->text = larger;
+    lines->room = bytes;
   }
   const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0); /* a host's may write 0,5 */
   if (plain == (locale_t)0) return ern_fail(context, ERN_E_NO_MEMORY, "no memory for a locale");

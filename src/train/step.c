@@ -181,15 +181,14 @@ static ern_status move_points(struct ern_stream *stream, const struct ern_head_s
     return backend->smooth_points(stream, &points);
   }
   const float *offsets = a->smooth_offsets + 3 * part->first_sample;
-  void *room = NULL;
-  ern_status status = ern_allocate(backend->context, n, sizeof(float), &room);
-  float *x = room;
+  float *x = NULL;
+  ern_status status = ERN_NEW(backend->context, n, &x);
   for (int axis = 0; axis < 3 && status == ERN_OK; axis++) {
     status = backend->download_reals(stream, x, ern_span_of_row(part->marched.x, axis, n), n);
     for (size_t i = 0; i < n; i++) x[i] += offsets[3 * i + (size_t)axis];
     if (status == ERN_OK) status = backend->upload_reals(stream, ern_span_of_row(moved, axis, n), x, n);
   }
-  ern_release(backend->context, room);
+  ern_release(backend->context, x);
   return status;
 }
 

@@ -151,14 +151,12 @@ static ern_status draw_rays(struct draw *draw) {
   const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
   const size_t rays = (size_t)t->config.rays;
   ern_status status = ERN_OK;
-  void *room = NULL;
   for (draw->side = LEAST_PATCH;; draw->side *= 2) {
     draw->across = (width + draw->side - 1) / draw->side;
     draw->patches = draw->across * ((height + draw->side - 1) / draw->side);
     if (draw->patches <= PATCHES) break;
   }
-  ERN_TRY(ern_allocate(t->context, 2 * rays + draw->patches * (size_t)ERN_SHARDS, sizeof(int32_t), &room));
-  draw->pixel = room;
+  ERN_TRY(ERN_NEW(t->context, 2 * rays + draw->patches * (size_t)ERN_SHARDS, &draw->pixel));
   draw->jitter = (float *)(void *)(draw->pixel + rays);
   draw->place = draw->pixel + 2 * rays;
   ern_pool_run(t->pool, ERN_SHARDS, draw_task, draw);
@@ -170,7 +168,7 @@ static ern_status draw_rays(struct draw *draw) {
   }
   ern_pool_run(t->pool, ERN_SHARDS, fill_task, draw);
 fail:
-  ern_release(t->context, room);
+  ern_release(t->context, draw->pixel);
   return status;
 }
 

@@ -246,20 +246,15 @@ fail:
 
 static ern_status take_host(ern_trainer *t) {
   const size_t rays = (size_t)t->config.rays;
-  void *room = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
-  ERN_TRY(ern_allocate(t->context, t->data.frames[0], sizeof(struct ern_view), &room));
-  t->views = room;
+  ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
-  ERN_TRY(ern_allocate(t->context, rays, sizeof(int32_t), &room));
-  t->host_pixels = room;
-  ERN_TRY(ern_allocate(t->context, 8 * rays, sizeof(float), &room));
-  t->host_rows = room;
-  ERN_TRY(ern_allocate(
-      t->context, (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
-      sizeof(float), &room));
-  t->host_windows = room;
+  ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
+  ERN_TRY(ERN_NEW(t->context, 8 * rays, &t->host_rows));
+  ERN_TRY(ERN_NEW(t->context,
+                  (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
+                  &t->host_windows));
 fail:
   return status;
 }
@@ -343,14 +338,12 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_NEED(context, dataset);
   ern_train_config chosen = ern_train_config_default();
   ern_dataset data = {0};
-  void *room = NULL;
   ern_trainer *t = NULL;
   ern_status status = ERN_OK;
   if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_train_config, &chosen, config));
   ERN_TRY(ERN_TAKE(context, ern_dataset, &data, dataset, dataset_bytes));
   ERN_TRY(check_config(context, &chosen));
-  ERN_TRY(ern_allocate(context, 1, sizeof *t, &room));
-  t = room;
+  ERN_TRY(ERN_NEW(context, 1, &t));
   t->context = context;
   t->backend = backend;
   t->data = data;

@@ -55,17 +55,13 @@ static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *
 
 static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
   const size_t n = t->model->field.parameters;
-  void *room = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(t->context, n, sizeof(float), &room));
-  s->moment = room;
+  ERN_TRY(ERN_NEW(t->context, n, &s->moment));
   ERN_TRY(t->backend->download_reals(t->stream, s->moment, t->moment, n));
-  ERN_TRY(ern_allocate(t->context, n, sizeof(float), &room));
-  s->average = room;
+  ERN_TRY(ERN_NEW(t->context, n, &s->average));
   ERN_TRY(t->backend->download_reals(t->stream, s->average, t->average, n));
   if (!t->config.torso) {
-    ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
-    s->grid = room;
+    ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &s->grid));
     ERN_TRY(t->backend->download_reals(t->stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
   }
   ern_model_tensors(t->model, &s->model);
@@ -92,10 +88,8 @@ static ern_status move(ern_context *context, const char *from, const char *to) {
 static ern_status write_next(ern_trainer *t) {
   struct state_tensors *s = NULL;
   char *model_text = NULL, *state_text = NULL;
-  void *room = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(t->context, 1, sizeof *s, &room));
-  s = room;
+  ERN_TRY(ERN_NEW(t->context, 1, &s));
   ERN_TRY(read_state(t, s));
   ERN_TRY(ern_model_metadata(t->model, &model_text));
   ERN_TRY(ern_state_about_text(t, &state_text));
@@ -202,12 +196,12 @@ static ern_status take_row(ern_context *context, const struct ern_tensor_file *f
   const bool codes = strncmp(row->name, "individual_codes", 16) == 0;
   if (!codes || tensor == NULL || tensor->dims != 2 || tensor->shape[0] == row->shape[0])
     return ern_tensor_take(context, file, path, name, row->dims, row->shape, out);
-  void *room = NULL;
-  ern_status status = ern_allocate(context, tensor->count, sizeof(float), &room);
+  float *values = NULL;
+  ern_status status = ERN_NEW(context, tensor->count, &values);
   if (status != ERN_OK) return status;
-  status = ern_tensor_take(context, file, path, name, 2, (size_t[]){tensor->shape[0], row->shape[1]}, room);
-  if (status == ERN_OK) memcpy(out, room, (tensor->count < row->count ? tensor->count : row->count) * sizeof(float));
-  ern_release(context, room);
+  status = ern_tensor_take(context, file, path, name, 2, (size_t[]){tensor->shape[0], row->shape[1]}, values);
+  if (status == ERN_OK) memcpy(out, values, (tensor->count < row->count ? tensor->count : row->count) * sizeof(float));
+  ern_release(context, values);
   return status;
 }
 
@@ -217,21 +211,21 @@ static ern_status take_row(ern_context *context, const struct ern_tensor_file *f
 static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
                             const float *missing, ern_span to) {
   const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
-  void *room = NULL;
-  ern_status status = ern_allocate(t->context, t->model->field.parameters, sizeof(float), &room);
+  float *block = NULL;
+  ern_status status = ERN_NEW(t->context, t->model->field.parameters, &block);
   if (status != ERN_OK) return status;
-  if (missing != NULL) memcpy(room, missing, t->model->field.parameters * sizeof(float));
+  if (missing != NULL) memcpy(block, missing, t->model->field.parameters * sizeof(float));
   for (int r = 0; r < t->model->table.rows; r++) {
     const struct ern_parameter *row = &t->model->table.row[r];
     char name[ERN_PARAMETER_NAME + 16];
     if (row->torso != t->config.torso) continue;
     snprintf(name, sizeof name, "%s%s", prefix, row->name);
     if (torch && ern_tensor_file_find(file, name) == NULL) continue;
-    ERN_TRY(take_row(t->context, file, path, name, row, (float *)room + row->at));
+    ERN_TRY(take_row(t->context, file, path, name, row, block + row->at));
   }
-  status = t->backend->upload_reals(t->stream, to, room, t->model->field.parameters);
+  status = t->backend->upload_reals(t->stream, to, block, t->model->field.parameters);
 fail:
-  ern_release(t->context, room);
+  ern_release(t->context, block);
   return status;
 }
 
@@ -254,17 +248,17 @@ fail:
 
 static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file, const char *path,
                              const struct ern_state_about *about, const ern_model *model) {
-  void *room = NULL;
+  float *grid = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(upload_model(t, model));
   ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->moment));
   ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
   if (!t->config.torso) {
-    ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
+    ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
     const bool own = ern_tensor_file_find(file, "state.density_grid") != NULL;
     ERN_TRY(ern_tensor_take(t->context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
-                            own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, room));
-    ERN_TRY(t->backend->upload_reals(t->stream, t->grid, room, ERN_OCCUPANCY_CELLS));
+                            own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
+    ERN_TRY(t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
     ERN_TRY(ern_trainer_list(t));
   }
   t->step = about->step;
@@ -274,7 +268,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
 fail:
-  ern_release(t->context, room);
+  ern_release(t->context, grid);
   return status;
 }
 

@@ -28,7 +28,6 @@ static void look_free(ern_trainer *t, struct look *look) {
 
 static ern_status look_make(ern_trainer *t, struct look *look) {
   ern_render_options options = ern_render_options_default();
-  void *room = NULL;
   ern_status status = ERN_OK;
   *look = (struct look){.pixels = (size_t)t->data.width * (size_t)t->data.height};
   if (strcmp(t->backend->name, "cpu") == 0) options.threads = t->config.threads;
@@ -36,14 +35,10 @@ static ern_status look_make(ern_trainer *t, struct look *look) {
   options.dt_gamma = t->config.dt_gamma;
   options.torso_shrink = t->config.torso_shrink;
   ERN_TRY(ern_renderer_create(&look->renderer, t->backend, t->model, &options));
-  ERN_TRY(ern_allocate(t->context, 3 * look->pixels, sizeof(float), &room));
-  look->rgb = room;
-  ERN_TRY(ern_allocate(t->context, look->pixels, sizeof(float), &room));
-  look->attention = room;
-  ERN_TRY(ern_allocate(t->context, look->pixels, sizeof(float), &room));
-  look->eye = room;
-  ERN_TRY(ern_allocate(t->context, 3 * PANELS * look->pixels, 1, &room));
-  look->picture = room;
+  ERN_TRY(ERN_NEW(t->context, 3 * look->pixels, &look->rgb));
+  ERN_TRY(ERN_NEW(t->context, look->pixels, &look->attention));
+  ERN_TRY(ERN_NEW(t->context, look->pixels, &look->eye));
+  ERN_TRY(ERN_NEW(t->context, 3 * PANELS * look->pixels, &look->picture));
   return ERN_OK;
 fail:
   look_free(t, look);

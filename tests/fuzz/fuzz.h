@@ -52,10 +52,10 @@ static inline void fuzz_refused(const ern_context *context, const char *path) {
 
 /* A copy in the library's memory, which a reader may take over; ends the program where there is no memory. */
 static inline uint8_t *fuzz_copy(ern_context *context, const uint8_t *bytes, size_t count) {
-  void *room = NULL;
-  if (ern_allocate(context, count + 1, 1, &room) != ERN_OK) abort();
-  if (count > 0) memcpy(room, bytes, count);
-  return (uint8_t *)room;
+  uint8_t *copy = NULL;
+  if (ERN_NEW(context, count + 1, &copy) != ERN_OK) abort();
+  if (count > 0) memcpy(copy, bytes, count);
+  return copy;
 }
 
 /* Reads every byte of a tensor: a wrong size or place is a read outside. */

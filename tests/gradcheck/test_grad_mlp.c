@@ -106,9 +106,7 @@ static void check_stack(struct stack *stack, const int *width, const int *rows, 
   const size_t outs = (size_t)stack->mlp.width[stack->mlp.layers];
   difference_fill(stack->dy, outs * stack->y_stride, 1, 77);
   for (size_t i = 0; i < at; i++) stack->dparameters[i] = 1;
-  void *scratch = NULL;
-  assert_int_equal(ern_allocate(context, ern_mlp_scratch(&stack->mlp), sizeof(double), &scratch), ERN_OK);
-  stack->scratch = scratch;
+  assert_int_equal(ERN_NEW(context, ern_mlp_scratch(&stack->mlp), &stack->scratch), ERN_OK);
 
   stack_loss(stack);
   for (size_t i = 0; i < stack->n; i++) {
@@ -132,7 +130,7 @@ static void check_stack(struct stack *stack, const int *width, const int *rows, 
     if (per[p] == ERN_PER_RAY) continue;
     difference_check(&of, "dx", stack->input[p], stack->dinput[p], count, step);
   }
-  ern_release(context, scratch);
+  ern_release(context, stack->scratch);
   ern_context_free(&context);
 }
 
@@ -173,8 +171,8 @@ static void test_unwanted(void **state) {
   difference_fill(x[0], 14, 1, 2);
   difference_fill(x[1], 14, 1, 3);
   difference_fill(dy, 14, 1, 4);
-  void *scratch = NULL;
-  assert_int_equal(ern_allocate(context, ern_mlp_scratch(&mlp), sizeof(double), &scratch), ERN_OK);
+  double *scratch = NULL;
+  assert_int_equal(ERN_NEW(context, ern_mlp_scratch(&mlp), &scratch), ERN_OK);
   const struct ern_rows_view views[2] = {{x[0], 7, 2, ERN_PER_SAMPLE}, {x[1], 7, 2, ERN_PER_SAMPLE}};
   const struct ern_rows_view wanted[3][2] = {{{both[0], 7, 2, ERN_PER_SAMPLE}, {both[1], 7, 2, ERN_PER_SAMPLE}},
                                              {{NULL, 0, 2, ERN_PER_SAMPLE}, {dx, 7, 2, ERN_PER_SAMPLE}},

@@ -191,9 +191,7 @@ static void test_camera(void **state) {
   ern_context *context = support_context();
   ern_model *model = make_model(context, (struct ern_model_config){.levels = 12, .codes = 2, .eye = true}),
             *back = NULL;
-  void *room = NULL;
-  support_ok(context, ern_allocate(context, 12, sizeof(float), &room));
-  model->camera = room;
+  support_ok(context, ERN_NEW(context, 12, &model->camera));
   model->cameras = 2;
   const float values[12] = {0, 0, 0, 90, 0, 0, 0, 0, 0, 1, 2, 3};
   memcpy(model->camera, values, sizeof values);

@@ -194,8 +194,8 @@ static void network(const struct fixture *fixture, float *y, const struct ern_ro
     at = place(fixture, block, at, tensor, (size_t)width[l] * (size_t)width[l + 1]);
     mlp.layers = l + 1;
   }
-  void *scratch = NULL;
-  assert_int_equal(ern_allocate(fixture->context, ern_mlp_scratch(&mlp), sizeof(float), &scratch), ERN_OK);
+  float *scratch = NULL;
+  assert_int_equal(ERN_NEW(fixture->context, ern_mlp_scratch(&mlp), &scratch), ERN_OK);
   ern_mlp_fwd_ref(y, POINTS, x, pieces, NULL, block, &mlp, POINTS, scratch);
   ern_release(fixture->context, scratch);
   free(block);

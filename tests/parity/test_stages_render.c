@@ -286,8 +286,8 @@ static void network(ern_context *context, const struct ern_tensor_file *file, fl
     mlp.layers = l + 1;
     at += found->count;
   }
-  void *scratch = NULL;
-  assert_int_equal(ern_allocate(context, ern_mlp_scratch(&mlp), sizeof(float), &scratch), ERN_OK);
+  float *scratch = NULL;
+  assert_int_equal(ERN_NEW(context, ern_mlp_scratch(&mlp), &scratch), ERN_OK);
   ern_mlp_fwd_ref(y, POINTS, x, pieces, NULL, block, &mlp, POINTS, scratch);
   ern_release(context, scratch);
   free(block);

@@ -31,9 +31,7 @@ static void assert_ok(ern_status status) { support_ok(context, status); }
 static ern_image picture(int width, int height, int channels, bool noise) {
   ern_image image = {.width = width, .height = height, .channels = channels};
   const size_t count = (size_t)width * (size_t)height * (size_t)channels;
-  void *data = NULL;
-  assert_ok(ern_allocate(context, count, 1, &data));
-  image.data = data;
+  assert_ok(ERN_NEW(context, count, &image.data));
   uint32_t seed = 12345;
   for (size_t i = 0; i < count; i++) {
     seed = seed * 1664525u + 1013904223u;

@@ -25,9 +25,8 @@ static int tear_down(void **state) {
 }
 
 static ern_sound noise(int rate, int channels, size_t frames) {
-  void *data = NULL;
-  support_ok(context, ern_allocate(context, frames * (size_t)channels, sizeof(int16_t), &data));
-  ern_sound sound = {.rate = rate, .channels = channels, .frames = frames, .data = data};
+  ern_sound sound = {.rate = rate, .channels = channels, .frames = frames};
+  support_ok(context, ERN_NEW(context, frames * (size_t)channels, &sound.data));
   uint32_t seed = 99;
   for (size_t i = 0; i < frames * (size_t)channels; i++) {
     seed = seed * 1664525u + 1013904223u;

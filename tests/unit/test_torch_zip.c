@@ -46,11 +46,11 @@ static void make_zip(const char *path, const struct part *parts, size_t count) {
 
 static ern_status open_bytes(ern_context *context, const uint8_t *bytes, size_t count, struct ern_tensor_file *file,
                              char **tree) {
-  void *copy = NULL;
+  uint8_t *copy = NULL;
   struct ern_torch torch;
   *file = (struct ern_tensor_file){0};
   *tree = NULL;
-  ern_status status = ern_allocate(context, count, 1, &copy);
+  ern_status status = ERN_NEW(context, count, &copy);
   if (status != ERN_OK) return status;
   if (count > 0) memcpy(copy, bytes, count);
   status = ern_torch_open(context, "x.pth", copy, count, &torch);

@@ -30,8 +30,8 @@ static int tear_down(void **state) {
 }
 
 static void *room(size_t bytes) {
-  void *memory = NULL;
-  support_ok(context, ern_allocate(context, bytes, 1, &memory));
+  void *memory = ern_allocate(context, bytes, 1);
+  assert_non_null(memory);
   return memory;
 }
 

@@ -170,11 +170,10 @@ static void set_widths(struct ern_frame_net *net, const struct ern_field *field)
 
 ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters, bool pairs,
                               struct ern_frame_net **net) {
-  void *room = NULL;
+  struct ern_frame_net *made = NULL;
   *net = NULL;
-  ern_status status = ern_allocate(context, 1, sizeof(struct ern_frame_net), &room);
+  ern_status status = ERN_NEW(context, 1, &made);
   if (status != ERN_OK) return status;
-  struct ern_frame_net *made = room;
   set_widths(made, field);
   made->pairs = pairs;
   struct part part[12];
@@ -182,12 +181,12 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
   size_t count = 0;
   for (size_t i = 0; i < parts; i++) count += (part[i].count + 15) / 16 * 16;
   for (int plane = 0; plane < ERN_PLANES; plane++) count += dense_count(&field->encoder.grid[plane]);
-  status = ern_allocate(context, count, sizeof(float), &room);
+  status = ERN_NEW(context, count, &made->room);
   if (status != ERN_OK) {
     ern_release(context, made);
     return status;
   }
-  float *at = made->room = room;
+  float *at = made->room;
   for (size_t i = 0; i < parts; i++) {
     *part[i].at = at;
     at += (part[i].count + 15) / 16 * 16;

@@ -95,14 +95,12 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
   ern_status status = ERN_OK;
   struct ern_buffer *made = NULL;
-  void *room = NULL;
   size_t bytes = 0;
   cl_int code = CL_SUCCESS;
   *buffer = NULL;
   if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes)) return too_large(backend, SIZE_MAX);
   if (bytes > backend->device.buffer_bytes) return too_large(backend, bytes);
-  ERN_TRY(ern_allocate(table->context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(table->context, 1, &made));
   made->element = element;
   made->count = count;
   ern_cl_touch(backend, made);

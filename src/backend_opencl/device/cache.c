@@ -59,19 +59,18 @@ void ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, s
 
 static ern_status write_entry(ern_context *context, const char *key, const void *bytes, size_t count) {
   char folder[PATH_BYTES], path[PATH_BYTES], sum[SUM_BYTES + 1];
-  void *room = NULL;
+  uint8_t *all = NULL;
   ern_status status = ERN_OK;
   if (!cache_folder(folder) || !entry_path(key, path) || count > MOST_BYTES) return ERN_E_UNSUPPORTED;
   ERN_TRY(ern_folder_make(context, folder));
-  ERN_TRY(ern_allocate(context, HEAD_BYTES + count, 1, &room));
-  uint8_t *all = room;
+  ERN_TRY(ERN_NEW(context, HEAD_BYTES + count, &all));
   memcpy(all + SUM_BYTES, key, SUM_BYTES);
   memcpy(all + HEAD_BYTES, bytes, count);
   ern_sha256_hex(all + SUM_BYTES, SUM_BYTES + count, sum);
   memcpy(all, sum, SUM_BYTES);
   ERN_TRY(ern_file_write(context, path, all, HEAD_BYTES + count, ERN_EXISTING_REPLACE));
 fail:
-  ern_release(context, room);
+  ern_release(context, all);
   return status;
 }
 

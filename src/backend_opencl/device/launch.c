@@ -21,8 +21,8 @@ static ern_status kernel_get(struct ern_cl_stream *stream, cl_program program, c
   }
   if (stream->kernel_count == stream->kernel_room) {
     const size_t room = stream->kernel_room > 0 ? 2 * stream->kernel_room : 64;
-    void *grown = NULL;
-    const ern_status status = ern_allocate(backend->table.context, room, sizeof *stream->kernels, &grown);
+    struct ern_cl_kernel *grown = NULL;
+    const ern_status status = ERN_NEW(backend->table.context, room, &grown);
     if (status != ERN_OK) return status;
     if (stream->kernel_count > 0) memcpy(grown, stream->kernels, stream->kernel_count * sizeof *stream->kernels);
     ern_release(backend->table.context, stream->kernels);
@@ -107,11 +107,7 @@ ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *backend = &own->owner->table;
   ern_status status = ERN_OK;
-  void *room = NULL;
-  if (own->figures_host == NULL) {
-    ERN_TRY(ern_allocate(backend->context, FIGURES, sizeof(float), &room));
-    own->figures_host = room;
-  }
+  if (own->figures_host == NULL) ERN_TRY(ERN_NEW(backend->context, FIGURES, &own->figures_host));
   if (own->figures == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, FIGURES, &own->figures));
   if (own->pending_count == ERN_CL_PENDING || count > FIGURES - own->figures_used) ERN_TRY(backend->settle(stream));
   if (count > FIGURES)

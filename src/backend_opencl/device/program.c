@@ -41,7 +41,7 @@ void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t 
 ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,
                               const char *options, char key[ERN_CL_KEY_BYTES]) {
   char head[OPTION_BYTES];
-  void *room = NULL;
+  char *all = NULL;
   const int length = snprintf(head, sizeof head, "libernerf %s|%s|%s|%s|%s|%s|", ern_version(), device->name,
                               device->version, device->driver, device->platform_version, options);
   if (length < 0 || (size_t)length >= sizeof head)
@@ -49,24 +49,21 @@ ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *
   const char *text[TEXTS];
   size_t bytes[TEXTS], at = (size_t)length;
   texts_of(source, text, bytes);
-  const ern_status status = ern_allocate(context, at + bytes[0] + bytes[1] + bytes[2], 1, &room);
+  const ern_status status = ERN_NEW(context, at + bytes[0] + bytes[1] + bytes[2], &all);
   if (status != ERN_OK) return status;
-  char *all = room;
   memcpy(all, head, at);
   for (size_t i = 0; i < TEXTS; at += bytes[i++]) memcpy(all + at, text[i], bytes[i]);
   ern_sha256_hex(all, at, key);
-  ern_release(context, room);
+  ern_release(context, all);
   return ERN_OK;
 }
 
 /* The end of the build log, where compilers say what ended them. */
 static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source source, cl_program program, cl_int code) {
   char *log = NULL;
-  void *room = NULL;
   size_t bytes = 0;
   if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes) == CL_SUCCESS &&
-      ern_allocate(backend->table.context, bytes + 1, 1, &room) == ERN_OK) {
-    log = room;
+      ERN_NEW(backend->table.context, bytes + 1, &log) == ERN_OK) {
     if (clGetProgramBuildInfo(program, backend->device.id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL) != CL_SUCCESS)
       log[0] = 0;
   }
@@ -77,7 +74,7 @@ static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source sou
                length == 0          ? "(empty)"
                : length > LOG_BYTES ? log + length - LOG_BYTES
                                     : log);
-  ern_release(backend->table.context, room);
+  ern_release(backend->table.context, log);
   return status;
 }
 
@@ -103,14 +100,13 @@ static cl_program from_cache(struct ern_cl_backend *backend, const char *key, co
 
 static void to_cache(struct ern_cl_backend *backend, const char *key, cl_program program) {
   size_t bytes = 0;
-  void *room = NULL;
+  unsigned char *binary = NULL;
   if (clGetProgramInfo(program, CL_PROGRAM_BINARY_SIZES, sizeof bytes, &bytes, NULL) != CL_SUCCESS || bytes == 0)
     return;
-  if (ern_allocate(backend->table.context, bytes, 1, &room) != ERN_OK) return;
-  unsigned char *binary = room;
+  if (ERN_NEW(backend->table.context, bytes, &binary) != ERN_OK) return;
   if (clGetProgramInfo(program, CL_PROGRAM_BINARIES, sizeof binary, &binary, NULL) == CL_SUCCESS)
     ern_cl_cache_write(backend->table.context, key, binary, bytes);
-  ern_release(backend->table.context, room);
+  ern_release(backend->table.context, binary);
 }
 
 static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
@@ -136,8 +132,8 @@ static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, con
   ern_context *context = backend->table.context;
   if (backend->program_count == backend->program_room) {
     const size_t room = backend->program_room > 0 ? 2 * backend->program_room : 32;
-    void *grown = NULL;
-    const ern_status status = ern_allocate(context, room, sizeof *backend->programs, &grown);
+    struct ern_cl_program *grown = NULL;
+    const ern_status status = ERN_NEW(context, room, &grown);
     if (status != ERN_OK) return status;
     if (backend->program_count > 0)
       memcpy(grown, backend->programs, backend->program_count * sizeof *backend->programs);

@@ -21,16 +21,15 @@ static const struct ern_model_config config = {.levels = 14,
 /* Values in (-1, 1). */
 static ern_status take_reals(struct ern_cl_loads *p, size_t count, ern_span *span) {
   struct ern_backend *table = &p->backend->table;
-  void *room = NULL;
+  float *values = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(table->context, count, sizeof(float), &room));
-  float *values = room;
+  ERN_TRY(ERN_NEW(table->context, count, &values));
   for (size_t i = 0; i < count; i++)
     values[i] = 2 * ern_uniform(ern_random_at(1, 0, (uint32_t)i, ERN_RNG_INIT).word[0]) - 1;
   ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, count, span));
   status = table->upload_reals(p->stream, *span, values, count);
 fail:
-  ern_release(table->context, room);
+  ern_release(table->context, values);
   return status;
 }
 
@@ -42,26 +41,25 @@ static ern_status take_rows(struct ern_cl_loads *p, int rows, size_t n, ern_rows
 static ern_status take_parameters(struct ern_cl_loads *p, ern_span *span) {
   struct ern_backend *table = &p->backend->table;
   struct ern_parameter_table rows;
-  void *room = NULL;
+  float *block = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_parameters_build(table->context, &config, &p->field, &rows));
-  ERN_TRY(ern_allocate(table->context, p->field.parameters, sizeof(float), &room));
-  ern_parameters_init(room, &rows, false, 1);
-  ern_parameters_init(room, &rows, true, 1);
+  ERN_TRY(ERN_NEW(table->context, p->field.parameters, &block));
+  ern_parameters_init(block, &rows, false, 1);
+  ern_parameters_init(block, &rows, true, 1);
   ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, p->field.parameters, span));
-  status = table->upload_reals(p->stream, *span, room, p->field.parameters);
+  status = table->upload_reals(p->stream, *span, block, p->field.parameters);
 fail:
-  ern_release(table->context, room);
+  ern_release(table->context, block);
   return status;
 }
 
 /* Numbers of all pixels, and an occupancy with every cell in it. */
 static ern_status take_view(struct ern_cl_loads *p, size_t pixels, ern_span *numbers, ern_span *bits) {
   struct ern_backend *table = &p->backend->table;
-  void *room = NULL;
+  int32_t *number = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(table->context, pixels * sizeof(int32_t) + ERN_OCCUPANCY_BYTES, 1, &room));
-  int32_t *number = room;
+  ERN_TRY(ERN_NEW(table->context, pixels + ERN_OCCUPANCY_BYTES / sizeof *number, &number));
   uint8_t *bytes = (uint8_t *)(number + pixels);
   for (size_t i = 0; i < pixels; i++) number[i] = (int32_t)i;
   memset(bytes, 0xff, ERN_OCCUPANCY_BYTES);
@@ -70,7 +68,7 @@ static ern_status take_view(struct ern_cl_loads *p, size_t pixels, ern_span *num
   ERN_TRY(ern_take(p->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, bits));
   status = table->upload_bytes(p->stream, *bits, bytes, ERN_OCCUPANCY_BYTES);
 fail:
-  ern_release(table->context, room);
+  ern_release(table->context, number);
   return status;
 }
 
@@ -141,10 +139,8 @@ ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_loads
   struct ern_backend *table = &backend->table;
   const bool host = backend->device.host;
   ern_status status = ERN_OK;
-  void *room = NULL;
-  *loads = NULL;
-  ERN_TRY(ern_allocate(table->context, 1, sizeof **loads, &room));
-  struct ern_cl_loads *p = *loads = room;
+  ERN_TRY(ERN_NEW(table->context, 1, loads));
+  struct ern_cl_loads *p = *loads;
   p->backend = backend;
   ERN_TRY(table->stream_make(table, 1, &p->stream));
   ERN_TRY(take_parameters(p, &p->prepare.parameters));

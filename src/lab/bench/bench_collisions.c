@@ -30,10 +30,10 @@ static ern_status make_room(ern_context *context, struct points *points, size_t 
   if (points->room - points->n >= more) return ERN_OK;
   const size_t room = 2 * points->room + more;
   for (int d = 0; d < 3; d++) {
-    void *larger = NULL;
-    const ern_status status = ern_allocate(context, room, sizeof(float), &larger);
+    float *larger = NULL;
+    const ern_status status = ERN_NEW(context, room, &larger);
     if (status != ERN_OK) return status;
-    for (size_t i = 0; i < points->n; i++) ((float *)larger)[i] = points->x[d][i];
+    for (size_t i = 0; i < points->n; i++) larger[i] = points->x[d][i];
     ern_release(context, points->x[d]);
     points->x[d] = larger;
   }

@@ -117,18 +117,18 @@ static ern_status draw_frame(struct source *source, const struct ern_bench_scene
   const ern_camera *camera = &scene->frame.camera;
   ern_context *context = source->subject->backend->context;
   ern_render_options options = ern_render_options_default();
-  void *room = NULL;
+  uint8_t *rgba = NULL;
   ern_status status = ERN_OK;
   if (!ern_bench_is_device(source->subject->backend)) options.threads = threads;
   source->data.scene = scene;
   ERN_TRY(ern_renderer_create(&source->renderer, ern_bench_shim_backend(source->shim), scene->model, &options));
-  ERN_TRY(ern_allocate(context, (size_t)camera->width * (size_t)camera->height, 4, &room));
-  const ern_frame_output output = {.rgba = room};
+  ERN_TRY(ERN_NEW(context, 4 * (size_t)camera->width * (size_t)camera->height, &rgba));
+  const ern_frame_output output = {.rgba = rgba};
   ern_bench_shim_listen(source->shim, keep, source);
   status = ern_renderer_frame(source->renderer, &scene->frame, &output, NULL);
 fail:
   ern_bench_shim_listen(source->shim, NULL, NULL);
-  ern_release(context, room);
+  ern_release(context, rgba);
   return status;
 }
 
@@ -267,7 +267,6 @@ ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const e
   ERN_PLAIN_FLOATS;
   ern_bench_options chosen;
   struct kernels kernels = {.count = count};
-  void *room = NULL;
   ern_status status = ern_bench_choose(backends, count, options, &chosen);
   if (status != ERN_OK) return status;
   ern_context *context = backends[0]->context;
@@ -276,8 +275,7 @@ ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const e
   kernels.alone = ern_bench_devices(backends, count) == 0;
   const struct sizes sizes = sizes_of(&chosen, kernels.alone);
   const int sources = scene->model->field.config.torso ? SOURCES : TORSO_STEP;
-  ERN_TRY(ern_allocate(context, count, sizeof(struct subject), &room));
-  kernels.subject = room;
+  ERN_TRY(ERN_NEW(context, count, &kernels.subject));
   for (size_t k = 0; k < count; k++) {
     kernels.subject[k].backend = backends[k];
     for (int s = 0; s < sources; s++)
@@ -291,6 +289,6 @@ ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const e
   status = ern_bench_tell(context, &chosen, all, all);
 fail:
   for (size_t k = 0; kernels.subject != NULL && k < count; k++) free_subject(&kernels.subject[k]);
-  ern_release(context, room);
+  ern_release(context, kernels.subject);
   return status;
 }

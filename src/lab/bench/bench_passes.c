@@ -133,10 +133,8 @@ static void free_subject(struct subject *s, ern_context *context) {
 static ern_status make_renderer(struct subject *s, struct ern_backend *backend, const ern_bench_options *options) {
   const ern_camera *camera = &s->scene->frame.camera;
   ern_render_options render = ern_render_options_default();
-  void *room = NULL;
   if (!s->device) render.threads = options->threads;
-  ern_status status = ern_allocate(backend->context, (size_t)camera->width * (size_t)camera->height, 4, &room);
-  s->rgba = room;
+  ern_status status = ERN_NEW(backend->context, 4 * (size_t)camera->width * (size_t)camera->height, &s->rgba);
   if (status == ERN_OK)
     status = ern_renderer_create(&s->renderer, ern_bench_shim_backend(s->shim), s->scene->model, &render);
   return status;

@@ -260,15 +260,15 @@ static ern_status measure_isas(ern_backend *const *backends, size_t count, struc
                                const ern_bench_options *options, struct ern_pool *pool, ern_bench_machine *machine) {
   ern_context *context = backends[0]->context;
   struct peaks multiply = {.pool = pool, .count = count, .threads = (size_t)machine->threads}, gather = multiply;
-  void *room = NULL;
+  float *table = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_allocate(context, ERN_PEAK_TABLE, sizeof(float), &room));
+  ERN_TRY(ERN_NEW(context, ERN_PEAK_TABLE, &table));
   for (uint32_t i = 0; i < ERN_PEAK_TABLE; i++)
-    ((float *)room)[i] = ern_uniform(ern_random_at(options->seed, 0, i, ERN_RNG_INIT).word[0]);
+    table[i] = ern_uniform(ern_random_at(options->seed, 0, i, ERN_RNG_INIT).word[0]);
   for (size_t k = 0; k < count; k++) {
     machine->peak[k] = (ern_bench_peak){.backend = backends[k]->name, .isa = backends[k]->isa};
     if (ern_bench_is_device(backends[k])) {
-      ERN_TRY(open_device(&devices[k], backends[k], room));
+      ERN_TRY(open_device(&devices[k], backends[k], table));
       machine->peak[k].units = devices[k].about.units;
       machine->peak[k].cache_bytes = devices[k].about.cache_bytes;
       multiply.load[k] = load_of_device(&devices[k], ERN_OPENCL_MULTIPLY);
@@ -278,7 +278,7 @@ static ern_status measure_isas(ern_backend *const *backends, size_t count, struc
     const struct loops loops = loops_of(backends[k]->isa);
     multiply.load[k].multiply = loops.multiply;
     gather.load[k].gather = loops.gather;
-    gather.load[k].table = room;
+    gather.load[k].table = table;
   }
   ERN_TRY(
       measure(&multiply, options->seconds / PARTS, &machine->peak[0].flops, sizeof machine->peak[0], &machine->unrest));
@@ -286,7 +286,7 @@ static ern_status measure_isas(ern_backend *const *backends, size_t count, struc
   ERN_TRY(measure(&gather, options->seconds / PARTS, &machine->peak[0].reads, sizeof machine->peak[0], NULL));
   ERN_TRY(ern_bench_tell(context, options, 2, PARTS));
 fail:
-  ern_release(context, room);
+  ern_release(context, table);
   return status;
 }
 
@@ -314,13 +314,13 @@ static ern_status measure_stream(ern_context *context, struct ern_pool *pool, co
   const struct loops loops = loops_of(last_isa(machine));
   struct peaks peaks = {.pool = pool, .count = STREAMS, .threads = threads};
   ern_bench_rate found[STREAMS] = {{0, 0}};
-  void *from = NULL, *to = NULL;
+  float *from = NULL, *to = NULL;
   size_t all = 0;
   ern_status status = ERN_OK;
   if (!ern_size_multiply(bytes, threads, &all))
     return ern_fail(context, ERN_E_NO_MEMORY, "bench: %zu arrays of %zu bytes do not fit", threads, bytes);
-  ERN_TRY(ern_allocate(context, all, 1, &from));
-  ERN_TRY(ern_allocate(context, all, 1, &to));
+  ERN_TRY(ERN_NEW(context, all / sizeof *from, &from));
+  ERN_TRY(ERN_NEW(context, all / sizeof *to, &to));
   memset(from, 1, all); /* pages of their own: fresh ones are all the same page of zeros */
   memset(to, 2, all);
   for (size_t k = 0; k < STREAMS; k++)

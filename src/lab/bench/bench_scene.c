@@ -138,8 +138,8 @@ static ern_camera front_camera(int width, int height) {
 static ern_status make_frame(struct ern_bench_scene *scene, int width, int height, uint64_t seed) {
   const size_t pixels = (size_t)width * (size_t)height,
                values = (size_t)ERN_AUDIO_WINDOWS * MADE_WINDOW * MADE_FEATURES;
-  const ern_status status = ern_allocate(scene->context, values * sizeof(float) + 6 * pixels, 1, &scene->room);
-  if (status != ERN_OK) return status;
+  scene->room = ern_allocate(scene->context, values * sizeof(float) + 6 * pixels, 1);
+  if (scene->room == NULL) return ERN_E_NO_MEMORY;
   float *windows = scene->room;
   uint8_t *background = (uint8_t *)(windows + values), *truth = background + 3 * pixels;
   for (size_t i = 0; i < values; i++)
@@ -164,13 +164,11 @@ ern_status ern_bench_scene_make(ern_bench_scene **scene, ern_context *context, i
   ERN_NEED(context, context);
   ERN_NEED(context, scene);
   struct ern_bench_scene *made = NULL;
-  void *room = NULL;
   ern_status status = ERN_OK;
   if (width < 1 || width > MAX_SIDE || height < 1 || height > MAX_SIDE)
     return ern_fail(context, ERN_E_ARGUMENT, "bench: the size is %d x %d, expected 1 to %d a side", width, height,
                     MAX_SIDE);
-  ERN_TRY(ern_allocate(context, 1, sizeof *made, &room));
-  made = room;
+  ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->made_up = true;
   ERN_TRY(make_model(context, seed, &made->own));
@@ -193,7 +191,7 @@ ern_status ern_bench_scene_of(ern_bench_scene **scene, ern_context *context, con
   ERN_NEED(context, frame);
   ERN_NEED(context, truth);
   ERN_NEED(context, frame->background);
-  void *room = NULL;
+  struct ern_bench_scene *made = NULL;
   const ern_camera *camera = &frame->camera;
   ern_status status = ern_frame_input_check(context, &model->field, frame);
   if (status != ERN_OK) return status;
@@ -203,9 +201,8 @@ ern_status ern_bench_scene_of(ern_bench_scene **scene, ern_context *context, con
         "bench: the head is of backbone %s, attention %s; expected trihash and channel, whose arithmetic is "
         "counted",
         ern_backbone_name(model->field.config.backbone), ern_attention_name(model->field.config.attention));
-  status = ern_allocate(context, 1, sizeof(struct ern_bench_scene), &room);
+  status = ERN_NEW(context, 1, &made);
   if (status != ERN_OK) return status;
-  struct ern_bench_scene *made = room;
   *made = (struct ern_bench_scene){.context = context,
                                    .model = model,
                                    .frame = *frame,
@@ -232,13 +229,12 @@ struct count {
   struct ern_buffer *reals, *bytes, *numbers;
   struct ern_head_inputs in;
   ern_span bits, code;
-  float *sigma, *dt; /* [16 TILE] */
+  float *sigma, *dt; /* [16 TILE]; sigma begins the block of all three */
   int32_t *first;    /* [TILE + 1] */
-  void *room;
 };
 
 static void free_count(struct ern_backend *backend, struct count *count) {
-  ern_release(backend->context, count->room);
+  ern_release(backend->context, count->sigma);
   backend->buffer_free(backend, count->reals);
   backend->buffer_free(backend, count->bytes);
   backend->buffer_free(backend, count->numbers);
@@ -259,8 +255,7 @@ static ern_status make_count(const struct ern_bench_scene *scene, struct ern_bac
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, at + 64 + windows, &count->reals));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &count->bytes));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_INT32, TILE, &count->numbers));
-  ERN_TRY(ern_allocate(backend->context, (size_t)TILE * (2 * COUNT_STEPS + 1) + 1, 4, &count->room));
-  count->sigma = count->room;
+  ERN_TRY(ERN_NEW(backend->context, (size_t)TILE * (2 * COUNT_STEPS + 1) + 1, &count->sigma));
   count->dt = count->sigma + (size_t)TILE * COUNT_STEPS;
   count->first = (int32_t *)(count->dt + (size_t)TILE * COUNT_STEPS);
   count->bits = (ern_span){count->bytes, 0, ERN_OCCUPANCY_BYTES};

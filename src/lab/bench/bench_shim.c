@@ -151,11 +151,10 @@ static void buffer_free(struct ern_backend *backend, struct ern_buffer *buffer) 
 /* ---- the shim ---------------------------------------------------------------------------------------------------- */
 
 ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct ern_bench_shim **shim) {
-  void *room = NULL;
+  struct ern_bench_shim *made = NULL;
   ern_status status = ERN_OK;
   *shim = NULL;
-  ERN_TRY(ern_allocate(backend->context, 1, sizeof **shim, &room));
-  struct ern_bench_shim *made = room;
+  ERN_TRY(ERN_NEW(backend->context, 1, &made));
   made->real = backend;
   made->staged = staged;
   made->device = ern_bench_is_device(backend);
@@ -177,12 +176,11 @@ ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct 
   table->stream_free = stream_free;
   table->buffer_make = buffer_make;
   table->buffer_free = buffer_free;
-  status = ern_allocate(backend->context, 1 + MOST_LANES, sizeof(struct sums), &room);
+  status = ERN_NEW(backend->context, 1 + MOST_LANES, &made->sums);
   if (status != ERN_OK) {
     ern_release(backend->context, made);
     return status;
   }
-  made->sums = room;
   *shim = made;
 fail:
   return status;

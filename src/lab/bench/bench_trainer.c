@@ -54,17 +54,16 @@ ern_status ern_bench_trainer_restore(struct ern_trainer *t, const struct ern_ben
 /* A grid that a refresh will not empty, whatever part of the cells it looks at: 0.95 of so much is as much. Cells that
  * the camera does not see keep their mark. */
 static ern_status fill_grid(struct ern_trainer *t, const uint8_t *bits) {
-  void *room = NULL;
+  float *grid = NULL;
   ern_status status = ERN_OK;
   if (t->config.torso) return ERN_OK;
-  ERN_TRY(ern_allocate(t->context, ERN_OCCUPANCY_CELLS, sizeof(float), &room));
-  float *grid = room;
+  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
   ERN_TRY(t->backend->download_reals(t->stream, grid, t->grid, ERN_OCCUPANCY_CELLS));
   for (size_t c = 0; c < ERN_OCCUPANCY_CELLS; c++)
     if (bits[c / 8] >> c % 8 & 1 && grid[c] >= 0) grid[c] = 1e30f;
   status = t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS);
 fail:
-  ern_release(t->context, room);
+  ern_release(t->context, grid);
   return status;
 }
 

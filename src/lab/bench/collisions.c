@@ -44,11 +44,10 @@ static uint64_t vertex(uint64_t cell, int b, const struct ern_collision_level *l
 ern_status ern_collisions_count(ern_context *context, const float *const u[ERN_GRID_MAX_DIMS], size_t n,
                                 const struct ern_collision_level *level, struct ern_collision_count *count) {
   ern_status status = ERN_OK;
-  void *keys = NULL, *owners = NULL;
+  uint64_t *key = NULL, *owner = NULL; /* owner: 0: nobody's; else the vertex + 1 */
   *count = (struct ern_collision_count){0};
-  ERN_TRY(ern_allocate(context, n, sizeof(uint64_t), &keys));
-  ERN_TRY(ern_allocate(context, level->entries, sizeof(uint64_t), &owners));
-  uint64_t *key = keys, *owner = owners; /* 0: nobody's; else the vertex + 1 */
+  ERN_TRY(ERN_NEW(context, n, &key));
+  ERN_TRY(ERN_NEW(context, level->entries, &owner));
   for (size_t i = 0; i < n; i++)
     for (int d = 0; d < level->dims; d++)
       key[i] |= cell_along(u[level->axis[d]][i], level->resolution) << AXIS_BITS * d;
@@ -62,7 +61,7 @@ ern_status ern_collisions_count(ern_context *context, const float *const u[ERN_G
       count->colliding += owner[entry] != one;
     }
 fail:
-  ern_release(context, keys);
-  ern_release(context, owners);
+  ern_release(context, key);
+  ern_release(context, owner);
   return status;
 }

@@ -251,19 +251,17 @@ fail:
 static ern_status write_table(struct work *work, const char *name, const char *header, size_t line_bytes,
                               void (*line)(struct text *text, const struct ern_synth_curve *curve, size_t frame)) {
   ern_status status = ERN_OK;
-  void *memory = NULL;
   char *path = NULL;
   const size_t length = strlen(header);
   struct text text = {NULL, length + line_bytes * work->frames + 1, length};
   ERN_TRY(ern_path_join(work->context, work->folder, name, &path));
-  ERN_TRY(ern_allocate(work->context, text.room, 1, &memory));
-  text.at = memory;
+  ERN_TRY(ERN_NEW(work->context, text.room, &text.at));
   memcpy(text.at, header, length);
   for (size_t t = 0; t < work->frames; ++t) line(&text, &work->curves[t], t);
   ERN_TRY(ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT));
 fail:
   ern_release(work->context, path);
-  ern_release(work->context, memory);
+  ern_release(work->context, text.at);
   return status;
 }
 
@@ -318,45 +316,38 @@ static ern_status write_units(struct work *work) {
 
 static ern_status write_features(struct work *work) {
   ern_status status = ERN_OK;
-  void *memory = NULL;
+  float *features = NULL;
   char *path = NULL;
   const size_t window = (size_t)ERN_SYNTH_WINDOW * ERN_SYNTH_LETTERS;
   ERN_TRY(ern_path_join(work->context, work->folder, "aud_ds.npy", &path));
-  ERN_TRY(ern_allocate(work->context, work->frames, window * sizeof(float), &memory));
-  float *features = memory;
+  ERN_TRY(ERN_NEW(work->context, work->frames * window, &features));
   for (size_t t = 0; t < work->frames; ++t)
     memcpy(features + t * window, work->speech.logits[2 * t], window * sizeof *features);
   ERN_TRY(ern_npy_write_f32(work->context, path, features, 3,
                             (const size_t[]){work->frames, ERN_SYNTH_WINDOW, ERN_SYNTH_LETTERS}));
 fail:
   ern_release(work->context, path);
-  ern_release(work->context, memory);
+  ern_release(work->context, features);
   return status;
 }
 
 static ern_status write_sound(struct work *work) {
   ern_status status = ERN_OK;
-  void *memory = NULL;
   char *path = NULL;
   ern_sound sound = {.rate = ERN_SYNTH_RATE, .channels = 1, .frames = work->frames * (ERN_SYNTH_RATE / ERN_SYNTH_FPS)};
   ERN_TRY(ern_path_join(work->context, work->folder, "aud.wav", &path));
-  ERN_TRY(ern_allocate(work->context, sound.frames, sizeof *sound.data, &memory));
-  sound.data = memory;
+  ERN_TRY(ERN_NEW(work->context, sound.frames, &sound.data));
   ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound.data, sound.frames);
   ERN_TRY(ern_sound_write_wav(work->context, path, &sound));
 fail:
   ern_release(work->context, path);
-  ern_release(work->context, memory);
+  ern_release(work->context, sound.data);
   return status;
 }
 
 static ern_status make_picture(ern_context *context, int size, int channels, ern_image *image) {
-  ern_status status = ERN_OK;
-  void *data = NULL;
-  ERN_TRY(ern_allocate(context, (size_t)size * (size_t)size, (size_t)channels, &data));
-  *image = (ern_image){.width = size, .height = size, .channels = channels, .data = data};
-fail:
-  return status;
+  *image = (ern_image){.width = size, .height = size, .channels = channels};
+  return ERN_NEW(context, (size_t)size * (size_t)size * (size_t)channels, &image->data);
 }
 
 static ern_status write_room(struct work *work) {
@@ -382,23 +373,16 @@ static ern_status set_up(struct work *work) {
   ern_context *context = work->context;
   const ern_synth_options *options = work->options;
   const size_t pixels = (size_t)options->size * (size_t)options->size;
-  void *memory = NULL;
   ERN_TRY(ern_pool_make(context, 0, &work->pool));
   const size_t threads = (size_t)ern_pool_threads(work->pool);
-  ERN_TRY(ern_allocate(context, work->frames, sizeof *work->curves, &memory));
-  work->curves = memory;
-  ERN_TRY(ern_allocate(context, pixels, sizeof *work->room, &memory));
-  work->room = memory;
-  ERN_TRY(ern_allocate(context, threads, sizeof *work->outcomes, &memory));
-  work->outcomes = memory;
-  ERN_TRY(ern_allocate(context, threads, sizeof *work->desks, &memory));
-  work->desks = memory;
+  ERN_TRY(ERN_NEW(context, work->frames, &work->curves));
+  ERN_TRY(ERN_NEW(context, pixels, &work->room));
+  ERN_TRY(ERN_NEW(context, threads, &work->outcomes));
+  ERN_TRY(ERN_NEW(context, threads, &work->desks));
   for (size_t k = 0; k < threads; ++k) {
     struct desk *desk = &work->desks[k];
-    ERN_TRY(ern_allocate(context, pixels, sizeof *desk->head, &memory));
-    desk->head = memory;
-    ERN_TRY(ern_allocate(context, pixels, sizeof *desk->torso, &memory));
-    desk->torso = memory;
+    ERN_TRY(ERN_NEW(context, pixels, &desk->head));
+    ERN_TRY(ERN_NEW(context, pixels, &desk->torso));
     ERN_TRY(make_picture(context, options->size, 3, &desk->truth));
     ERN_TRY(make_picture(context, options->size, 4, &desk->cutout));
   }

@@ -185,16 +185,11 @@ ern_status ern_synth_speech_make(ern_context *context, uint64_t seed, size_t fra
   const double seconds = (double)frames / ERN_SYNTH_FPS;
   struct script script = {.room = (size_t)(seconds * 16.0) + 64}; /* letters last 60 ms or more, mostly twice that */
   float(*raw)[2] = NULL;
-  void *memory = NULL;
   *speech = (struct ern_synth_speech){.steps = 2 * frames + ERN_SYNTH_BEFORE + ERN_SYNTH_WINDOW};
-  ERN_TRY(ern_allocate(context, script.room, sizeof *script.events, &memory));
-  script.events = memory;
-  ERN_TRY(ern_allocate(context, speech->steps, sizeof *raw, &memory));
-  raw = memory;
-  ERN_TRY(ern_allocate(context, speech->steps, sizeof *speech->logits, &memory));
-  speech->logits = memory;
-  ERN_TRY(ern_allocate(context, speech->steps, 7 * sizeof(float), &memory));
-  speech->jaw = memory;
+  ERN_TRY(ERN_NEW(context, script.room, &script.events));
+  ERN_TRY(ERN_NEW(context, speech->steps, &raw));
+  ERN_TRY(ERN_NEW(context, speech->steps, &speech->logits));
+  ERN_TRY(ERN_NEW(context, 7 * speech->steps, &speech->jaw));
   speech->width = speech->jaw + speech->steps;
   speech->loud = speech->width + speech->steps;
   speech->hiss = speech->loud + speech->steps;

@@ -160,11 +160,9 @@ ern_status ern_synth_torso_make(ern_context *context, struct ern_pool *pool, con
                                 int size, struct ern_synth_layer *torso) {
   const int samples = size <= 256 ? 3 : 2;
   const int side = size * samples * 3 / 2;
-  void *memory = NULL;
   *torso = (struct ern_synth_layer){.width = side, .height = side, .samples = samples};
-  const ern_status status = ern_allocate(context, (size_t)side * (size_t)side, sizeof *torso->pixels, &memory);
+  const ern_status status = ERN_NEW(context, (size_t)side * (size_t)side, &torso->pixels);
   if (status != ERN_OK) return status;
-  torso->pixels = memory;
   struct drawing drawing = {.person = person, .torso = torso, .margin = 0.25 * size};
   ern_synth_camera_make(size, &(struct ern_synth_curve){0}, &drawing.camera);
   ern_pool_run(pool, (size_t)side, draw_row, &drawing);
