@@ -107,6 +107,7 @@ typedef struct ern_train_state {
   uint64_t refresh_every, ema_every;
   size_t data_begin, data_end;
   bool torso_layer; /* ern_dataset.has_torso */
+  bool ema;         /* its model is the average */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
@@ -183,7 +184,9 @@ static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, con
   return ern_trainer_run_sized(trainer, hooks, sizeof *hooks);
 }
 
-/* Writes X.run/state.safetensors (its predecessor is kept) and then X. ERN_E_STATE without an output. */
+/* Writes X.run/state.safetensors (its predecessor is kept) and then X. ERN_E_STATE without an output. ERN_E_IO, with
+ * nothing touched, where X.run is not the folder any more that this training locked: it was moved or replaced, or
+ * `output` is a relative name and the program has changed its working folder. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_save(ern_trainer *trainer);
 
 /* A copy of the model as it stands; the caller owns it. */

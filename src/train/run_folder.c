@@ -91,6 +91,22 @@ fail:
   return status;
 }
 
+ern_status ern_run_folder_check_held(ern_context *context, const struct ern_run_folder *run) {
+  char *path = NULL;
+  struct stat held, there;
+  ern_status status = ern_path_join(context, run->folder, "lock", &path);
+  if (status != ERN_OK) return status;
+  if (fstat(run->lock, &held) != 0 || stat(path, &there) != 0 || held.st_dev != there.st_dev ||
+      held.st_ino != there.st_ino)
+    status =
+        ern_fail(context, ERN_E_IO,
+                 "%s: is not the lock of this training any more: the folder was moved, removed or replaced, or the "
+                 "program is in another working folder; nothing is saved",
+                 path);
+  ern_release(context, path);
+  return status;
+}
+
 ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_run_folder *run, const char *path) {
   const char *const files[] = {run->state, run->next, run->previous, run->good};
   struct stat about, other;

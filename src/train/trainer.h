@@ -113,6 +113,10 @@ ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /*
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
 
+/* Whether X.run/lock is the file that this training locked. It is another one where the folder was moved and made
+ * again, or where the program has changed its working folder: what lies there is then another training's. ERN_E_IO. */
+ERN_NODISCARD ern_status ern_run_folder_check_held(ern_context *context, const struct ern_run_folder *run);
+
 /* A file that a training starts from may not be one that its saves replace. path NULL: none. ERN_E_ARGUMENT. */
 ERN_NODISCARD ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_run_folder *run,
                                                       const char *path);

@@ -144,6 +144,7 @@ ern_status ern_trainer_save(ern_trainer *t) {
   ERN_NEED(NULL, t);
   ern_status status = ERN_OK;
   if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
+  ERN_TRY(ern_run_folder_check_held(t->context, &t->run));
   ERN_TRY(ern_trainer_download(t, t->parameters));
   ERN_TRY(write_state(t));
   if (t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES)
@@ -390,7 +391,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .ema_every = about->ema_every,
                                .data_begin = (size_t)about->data_begin,
                                .data_end = (size_t)about->data_end,
-                               .torso_layer = about->layer};
+                               .torso_layer = about->layer,
+                               .ema = about->ema};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

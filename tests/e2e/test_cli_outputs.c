@@ -140,6 +140,17 @@ static void test_run_folder(void **state) {
   cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 6 --resume");
   cli_expect(&cli, 0, "val_000006.png: is there already and is kept", NULL);
   expect_text("r.run/val_000006.png", "mine");
+  /* an average stays one, unless it is asked for the weights */
+  cli_run(&cli, "train clip -o e.safetensors --rays 32 --iters 20 --levels 2 --ema --ema-every 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o w.safetensors --rays 32 --iters 20 --levels 2 --ema-every 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cp e.safetensors average.safetensors"), 0);
+  for (int ema = 1; ema >= 0; ema--) {
+    cli_run(&cli, "train clip -o e.safetensors --resume --quiet %s", ema == 1 ? "" : "--no-ema");
+    cli_expect(&cli, 0, NULL);
+    assert_int_equal(system(ema == 1 ? "cmp e.safetensors average.safetensors" : "cmp e.safetensors w.safetensors"), 0);
+  }
   /* nor what the training starts from, where it is one of the states that it replaces */
   const char *const starts[] = {"--from", "--torso --head"};
   for (size_t i = 0; i < 2; i++) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What the host answers with an error in a training costs no step that was made. */
 #include <math.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "made_clip.h"
@@ -80,8 +81,44 @@ static void test_failed_picture_saves(void **state) {
   made_close(&m);
 }
 
+static void expect_untouched(const struct made *m, ern_trainer *trainer, const char *path, const char *kept) {
+  support_expect(m->context, ern_trainer_save(trainer), ERN_E_IO, "lock", "nothing is saved", NULL);
+  expect_same(path, kept);
+}
+
+/* What lies at X.run when the folder was moved, or when the program is in another working folder, is not this
+ * training's. */
+static void test_another_folder(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  made_open(&m);
+  clear_run("moved"), support_clear("aside.run"), support_clear("elsewhere");
+  ern_train_config config = small_config(4, "moved.safetensors");
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(rename("moved.run", "aside.run"), 0);
+  support_expect(m.context, ern_trainer_save(trainer), ERN_E_IO, "moved.run/lock", "moved, removed or replaced", NULL);
+  config.seed = 9;
+  support_ok(m.context, train(&m, &config, NULL)); /* another training comes there */
+  assert_int_equal(system("cp moved.run/state.safetensors kept.state && cp moved.safetensors kept.model"), 0);
+  expect_untouched(&m, trainer, "moved.run/state.safetensors", "kept.state");
+  expect_same("moved.safetensors", "kept.model");
+  assert_int_equal(mkdir("elsewhere", 0777), 0);
+  assert_int_equal(system("mv moved.run elsewhere && mv aside.run moved.run"), 0);
+  assert_int_equal(chdir("elsewhere"), 0);
+  expect_untouched(&m, trainer, "moved.run/state.safetensors", "../kept.state");
+  assert_int_equal(chdir(".."), 0);
+  support_ok(m.context, remove("moved.safetensors") == 0 ? ERN_OK : ERN_E_IO);
+  support_ok(m.context, ern_trainer_save(trainer)); /* back in its own */
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
-                                     cmocka_unit_test(test_failed_picture_saves)};
+                                     cmocka_unit_test(test_failed_picture_saves),
+                                     cmocka_unit_test(test_another_folder)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -201,6 +201,23 @@ static bool has_row(const struct ablation *ablation, const char *name) {
   return false;
 }
 
+/* What the tables are of, but for the number of steps, which may grow. */
+static int check_terms(const struct ablation *ablation, struct session *session, const json_t *root, const char *path) {
+  const json_t *psnr = json_object_get(json_array_get(json_object_get(root, "rows"), 0), "psnr");
+  const struct {
+    const char *name;
+    double found, expected;
+  } terms[] = {{"frames", json_number_value(json_object_get(root, "frames")), (double)ablation->frames},
+               {"rays", json_number_value(json_object_get(root, "rays")), ablation->rays},
+               {"lr_net", (double)(float)json_number_value(json_object_get(root, "lr_net")), (double)ablation->lr_net},
+               {"seeds", (double)json_array_size(json_object_get(psnr, "seeds")), (double)ablation->row[0].seeds}};
+  for (size_t i = 0; i < sizeof terms / sizeof *terms; i++)
+    if (terms[i].found != terms[i].expected)
+      return session_fail_with(session, "%s: is of %g %s, and not of %g; --overwrite (-y) replaces the tables", path,
+                               terms[i].found, terms[i].name, terms[i].expected);
+  return 0;
+}
+
 int ablation_check_earlier(const struct ablation *ablation, struct session *session, const char *folder) {
   char path[ABLATION_FILES][4096];
   bool any = false;
@@ -226,6 +243,8 @@ int ablation_check_earlier(const struct ablation *ablation, struct session *sess
   else if (lost != NULL)
     status = session_fail_with(
         session, "%s: holds the row %s, which --only leaves out; --overwrite (-y) replaces the tables", path[0], lost);
+  else
+    status = check_terms(ablation, session, root, path[0]);
   json_decref(root);
   return status;
 }

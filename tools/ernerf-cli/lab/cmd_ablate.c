@@ -137,7 +137,7 @@ static int check_outputs(struct ablate_job *job) {
   char path[PATH_BYTES];
   struct stat about;
   if (stat(job->folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
-  if (job->resume && !job->session.overwrite) return ablation_check_earlier(&job->result, &job->session, job->folder);
+  if (job->resume && !job->session.overwrite) return 0; /* ablation_check_earlier */
   for (size_t r = 0; r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++)
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||
@@ -166,6 +166,8 @@ static int open_all(struct ablate_job *job, const struct args *args) {
   result->lr_net = job->lr_net;
   result->iters = job->iters;
   result->frames = job->evaluation.frame_source.count;
+  if (job->resume && !session->overwrite && ablation_check_earlier(result, session, job->folder) != 0)
+    return EXIT_FAILURE;
   result->backend = session->backend_info.name;
   result->isa = session->backend_info.isa;
   return 0;
@@ -180,6 +182,21 @@ static int say_progress(void *user, const ern_train_report *report) {
   snprintf(more, sizeof more, "loss %.5g  PSNR %.2f", report->loss, report->psnr);
   progress_at(&job->progress, report->step, report->iters, more);
   return session_interrupted();
+}
+
+/* A training that is gone on with is one of the table's: its rays, rate and seed are those of all rows. */
+static int check_state(struct ablate_job *job, const char *path, uint64_t seed) {
+  ern_train_state state;
+  ern_model_info info;
+  if (!job->resume) return 0;
+  const ern_status status = ern_train_state_describe(job->session.context, path, &state, &info);
+  if (status == ERN_E_MISSING) return 0;
+  if (status != ERN_OK) return session_fail(&job->session);
+  if (state.rays == job->rays && state.seed == seed && (!state.has_settings || state.lr_net == job->lr_net)) return 0;
+  return session_fail_with(&job->session,
+                           "%s: was trained with %d rays, --lr_net %g and seed %" PRIu64
+                           ", expected %d, %g and %" PRIu64 ", as all rows",
+                           path, state.rays, (double)state.lr_net, state.seed, job->rays, (double)job->lr_net, seed);
 }
 
 /* Seconds of training behind the model, without saving and validation. */
@@ -268,7 +285,8 @@ static int run_one(struct ablate_job *job, size_t r, size_t seed) {
   char path[PATH_BYTES], what[64];
   ern_model *model = NULL;
   ern_renderer *renderer = NULL;
-  if (path_of(job, row, session->seed + seed, path) != 0) return EXIT_FAILURE;
+  if (path_of(job, row, session->seed + seed, path) != 0 || check_state(job, path, session->seed + seed) != 0)
+    return EXIT_FAILURE;
   snprintf(what, sizeof what, "%s (%zu of %zu)", row->kind->name, r * row->seeds + seed + 1,
            job->result.rows * row->seeds);
   progress_begin(&job->progress, session, what, "steps");

@@ -17,7 +17,7 @@
 #include "verbs/inherit.h"
 
 enum {
-  GOAL_OPTIONS = 18,
+  GOAL_OPTIONS = 19,
   NUMBER_OPTIONS = 21,
   CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
   VALIDATE_MOST = 1000,
@@ -121,6 +121,7 @@ static void goal_options(struct train_job *job, struct option options[GOAL_OPTIO
        .target = &config->ema,
        .help = "write the moving average of the weights as the model, from its 10th update on; with --resume at the "
                "last step it only writes"},
+      {.name = "no-ema", .kind = OPTION_OFF, .target = &config->ema, .help = "the weights as they are (default)"},
       {.name = "ema-every",
        .kind = OPTION_COUNT,
        .target = &job->ema_every,
