@@ -22,6 +22,9 @@ typedef struct ern_features {
  * what is beyond is refused by its place: ERN_E_FORMAT, or ERN_E_NONFINITE for infinity and NaN.
  * On success the caller owns features->data (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
+/* Writes such a file as float32 (base.h, "How files are written"). */
+ERN_API ERN_NODISCARD ern_status ern_features_save(ern_context *context, const char *path,
+                                                   const ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */
 
 /* How far the lids are closed, frame by frame. Plain data, final. */

@@ -123,9 +123,11 @@ typedef struct ern_clip_options {
   uint32_t cookie, size; /* set by ern_clip_options_default() */
   uint64_t memory_bytes; /* most that kept frames may take; 0: half of the memory that this
                             process may take (ern_device_info of the CPU) */
-  const char *features;  /* another feature file than the clip's own, NULL: the clip's; must outlive the open call */
-  const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), NULL: the
-                            first that is there of aud_ds, aud_eo, aud_hu, aud */
+  const char *features;  /* another file of features, or a sound to make them of (ern_speech_open), than the clip's own,
+                            NULL: the clip's; must outlive the open call */
+  const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), "cepstra"
+                            (aud_cep.npy, else made of aud.wav), NULL: the first that is there of aud_ds, aud_eo,
+                            aud_hu, aud, aud_cep, aud.wav */
 } ern_clip_options;
 ERN_API void ern_clip_options_fill(ern_clip_options *options, size_t bytes);
 static inline ern_clip_options ern_clip_options_default(void) {
@@ -145,6 +147,7 @@ typedef struct ern_clip_info {
   bool has_sound;            /* aud.wav is there */
   bool has_landmarks;        /* ori_imgs is there */
   char identity[65];         /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
+  bool hears_sound;          /* the features were made of a sound */
 } ern_clip_info;
 
 /* Plain data, may grow: it is the clip's. */
@@ -170,6 +173,12 @@ static inline void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) 
 }
 ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, see ern_clip_info */
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
+/* Makes copies of the clip's speech in which every frequency is multiplied by one of warps[count] (0.5..2), so that a
+ * training hears other throats say the same; ern_clip_dataset hands them on. What was made before is forgotten.
+ * ERN_E_STATE where the clip's features come from a file of features. */
+ERN_API ERN_NODISCARD ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count);
+/* Those copies; *count of them. They live until the next ern_clip_vary_speech, or as long as the clip. */
+ERN_API const ern_features *ern_clip_speech_copies(const ern_clip *clip, size_t *count);
 ERN_API const ern_image *ern_clip_background(
     const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
 ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);

@@ -44,6 +44,12 @@ typedef struct ern_dataset {
    * false. Valid until the next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
   const char *identity; /* 64 hex digits; "" or NULL: none */
+  /* The same speech as it might have sounded, such as in voices of another pitch: each training step hears one of the
+   * copies, of the shape of `features`, with the probability copy_share, else `features` */
+  const ern_features *copies;
+  size_t copy_count;
+  float copy_share;   /* 0..1 */
+  const char *speech; /* kind of the features (ern_model_info.speech); NULL: it is not known */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */

@@ -68,6 +68,17 @@ fail:
   return status;
 }
 
+ern_status ern_features_save(ern_context *context, const char *path, const ern_features *features) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, features);
+  const ern_status status = ern_features_check(context, path, features);
+  if (status != ERN_OK) return status;
+  return ern_npy_write_f32(context, path, features->data, 3,
+                           (size_t[]){features->windows, (size_t)features->window_length, (size_t)features->width});
+}
+
 void ern_features_free(ern_context *context, ern_features *features) {
   if (context == NULL || features == NULL) return;
   ern_release(context, features->data);

@@ -29,6 +29,9 @@ struct ern_clip {
   char *folder, *features_file;
   ern_clip_info info;
   ern_features features;
+  ern_features *copies; /* [copy_count] of ern_clip_vary_speech */
+  size_t copy_count;
+  char *speech_path; /* what the features are read or made of */
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso;
@@ -59,16 +62,24 @@ static ern_status check_folder(ern_context *context, const char *folder) {
 static ern_status open_features(ern_clip *clip, const ern_clip_options *options) {
   ern_status status = ERN_OK;
   const char *name = options->features;
-  char *path = NULL;
-  if (name == NULL) {
+  if (name != NULL) {
+    ERN_TRY(ern_string_copy(clip->context, name, &clip->speech_path));
+  } else {
     ERN_TRY(ern_clip_features_name(clip->context, clip->folder, options->asr_model, &name));
-    ERN_TRY(ern_path_join(clip->context, clip->folder, name, &path));
+    ERN_TRY(ern_path_join(clip->context, clip->folder, name, &clip->speech_path));
   }
   ERN_TRY(ern_string_copy(clip->context, name, &clip->features_file));
-  ERN_TRY(ern_features_load(clip->context, path != NULL ? path : name, &clip->features));
+  ERN_TRY(ern_speech_open(clip->context, clip->speech_path, NULL, &clip->features));
+  clip->info.hears_sound = ern_speech_is_sound(clip->speech_path);
 fail:
-  ern_release(clip->context, path);
   return status;
+}
+
+static void forget_copies(ern_clip *clip) {
+  for (size_t k = 0; k < clip->copy_count; k++) ern_features_free(clip->context, &clip->copies[k]);
+  ern_release(clip->context, clip->copies);
+  clip->copies = NULL;
+  clip->copy_count = 0;
 }
 
 /* What tells this clip from another: transforms_train.json, then bc.jpg, as bytes. */
@@ -268,6 +279,8 @@ void ern_clip_free(ern_clip **clip) {
   free_pictures(dying, &dying->truth);
   free_pictures(dying, &dying->torso);
   ern_image_free(dying->context, &dying->background);
+  forget_copies(dying);
+  ern_release(dying->context, dying->speech_path);
   ern_features_free(dying->context, &dying->features);
   ern_release(dying->context, dying->frames[ERN_SPLIT_TRAIN]);
   ern_release(dying->context, dying->frames[ERN_SPLIT_VAL]);
@@ -293,6 +306,31 @@ ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound) {
   if (status == ERN_OK) status = ern_sound_read(clip->context, path, sound);
   ern_release(clip->context, path);
   return status;
+}
+
+ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, clip);
+  if (count > 0) ERN_NEED(clip->context, warps);
+  ern_status status = ERN_OK;
+  forget_copies(clip);
+  if (count == 0) return ERN_OK;
+  if (!clip->info.hears_sound)
+    return ern_fail(clip->context, ERN_E_STATE, "%s: holds features, expected a sound, which alone can be varied",
+                    clip->speech_path);
+  ERN_TRY(ERN_NEW(clip->context, count, &clip->copies));
+  for (; clip->copy_count < count; clip->copy_count++)
+    ERN_TRY(ern_speech_features(clip->context, clip->speech_path, warps[clip->copy_count],
+                                &clip->copies[clip->copy_count]));
+  return ERN_OK;
+fail:
+  forget_copies(clip);
+  return status;
+}
+
+const ern_features *ern_clip_speech_copies(const ern_clip *clip, size_t *count) {
+  if (count != NULL) *count = clip != NULL ? clip->copy_count : 0;
+  return clip != NULL ? clip->copies : NULL;
 }
 
 const ern_features *ern_clip_features(const ern_clip *clip) { return clip != NULL ? &clip->features : NULL; }

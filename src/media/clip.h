@@ -5,6 +5,7 @@
 
 #include "core/status.h"
 #include "ernerf/media.h"
+#include "ernerf/speech.h"
 
 /* A frame's files: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms. */
 typedef enum ern_clip_part { ERN_PART_TRUTH, ERN_PART_TORSO, ERN_PART_LANDMARKS } ern_clip_part;

@@ -191,8 +191,9 @@ static void check_frames(struct report *report) {
   }
 }
 
-static const char *features_kind(int width) {
-  return width == 29 ? "DeepSpeech" : width == 44 ? "wav2vec" : width == 1024 ? "HuBERT" : "an unknown kind";
+static const char *features_kind(const ern_features *features) {
+  const char *kind = ern_speech_kind(features);
+  return kind[0] != 0 ? kind : "an unknown kind";
 }
 
 /* There is one window for every 1/25 s of sound and one frame for every picture of the video. Where their numbers are
@@ -230,22 +231,26 @@ static void check_lengths(struct report *report, size_t windows) {
 
 static void check_features(struct report *report) {
   static const char help[] =
-      "The steps extract audio and extract features (process.py, tasks 1 and 2; DeepSpeech, wav2vec.py or hubert.py) "
-      "make them.";
+      "Put the sound of the video there as aud.wav (ffmpeg -i VIDEO -ac 1 -ar 16000 aud.wav); training makes features "
+      "of it.";
   ern_features features = {0};
   char path[REASON_BYTES];
   ern_status status = ern_clip_features_name(report->context, report->folder, NULL, &report->features_name);
   if (status == ERN_OK) {
     snprintf(path, sizeof path, "%s/%s", report->folder, report->features_name);
-    status = ern_features_load(report->context, path, &features);
+    status = ern_speech_open(report->context, path, NULL, &features);
   }
   if (status != ERN_OK) {
     say_wrong(report, status, help);
     return;
   }
   report->features_width = features.width;
-  tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
-       features_kind(features.width), features.windows, features.window_length, features.width);
+  if (ern_speech_is_sound(path))
+    tell(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.", report->features_name,
+         ern_speech_kind(&features), features.windows);
+  else
+    tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
+         features_kind(&features), features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
   ern_features_free(report->context, &features);
 }
@@ -321,7 +326,7 @@ static void summarise(struct report *report) {
   }
   tell(report, THERE,
        "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
-       report->lists[ERN_SPLIT_TRAIN].count, features_kind(report->features_width),
+       report->lists[ERN_SPLIT_TRAIN].count, features_kind(&(ern_features){.width = report->features_width}),
        report->blink ? ", its blinking from au.csv" : ", no blinking",
        report->landmarks ? ", the face told from the rest by its landmarks" : "",
        report->torso ? "will learn the torso" : "cannot run on it");

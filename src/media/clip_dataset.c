@@ -4,6 +4,7 @@
 
 #include "core/sized.h"
 #include "ernerf/media.h"
+#include "ernerf/speech.h"
 
 static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *out) {
   const ern_clip_frame *from = ern_clip_frame_at(user, (ern_split)split, index);
@@ -32,21 +33,25 @@ static ern_status pixels(void *user, int split, size_t index, const uint8_t **tr
 static ern_dataset dataset_of(ern_clip *clip) {
   ern_clip_info info;
   ern_clip_describe(clip, &info);
-  return (ern_dataset){.user = clip,
-                       .frames = {info.frames[0], info.frames[1]},
-                       .focal = info.focal,
-                       .cx = info.cx,
-                       .cy = info.cy,
-                       .width = info.width,
-                       .height = info.height,
-                       .scale = 4,
-                       .has_eye = info.has_blink,
-                       .has_torso = info.has_torso,
-                       .features = ern_clip_features(clip),
-                       .background = ern_clip_background(clip)->data,
-                       .identity = ern_clip_identity(clip),
-                       .frame = frame,
-                       .pixels = pixels};
+  ern_dataset dataset = (ern_dataset){.user = clip,
+                                      .frames = {info.frames[0], info.frames[1]},
+                                      .focal = info.focal,
+                                      .cx = info.cx,
+                                      .cy = info.cy,
+                                      .width = info.width,
+                                      .height = info.height,
+                                      .scale = 4,
+                                      .has_eye = info.has_blink,
+                                      .has_torso = info.has_torso,
+                                      .features = ern_clip_features(clip),
+                                      .background = ern_clip_background(clip)->data,
+                                      .identity = ern_clip_identity(clip),
+                                      .frame = frame,
+                                      .pixels = pixels,
+                                      .speech = ern_speech_kind(ern_clip_features(clip))};
+  dataset.copies = ern_clip_speech_copies(clip, &dataset.copy_count);
+  dataset.copy_share = dataset.copy_count > 0 ? 0.5f : 0;
+  return dataset;
 }
 
 void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes) {

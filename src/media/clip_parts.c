@@ -109,7 +109,8 @@ void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t
 ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model, const char **name) {
   static const struct {
     const char *model, *name; /* the public code goes by a part of the model's name */
-  } kinds[] = {{"deepspeech", "aud_ds.npy"}, {"esperanto", "aud_eo.npy"}, {"hubert", "aud_hu.npy"}, {NULL, "aud.npy"}};
+  } kinds[] = {{"deepspeech", "aud_ds.npy"}, {"esperanto", "aud_eo.npy"}, {"hubert", "aud_hu.npy"}, {NULL, "aud.npy"},
+               {"cepstra", "aud_cep.npy"},   {"cepstra", "aud.wav"}};
   ern_status status = ERN_OK;
   bool known = asr_model == NULL;
   *name = NULL;
@@ -122,7 +123,7 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
     if (there) return ERN_OK;
   }
   if (!known) {
-    return ern_fail(context, ERN_E_ARGUMENT, "asr_model is \"%s\", expected deepspeech, esperanto or hubert",
+    return ern_fail(context, ERN_E_ARGUMENT, "asr_model is \"%s\", expected deepspeech, esperanto, hubert or cepstra",
                     asr_model);
   }
   if (asr_model != NULL) {
@@ -130,8 +131,11 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
                     asr_model);
   }
   *name = NULL;
-  return ern_fail(context, ERN_E_MISSING,
-                  "%s: no speech features, expected one of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy", folder);
+  return ern_fail(
+      context, ERN_E_MISSING,
+      "%s: no speech features, expected one of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy, aud_cep.npy, or "
+      "the sound aud.wav to make them of",
+      folder);
 fail:
   return status;
 }

@@ -19,6 +19,7 @@ struct ern_model {
   size_t cameras;    /* 0: there is none */
   uint64_t head_steps, torso_steps;
   struct ern_view_settings view;
+  char speech[64]; /* kind of the speech features; "": unknown */
   char clip[65];
 };
 

@@ -27,13 +27,13 @@ static bool put_view(json_t *root, const struct ern_view_settings *view) {
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
-  json_t *root = json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s}",
+  json_t *root = json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s, s:s}",
                            "backbone", ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention),
                            "eye_attention", ern_eye_attention_name(c->eye_attention), "levels", c->levels,
                            "feature_width", c->feature_width, "window_length", c->window_length, "eye", c->eye, "view",
                            !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound",
                            (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
-                           (json_int_t)model->torso_steps, "clip", model->clip, "consent", "");
+                           (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", "");
   if (root != NULL && model->view.said && !put_view(root, &model->view)) {
     json_decref(root);
     root = NULL;
@@ -188,6 +188,9 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
+  const json_t *speech = json_object_get(root, "speech"); /* files of before it was kept do not say */
+  if (speech != NULL && !json_is_string(speech)) ERN_TRY(wrong_field(context, path, "speech"));
+  snprintf(identity->speech, sizeof identity->speech, "%s", speech != NULL ? json_string_value(speech) : "");
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
   ERN_TRY(read_view(context, root, path, &identity->view));
@@ -395,6 +398,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   made->torso_steps = identity.torso_steps;
   made->view = identity.view;
   memcpy(made->clip, identity.clip, sizeof made->clip);
+  memcpy(made->speech, identity.speech, sizeof made->speech);
   for (int r = 0; r < made->table.rows; r++) {
     const struct ern_parameter *row = &made->table.row[r];
     ERN_TRY(ern_tensor_take(context, file, path, row->name, row->dims, row->shape, made->block + row->at));

@@ -320,6 +320,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   (*model)->torso_steps = t->model->torso_steps;
   (*model)->view = t->model->view;
   memcpy((*model)->clip, t->model->clip, sizeof(*model)->clip);
+  memcpy((*model)->speech, t->model->speech, sizeof(*model)->speech);
   return ERN_OK;
 }
 

@@ -88,6 +88,24 @@ static ern_status check_features(ern_context *context, const ern_features *featu
   return ERN_OK;
 }
 
+static ern_status check_all_features(ern_context *context, const ern_dataset *d) {
+  ern_status status = check_features(context, d->features);
+  if (status != ERN_OK || d->copy_count == 0) return status;
+  if (d->copies == NULL || !(d->copy_share >= 0 && d->copy_share <= 1))
+    return ern_fail(context, ERN_E_ARGUMENT, "train: %zu copies of the speech%s, share %g, expected 0 to 1",
+                    d->copy_count, d->copies == NULL ? " that are NULL" : "", (double)d->copy_share);
+  for (size_t k = 0; k < d->copy_count && status == ERN_OK; k++) {
+    const ern_features *copy = &d->copies[k];
+    if (copy->data == NULL || copy->windows != d->features->windows || copy->width != d->features->width ||
+        copy->window_length != d->features->window_length)
+      return ern_fail(context, ERN_E_SHAPE, "train: copy %zu of the speech is [%zu, %d, %d]%s, expected [%zu, %d, %d]",
+                      k, copy->windows, copy->window_length, copy->width, copy->data == NULL ? " without data" : "",
+                      d->features->windows, d->features->window_length, d->features->width);
+    status = check_features(context, copy);
+  }
+  return status;
+}
+
 static ern_status check_data(ern_trainer *t) {
   const ern_dataset *d = &t->data;
   ern_train_config *c = &t->config;
@@ -115,7 +133,7 @@ static ern_status check_data(ern_trainer *t) {
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
   const ern_status status = ern_features_check(t->context, "train", d->features);
-  return status == ERN_OK ? check_features(t->context, d->features) : status;
+  return status == ERN_OK ? check_all_features(t->context, d) : status;
 }
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
@@ -210,6 +228,7 @@ static ern_status make_model(ern_trainer *t) {
   ERN_TRY(ern_model_make(&t->model, t->context, &config));
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
+  if (t->data.speech != NULL) snprintf(t->model->speech, sizeof t->model->speech, "%s", t->data.speech);
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);

@@ -226,6 +226,17 @@ CHECK(ern_clip_describe_sized) {
   KEEPS_TO(ern_clip_info, ern_clip_describe_sized(w.clip, it, bytes));
 }
 CHECK(ern_clip_identity) { assert_null(ern_clip_identity(NULL)); }
+CHECK(ern_clip_vary_speech) {
+  const float warp = 1;
+  REFUSED_ALONE(ern_clip_vary_speech(NULL, &warp, 1));
+  REFUSED(w.context, "warps is NULL", ern_clip_vary_speech(w.clip, NULL, 1));
+}
+CHECK(ern_clip_speech_copies) {
+  size_t count = 7;
+  assert_null(ern_clip_speech_copies(NULL, &count));
+  assert_int_equal(count, 0);
+  assert_null(ern_clip_speech_copies(w.clip, NULL));
+}
 CHECK(ern_clip_features) { assert_null(ern_clip_features(NULL)); }
 CHECK(ern_clip_background) { assert_null(ern_clip_background(NULL)); }
 CHECK(ern_clip_frame_at) {
@@ -300,6 +311,8 @@ static const struct arguments_check table[] = {ROW(ern_image_read),
                                                ROW(ern_clip_describe),
                                                ROW(ern_clip_identity),
                                                ROW(ern_clip_features),
+                                               ROW(ern_clip_vary_speech),
+                                               ROW(ern_clip_speech_copies),
                                                ROW(ern_clip_background),
                                                ROW(ern_clip_frame_at),
                                                ROW(ern_clip_pixels),

@@ -219,6 +219,7 @@ static void test_check(void **state) {
 
   cli_copy("clip", "wrong");
   remove("wrong/aud_ds.npy");
+  remove("wrong/aud.wav");
   remove("wrong/gt_imgs/3.jpg");
   cli_run(&cli, "check wrong --json wrong.json");
   cli_expect(&cli, 1, "ernerf check: ", "wrong", NULL);

@@ -238,6 +238,17 @@ static void test_features_choice(void **state) {
   assert_string_equal(info.features_file, "aud.npy");
   ern_clip_free(&clip);
   assert_int_equal(unlink("speech/aud.npy"), 0);
+  support_ok(context, ern_clip_open(context, "speech", NULL, &clip)); /* features are made of the sound */
+  ern_clip_describe(clip, &info);
+  assert_string_equal(info.features_file, "aud.wav");
+  assert_true(info.hears_sound && ern_clip_features(clip)->width == 13);
+  const float warps[] = {0.9f, 1.1f};
+  size_t copies = 0;
+  support_ok(context, ern_clip_vary_speech(clip, warps, 2));
+  const ern_features *copy = ern_clip_speech_copies(clip, &copies);
+  assert_true(copies == 2 && copy[1].windows == ern_clip_features(clip)->windows);
+  ern_clip_free(&clip);
+  assert_int_equal(unlink("speech/aud.wav"), 0);
   support_expect(context, ern_clip_open(context, "speech", NULL, &clip), ERN_E_MISSING, "speech", "aud_ds.npy",
                  "aud.npy", NULL);
   assert_null(clip);
@@ -444,7 +455,7 @@ static void test_check(void **state) {
   assert_null(strstr(said.text, "\n-"));
   expect_said(&said, "+transforms_train.json", "4 frames of 24 x 16");
   expect_said(&said, "+transforms_val.json", "2 frames");
-  expect_said(&said, "+aud_ds.npy", "DeepSpeech, 6 windows of 16 vectors of 29");
+  expect_said(&said, "+aud_ds.npy", "deepspeech, 6 windows of 16 vectors of 29");
   expect_said(&said, "+gt_imgs", "all 6 frames");
   expect_said(&said, "+torso_imgs", "all 6 frames");
   expect_said(&said, "+ori_imgs", "all 6 frames");
@@ -463,7 +474,7 @@ static void test_check(void **state) {
   expect_said(&said, "oau.csv: missing. No blinking will be learnt", "OpenFace's FeatureExtraction");
   expect_said(&said, "oaud.wav: missing", "no sound");
   expect_said(&said, "otransforms_val.json: missing", "task 9");
-  expect_said(&said, "+aud_hu.npy", "HuBERT, 5 windows of 2 vectors of 1024");
+  expect_said(&said, "+aud_hu.npy", "hubert, 5 windows of 2 vectors of 1024");
   expect_said(&said, "+bc.jpg", "50 x 50 pixels and will be scaled to 24 x 16");
   expect_said(&said, "+`ernerf train`", "no blinking");
 
@@ -474,7 +485,7 @@ static void test_check(void **state) {
   write_landmarks("judged/ori_imgs/2.lms", 3, 2);
   check_again(context, ERN_E_MISSING, &said);
   support_expect(context, ERN_E_MISSING, ERN_E_MISSING, "no speech features", NULL);
-  expect_said(&said, "-judged: no speech features", "hubert.py");
+  expect_said(&said, "-judged: no speech features", "ffmpeg");
   expect_said(&said, "-gt_imgs: 2 of 4 frames", "judged/gt_imgs/1.jpg: is missing");
   expect_said(&said, "-ori_imgs: 1 of 4 frames", "2.lms: has 3 landmarks");
   expect_said(&said, "-Not ready", "refuse");

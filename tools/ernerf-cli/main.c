@@ -21,6 +21,7 @@ static const struct verb {
     {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
     {"check", "what a clip has, what it lacks and what follows, in words", cmd_check},
     {"info", "what is in a file, or which devices can compute", cmd_info},
+    {"features", "speech features of a sound", cmd_features},
     {"convert", "a model between .safetensors and PyTorch's .pth, both ways", cmd_convert},
     {"synth", "make up a clip to try things on", cmd_synth},
     {"bench", "how fast the machine is, and how much of it kernels, a frame and a step use", cmd_bench},

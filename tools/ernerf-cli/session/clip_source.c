@@ -7,7 +7,9 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
        .kind = OPTION_TEXT,
        .target = &source->asr_model,
        .choices = "NAME",
-       .help = "which features of the clip: deepspeech, esperanto, hubert (default the first that is there)"},
+       .help = "which features of the clip: deepspeech, esperanto, hubert, cepstra (from its sound; default the first "
+               "that is "
+               "there)"},
       {.name = "memory",
        .kind = OPTION_BYTES,
        .target = &source->memory,

@@ -8,7 +8,17 @@
 #include "ernerf/render.h"
 #include "session/background.h"
 #include "session/frame_source.h"
+#include "session/mouth_motion.h"
+#include "session/picture_measures.h"
 #include "session/session.h"
+
+/* Over several frames. */
+struct evaluation_measures {
+  struct mouth_motion mouth;
+  double head_truth, head_rendered, mouth_truth, mouth_rendered; /* gradient energies of the regions */
+  double neck;                                                   /* sum of squared differences of grey in the band */
+  size_t neck_pixels;
+};
 
 /* Frames of a clip and room for a picture of one. */
 struct evaluation {
@@ -21,8 +31,9 @@ struct evaluation {
   struct frame_source frame_source;
   struct background background;
   float *windows, refined[16];
-  float *rgb;       /* [height][width][3], as drawn last; so is the next one */
-  uint8_t *rgba;    /* [height][width][4] */
+  float *rgb;                           /* [height][width][3], as drawn last; so is the next one */
+  uint8_t *rgba;                        /* [height][width][4] */
+  struct evaluation_measures *measures; /* evaluate_frame adds its frame; NULL: not wanted */
   bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
 };
 

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ernerf/speech.h"
 enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
 
 /* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/performance.md). */
@@ -154,7 +155,16 @@ static int check_identity(struct portrait *portrait, struct session *session) {
   return 0;
 }
 
+const char *portrait_speech(const struct portrait *portrait) {
+  const ern_features features = {.width = portrait->info.feature_width};
+  return portrait->info.speech[0] != 0 ? portrait->info.speech : ern_speech_kind(&features);
+}
+
 static int open_clip(struct portrait *portrait, struct session *session) {
+  struct clip_source *source = &portrait->source;
+  /* a clip may have features of another kind too */
+  if (source->features == NULL && source->asr_model == NULL && strstr(portrait_speech(portrait), "cepstra") != NULL)
+    source->asr_model = "cepstra";
   if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(portrait->clip, &portrait->clip_info);
   const bool own = portrait->source.features == NULL;

@@ -49,6 +49,9 @@ int portrait_thin(struct portrait *portrait, struct session *session, const stru
 const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,
                               float refined[16]);
 
+/* The kind of features that the model speaks from: ern_model_info.speech, or what its width says; "" unknown. */
+const char *portrait_speech(const struct portrait *portrait);
+
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
 /* Frames [begin, end) that --frames asks for. With --smooth_lips the speech of those before is heard, not drawn, so

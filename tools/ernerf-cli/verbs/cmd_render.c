@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ernerf/speech.h"
 #include "output/progress.h"
 #include "output/sink.h"
 #include "session/background.h"
@@ -62,8 +63,12 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job->audio,
-       .help = "features of another speech (.npy): one frame a window, poses forward and back, sound from --wav"},
-      {.name = "wav", .kind = OPTION_TEXT, .target = &job->wav, .help = "sound for the video"},
+       .help = "another speech, a sound (wav, mp3, mp4 ...) or its features (.npy): a frame for each 1/25 s, poses "
+               "forward and back"},
+      {.name = "wav",
+       .kind = OPTION_TEXT,
+       .target = &job->wav,
+       .help = "sound for the video (default that of --audio, where it is a sound, or the clip's)"},
       {.name = "o",
        .alias = "output",
        .kind = OPTION_TEXT,
@@ -106,7 +111,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
   int status = sink_choose(&job->sink, args, job->out);
   if (status < 0 && poses && job->audio == NULL)
-    status = args_refuse(args, "--poses has no speech of its own, expected --audio FILE.npy");
+    status = args_refuse(args, "--poses has no speech of its own, expected --audio FILE");
   if (status < 0 && poses)
     status = args_forbid(args, "split asr_model memory force smooth_eye", "is about a clip, so it needs --clip");
   if (status < 0 && job->audio != NULL)
@@ -144,7 +149,8 @@ static int open_features(struct render_job *job) {
   struct session *session = &job->session;
   const char *name = job->portrait.features_path;
   if (job->audio != NULL) {
-    if (ern_features_load(session->context, job->audio, &job->own_features) != ERN_OK) return session_fail(session);
+    if (ern_speech_open(session->context, job->audio, portrait_speech(&job->portrait), &job->own_features) != ERN_OK)
+      return session_fail(session);
     job->features = &job->own_features;
     name = job->audio;
   } else {
@@ -174,10 +180,11 @@ static int open_sound(struct render_job *job) {
   struct session *session = &job->session;
   const struct portrait *portrait = &job->portrait;
   const bool own = job->wav == NULL && job->audio == NULL && portrait->clip_info.has_sound;
+  const bool heard = job->wav == NULL && job->audio != NULL && ern_speech_is_sound(job->audio);
   char path[4096];
-  if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own)) return 0;
+  if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own && !heard)) return 0;
   const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->source.path)
-                        : snprintf(path, sizeof path, "%s", job->wav);
+                        : snprintf(path, sizeof path, "%s", heard ? job->audio : job->wav);
   if (bytes >= (int)sizeof path) return session_fail_with(session, "%s: the name is too long", path);
   const ern_status status = ern_sound_read(session->context, path, &job->sound);
   if (status != ERN_OK && own) {
@@ -403,8 +410,8 @@ int cmd_render(int argc, char **argv) {
       .verb = "render",
       .summary = "Draws a model to a video with sound, or to pictures.",
       .usage =
-          "render MODEL --clip CLIP [--audio F.npy] [--wav W] -o out.mp4\n"
-          "render MODEL --poses FILE --audio F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
+          "render MODEL --clip CLIP [--audio SOUND|F.npy] [--wav W] -o out.mp4\n"
+          "render MODEL --poses FILE --audio SOUND|F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
       .notes =
           "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
           "mp4: H.264 yuv420p, AAC. png: RGBA. exr: R G B A (as the model gives them, not\n"

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ernerf/media.h"
+#include "ernerf/speech.h"
 #include "ernerf/train.h"
 #include "output/curve.h"
 #include "output/forecast.h"
@@ -15,11 +16,12 @@
 #include "session/session.h"
 #include "verbs.h"
 #include "verbs/inherit.h"
+#include "verbs/speech_copies.h"
 
 enum {
   GOAL_OPTIONS = 19,
   NUMBER_OPTIONS = 21,
-  CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS,
+  CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS,
   VALIDATE_MOST = 1000,
   VALIDATE_LEAST = 50
 };
@@ -29,6 +31,7 @@ struct train_job {
   ern_train_config config;
   struct clip_source source;
   const char *head_path, *effects_list;
+  struct speech_copies copies;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
@@ -248,11 +251,11 @@ static void clip_options(struct train_job *job, struct option options[CLIP_OPTIO
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job->source.features,
-       .choices = "FILE.npy",
-       .help = "features of the clip's speech, instead of the clip's own"},
+       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
   };
-  ARGS_FILL(options, rows, CLIP_OPTIONS - CLIP_SOURCE_OPTIONS);
+  ARGS_FILL(options, rows, CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_COPIES_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
+  speech_copies_options(&job->copies, options + sizeof rows / sizeof *rows + CLIP_SOURCE_OPTIONS);
 }
 
 static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
@@ -375,16 +378,14 @@ static void fill_config(struct train_job *job, const struct args *args) {
 static int open_clip(struct train_job *job, const struct args *args) {
   if (clip_source_open(&job->source, &job->session, &job->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
+  const int status = speech_copies_make(&job->copies, &job->session, args, job->clip);
+  if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
   if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
     return args_refuse(
         args, "--data_range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
         job->data.begin, job->data.open_end ? (uint64_t)frames : job->data.end, frames);
   return 0;
-}
-
-static const char *features_kind(int width) {
-  return width == 29 ? "DeepSpeech" : width == 44 ? "wav2vec" : width == 1024 ? "HuBERT" : "unknown kind";
 }
 
 /* What will be learnt from what, and where it goes. */
@@ -397,13 +398,14 @@ static void say_plan(struct train_job *job) {
     session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d", job->head_path, frames,
                  info->width, info->height);
   else
-    session_note(
-        &job->session, "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
-        frames, info->width, info->height, info->features_file, features_kind(features->width), features->width,
-        job->effects.has[EFFECT_EYE] ? "follow au.csv"
-        : info->has_blink            ? "are not modelled"
-                                     : "stay still (no au.csv)",
-        info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+    session_note(&job->session,
+                 "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
+                 frames, info->width, info->height, info->features_file,
+                 ern_speech_kind(features)[0] != 0 ? ern_speech_kind(features) : "unknown kind", features->width,
+                 job->effects.has[EFFECT_EYE] ? "follow au.csv"
+                 : info->has_blink            ? "are not modelled"
+                                              : "stay still (no au.csv)",
+                 info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
   if (!config->torso) {
     char list[64];
     effects_words(&job->effects, list, sizeof list);
@@ -442,6 +444,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   fill_config(job, args);
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);
+  dataset.copy_share = job->copies.share;
   take_effects(job, args, &dataset);
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);

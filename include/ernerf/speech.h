@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: MIT
+ * libernerf-media: speech features from sound. */
+#ifndef ERNERF_SPEECH_H
+#define ERNERF_SPEECH_H
+
+#include <stdbool.h>
+
+#include "ernerf/base.h"
+#include "ernerf/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The kind that is built in: 13 mel-frequency cepstral coefficients a row, 50 rows a second, relative to how loud the
+ * speech has been so far (docs/speech.md). Values are about -3 to 3. */
+#define ERN_SPEECH_CEPSTRA "cepstra-1"
+enum { ERN_SPEECH_WIDTH = 13 };
+
+/* Sound as it comes, to rows of features. One thread at a time uses a stream. */
+typedef struct ern_speech_stream ern_speech_stream;
+
+/* rate: samples a second, 1000..384000; channels: 1..8, their mean is heard. warp: 0.5..2, 1 for the sound as it is;
+ * the frequencies that are listened at are multiplied by it, which is what a throat of another length does. */
+ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
+                                                        ern_speech_stream **stream);
+ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
+
+/* samples: [frames][channels], full scale is 1. How the sound is cut into calls does not change a bit of the rows. What
+ * is not finite is ERN_E_NONFINITE, beyond 1e6 ERN_E_FORMAT, with its time; the sound before it counts. */
+ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames);
+
+/* The sound ends: makes the last rows, as if silence followed. Nothing can be pushed any more. */
+ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream);
+
+/* Takes up to `count` rows out, rows[count][ERN_SPEECH_WIDTH]; returns how many. Row r is about the sound from 0.02 r
+ * to 0.02 (r + 1) seconds, of which it hears 2.5 ms more on either side: it is there once 33 ms of sound after its
+ * beginning, and what the resampler holds (under 20 ms), have been pushed. 0 where a pointer is NULL. */
+ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
+
+/* The features of a sound file, anything that FFmpeg reads, up to 4 hours: a window for each 1/25 s that has begun,
+ * [windows][16][13]. Window t holds the rows 2t-8 .. 2t+7; past the ends it holds the nearest row. On success the
+ * caller owns *features (ern_features_free). */
+ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const char *path, float warp,
+                                                     ern_features *features);
+
+/* The kind that features of this width are: "cepstra-1" (13), "deepspeech" (29), "esperanto" (44: wav2vec2 by the
+ * public script), "hubert" (1024), or "" for others. A literal. */
+ERN_API const char *ern_speech_kind(const ern_features *features);
+
+/* Features out of a .npy file, or out of the sound in any other file; the content decides. kind: what a model asks for
+ * (ern_model_info.speech); NULL or "": any. ERN_E_UNSUPPORTED: a sound, and a kind that is not built in. Whether a
+ * file of features fits a model, ern_renderer_accepts tells. On success the caller owns *features (ern_features_free).
+ */
+ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const char *path, const char *kind,
+                                                 ern_features *features);
+
+/* Whether the file is to be heard and does not hold features: its name does not end in .npy, nor does its content begin
+ * like such a file. */
+ERN_API bool ern_speech_is_sound(const char *path);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: MIT
+ * Speech features of a sound file, decoded piece by piece. */
+#include <libavutil/channel_layout.h>
+#include <libswresample/swresample.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/floats.h"
+#include "core/memory.h"
+#include "ernerf/speech.h"
+#include "media/cepstra.h"
+#include "media/ffmpeg.h"
+#include "media/input.h"
+
+enum { MOST_SECONDS = 4 * 3600, WINDOW = 16, BEFORE = 8 /* rows of a window before its frame */ };
+
+struct job {
+  ern_context *context;
+  struct ern_decoder decoder;
+  SwrContext *convert; /* to float, same rate and channels */
+  int rate, channels;
+  ern_speech_stream *stream;
+  float *samples; /* [room][channels] */
+  size_t room;
+  uint64_t frames;
+};
+
+static ern_status start(struct job *job, float warp) {
+  const AVFrame *frame = job->decoder.frame;
+  AVChannelLayout layout = {0};
+  ern_status status = ERN_OK;
+  job->rate = frame->sample_rate;
+  job->channels = frame->ch_layout.nb_channels;
+  ERN_TRY(ern_speech_stream_open(job->context, job->rate, job->channels, warp, &job->stream));
+  av_channel_layout_default(&layout, job->channels); /* the same on both sides: no mixing */
+  int error = swr_alloc_set_opts2(&job->convert, &layout, AV_SAMPLE_FMT_FLT, job->rate, &layout,
+                                  (enum AVSampleFormat)frame->format, job->rate, 0, NULL);
+  if (error >= 0) error = swr_init(job->convert);
+  av_channel_layout_uninit(&layout);
+  if (error < 0) ERN_TRY(ern_av_fail(job->context, ERN_E_MEDIA, job->decoder.path, "convert its samples", error));
+fail:
+  return status;
+}
+
+static ern_status push(struct job *job, float warp) {
+  const AVFrame *frame = job->decoder.frame;
+  const size_t count = (size_t)frame->nb_samples;
+  ern_status status = ERN_OK;
+  if (job->stream == NULL) ERN_TRY(start(job, warp));
+  if (frame->sample_rate != job->rate || frame->ch_layout.nb_channels != job->channels)
+    ERN_TRY(ern_fail(job->context, ERN_E_UNSUPPORTED,
+                     "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels", job->decoder.path,
+                     job->rate, job->channels, frame->sample_rate, frame->ch_layout.nb_channels));
+  job->frames += count;
+  if (job->frames > (uint64_t)MOST_SECONDS * (uint64_t)job->rate)
+    ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",
+                     job->decoder.path, MOST_SECONDS / 3600));
+  if (count > job->room) {
+    ern_release(job->context, job->samples);
+    ERN_TRY(ERN_NEW(job->context, count * (size_t)job->channels, &job->samples));
+    job->room = count;
+  }
+  uint8_t *to = (uint8_t *)job->samples;
+  const int made =
+      swr_convert(job->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
+  if (made < 0) ERN_TRY(ern_av_fail(job->context, ERN_E_MEDIA, job->decoder.path, "convert its samples", made));
+  status = ern_speech_stream_push(job->stream, job->samples, (size_t)made);
+  if (status != ERN_OK) {
+    char reason[ERN_ERROR_BYTES];
+    ern_error_keep(job->context, reason);
+    status = ern_fail(job->context, status, "%s: %.1800s", job->decoder.path, reason);
+  }
+fail:
+  return status;
+}
+
+/* Window t is rows 2t-8 .. 2t+7; past the ends the nearest row. */
+static void make_windows(const float *row, size_t rows, ern_features *features) {
+  for (size_t t = 0; t < features->windows; t++)
+    for (size_t k = 0; k < WINDOW; k++) {
+      const size_t at = 2 * t + k, wanted = at > BEFORE ? at - BEFORE : 0, from = wanted < rows ? wanted : rows - 1;
+      memcpy(features->data + (t * WINDOW + k) * ERN_CEPSTRA_WIDTH, row + from * ERN_CEPSTRA_WIDTH,
+             ERN_CEPSTRA_WIDTH * sizeof *row);
+    }
+}
+
+static ern_status take_rows(struct job *job, ern_features *features) {
+  float *row = NULL;
+  ern_status status = ERN_OK;
+  if (job->frames == 0) return ern_fail(job->context, ERN_E_SHAPE, "%s: has no sound, 0 samples", job->decoder.path);
+  ERN_TRY(ern_speech_stream_end(job->stream));
+  const size_t most = (size_t)(job->frames * ERN_CEPSTRA_RATE / (uint64_t)job->rate) / ERN_CEPSTRA_HOP + 2;
+  ERN_TRY(ERN_NEW(job->context, most * ERN_CEPSTRA_WIDTH, &row));
+  const size_t rows = ern_speech_stream_pull(job->stream, row, most);
+  *features = (ern_features){.windows = (rows + 1) / 2, .window_length = WINDOW, .width = ERN_CEPSTRA_WIDTH};
+  ERN_TRY(ERN_NEW(job->context, features->windows * WINDOW * ERN_CEPSTRA_WIDTH, &features->data));
+  make_windows(row, rows, features);
+fail:
+  ern_release(job->context, row);
+  return status;
+}
+
+ern_status ern_speech_features(ern_context *context, const char *path, float warp, ern_features *features) {
+  ERN_PLAIN_FLOATS;
+  if (features != NULL) *features = (ern_features){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, features);
+  struct job job = {.context = context};
+  ern_status status = ERN_OK;
+  bool end = false;
+  if (!(warp >= 0.5f && warp <= 2))
+    return ern_fail(context, ERN_E_ARGUMENT, "speech: warp is %g, expected 0.5 to 2", (double)warp);
+  ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_AUDIO, 1, &job.decoder));
+  for (;;) {
+    ERN_TRY(ern_decoder_next(&job.decoder, &end));
+    if (end) break;
+    ERN_TRY(push(&job, warp));
+  }
+  ERN_TRY(take_rows(&job, features));
+fail:
+  if (status != ERN_OK) ern_features_free(context, features);
+  swr_free(&job.convert);
+  ern_speech_stream_free(&job.stream);
+  ern_release(context, job.samples);
+  ern_decoder_close(&job.decoder);
+  return status;
+}
+
+/* ---- features or sound ------------------------------------------------------------------------------------------- */
+
+const char *ern_speech_kind(const ern_features *features) {
+  switch (features != NULL ? features->width : 0) {
+    case ERN_CEPSTRA_WIDTH: return ERN_SPEECH_CEPSTRA;
+    case 29: return "deepspeech";
+    case 44: return "esperanto";
+    case 1024: return "hubert";
+    default: return "";
+  }
+}
+
+bool ern_speech_is_sound(const char *path) {
+  char start[6] = "";
+  const size_t length = path != NULL ? strlen(path) : 0;
+  if (length > 4 && strcmp(path + length - 4, ".npy") == 0) return false;
+  FILE *file = path != NULL ? fopen(path, "rb") : NULL;
+  const bool read = file != NULL && fread(start, 1, sizeof start, file) == sizeof start;
+  if (file != NULL) fclose(file);
+  return !read || memcmp(start, "\x93NUMPY", sizeof start) != 0;
+}
+
+ern_status ern_speech_open(ern_context *context, const char *path, const char *kind, ern_features *features) {
+  if (features != NULL) *features = (ern_features){0};
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, features);
+  ern_status status = ERN_OK;
+  const bool any = kind == NULL || kind[0] == 0;
+  ERN_TRY(ern_input_check(context, path));
+  if (ern_speech_is_sound(path)) {
+    if (!any && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
+      ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
+                       "%s: features of the kind %s are needed, and only %s is made of a sound; expected a .npy file",
+                       path, kind, ERN_SPEECH_CEPSTRA));
+    ERN_TRY(ern_speech_features(context, path, 1, features));
+    return ERN_OK;
+  }
+  ERN_TRY(ern_features_load(context, path, features));
+fail:
+  if (status != ERN_OK) ern_features_free(context, features);
+  return status;
+}

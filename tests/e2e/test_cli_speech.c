@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT
+ * From a sound to a mouth: `features`, and a sound wherever features are taken; what `eval` says of the mouth. */
+#include "cli.h"
+
+#include <math.h>
+
+static struct cli cli;
+
+/* A clip without a file of features, and a head that is trained on its sound. */
+static int make(void **state) {
+  (void)state;
+  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(rename("clip/aud_ds.npy", "ds.npy"), 0);
+  cli_run(&cli, "train clip -o m.safetensors --iters 30 --rays 512 --levels 4");
+  cli_expect(&cli, 0, "cepstra-1", NULL);
+  return 0;
+}
+
+static void test_features(void **state) {
+  (void)state;
+  cli_run(&cli, "features clip/aud.wav -o made.npy --json made.json");
+  cli_expect(&cli, 0, "made.npy: cepstra-1, 33 windows of 16 rows of 13 values", NULL);
+  json_t *report = cli_json(&cli, "made.json");
+  assert_int_equal(json_integer_value(json_object_get(report, "windows")), 33);
+  json_decref(report);
+  cli_run(&cli, "features clip/aud.wav -o made.npy");
+  cli_expect(&cli, 1, "made.npy", "--overwrite", NULL);
+  cli_run(&cli, "features clip/aud.wav -o clip/aud.wav -y");
+  cli_expect(&cli, 1, "is an input", NULL);
+  cli_run(&cli, "features clip/aud.wav");
+  cli_expect(&cli, 2, "-o FILE.npy is missing", NULL);
+  support_write_text("text.wav", "no sound");
+  cli_run(&cli, "features text.wav -o text.npy");
+  cli_expect(&cli, 1, "text.wav", NULL);
+  assert_false(cli_there("text.npy"));
+  /* a training on the file is that on the sound, without copies */
+  cli_run(&cli, "train clip --speech-copies 0 -o a.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip --audio made.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cmp a.safetensors b.safetensors"), 0);
+}
+
+static void test_render(void **state) {
+  (void)state;
+  cli_run(&cli, "render m.safetensors --clip clip --audio clip/aud.wav -o said.mp4");
+  cli_expect(&cli, 0, "with sound", NULL);
+  cli_run(&cli, "render m.safetensors --clip clip --audio said.mp4 -o again.mp4"); /* any file with a sound */
+  cli_expect(&cli, 0, "with sound", NULL);
+  cli_run(&cli, "render m.safetensors --clip clip --audio ds.npy -o wrong.mp4");
+  cli_expect(&cli, 1, "ds.npy", "29", "13", NULL);
+  cli_run(&cli, "train clip --audio ds.npy -o ds.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render ds.safetensors --clip clip --audio clip/aud.wav -o wrong.mp4");
+  cli_expect(&cli, 1, "clip/aud.wav", "deepspeech", "expected a .npy", NULL);
+  cli_run(&cli, "train clip --audio ds.npy --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
+  cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
+  assert_false(cli_there("wrong.mp4"));
+}
+
+static void test_mouth(void **state) {
+  (void)state;
+  cli_run(&cli, "eval m.safetensors clip --split train --json mouth.json");
+  cli_expect_out(&cli, 0, "mouth: ", "of its motion, correlation", NULL);
+  json_t *report = cli_json(&cli, "mouth.json");
+  const json_t *measures = json_object_get(report, "measures"), *mouth = json_object_get(measures, "mouth_motion");
+  const double sharp = json_real_value(json_object_get(measures, "sharpness_head"));
+  assert_true(sharp > 0 && sharp < 2 && json_real_value(json_object_get(measures, "seam")) > 0);
+  assert_true(json_real_value(json_object_get(mouth, "explained")) < 1);
+  assert_true(json_real_value(json_object_get(mouth, "amplitude")) > 0);
+  json_decref(report);
+  cli_copy("clip", "blind");
+  support_clear("blind/ori_imgs");
+  cli_run(&cli, "eval m.safetensors blind --json -");
+  report = cli_json(&cli, NULL);
+  measures = json_object_get(report, "measures");
+  assert_true(json_is_null(json_object_get(measures, "mouth_motion")) &&
+              json_is_null(json_object_get(measures, "sharpness_head")) &&
+              json_is_null(json_object_get(measures, "seam")));
+  json_decref(report);
+}
+
+static void test_check(void **state) {
+  (void)state;
+  cli_run(&cli, "check clip");
+  cli_expect_out(&cli, 0, "aud.wav: no file of speech features; cepstra-1 is made of the sound", NULL);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_render),
+                                     cmocka_unit_test(test_mouth), cmocka_unit_test(test_check)};
+  return cmocka_run_group_tests(tests, make, NULL);
+}

@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: MIT
+ * Sharpness and the seam at the neck, on pictures whose figures are known. */
+#include "../support.h"
+
+#include <math.h>
+
+#include "session/picture_measures.h"
+
+enum { WIDTH = 60, HEIGHT = 50 };
+
+/* The central difference of sin(w x) is sin(w) cos(w x), that of a slope is the slope. */
+static void test_gradient(void **state) {
+  (void)state;
+  static float waves[WIDTH * HEIGHT];
+  const double w = 0.3, slope = 0.01;
+  const ern_box box = {.top = 10, .bottom = 30, .left = 5, .right = 45}, wide = {-5, 1000, -5, 1000};
+  double expected = 0;
+  for (int j = 0; j < HEIGHT; j++)
+    for (int i = 0; i < WIDTH; i++) waves[j * WIDTH + i] = (float)(0.5 + 0.2 * sin(w * i) + slope * j);
+  for (int i = box.left; i < box.right; i++)
+    expected += (box.bottom - box.top) * (pow(0.2 * sin(w) * cos(w * i), 2) + slope * slope);
+  assert_true(fabs(gradient_energy(waves, WIDTH, HEIGHT, &box) / expected - 1) < 1e-4); /* rounding to float */
+  for (int i = 0; i < WIDTH * HEIGHT; i++) waves[i] = (float)(slope * (i / WIDTH));
+  expected = (WIDTH - 2) * (HEIGHT - 2) * slope * slope; /* the inner pixels */
+  assert_true(fabs(gradient_energy(waves, WIDTH, HEIGHT, &wide) / expected - 1) < 1e-4);
+}
+
+/* A flat jaw at y = 20 from x = 10 to 50, eyes 20 apart: the band is 40 columns of 7 rows. */
+static void test_neck(void **state) {
+  (void)state;
+  static float truth[WIDTH * HEIGHT], rendered[WIDTH * HEIGHT];
+  ern_clip_frame frame = {.has_landmarks = true};
+  double sum = 0;
+  size_t count = 0;
+  for (int i = 0; i < 68; i++) {
+    frame.landmarks[i][0] = i < 4 || i > 12 ? 30 : 10 + 5.0f * (float)(i - 4);
+    frame.landmarks[i][1] = 20;
+    if (i >= 36) frame.landmarks[i][0] = i < 42 ? 20 : 40;
+  }
+  for (int j = 0; j < HEIGHT; j++)
+    for (int i = 0; i < WIDTH; i++) rendered[j * WIDTH + i] = j >= 20 && j < 27 ? 0.1f : 0.7f;
+  assert_true(neck_difference(&frame, truth, rendered, WIDTH, HEIGHT, &sum, &count));
+  assert_int_equal(count, 280);
+  assert_true(fabs(sqrt(sum / 280) - 0.1) < 1e-6);
+  frame.has_landmarks = false;
+  assert_false(neck_difference(&frame, truth, rendered, WIDTH, HEIGHT, &sum, &count));
+  frame.has_landmarks = true;
+  for (int i = 0; i < 68; i++) frame.landmarks[i][0] += 1000; /* beside the picture */
+  assert_false(neck_difference(&frame, truth, rendered, WIDTH, HEIGHT, &sum, &count));
+  assert_int_equal(count, 280);
+}
+
+static void test_grey(void **state) {
+  (void)state;
+  const uint8_t bytes[] = {255, 0, 0, 0, 255, 0, 0, 0, 255, 51, 51, 51};
+  float colours[12], one[4], other[4];
+  for (int i = 0; i < 12; i++) colours[i] = (float)bytes[i] / 255;
+  grey_of_bytes(one, bytes, 4);
+  grey_of_colours(other, colours, 4);
+  const double expected[] = {0.299, 0.587, 0.114, 0.2};
+  for (int i = 0; i < 4; i++)
+    assert_true(fabs((double)one[i] - expected[i]) < 1e-6 && fabs((double)(one[i] - other[i])) < 1e-6);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradient), cmocka_unit_test(test_neck),
+                                     cmocka_unit_test(test_grey)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT */
+#include "verbs/speech_copies.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { MOST_COPIES = 16 };
+
+void speech_copies_options(struct speech_copies *copies, struct option options[SPEECH_COPIES_OPTIONS]) {
+  *copies = (struct speech_copies){.count = 4, .range = {0.85f, 1.17f}, .share = 0.5f};
+  const struct option rows[] = {
+      {.name = "speech-copies",
+       .kind = OPTION_INT,
+       .target = &copies->count,
+       .low = 0,
+       .high = MOST_COPIES,
+       .help = "of speech that is given as sound: copies with other frequencies, so that other voices move the same "
+               "mouth"},
+      {.name = "speech-warp",
+       .kind = OPTION_PAIR,
+       .target = &copies->range,
+       .low = 0.5,
+       .high = 2,
+       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17)"},
+      {.name = "speech-share",
+       .kind = OPTION_FLOAT,
+       .target = &copies->share,
+       .low = 0,
+       .high = 1,
+       .help = "of the steps that hear a copy"}};
+  ARGS_FILL(options, rows, SPEECH_COPIES_OPTIONS);
+}
+
+int speech_copies_make(const struct speech_copies *copies, struct session *session, const struct args *args,
+                       ern_clip *clip) {
+  float warps[MOST_COPIES];
+  ern_clip_info info;
+  ern_clip_describe(clip, &info);
+  if (!info.hears_sound) {
+    static const char names[] = "speech-copies speech-warp speech-share";
+    const int status = args_forbid(args, names, "is for speech that is given as sound, and this is given as features");
+    return status >= 0 ? status : 0;
+  }
+  const double low = log((double)copies->range.first), high = log((double)copies->range.second);
+  for (int k = 0; k < copies->count; k++)
+    warps[k] = (float)exp(copies->count > 1 ? low + (high - low) * k / (copies->count - 1) : (low + high) / 2);
+  return ern_clip_vary_speech(clip, warps, (size_t)copies->count) == ERN_OK ? 0 : session_fail(session);
+}
