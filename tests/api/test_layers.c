@@ -37,7 +37,7 @@ static const struct rule rules[] = {
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
     {"media", {"ernerf/*", "core/*", "io/*"}},
     {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
-    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "output/*", "verbs/*", "lab/*"}},
+    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*"}},
     {"examples", {"ernerf/*"}},
 };
 

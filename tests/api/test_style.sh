@@ -36,7 +36,7 @@ fault 'the library prints or ends the process' < <(
 # the same name in each of its folders.
 fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -vE '^(include|src/backend_cpu|src/backend_opencl|tests/kernelcheck)/' |
   sed 's|.*/||' | sort | uniq -d)
-fault 'more than 40 files in a folder' < <(printf '%s\n' "${library[@]%/*}" | sort | uniq -c | awk '$1 > 40')
+fault 'more than 40 files in a folder' < <(printf '%s\n' "${code[@]%/*}" | sort | uniq -c | awk '$1 > 40')
 fault 'no licence line at the top' < <(
   for file in "${code[@]}"; do head -n 1 "$file" | grep -q 'SPDX-License-Identifier: MIT' || echo "$file"; done)
 fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|/root/|/home/)' "${texts[@]}" |

@@ -8,7 +8,7 @@ set -euo pipefail
 source=$1 work=$2 cmake=$3 preset=$4
 case $preset in
   asan) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
-  tsan) choice=(-R 'unit/test_(two_renderers|still|trainer|torso|thin|silence|video)$|e2e/test_cli_train_render') ;;
+  tsan) choice=(-R '(unit|files)/test_(two_renderers|still|trainer|torso|thin|silence|video)$|e2e/test_cli_train_render') ;;
   *) echo "FAIL: no preset $preset"; exit 1 ;;
 esac
 cd "$source"

@@ -20,7 +20,7 @@ fi
 
 list=("$source"/src/core/*.c "$source"/src/io/*.c "$source"/tools/ernerf-cli/{session/pareto_read,session/settings,bytes}.c)
 for name in "${targets[@]}"; do list+=("$source/tests/fuzz/fuzz_$name.c"); done
-for name in "${tests[@]}"; do list+=("$source/tests/unit/$name.c"); done
+for name in "${tests[@]}"; do list+=("$source/tests/files/$name.c"); done
 printf '%s\n' "${list[@]}" | CC="$cc" FLAGS="$flags" xargs -P 2 -I{} sh -c '$CC $FLAGS -c "{}" -o "objects/$(basename "{}" .c).o"'
 ar rcs base.a $(for file in "${list[@]}"; do
   case $file in */tests/*) ;; *) echo "objects/$(basename "$file" .c).o" ;; esac

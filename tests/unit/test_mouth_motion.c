@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "session/mouth_motion.h"
+#include "evaluation/mouth_motion.h"
 
 enum { SIDE = 160, FRAMES = 24 };
 static const double pi = 3.14159265358979323846;

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "session/picture_measures.h"
+#include "evaluation/picture_measures.h"
 
 enum { WIDTH = 60, HEIGHT = 50 };
 

@@ -9,10 +9,10 @@
 
 #include "ernerf/media.h"
 #include "ernerf/train.h"
+#include "evaluation/evaluate.h"
 #include "lab/ablation.h"
 #include "output/progress.h"
 #include "session/clip_source.h"
-#include "session/evaluate.h"
 #include "session/pareto.h"
 #include "verbs.h"
 

@@ -3,7 +3,7 @@
 #ifndef ERN_CLI_TRADEOFF_H
 #define ERN_CLI_TRADEOFF_H
 
-#include "session/evaluate.h"
+#include "evaluation/evaluate.h"
 #include "session/pareto.h"
 #include "session/portrait.h"
 #include "session/session.h"

@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "evaluation/regions.h"
 #include "lab/tradeoff_measure.h"
 #include "output/plot.h"
-#include "session/regions.h"
 
 enum { CROPS = 2, SHOWN_HEIGHT = 120 /* pixels of the page */, FACTOR = 16 /* of differences */ };
 

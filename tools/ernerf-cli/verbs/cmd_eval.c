@@ -7,8 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "evaluation/evaluate.h"
 #include "output/progress.h"
-#include "session/evaluate.h"
 #include "session/portrait.h"
 #include "verbs.h"
 

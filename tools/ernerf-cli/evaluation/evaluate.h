@@ -6,10 +6,10 @@
 #include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
+#include "evaluation/mouth_motion.h"
+#include "evaluation/picture_measures.h"
 #include "session/background.h"
 #include "session/frame_source.h"
-#include "session/mouth_motion.h"
-#include "session/picture_measures.h"
 #include "session/session.h"
 
 /* Over several frames. */

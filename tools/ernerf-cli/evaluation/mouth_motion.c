@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/mouth_motion.h"
+#include "evaluation/mouth_motion.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/regions.h"
+#include "evaluation/regions.h"
 
 enum { EYES_BEGIN = 36, EYES_END = 48, LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS = 68 };
 

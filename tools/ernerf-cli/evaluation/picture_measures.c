@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/picture_measures.h"
+#include "evaluation/picture_measures.h"
 
 #include <math.h>
 

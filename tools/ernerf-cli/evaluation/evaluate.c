@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/evaluate.h"
+#include "evaluation/evaluate.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "session/regions.h"
+#include "evaluation/regions.h"
 
 enum { AUDIO_WINDOWS = 8 };
 
