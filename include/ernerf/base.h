@@ -98,7 +98,7 @@ typedef enum ern_log_level {
 /* How files are written. A function that writes a file writes a temporary file in the same folder, flushes it to the
  * disk, and then gives it its name: a reader sees the old file or the new one, never a part. The temporary file of
  * FOLDER/NAME is FOLDER/NAME.ernerf-tmp. It is locked while it is written, so a second process that writes the same
- * file gets ERN_E_BUSY. A process that is killed leaves it; the next one that writes FOLDER/NAME reuses it, where it
+ * file gets ERN_E_BUSY. A process that is killed leaves it; the next one that writes FOLDER/NAME removes it, where it
  * has the mark of such a file (the sticky bit); a file of that name without the mark is ERN_E_BUSY. No other file is
  * ever removed. Where another process removed or replaced it while it was written, the function fails with ERN_E_IO. A
  * symbolic link is followed: the file that it names is written. */

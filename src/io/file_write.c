@@ -119,13 +119,15 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
   if (!made && (opened.st_mode & mark) == 0) return "is there, and was not made by this program";
   /* The process that held the lock may have renamed or removed the file in between. */
   *again = !is_named(temporary, &opened);
-  /* A kill between link() and unlink() leaves a second name of a finished file: only the temporary name goes. */
-  if (!*again && opened.st_nlink > 1) *again = unlink(temporary) == 0;
-  return *again || opened.st_nlink > 1 ? "is made and removed over and over" : NULL;
+  /* What was left over goes, and with it rights that another umask gave. A kill between link() and unlink() leaves a
+   * second name of a finished file: only the temporary name goes. */
+  const bool fresh = made && opened.st_nlink == 1;
+  if (!*again && !fresh) *again = unlink(temporary) == 0;
+  return *again || !fresh ? "is made and removed over and over" : NULL;
 }
 
-/* Opens the temporary file, locked and empty. A file that is there is reused only where it is a regular file of this
- * user that has the mark and that nobody has locked. */
+/* Makes the temporary file, locked. A file that is there gives way only where it is a regular file of this user that
+ * has the mark and that nobody has locked. */
 static ern_status open_temporary(struct ern_file_writer *writer) {
   const char *wrong = NULL, *name = writer->temporary;
   const int flags = O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK;
@@ -142,7 +144,6 @@ static ern_status open_temporary(struct ern_file_writer *writer) {
     wrong = lock_temporary(name, descriptor, made, &again);
     if (wrong == NULL) {
       writer->descriptor = descriptor;
-      if (ftruncate(descriptor, 0) != 0) return ern_file_refused(writer->context, writer->path, "write");
     } else {
       close(descriptor);
     }
@@ -168,8 +169,11 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern
   ERN_TRY(follow_links(context, path, &writer->place));
   ERN_TRY(temporary_of(context, writer->place, &writer->temporary));
   ERN_TRY(open_temporary(writer));
-  /* what others may not read stays so; a file system without modes is no reason to fail */
-  if (stat(writer->place, &before) == 0) (void)fchmod(writer->descriptor, (before.st_mode & 0777) | mark);
+  /* What others may not read stays so. The rights of another group wait until the file is that group's. A file system
+   * without modes is no reason to fail. */
+  struct stat own;
+  if (stat(writer->place, &before) == 0 && fstat(writer->descriptor, &own) == 0)
+    (void)fchmod(writer->descriptor, (before.st_mode & (own.st_gid == before.st_gid ? 0777 : 0707)) | mark);
   return ERN_OK;
 fail:
   ern_file_writer_abandon(writer);
@@ -247,13 +251,28 @@ static ern_status put_in_place(struct ern_file_writer *writer) {
   return rename(from, to) == 0 ? ERN_OK : ern_file_refused(writer->context, writer->path, "put in place");
 }
 
+/* Takes the mark off, and gives the file the owner, group and rights of the one that it has replaced; a group that
+ * cannot be had has no rights. */
+static void finish_mode(int descriptor, const struct stat *replaced) {
+  struct stat placed;
+  if (fstat(descriptor, &placed) != 0) return;
+  mode_t mode = placed.st_mode & 0777;
+  if (replaced != NULL && (placed.st_uid != replaced->st_uid || placed.st_gid != replaced->st_gid)) {
+    const bool own = fchown(descriptor, replaced->st_uid, replaced->st_gid) == 0 ||
+                     fchown(descriptor, (uid_t)-1, replaced->st_gid) == 0;
+    mode = replaced->st_mode & (own || placed.st_gid == replaced->st_gid ? 0777 : 0707);
+  }
+  (void)fchmod(descriptor, mode);
+}
+
 ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
   ern_status status = ERN_OK;
   if (writer->temporary == NULL) return ern_fail(writer->context, ERN_E_STATE, "file writer: is closed");
   ERN_TRY(sync_descriptor(writer->context, writer->path, writer->descriptor));
+  struct stat before;
+  const bool replaces = stat(writer->place, &before) == 0;
   ERN_TRY(put_in_place(writer));
-  struct stat placed;
-  if (fstat(writer->descriptor, &placed) == 0) (void)fchmod(writer->descriptor, placed.st_mode & 0777);
+  finish_mode(writer->descriptor, replaces ? &before : NULL);
   const int closed = close(writer->descriptor); /* and with it the lock, which was held until now */
   const int number = errno;
   writer->descriptor = -1;

@@ -229,10 +229,26 @@ ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run
 
 /* ---- what was written before ------------------------------------------------------------------------------------- */
 
+/* The validation pictures of the steps that the curve names: those of the training that wrote it. */
+static void remove_pictures(const struct ern_run_folder *run) {
+  FILE *curve = fopen(run->curve, "r");
+  char line[256], picture[4096];
+  while (curve != NULL && fgets(line, sizeof line, curve) != NULL) {
+    unsigned long long step = 0;
+    if (sscanf(line, "%llu,", &step) == 1 &&
+        snprintf(picture, sizeof picture, "%s/val_%06llu.png", run->folder, step) < (int)sizeof picture)
+      (void)unlink(picture);
+  }
+  if (curve != NULL) fclose(curve);
+}
+
 /* Makes way for the first save of a new training; its own state is whole by then. */
 void ern_run_folder_clear(struct ern_run_folder *run) {
-  const char *const paths[] = {run->previous, run->good, run->state, run->log, run->curve};
+  const char *const paths[] = {run->previous, run->good, run->state};
+  remove_pictures(run);
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) (void)unlink(paths[i]);
+  if (truncate(run->log, 0) != 0) (void)unlink(run->log); /* they keep their rights */
+  if (truncate(run->curve, 0) != 0) (void)unlink(run->curve);
 }
 
 /* The bytes of whole lines up to `step`; lines without a step, such as a header, count too. `mark` is what stands

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
@@ -233,9 +234,12 @@ static ern_status save_after(ern_trainer *t, ern_status failed) {
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
   const bool last = t->step == t->config.iters;
   const bool save = t->output != NULL && (last || due(t->step, t->config.save_every));
+  const bool validate = last || due(t->step, t->config.validate_every);
   double validation = 0;
   ern_status status = ERN_OK;
-  if (last || due(t->step, t->config.validate_every)) status = ern_trainer_validate(t, hooks, &validation);
+  /* the pictures of an earlier training are replaced after the first save, as all of it is */
+  if (validate && t->output != NULL && t->run.fresh && access(t->run.curve, F_OK) == 0) ERN_TRY(ern_trainer_save(t));
+  if (validate) status = ern_trainer_validate(t, hooks, &validation);
   if (status != ERN_OK) return save ? save_after(t, status) : status;
   const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
   if (say) {
@@ -302,7 +306,8 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     status = finish_step(t, &own, &tally);
     if (status != ERN_OK) return stopped(t, status);
   }
-  return ERN_OK;
+  /* where a callback has made the last steps */
+  return t->output != NULL && t->saved != t->step ? ern_trainer_save(t) : ERN_OK;
 }
 
 ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {

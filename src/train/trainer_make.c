@@ -310,12 +310,15 @@ static ern_status check_output(ern_trainer *t, bool resumed) {
   if (access(t->output, F_OK) != 0) return ERN_OK;
   ern_error_keep(t->context, before);
   const ern_status loaded = ern_model_load(&model, t->context, t->output);
-  const bool own = loaded == ERN_OK && strcmp(model->clip, t->identity) == 0;
+  const bool clip = loaded == ERN_OK && strcmp(model->clip, t->identity) == 0;
+  const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->config.torso;
   ern_model_free(&model);
   ern_error_restore(t->context, before);
   if (own || loaded == ERN_E_NO_MEMORY) return loaded;
-  return ern_fail(t->context, ERN_E_EXISTS,
-                  "%s: is no model of this clip, and would be replaced; --overwrite does that", t->output);
+  return ern_fail(t->context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that", t->output,
+                  !clip   ? "no model of this clip"
+                  : torso ? "a portrait with a torso"
+                          : "a head without a torso");
 }
 
 /* Fresh values, then what a resume or --from puts in their place. */

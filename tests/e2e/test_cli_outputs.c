@@ -151,6 +151,26 @@ static void test_run_folder(void **state) {
     cli_expect(&cli, 0, NULL);
     assert_int_equal(system(ema == 1 ? "cmp e.safetensors average.safetensors" : "cmp e.safetensors w.safetensors"), 0);
   }
+  /* a resume of a head replaces no portrait, and a state keeps its rights */
+  assert_int_equal(system("cp e.safetensors head.safetensors && chmod 600 e.run/state.safetensors"), 0);
+  cli_run(&cli, "train clip --torso --head head.safetensors -o p.safetensors --rays 32 --iters 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cp p.safetensors e.safetensors"), 0);
+  cli_run(&cli, "train clip -o e.safetensors --resume --iters 21 --quiet");
+  cli_expect(&cli, 1, "e.safetensors: is a portrait with a torso", "--overwrite", NULL);
+  assert_int_equal(system("cmp p.safetensors e.safetensors && cp head.safetensors e.safetensors"), 0);
+  cli_run(&cli, "train clip -o e.safetensors --resume --iters 22 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("test $(stat -c %a e.run/state.safetensors) = 600"), 0);
+  /* the pictures of a training that is replaced go with its first save, and no sooner */
+  cli_run(&cli, "train clip -o v.safetensors --rays 32 --iters 6 --levels 2 --validate-every 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cp v.run/val_000004.png old.png && cp v.run/curve_steps.svg old.svg"), 0);
+  cli_run(&cli, "train clip -o v.safetensors --rays 32 --iters 2 --levels 2 --seed 7 -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_false(cli_there("v.run/val_000004.png") || cli_there("v.run/val_000006.png"));
+  assert_true(cli_there("v.run/val_000002.png"));
+  assert_int_not_equal(system("cmp -s old.svg v.run/curve_steps.svg"), 0);
   /* nor what the training starts from, where it is one of the states that it replaces */
   const char *const starts[] = {"--from", "--torso --head"};
   for (size_t i = 0; i < 2; i++) {

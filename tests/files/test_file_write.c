@@ -334,6 +334,34 @@ static void test_devices(void **state) {
   assert_int_equal(ern_file_save(context, "d/x", NULL, 4), ERN_E_ARGUMENT);
 }
 
+/* A leftover gives a new file no rights that the umask denies. */
+static void test_rights_of_a_leftover(void **state) {
+  (void)state;
+  struct stat about;
+  support_clear("private");
+  support_write_text("private.ernerf-tmp", "half");
+  assert_int_equal(chmod("private.ernerf-tmp", 01644), 0); /* the mark */
+  const mode_t mask = umask(077);
+  support_ok(context, ern_file_save(context, "private", "whole", 5));
+  umask(mask);
+  assert_int_equal(stat("private", &about), 0);
+  assert_int_equal(about.st_mode & 07777, 0600);
+}
+
+/* What is replaced keeps its group and owner, where the process may give them. */
+static void test_owner(void **state) {
+  (void)state;
+  if (geteuid() != 0) skip();
+  struct stat about;
+  support_clear("theirs");
+  support_write_text("theirs", "old");
+  assert_int_equal(chown("theirs", 1000, 2000), 0);
+  assert_int_equal(chmod("theirs", 0640), 0);
+  support_ok(context, ern_file_save(context, "theirs", "new", 3));
+  assert_int_equal(stat("theirs", &about), 0);
+  assert_true(about.st_uid == 1000 && about.st_gid == 2000 && (about.st_mode & 07777) == 0640);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test_setup_teardown(test_neighbours, start, end),
                                      cmocka_unit_test_setup_teardown(test_left_over, start, end),
@@ -348,6 +376,8 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_links, start, end),
                                      cmocka_unit_test_setup_teardown(test_modes, start, end),
                                      cmocka_unit_test_setup_teardown(test_kept, start, end),
-                                     cmocka_unit_test_setup_teardown(test_devices, start, end)};
+                                     cmocka_unit_test_setup_teardown(test_devices, start, end),
+                                     cmocka_unit_test_setup_teardown(test_rights_of_a_leftover, start, end),
+                                     cmocka_unit_test_setup_teardown(test_owner, start, end)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -116,9 +116,36 @@ static void test_another_folder(void **state) {
   made_close(&m);
 }
 
+static int step_to_the_end(void *user, const ern_train_report *report) {
+  ern_train_report own;
+  (void)report;
+  while (ern_trainer_step(*(ern_trainer **)user, &own) == ERN_OK) continue;
+  return 0;
+}
+
+/* What a callback has trained is saved too. */
+static void test_steps_in_a_callback(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  clear_run("inside"), clear_run("outside");
+  ern_train_config config = small_config(100000, "inside.safetensors");
+  config.iters = 40;
+  config.validate_every = 2; /* progress is told with it */
+  config.validate_frames = 1;
+  const ern_train_hooks hooks = {.user = &trainer, .progress = step_to_the_end};
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_ok(m.context, ern_trainer_run(trainer, &hooks));
+  ern_trainer_free(&trainer);
+  train_to(&m, "outside.safetensors", 40, 2, 0);
+  expect_same("inside.safetensors", "outside.safetensors");
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
-                                     cmocka_unit_test(test_failed_picture_saves),
-                                     cmocka_unit_test(test_another_folder)};
+                                     cmocka_unit_test(test_failed_picture_saves), cmocka_unit_test(test_another_folder),
+                                     cmocka_unit_test(test_steps_in_a_callback)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
