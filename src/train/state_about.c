@@ -209,10 +209,11 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
             number(c->torso_shrink).text, c->data_begin, c->data_end, number(c->lr).text, number(c->lr_net).text);
     return compare(t, path, NULL, 0, both, 2);
   }
-  const struct change strict[] = {{"the speech features' SHA-256", word(about->features), word(t->features)},
-                                  {"data_begin", count(about->data_begin), count(c->data_begin)},
-                                  {"data_end", count(about->data_end), count(c->data_end)},
-                                  {"torso_layer", count(about->layer), count(t->data.has_torso)}};
+  const struct change strict[] = {
+      {"the SHA-256 of the speech features and their copies", word(about->features), word(t->features)},
+      {"data_begin", count(about->data_begin), count(c->data_begin)},
+      {"data_end", count(about->data_end), count(c->data_end)},
+      {"torso_layer", count(about->layer), count(t->data.has_torso)}};
   const struct change loose[] = {{"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
                                  both[0],
                                  both[1],

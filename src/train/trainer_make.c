@@ -294,9 +294,17 @@ static ern_status check_average(const ern_trainer *t) {
                   c->iters, every, updates, least, shorter, (done + missing) * every);
 }
 
+/* Of the speech; where there are copies, of that, of each copy and of how often they are heard. */
 static void name_features(ern_trainer *t) {
   const ern_features *f = t->data.features;
-  ern_sha256_hex(f->data, f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float), t->features);
+  const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
+  char text[160], copy[65];
+  ern_sha256_hex(f->data, bytes, t->features);
+  for (size_t k = 0; k < t->data.copy_count; k++) {
+    ern_sha256_hex(t->data.copies[k].data, bytes, copy);
+    const int length = snprintf(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
+    ern_sha256_hex(text, (size_t)length, t->features);
+  }
 }
 
 /* What is at X before the first save, and may not be replaced: all of an earlier training; with a resume what is no

@@ -62,8 +62,48 @@ static void test_links_in_the_run_folder(void **state) {
   made_close(&m);
 }
 
+/* A training that hears copies of the speech is gone on with the same copies, as often; they change what is learnt. */
+static void test_copies(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  clear_run("plain"), clear_run("copied"), clear_run("whole");
+  train_to(&m, "plain.safetensors", 6);
+  static float spoken[sizeof m.speech / sizeof *m.speech];
+  for (size_t i = 0; i < sizeof spoken / sizeof *spoken; i++) spoken[i] = -m.speech[i];
+  const ern_features copy = {spoken, m.features.windows, m.features.window_length, m.features.width};
+  m.data.copies = &copy;
+  m.data.copy_count = 1;
+  m.data.copy_share = 0.5f;
+  train_to(&m, "whole.safetensors", 6);
+  size_t count[2] = {0};
+  char *plain = read_file("plain.safetensors", &count[0]), *whole = read_file("whole.safetensors", &count[1]);
+  assert_true(count[0] == count[1] && memcmp(plain, whole, count[0]) != 0);
+  free(plain), free(whole);
+  ern_train_config config = small_config(6, "copied.safetensors");
+  config.save_every = 4;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  ern_train_report report;
+  for (int k = 0; k < 4; k++) support_ok(m.context, ern_trainer_step(trainer, &report));
+  support_ok(m.context, ern_trainer_save(trainer));
+  ern_trainer_free(&trainer);
+  config.resume = true;
+  m.data.copy_share = 0.25f;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "copied.run",
+                 "speech features and their copies", NULL);
+  m.data.copy_share = 0.5f;
+  spoken[5] += 1;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "their copies",
+                 NULL);
+  spoken[5] -= 1;
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("whole.safetensors", "copied.safetensors");
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume_under_another_head),
-                                     cmocka_unit_test(test_links_in_the_run_folder)};
+                                     cmocka_unit_test(test_links_in_the_run_folder), cmocka_unit_test(test_copies)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
