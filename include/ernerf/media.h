@@ -147,6 +147,7 @@ typedef struct ern_clip_info {
   bool has_sound;            /* aud.wav is there */
   bool has_landmarks;        /* ori_imgs is there */
   char identity[65];         /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
+  const char *speech;        /* kind of the features (speech.h); "": not known. A literal */
   bool hears_sound;          /* the features were made of a sound */
 } ern_clip_info;
 

@@ -44,13 +44,14 @@ ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, si
 ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const char *path, float warp,
                                                      ern_features *features);
 
-/* The kind that features of this width are: "cepstra-1" (13), "deepspeech" (29), "esperanto" (44: wav2vec2 by the
+/* The kind that features of this width are: "deepspeech" (29), "esperanto" (44: wav2vec2 by the
  * public script), "hubert" (1024), or "" for others. A literal. */
 ERN_API const char *ern_speech_kind(const ern_features *features);
 
 /* Features out of a .npy file, or out of the sound in any other file; the content decides. kind: what a model asks for
- * (ern_model_info.speech); NULL or "": any. ERN_E_UNSUPPORTED: a sound, and a kind that is not built in. Whether a
- * file of features fits a model, ern_renderer_accepts tells. On success the caller owns *features (ern_features_free).
+ * (ern_model_info.speech), "" for one that is not known; NULL: any. ERN_E_UNSUPPORTED: a sound, and a kind that is not
+ * built in. Whether a file of features fits a model, ern_renderer_accepts tells. On success the caller owns *features
+ * (ern_features_free).
  */
 ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const char *path, const char *kind,
                                                  ern_features *features);

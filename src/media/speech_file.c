@@ -131,7 +131,6 @@ fail:
 
 const char *ern_speech_kind(const ern_features *features) {
   switch (features != NULL ? features->width : 0) {
-    case ERN_CEPSTRA_WIDTH: return ERN_SPEECH_CEPSTRA;
     case 29: return "deepspeech";
     case 44: return "esperanto";
     case 1024: return "hubert";
@@ -155,13 +154,12 @@ ern_status ern_speech_open(ern_context *context, const char *path, const char *k
   ERN_NEED(context, path);
   ERN_NEED(context, features);
   ern_status status = ERN_OK;
-  const bool any = kind == NULL || kind[0] == 0;
   ERN_TRY(ern_input_check(context, path));
   if (ern_speech_is_sound(path)) {
-    if (!any && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
+    if (kind != NULL && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
       ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
-                       "%s: features of the kind %s are needed, and only %s is made of a sound; expected a .npy file",
-                       path, kind, ERN_SPEECH_CEPSTRA));
+                       "%s: features of %s%s are needed, and only %s is made of a sound; expected a .npy file", path,
+                       kind[0] != 0 ? "the kind " : "an unknown kind", kind, ERN_SPEECH_CEPSTRA));
     ERN_TRY(ern_speech_features(context, path, 1, features));
     return ERN_OK;
   }

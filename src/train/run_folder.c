@@ -58,6 +58,8 @@ static ern_status check_places(ern_context *context, const char *output, const s
 
 static ern_status make_folder(ern_context *context, const char *folder, bool *made) {
   struct stat about;
+  if (lstat(folder, &about) == 0 && S_ISLNK(about.st_mode)) /* to what may be another training's */
+    return ern_fail(context, ERN_E_IO, "%s: is a symbolic link, expected a folder or nothing", folder);
   *made = mkdir(folder, 0777) == 0;
   if (*made) return ERN_OK;
   if (errno != EEXIST) return ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", folder, strerror(errno));
@@ -194,6 +196,8 @@ ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const ch
   return ERN_OK;
 }
 
+enum { LOG_LIMIT = 1 << 30 /* bytes: of a training of millions of steps */ };
+
 static bool write_lines(int file, const struct ern_lines *lines) {
   for (size_t done = 0; done < lines->used;) {
     const ssize_t written = write(file, lines->text + done, lines->used - done);
@@ -205,8 +209,22 @@ static bool write_lines(int file, const struct ern_lines *lines) {
   return fsync(file) == 0;
 }
 
+/* A file with another name too, such as in a snapshot of hard links, is not written through it: it becomes a copy. */
+static ern_status leave_links(ern_context *context, const char *path) {
+  struct stat about;
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  if (stat(path, &about) != 0 || about.st_nlink < 2) return ERN_OK;
+  ern_status status = ern_file_read(context, path, LOG_LIMIT, &bytes, &count);
+  if (status == ERN_OK) status = ern_file_write(context, path, bytes, count, ERN_EXISTING_REPLACE);
+  ern_release(context, bytes);
+  return status;
+}
+
 /* All of the lines, or none: half a line would stand before the next one for good. */
 static ern_status append(ern_context *context, const char *path, struct ern_lines *lines) {
+  const ern_status alone = leave_links(context, path);
+  if (alone != ERN_OK) return alone;
   const int file = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, 0666);
   if (file < 0) return ern_fail(context, ERN_E_IO, "%s: cannot be opened: %s", path, strerror(errno));
   const off_t before = lseek(file, 0, SEEK_END);
@@ -242,13 +260,19 @@ static void remove_pictures(const struct ern_run_folder *run) {
   if (curve != NULL) fclose(curve);
 }
 
+/* The file keeps its rights; one with another name too loses only this one. */
+static void empty(const char *path) {
+  struct stat about;
+  if (stat(path, &about) != 0 || about.st_nlink > 1 || truncate(path, 0) != 0) (void)unlink(path);
+}
+
 /* Makes way for the first save of a new training; its own state is whole by then. */
 void ern_run_folder_clear(struct ern_run_folder *run) {
   const char *const paths[] = {run->previous, run->good, run->state};
   remove_pictures(run);
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) (void)unlink(paths[i]);
-  if (truncate(run->log, 0) != 0) (void)unlink(run->log); /* they keep their rights */
-  if (truncate(run->curve, 0) != 0) (void)unlink(run->curve);
+  empty(run->log);
+  empty(run->curve);
 }
 
 /* The bytes of whole lines up to `step`; lines without a step, such as a header, count too. `mark` is what stands
@@ -266,8 +290,6 @@ static size_t lines_until(const char *text, size_t count, const char *mark, uint
   }
   return kept;
 }
-
-enum { LOG_LIMIT = 1 << 30 /* bytes: of a training of millions of steps */ };
 
 static ern_status trim(ern_context *context, const char *path, const char *mark, uint64_t step) {
   uint8_t *bytes = NULL;

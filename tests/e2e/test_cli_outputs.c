@@ -171,6 +171,18 @@ static void test_run_folder(void **state) {
   assert_false(cli_there("v.run/val_000004.png") || cli_there("v.run/val_000006.png"));
   assert_true(cli_there("v.run/val_000002.png"));
   assert_int_not_equal(system("cmp -s old.svg v.run/curve_steps.svg"), 0);
+  /* a file with another name, as in a snapshot of hard links, is not written through it */
+  assert_int_equal(system("cp -al v.run snap && cp snap/curve.csv curve.before"), 0);
+  cli_run(&cli, "train clip -o v.safetensors --rays 32 --iters 3 --levels 2 --resume --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cmp snap/curve.csv curve.before && ! cmp -s v.run/curve.csv curve.before"), 0);
+  cli_run(&cli, "train clip -o v.safetensors --rays 32 --iters 2 --levels 2 -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cmp snap/curve.csv curve.before"), 0);
+  /* nor is another training's folder, behind a link */
+  assert_int_equal(symlink("v.run", "other.run"), 0);
+  cli_run(&cli, "train clip -o other.safetensors --rays 32 --iters 2 --levels 2 -y --quiet");
+  cli_expect(&cli, 1, "other.run: is a symbolic link", NULL);
   /* nor what the training starts from, where it is one of the states that it replaces */
   const char *const starts[] = {"--from", "--torso --head"};
   for (size_t i = 0; i < 2; i++) {

@@ -37,7 +37,8 @@ static void test_features(void **state) {
   /* a training on the file is that on the sound, without copies */
   cli_run(&cli, "train clip --speech-copies 0 -o a.safetensors --iters 4 --rays 64 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip --audio made.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  assert_int_equal(rename("made.npy", "aud_cep.npy"), 0);
+  cli_run(&cli, "train clip --audio aud_cep.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("cmp a.safetensors b.safetensors"), 0);
 }
@@ -53,10 +54,25 @@ static void test_render(void **state) {
   cli_run(&cli, "train clip --audio ds.npy -o ds.safetensors --iters 4 --rays 64 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render ds.safetensors --clip clip --audio clip/aud.wav -o wrong.mp4");
-  cli_expect(&cli, 1, "clip/aud.wav", "deepspeech", "expected a .npy", NULL);
+  cli_expect(&cli, 1, "expected", NULL);
   cli_run(&cli, "train clip --audio ds.npy --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
   cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
   assert_false(cli_there("wrong.mp4"));
+}
+
+/* 13 numbers may be anybody's: a head that learnt them does not speak from a sound. */
+static void test_others(void **state) {
+  (void)state;
+  cli_run(&cli, "features clip/aud.wav --warp 1.2 -o mine.npy --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip --audio mine.npy -o mine.safetensors --iters 4 --rays 64 --levels 2");
+  cli_expect(&cli, 0, "unknown kind", NULL);
+  cli_run(&cli, "render mine.safetensors --clip clip --audio clip/aud.wav -o mine.mp4");
+  cli_expect(&cli, 1, "mine.safetensors", "expected --audio FILE.npy", NULL);
+  cli_run(&cli, "eval mine.safetensors clip");
+  cli_expect(&cli, 1, "another kind than cepstra-1", NULL);
+  cli_run(&cli, "eval mine.safetensors clip --audio mine.npy --quiet");
+  cli_expect(&cli, 0, NULL);
 }
 
 static void test_mouth(void **state) {
@@ -89,6 +105,7 @@ static void test_check(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_render),
-                                     cmocka_unit_test(test_mouth), cmocka_unit_test(test_check)};
+                                     cmocka_unit_test(test_mouth), cmocka_unit_test(test_others),
+                                     cmocka_unit_test(test_check)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -167,6 +167,11 @@ static int open_clip(struct portrait *portrait, struct session *session) {
     source->asr_model = "cepstra";
   if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(portrait->clip, &portrait->clip_info);
+  if (portrait->clip_info.hears_sound && strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
+    return session_fail_with(session,
+                             "%s: speaks from features of another kind than %s, which is all that a sound gives; "
+                             "expected --audio FILE.npy",
+                             portrait->model_path, ERN_SPEECH_CEPSTRA);
   const bool own = portrait->source.features == NULL;
   snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
            own ? "/" : "", portrait->clip_info.features_file);

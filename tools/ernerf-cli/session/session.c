@@ -348,6 +348,15 @@ int session_keep_inputs(struct session *session, const char *output) {
   return status;
 }
 
+int session_keep_folder(struct session *session, const char *folder) {
+  for (size_t i = 0; i < SESSION_INPUTS; i++)
+    if (session->inputs[i] != NULL && session_lies_in(session->inputs[i], folder))
+      return session_fail_with(session,
+                               "%s: is an input in %s, whose files this training replaces; expected another -o",
+                               session->inputs[i], folder);
+  return 0;
+}
+
 bool session_skips_link(struct session *session, const char *path) {
   struct stat about;
   if (lstat(path, &about) != 0 || !S_ISLNK(about.st_mode)) return false;

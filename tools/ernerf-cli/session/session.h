@@ -96,6 +96,8 @@ json_t *session_whole(uint64_t value);
 int session_keep(struct session *session, const char *input, const char *output);
 /* The same of all inputs. */
 int session_keep_inputs(struct session *session, const char *output);
+/* Fails where an input lies in the folder, whose files are replaced. Returns 0, or EXIT_FAILURE after a message. */
+int session_keep_folder(struct session *session, const char *folder);
 /* Whether a symbolic link is at `path`, after a warning that it is not written through: for files that a training names
  * itself. */
 bool session_skips_link(struct session *session, const char *path);

@@ -401,7 +401,7 @@ static void say_plan(struct train_job *job) {
     session_note(&job->session,
                  "train: a head from %zu frames of %d x %d; the mouth follows %s (%s, %d wide), the lids %s; %s",
                  frames, info->width, info->height, info->features_file,
-                 ern_speech_kind(features)[0] != 0 ? ern_speech_kind(features) : "unknown kind", features->width,
+                 info->speech[0] != 0 ? info->speech : "unknown kind", features->width,
                  job->effects.has[EFFECT_EYE] ? "follow au.csv"
                  : info->has_blink            ? "are not modelled"
                                               : "stay still (no au.csv)",
@@ -450,10 +450,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
     return session_fail(session);
-  if (job->head_path != NULL && session_lies_in(job->head_path, ern_trainer_folder(job->trainer)))
-    return session_fail_with(session, "%s: is an input in %s, whose states this training replaces; expected another -o",
-                             job->head_path, ern_trainer_folder(job->trainer));
-  return 0;
+  return session_keep_folder(session, ern_trainer_folder(job->trainer));
 }
 
 /* ---- running ----------------------------------------------------------------------------------------------------- */
