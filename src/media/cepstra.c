@@ -58,6 +58,11 @@ static void make_bands(struct ern_cepstra *c, double warp) {
   }
 }
 
+ern_status ern_cepstra_check_warp(ern_context *context, float warp) {
+  if (warp >= 0.5f && warp <= 2) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "speech: warp is %g, expected 0.5 to 2", (double)warp);
+}
+
 ern_status ern_cepstra_make(ern_context *context, float warp, struct ern_cepstra **cepstra) {
   struct ern_cepstra *c = NULL;
   ern_status status = ERN_OK;

@@ -16,6 +16,7 @@ enum {
 struct ern_cepstra;
 
 /* warp: every frequency of the mel bands is multiplied by it, 0.5 to 2: the speech of a longer or shorter throat. */
+ERN_NODISCARD ern_status ern_cepstra_check_warp(ern_context *context, float warp);
 ERN_NODISCARD ern_status ern_cepstra_make(ern_context *context, float warp, struct ern_cepstra **cepstra);
 void ern_cepstra_free(ern_context *context, struct ern_cepstra *cepstra); /* accepts NULL */
 

@@ -1,17 +1,14 @@
 /* SPDX-License-Identifier: MIT
  * Sound files: read whole through FFmpeg, written as WAV. */
-#include <libavutil/channel_layout.h>
-#include <libavutil/opt.h>
-#include <libswresample/swresample.h>
 #include <string.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/media.h"
 #include "io/file.h"
-#include "media/ffmpeg.h"
+#include "media/sound_decoder.h"
 
-enum { MAX_RATE = 384000, MAX_CHANNELS = 8, WAV_HEADER_BYTES = 44, WRITE_CHUNK_SAMPLES = 8192 };
+enum { WAV_HEADER_BYTES = 44, WRITE_CHUNK_SAMPLES = 8192 };
 
 /* Samples of all channels together, 4 GiB: a small file may decode to any length. */
 static const size_t max_samples = (size_t)1 << 31;
@@ -19,19 +16,8 @@ static const size_t max_samples = (size_t)1 << 31;
 /* A sound of unknown length. */
 struct growing {
   ern_sound sound;
-  size_t room;    /* frames that fit */
-  size_t surplus; /* frames at the end that the container says are padding */
-  SwrContext *convert;
+  size_t room; /* frames that fit */
 };
-
-static ern_status check_form(ern_context *context, const char *path, int rate, int channels) {
-  if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS) {
-    return ern_fail(context, ERN_E_SHAPE,
-                    "%s: sound has %d samples a second and %d channels, expected 1 to %d and 1 to %d", path, rate,
-                    channels, MAX_RATE, MAX_CHANNELS);
-  }
-  return ERN_OK;
-}
 
 /* Room for `more` frames past those that are there. */
 static ern_status make_room(ern_context *context, const char *path, struct growing *growing, size_t more) {
@@ -54,47 +40,13 @@ static ern_status make_room(ern_context *context, const char *path, struct growi
   return ERN_OK;
 }
 
-/* From the form of the first frame to 16-bit interleaved, same rate and channels. */
-static ern_status start(ern_context *context, const char *path, const AVFrame *frame, struct growing *growing) {
-  AVChannelLayout layout = {0};
-  const int channels = frame->ch_layout.nb_channels;
-  const ern_status status = check_form(context, path, frame->sample_rate, channels);
-  if (status != ERN_OK) return status;
-  growing->sound.rate = frame->sample_rate;
-  growing->sound.channels = channels;
-  av_channel_layout_default(&layout, channels); /* the same on both sides: no mixing */
-  int error = swr_alloc_set_opts2(&growing->convert, &layout, AV_SAMPLE_FMT_S16, frame->sample_rate, &layout,
-                                  (enum AVSampleFormat)frame->format, frame->sample_rate, 0, NULL);
-  if (error >= 0) error = swr_init(growing->convert);
-  av_channel_layout_uninit(&layout);
-  return error >= 0 ? ERN_OK : ern_av_fail(context, ERN_E_MEDIA, path, "convert its samples", error);
-}
-
-/* An encoder fills its last packet up to its size; a container that counts in samples tells how many are meant. */
-static size_t surplus_of(const struct ern_decoder *decoder) {
-  const AVFrame *frame = decoder->frame;
-  const AVRational unit = decoder->stream->time_base;
-  const bool counts_samples = unit.num == 1 && unit.den == frame->sample_rate;
-  if (!counts_samples || frame->pkt_duration <= 0 || frame->pkt_duration >= frame->nb_samples) return 0;
-  return (size_t)(frame->nb_samples - frame->pkt_duration);
-}
-
-static ern_status append(ern_context *context, struct ern_decoder *decoder, struct growing *growing) {
-  const AVFrame *frame = decoder->frame;
+static ern_status append(ern_context *context, struct ern_sound_decoder *decoder, struct growing *growing) {
   ern_sound *sound = &growing->sound;
   ern_status status = ERN_OK;
-  if (growing->convert == NULL) ERN_TRY(start(context, decoder->path, frame, growing));
-  if (frame->sample_rate != sound->rate || frame->ch_layout.nb_channels != sound->channels) {
-    ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels",
-                     decoder->path, sound->rate, sound->channels, frame->sample_rate, frame->ch_layout.nb_channels));
-  }
-  ERN_TRY(make_room(context, decoder->path, growing, (size_t)frame->nb_samples));
-  uint8_t *to = (uint8_t *)(sound->data + sound->frames * (size_t)sound->channels);
-  const int made =
-      swr_convert(growing->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
-  if (made < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, decoder->path, "convert its samples", made));
-  sound->frames += (size_t)made;
-  growing->surplus = surplus_of(decoder);
+  sound->channels = decoder->channels;
+  ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->frames));
+  ERN_TRY(ern_sound_decoder_take(decoder, sound->data + sound->frames * (size_t)sound->channels));
+  sound->frames += decoder->frames;
 fail:
   return status;
 }
@@ -106,28 +58,24 @@ ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sou
   ERN_NEED(context, path);
   ERN_NEED(context, sound);
   ern_status status = ERN_OK;
-  struct ern_decoder decoder = {0};
+  struct ern_sound_decoder decoder = {0};
   struct growing growing = {0};
   bool end = false;
-  ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_AUDIO, 1, &decoder));
+  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_S16, &decoder));
   for (;;) {
-    ERN_TRY(ern_decoder_next(&decoder, &end));
+    ERN_TRY(ern_sound_decoder_next(&decoder, &end));
     if (end) break;
     ERN_TRY(append(context, &decoder, &growing));
   }
-  if (growing.convert == NULL) { /* not one sample: the form is the header's */
-    growing.sound.rate = decoder.codec->sample_rate;
-    growing.sound.channels = decoder.codec->ch_layout.nb_channels;
-    ERN_TRY(check_form(context, path, growing.sound.rate, growing.sound.channels));
-    ERN_TRY(make_room(context, path, &growing, 0));
-  }
-  growing.sound.frames -= growing.surplus;
+  growing.sound.rate = decoder.rate;
+  growing.sound.channels = decoder.channels;
+  ERN_TRY(make_room(context, path, &growing, 0)); /* not one sample: still an array */
+  growing.sound.frames -= decoder.surplus;
   *sound = growing.sound;
   growing.sound.data = NULL;
 fail:
-  swr_free(&growing.convert);
   ern_release(context, growing.sound.data);
-  ern_decoder_close(&decoder);
+  ern_sound_decoder_close(&decoder);
   return status;
 }
 
@@ -160,7 +108,7 @@ ern_status ern_sound_write_wav(ern_context *context, const char *path, const ern
   ern_status status = ERN_OK;
   struct ern_file_writer writer = {0};
   uint8_t header[WAV_HEADER_BYTES], chunk[2 * WRITE_CHUNK_SAMPLES];
-  ERN_TRY(check_form(context, path, sound->rate, sound->channels));
+  ERN_TRY(ern_sound_check_form(context, path, sound->rate, sound->channels));
   const size_t frame_bytes = (size_t)sound->channels * 2, most = (UINT32_MAX - WAV_HEADER_BYTES) / frame_bytes;
   if (sound->frames > most) {
     ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: sound has %zu samples a channel, a WAV file holds at most %zu", path,

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * Speech features of a sound file, decoded piece by piece. */
-#include <libavutil/channel_layout.h>
-#include <libswresample/swresample.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -9,67 +7,50 @@
 #include "core/memory.h"
 #include "ernerf/speech.h"
 #include "media/cepstra.h"
-#include "media/ffmpeg.h"
 #include "media/input.h"
+#include "media/sound_decoder.h"
 
 enum { MOST_SECONDS = 4 * 3600, WINDOW = 16, BEFORE = 8 /* rows of a window before its frame */ };
 
 struct job {
   ern_context *context;
-  struct ern_decoder decoder;
-  SwrContext *convert; /* to float, same rate and channels */
-  int rate, channels;
+  struct ern_sound_decoder sound;
   ern_speech_stream *stream;
-  float *samples; /* [room][channels] */
-  size_t room;
+  float *samples;       /* [room][channels]: the piece that was decoded last; */
+  size_t room, waiting; /* its frames are pushed when it is known whether it is the last, whose padding is left out */
   uint64_t frames;
 };
 
-static ern_status start(struct job *job, float warp) {
-  const AVFrame *frame = job->decoder.frame;
-  AVChannelLayout layout = {0};
+static ern_status push_waiting(struct job *job) {
   ern_status status = ERN_OK;
-  job->rate = frame->sample_rate;
-  job->channels = frame->ch_layout.nb_channels;
-  ERN_TRY(ern_speech_stream_open(job->context, job->rate, job->channels, warp, &job->stream));
-  av_channel_layout_default(&layout, job->channels); /* the same on both sides: no mixing */
-  int error = swr_alloc_set_opts2(&job->convert, &layout, AV_SAMPLE_FMT_FLT, job->rate, &layout,
-                                  (enum AVSampleFormat)frame->format, job->rate, 0, NULL);
-  if (error >= 0) error = swr_init(job->convert);
-  av_channel_layout_uninit(&layout);
-  if (error < 0) ERN_TRY(ern_av_fail(job->context, ERN_E_MEDIA, job->decoder.path, "convert its samples", error));
-fail:
-  return status;
+  if (job->stream != NULL) status = ern_speech_stream_push(job->stream, job->samples, job->waiting);
+  job->frames += job->waiting;
+  job->waiting = 0;
+  if (status == ERN_OK) return status;
+  char reason[ERN_ERROR_BYTES];
+  ern_error_keep(job->context, reason);
+  return ern_fail(job->context, status, "%s: %.1800s", job->sound.decoder.path, reason);
 }
 
-static ern_status push(struct job *job, float warp) {
-  const AVFrame *frame = job->decoder.frame;
-  const size_t count = (size_t)frame->nb_samples;
+/* The piece that was decoded last becomes the one that waits. */
+static ern_status take_piece(struct job *job, float warp) {
+  struct ern_sound_decoder *sound = &job->sound;
+  const size_t count = sound->frames;
   ern_status status = ERN_OK;
-  if (job->stream == NULL) ERN_TRY(start(job, warp));
-  if (frame->sample_rate != job->rate || frame->ch_layout.nb_channels != job->channels)
-    ERN_TRY(ern_fail(job->context, ERN_E_UNSUPPORTED,
-                     "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels", job->decoder.path,
-                     job->rate, job->channels, frame->sample_rate, frame->ch_layout.nb_channels));
-  job->frames += count;
-  if (job->frames > (uint64_t)MOST_SECONDS * (uint64_t)job->rate)
+  if (job->stream == NULL)
+    ERN_TRY(ern_speech_stream_open(job->context, sound->rate, sound->channels, warp, &job->stream));
+  ERN_TRY(push_waiting(job));
+  if (job->frames + count > (uint64_t)MOST_SECONDS * (uint64_t)sound->rate)
     ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",
-                     job->decoder.path, MOST_SECONDS / 3600));
+                     sound->decoder.path, MOST_SECONDS / 3600));
   if (count > job->room) {
     ern_release(job->context, job->samples);
-    ERN_TRY(ERN_NEW(job->context, count * (size_t)job->channels, &job->samples));
+    job->room = 0;
+    ERN_TRY(ERN_NEW(job->context, count * (size_t)sound->channels, &job->samples));
     job->room = count;
   }
-  uint8_t *to = (uint8_t *)job->samples;
-  const int made =
-      swr_convert(job->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
-  if (made < 0) ERN_TRY(ern_av_fail(job->context, ERN_E_MEDIA, job->decoder.path, "convert its samples", made));
-  status = ern_speech_stream_push(job->stream, job->samples, (size_t)made);
-  if (status != ERN_OK) {
-    char reason[ERN_ERROR_BYTES];
-    ern_error_keep(job->context, reason);
-    status = ern_fail(job->context, status, "%s: %.1800s", job->decoder.path, reason);
-  }
+  ERN_TRY(ern_sound_decoder_take(sound, job->samples));
+  job->waiting = sound->frames;
 fail:
   return status;
 }
@@ -87,9 +68,13 @@ static void make_windows(const float *row, size_t rows, ern_features *features) 
 static ern_status take_rows(struct job *job, ern_features *features) {
   float *row = NULL;
   ern_status status = ERN_OK;
-  if (job->frames == 0) return ern_fail(job->context, ERN_E_SHAPE, "%s: has no sound, 0 samples", job->decoder.path);
+  const uint64_t rate = (uint64_t)job->sound.rate;
+  job->waiting -= job->sound.surplus < job->waiting ? job->sound.surplus : job->waiting;
+  ERN_TRY(push_waiting(job));
+  if (job->frames == 0)
+    return ern_fail(job->context, ERN_E_SHAPE, "%s: has no sound, 0 samples", job->sound.decoder.path);
   ERN_TRY(ern_speech_stream_end(job->stream));
-  const size_t most = (size_t)(job->frames * ERN_CEPSTRA_RATE / (uint64_t)job->rate) / ERN_CEPSTRA_HOP + 2;
+  const size_t most = (size_t)(job->frames * ERN_CEPSTRA_RATE / rate) / ERN_CEPSTRA_HOP + 2;
   ERN_TRY(ERN_NEW(job->context, most * ERN_CEPSTRA_WIDTH, &row));
   const size_t rows = ern_speech_stream_pull(job->stream, row, most);
   *features = (ern_features){.windows = (rows + 1) / 2, .window_length = WINDOW, .width = ERN_CEPSTRA_WIDTH};
@@ -109,21 +94,19 @@ ern_status ern_speech_features(ern_context *context, const char *path, float war
   struct job job = {.context = context};
   ern_status status = ERN_OK;
   bool end = false;
-  if (!(warp >= 0.5f && warp <= 2))
-    return ern_fail(context, ERN_E_ARGUMENT, "speech: warp is %g, expected 0.5 to 2", (double)warp);
-  ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_AUDIO, 1, &job.decoder));
+  ERN_TRY(ern_cepstra_check_warp(context, warp));
+  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_FLT, &job.sound));
   for (;;) {
-    ERN_TRY(ern_decoder_next(&job.decoder, &end));
+    ERN_TRY(ern_sound_decoder_next(&job.sound, &end));
     if (end) break;
-    ERN_TRY(push(&job, warp));
+    ERN_TRY(take_piece(&job, warp));
   }
   ERN_TRY(take_rows(&job, features));
 fail:
   if (status != ERN_OK) ern_features_free(context, features);
-  swr_free(&job.convert);
   ern_speech_stream_free(&job.stream);
   ern_release(context, job.samples);
-  ern_decoder_close(&job.decoder);
+  ern_sound_decoder_close(&job.sound);
   return status;
 }
 

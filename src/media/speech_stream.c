@@ -24,7 +24,7 @@ struct ern_speech_stream {
   size_t waiting;                 /* that many */
   float *row;                     /* [row_room][13]: made and not yet pulled */
   size_t rows, row_room;
-  uint64_t pushed, resampled, made; /* frames in; samples at 16 kHz; rows */
+  uint64_t pushed, made; /* frames in; rows */
   bool ended;
 };
 
@@ -48,8 +48,7 @@ ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, 
     return ern_fail(context, ERN_E_ARGUMENT,
                     "speech: sound has %d samples a second and %d channels, expected 1000 to %d and 1 to %d", rate,
                     channels, MOST_RATE, MOST_CHANNELS);
-  if (!(warp >= 0.5f && warp <= 2))
-    return ern_fail(context, ERN_E_ARGUMENT, "speech: warp is %g, expected 0.5 to 2", (double)warp);
+  ERN_TRY(ern_cepstra_check_warp(context, warp));
   ERN_TRY(ERN_NEW(context, 1, &s));
   s->context = context;
   s->rate = rate;
@@ -120,7 +119,6 @@ static ern_status resample(ern_speech_stream *s, size_t count) {
     const bool flush = s->ended && given == 0;
     const int made = swr_convert(s->resampler, &to, most, flush ? NULL : &from, given);
     if (made < 0) return ern_av_fail(s->context, ERN_E_MEDIA, "speech", "convert its samples", made);
-    s->resampled += (uint64_t)made;
     const ern_status status = take_samples(s, out, (size_t)made);
     if (status != ERN_OK || made < most) return status;
   }

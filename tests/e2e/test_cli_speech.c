@@ -49,6 +49,8 @@ static void test_render(void **state) {
   cli_expect(&cli, 0, "with sound", NULL);
   cli_run(&cli, "render m.safetensors --clip clip --audio said.mp4 -o again.mp4"); /* any file with a sound */
   cli_expect(&cli, 0, "with sound", NULL);
+  cli_run(&cli, "features said.mp4 -o said.npy"); /* without what the encoder fills its last packet with */
+  cli_expect(&cli, 0, "said.npy: cepstra-1, 33 windows", NULL);
   cli_run(&cli, "render m.safetensors --clip clip --audio ds.npy -o wrong.mp4");
   cli_expect(&cli, 1, "ds.npy", "29", "13", NULL);
   cli_run(&cli, "train clip --audio ds.npy -o ds.safetensors --iters 4 --rays 64 --levels 2 --quiet");
@@ -58,6 +60,8 @@ static void test_render(void **state) {
   cli_run(&cli, "train clip --audio ds.npy --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
   cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
   assert_false(cli_there("wrong.mp4"));
+  cli_run(&cli, "train clip --torso --head m.safetensors --speech-copies 2 -o x.safetensors");
+  cli_expect(&cli, 2, "--speech-copies", "leaves the head alone", NULL);
 }
 
 /* 13 numbers may be anybody's: a head that learnt them does not speak from a sound. */

@@ -29,22 +29,19 @@ static int make(struct session *session, const char *sound, const char *out, flo
 int cmd_features(int argc, char **argv) {
   struct session session = {0};
   const char *sound = NULL, *out = NULL;
-  int kind = 0;
   float warp = 1;
-  struct option own[] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &out,
-       .choices = "FILE.npy",
-       .help = "the features; a clip takes them as aud_cep.npy"},
-      {.name = "kind", .kind = OPTION_CHOICE, .target = &kind, .choices = "cepstra", .help = "the kind of features"},
-      {.name = "warp",
-       .kind = OPTION_FLOAT,
-       .target = &warp,
-       .low = 0.5,
-       .high = 2,
-       .help = "factor of all frequencies that are listened at, as of another throat"}};
+  struct option own[] = {{.name = "o",
+                          .alias = "output",
+                          .kind = OPTION_TEXT,
+                          .target = &out,
+                          .choices = "FILE.npy",
+                          .help = "the features; a clip takes them as aud_cep.npy"},
+                         {.name = "warp",
+                          .kind = OPTION_FLOAT,
+                          .target = &warp,
+                          .low = 0.5,
+                          .high = 2,
+                          .help = "factor of all frequencies that are listened at, as of another throat"}};
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"SOUND", &sound, "wav, mp3, mp4 or whatever else FFmpeg reads, up to 4 hours"}};
   struct args args = {

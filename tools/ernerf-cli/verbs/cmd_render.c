@@ -131,7 +131,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-static int open_shots(struct render_job *job, const struct args *args) {
+static int open_frames(struct render_job *job, const struct args *args) {
   struct session *session = &job->session;
   struct portrait *portrait = &job->portrait;
   struct frame_source *frame_source = &job->frame_source;
@@ -275,7 +275,7 @@ static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : fail_frame(job, k);
 }
 
-static int open_governor(struct render_job *job, const struct args *args) {
+static int open_rate_control(struct render_job *job, const struct args *args) {
   if (!rate_control_asked(&job->rate_control)) return 0;
   job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
   if (job->look == NULL)
@@ -313,7 +313,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
   if (status == 0) status = silence_pose_open(&job->rest, session, &job->portrait, job->features);
-  if (status == 0) status = open_shots(job, args);
+  if (status == 0) status = open_frames(job, args);
   if (status == 0) status = sink_check(&job->sink, session, &job->frame_source);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->frame_source, job->features);
   if (status == 0)
@@ -321,7 +321,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0 && job->size.width == 0)
     job->size = (struct dimensions){job->frame_source.camera.width, job->frame_source.camera.height};
   if (status == 0) status = open_backdrop(job);
-  if (status == 0) status = open_governor(job, args);
+  if (status == 0) status = open_rate_control(job, args);
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job))
     status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);

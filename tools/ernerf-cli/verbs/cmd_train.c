@@ -278,7 +278,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (!config->torso)
     status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
   if (status < 0 && config->torso)
-    status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention",
+    status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention " SPEECH_COPIES_NAMES,
                          "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
@@ -378,7 +378,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
 static int open_clip(struct train_job *job, const struct args *args) {
   if (clip_source_open(&job->source, &job->session, &job->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
-  const int status = speech_copies_make(&job->copies, &job->session, args, job->clip);
+  const int status = job->config.torso ? 0 : speech_copies_make(&job->copies, &job->session, args, job->clip);
   if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
   if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))

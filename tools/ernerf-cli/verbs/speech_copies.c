@@ -37,8 +37,8 @@ int speech_copies_make(const struct speech_copies *copies, struct session *sessi
   ern_clip_info info;
   ern_clip_describe(clip, &info);
   if (!info.hears_sound) {
-    static const char names[] = "speech-copies speech-warp speech-share";
-    const int status = args_forbid(args, names, "is for speech that is given as sound, and this is given as features");
+    const int status =
+        args_forbid(args, SPEECH_COPIES_NAMES, "is for speech that is given as sound, and this is given as features");
     return status >= 0 ? status : 0;
   }
   const double low = log((double)copies->range.first), high = log((double)copies->range.second);

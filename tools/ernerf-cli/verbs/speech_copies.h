@@ -13,6 +13,7 @@ struct speech_copies {
   float share;       /* of the steps that hear a copy */
 };
 
+#define SPEECH_COPIES_NAMES "speech-copies speech-warp speech-share"
 enum { SPEECH_COPIES_OPTIONS = 3 };
 /* The defaults, and --speech-copies --speech-warp --speech-share. */
 void speech_copies_options(struct speech_copies *copies, struct option options[SPEECH_COPIES_OPTIONS]);

@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: MIT
+ * The sound of a file, decoded piece by piece. */
+#include "media/sound_decoder.h"
+
+#include <libavutil/channel_layout.h>
+
+enum { MAX_RATE = 384000, MAX_CHANNELS = 8 };
+
+ern_status ern_sound_check_form(ern_context *context, const char *path, int rate, int channels) {
+  if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS)
+    return ern_fail(context, ERN_E_SHAPE,
+                    "%s: sound has %d samples a second and %d channels, expected 1 to %d and 1 to %d", path, rate,
+                    channels, MAX_RATE, MAX_CHANNELS);
+  return ERN_OK;
+}
+
+ern_status ern_sound_decoder_open(ern_context *context, const char *path, enum AVSampleFormat format,
+                                  struct ern_sound_decoder *sound) {
+  *sound = (struct ern_sound_decoder){.format = format};
+  return ern_decoder_open(context, path, AVMEDIA_TYPE_AUDIO, 1, &sound->decoder);
+}
+
+static ern_status take_form(struct ern_sound_decoder *sound, int rate, int channels) {
+  sound->rate = rate;
+  sound->channels = channels;
+  return ern_sound_check_form(sound->decoder.context, sound->decoder.path, rate, channels);
+}
+
+static ern_status start(struct ern_sound_decoder *sound) {
+  const AVFrame *frame = sound->decoder.frame;
+  AVChannelLayout layout = {0};
+  const ern_status status = take_form(sound, frame->sample_rate, frame->ch_layout.nb_channels);
+  if (status != ERN_OK) return status;
+  av_channel_layout_default(&layout, sound->channels); /* the same on both sides: no mixing */
+  int error = swr_alloc_set_opts2(&sound->convert, &layout, sound->format, sound->rate, &layout,
+                                  (enum AVSampleFormat)frame->format, sound->rate, 0, NULL);
+  if (error >= 0) error = swr_init(sound->convert);
+  av_channel_layout_uninit(&layout);
+  return error >= 0
+             ? ERN_OK
+             : ern_av_fail(sound->decoder.context, ERN_E_MEDIA, sound->decoder.path, "convert its samples", error);
+}
+
+/* An encoder fills its last packet up to its size; a container that counts in samples tells how many are meant. */
+static size_t surplus_of(const struct ern_decoder *decoder) {
+  const AVFrame *frame = decoder->frame;
+  const AVRational unit = decoder->stream->time_base;
+  const bool counts_samples = unit.num == 1 && unit.den == frame->sample_rate;
+  if (!counts_samples || frame->pkt_duration <= 0 || frame->pkt_duration >= frame->nb_samples) return 0;
+  return (size_t)(frame->nb_samples - frame->pkt_duration);
+}
+
+ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
+  struct ern_decoder *decoder = &sound->decoder;
+  const AVCodecContext *codec = decoder->codec;
+  ern_status status = ern_decoder_next(decoder, end);
+  if (status != ERN_OK) return status;
+  if (*end) return sound->convert != NULL ? ERN_OK : take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
+  const AVFrame *frame = decoder->frame;
+  if (sound->convert == NULL) status = start(sound);
+  if (status != ERN_OK) return status;
+  if (frame->sample_rate != sound->rate || frame->ch_layout.nb_channels != sound->channels)
+    return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
+                    "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels", decoder->path, sound->rate,
+                    sound->channels, frame->sample_rate, frame->ch_layout.nb_channels);
+  sound->frames = (size_t)frame->nb_samples;
+  sound->surplus = surplus_of(decoder);
+  return ERN_OK;
+}
+
+ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples) {
+  const AVFrame *frame = sound->decoder.frame;
+  uint8_t *to = samples;
+  const int made =
+      swr_convert(sound->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
+  if (made < 0)
+    return ern_av_fail(sound->decoder.context, ERN_E_MEDIA, sound->decoder.path, "convert its samples", made);
+  sound->frames = (size_t)made;
+  return ERN_OK;
+}
+
+void ern_sound_decoder_close(struct ern_sound_decoder *sound) {
+  swr_free(&sound->convert);
+  ern_decoder_close(&sound->decoder);
+}

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT
+ * The sound of a file, decoded piece by piece into interleaved samples of one format, at its own rate and channels. */
+#ifndef ERN_MEDIA_SOUND_DECODER_H
+#define ERN_MEDIA_SOUND_DECODER_H
+
+#include <libswresample/swresample.h>
+
+#include "media/ffmpeg.h"
+
+struct ern_sound_decoder {
+  struct ern_decoder decoder;
+  enum AVSampleFormat format; /* wanted: interleaved */
+  SwrContext *convert;        /* NULL before the first piece */
+  int rate, channels;         /* of the first piece, or of the header where the file ends before one */
+  size_t frames;              /* of the piece that was decoded last */
+  size_t surplus;             /* of these, at their end: padding, if the piece is the file's last */
+};
+
+/* 1 to 384000 samples a second and 1 to 8 channels, else ERN_E_SHAPE. */
+ERN_NODISCARD ern_status ern_sound_check_form(ern_context *context, const char *path, int rate, int channels);
+
+ERN_NODISCARD ern_status ern_sound_decoder_open(ern_context *context, const char *path, enum AVSampleFormat format,
+                                                struct ern_sound_decoder *sound);
+/* Decodes the next piece; *end where there is none. ERN_E_UNSUPPORTED where rate or channels change. */
+ERN_NODISCARD ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end);
+/* The piece that was decoded last, [frames][channels] of the wanted format; once for each piece. */
+ERN_NODISCARD ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples);
+void ern_sound_decoder_close(struct ern_sound_decoder *sound); /* accepts a zeroed one */
+
+#endif
