@@ -58,13 +58,14 @@ static ern_status check_places(ern_context *context, const char *output, const s
 
 static ern_status make_folder(ern_context *context, const char *folder, bool *made) {
   struct stat about;
-  if (lstat(folder, &about) == 0 && S_ISLNK(about.st_mode)) /* to what may be another training's */
-    return ern_fail(context, ERN_E_IO, "%s: is a symbolic link, expected a folder or nothing", folder);
   *made = mkdir(folder, 0777) == 0;
   if (*made) return ERN_OK;
   if (errno != EEXIST) return ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", folder, strerror(errno));
-  if (stat(folder, &about) == 0 && S_ISDIR(about.st_mode)) return ERN_OK;
-  return ern_fail(context, ERN_E_IO, "%s: is a file or a link to nothing, expected a folder or nothing", folder);
+  if (lstat(folder, &about) != 0)
+    return ern_fail(context, ERN_E_IO, "%s: the folder cannot be looked at: %s", folder, strerror(errno));
+  if (S_ISDIR(about.st_mode)) return ERN_OK;
+  return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a folder or nothing", folder,
+                  S_ISLNK(about.st_mode) ? "symbolic link" : "file"); /* a link may lead to another training's */
 }
 
 ern_status ern_run_folder_name(ern_context *context, const char *output, struct ern_run_folder *run) {

@@ -120,26 +120,29 @@ static ern_status keep_good(ern_trainer *t) {
   return ERN_OK;
 }
 
-/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
- * three names that verifies. The log comes first: it can be cut back to the state, not made up. A new training keeps
- * its own until then, as it would else stand beside the state of the earlier one. */
-/* The new state is for the eyes that the last one was for: a file of those rights is there for the writer to replace.
- */
-static void keep_rights(const struct ern_run_folder *run) {
+/* The new state is for the eyes that the last one was for: an empty file of those rights is there for the writer to
+ * replace. True: it was made. */
+static bool keep_rights(const struct ern_run_folder *run) {
   struct stat about;
-  if (stat(run->state, &about) != 0 || (about.st_mode & 044) == 044) return; /* everybody may read it */
+  if (stat(run->state, &about) != 0 || (about.st_mode & 044) == 044) return false; /* everybody may read it */
   const int made = open(run->next, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (made < 0) return;
+  if (made < 0) return false;
   const bool group = fchown(made, (uid_t)-1, about.st_gid) == 0;
   (void)fchmod(made, about.st_mode & (group ? 0777 : 0707));
   close(made);
+  return true;
 }
 
+/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
+ * three names that verifies. The log comes first: it can be cut back to the state, not made up. A new training keeps
+ * its own until then, as it would else stand beside the state of the earlier one. */
 static ern_status write_state(ern_trainer *t) {
   ern_status status = ERN_OK;
   if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &t->run));
-  keep_rights(&t->run);
-  ERN_TRY(write_next(t));
+  const bool made = keep_rights(&t->run);
+  status = write_next(t);
+  if (status != ERN_OK && made) (void)unlink(t->run.next);
+  if (status != ERN_OK) return status;
   if (t->run.fresh) {
     ern_run_folder_clear(&t->run);
     t->run.fresh = false;

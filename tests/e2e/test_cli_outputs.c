@@ -162,6 +162,10 @@ static void test_run_folder(void **state) {
   cli_run(&cli, "train clip -o e.safetensors --resume --iters 22 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("test $(stat -c %a e.run/state.safetensors) = 600"), 0);
+  support_write_text("e.run/state.next.safetensors.ernerf-tmp", "mine"); /* the save fails, and leaves nothing empty */
+  cli_run(&cli, "train clip -o e.safetensors --resume --iters 24 --quiet");
+  cli_expect(&cli, 1, "not made by this program", NULL);
+  assert_false(cli_there("e.run/state.next.safetensors"));
   /* the pictures of a training that is replaced go with its first save, and no sooner */
   cli_run(&cli, "train clip -o v.safetensors --rays 32 --iters 6 --levels 2 --validate-every 2 --quiet");
   cli_expect(&cli, 0, NULL);
