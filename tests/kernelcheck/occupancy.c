@@ -192,7 +192,6 @@ static void check_update(float decay, float limit) {
   const double expected = args[0].mean;
   EACH_OTHER (k) {
     const double found = args[k].mean;
-    if (!is_device(k) && !isfinite(decay)) continue; /* no setting: where all cells are NaN the sum leaves them out */
     const bool too_large = is_device(k) && isinf(found) && expected > most_mean;
     if (!(found == expected || (isnan(found) && isnan(expected)) || too_large ||
           fabs(found - expected) <= (is_device(k) ? mean_tolerance : CELLS * 0x1p-53) * fabs(expected)))

@@ -67,17 +67,18 @@ LANES_INLINE vb largest_around(const float *fresh, uint32_t block) {
   return most;
 }
 
-/* Whole blocks. */
-static void update_blocks(float *grid, const float *fresh, float decay, uint32_t begin, uint32_t end) {
-  for (uint32_t block = begin; block < end; block++) {
-    vb_anywhere *const cells = (vb_anywhere *)(grid + (size_t)block * BLOCK);
+/* Whole blocks from cell `begin` on. summand: their new values, 0 for marked cells. */
+static void update_blocks(float *grid, const float *fresh, float decay, uint32_t begin, uint32_t end, float *summand) {
+  for (uint32_t cell = begin; cell < end; cell += BLOCK) {
+    vb_anywhere *const cells = (vb_anywhere *)(grid + cell);
     const vb was = *cells;
-    const vb now = vb_larger(largest_around(fresh, block), was * decay);
+    const vb now = vb_larger(largest_around(fresh, cell / BLOCK), was * decay);
     *cells = vb_select(was >= 0, now, was);
+    *(vb_anywhere *)(summand + (cell - begin)) = vb_select(was >= 0, now, (vb){0});
   }
 }
 
-enum { CHUNK = 64 * BLOCK /* cells that are still in the cache when they are added up */ };
+enum { CHUNK = 64 * BLOCK /* cells that are added up at once */ };
 
 void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh, float decay, uint32_t cell_begin,
                                    uint32_t cell_end) {
@@ -91,11 +92,10 @@ void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh,
   ern_occupancy_update_ref(grid, &head, fresh, decay, cell_begin, first);
   for (uint32_t begin = first; begin < last; begin += CHUNK) {
     const uint32_t end = last - begin < CHUNK ? last : begin + CHUNK;
-    update_blocks(grid, fresh, decay, begin / BLOCK, end / BLOCK);
-    for (size_t i = begin; i < end; i += LANES) {
-      const vf value = vf_load_some(grid + i, end - i < LANES ? end - i : LANES);
-      vd_add(&middle, vf_select(value >= 0, value, (vf){0}));
-    }
+    float summand[CHUNK];
+    update_blocks(grid, fresh, decay, begin, end, summand);
+    for (size_t i = 0; i < end - begin; i += LANES)
+      vd_add(&middle, vf_load_some(summand + i, end - begin - i < LANES ? end - begin - i : LANES));
   }
   ern_occupancy_update_ref(grid, &tail, fresh, decay, last, cell_end);
   *sum = head + vd_total(middle) + tail;
