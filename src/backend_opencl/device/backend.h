@@ -100,7 +100,7 @@ struct ern_cl_pending {
 };
 
 struct ern_cl_stream {
-  struct ern_stream base;       /* first: a stream is one; its table may be another that looks on (src/bench) */
+  struct ern_stream base;       /* first: a stream is one; its table may be another that looks on (src/lab/bench) */
   struct ern_cl_backend *owner; /* the backend that made it */
   cl_command_queue queue;
   struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */

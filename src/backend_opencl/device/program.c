@@ -24,12 +24,14 @@ static const struct {
 #undef ENTRY
 };
 
-/* What is compiled: common.cl, for the fused passes tile.cl, and the source. */
+/* What is compiled: common.cl; tile.cl for the fused passes, samples.cl for what goes over samples; the source. */
 enum { TEXTS = 3 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
-  const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso;
+  const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,
+             samples = source == ERN_CL_activation || source == ERN_CL_attention || source == ERN_CL_encoding;
   text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
-  text[1] = (const char *)ern_cl_text_tile, bytes[1] = fused ? ern_cl_bytes_tile : 0;
+  text[1] = (const char *)(fused ? ern_cl_text_tile : ern_cl_text_samples);
+  bytes[1] = fused ? ern_cl_bytes_tile : samples ? ern_cl_bytes_samples : 0;
   text[2] = (const char *)sources[source].text, bytes[2] = *sources[source].bytes;
 }
 

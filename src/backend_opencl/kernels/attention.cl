@@ -1,21 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * Region attention (paper eq. 6-8): region_c = v_c code_c, norm = sqrt(sum_c v_c^2), region_eye = eye * eye_attention.
- * On a CPU an item takes a block of samples, WIDTH at a time, elsewhere neighbouring items neighbouring samples.
- * Products are rounded by themselves, as the reference has them. */
-#pragma OPENCL FP_CONTRACT OFF
-
-#if CPU
-#define GROUP 1
-#define VECTORS 32
-#else
-#define GROUP 64
-#define VECTORS 1
-#endif
-#define ITEM (VECTORS * WIDTH) /* samples an item */
-#define KERNEL kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
+ * Region attention (paper eq. 6-8): region_c = v_c code_c, norm = sqrt(sum_c v_c^2), region_eye = eye * eye_attention. */
 
 /* The samples of an item: vector k is WIDTH of them from i on. */
-#define EACH_SAMPLE(i, k)                                                                        \
+#define EACH_VECTOR(i, k)                                                                        \
   for (ulong k = 0, i = get_global_id(0) * ITEM; k < VECTORS && i < n; k++, i += WIDTH)
 
 /* region: [channels] rows, v: as many, or one for all of them, or none (values); norm, region_eye, eye_attention: [n]; code: [channels]
@@ -36,14 +23,14 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   for (uint k = 0; k < VECTORS; k++) most[k] = sum[k] = lost[k] = 0;
   for (uint c = 0; c < channels; c++) {
     const float weight = code[c];
-    EACH_SAMPLE(i, k) {
+    EACH_VECTOR(i, k) {
       const floatw value = loadw_first(v + (c < values ? c : 0) * v_stride + i, n - i);
       storew_first(region + c * region_stride + i, value * weight, n - i);
       most[k] = fmax(most[k], fabs(value));
     }
   }
   for (uint c = 0; c < values; c++) {
-    EACH_SAMPLE(i, k) {
+    EACH_VECTOR(i, k) {
       const floatw scale = WHERE(most[k] > 0x1p50f, 0x1p-70f, WHERE(most[k] < 0x1p-40f, 0x1p90f, 1));
       const floatw value = loadw_first(v + c * v_stride + i, n - i) * scale, square = value * value;
       const floatw next = sum[k] + square, taken = next - sum[k];
@@ -51,7 +38,7 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
       sum[k] = next;
     }
   }
-  EACH_SAMPLE(i, k) {
+  EACH_VECTOR(i, k) {
     const floatw inverse = WHERE(most[k] > 0x1p50f, 0x1p70f, WHERE(most[k] < 0x1p-40f, 0x1p-90f, 1));
     /* of infinite values, what was lost is no number */
     if (norm) storew_first(norm + i, sqrt(WHERE(isfinite(sum[k]), sum[k] + lost[k], sum[k])) * inverse, n - i);
@@ -140,7 +127,7 @@ KERNEL attention_one_bwd(SPAN(float, dv), ROWS(const float, dregion), SPAN(const
   OPEN(const float, v);
   OPEN(const float, norm);
   OPEN(const float, code);
-  EACH_SAMPLE(i, k) {
+  EACH_VECTOR(i, k) {
     floatw gradient = 0;
     for (uint c = 0; dregion && c < channels; c++)
       gradient += code[c] * loadw_first(dregion + c * dregion_stride + i, n - i);
@@ -168,7 +155,7 @@ kernel void attention_code_bwd(SPAN(float, dcode), SPAN(const float, parts), uin
 KERNEL attention_eye_bwd(SPAN(float, deye_attention), SPAN(const float, dregion_eye), float eye, ulong n) {
   OPEN(float, deye_attention);
   OPEN(const float, dregion_eye);
-  EACH_SAMPLE(i, k) {
+  EACH_VECTOR(i, k) {
     const floatw before = loadw_first(deye_attention + i, n - i);
     storew_first(deye_attention + i, before + eye * loadw_first(dregion_eye + i, n - i), n - i);
   }
