@@ -27,7 +27,7 @@ static int by_img_id(const void *left, const void *right) {
 }
 
 /* Numbers the frames and keeps their rows. */
-static int number_shots(struct frame_source *frame_source, struct session *session) {
+static int number_frames(struct frame_source *frame_source, struct session *session) {
   free(frame_source->rows);
   frame_source->rows = malloc(frame_source->count * sizeof *frame_source->rows);
   if (frame_source->rows == NULL) return no_memory(session, frame_source->count);
@@ -64,7 +64,7 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
     return session_fail_with(session, "split %s of the clip has no frames, expected one or more", names[split]);
   if (split == FRAME_SOURCE_ALL)
     qsort(frame_source->source_frame, frame_source->count, sizeof *frame_source->source_frame, by_img_id);
-  return number_shots(frame_source, session);
+  return number_frames(frame_source, session);
 }
 
 int frame_source_of_poses(struct frame_source *frame_source, struct session *session, const char *path) {
@@ -81,7 +81,7 @@ int frame_source_of_poses(struct frame_source *frame_source, struct session *ses
     frame_source->source_frame[i].pose = list.poses[i];
   frame_source->count = list.count;
   ern_pose_list_free(session->context, &list);
-  return frame_source->source_frame != NULL ? number_shots(frame_source, session)
+  return frame_source->source_frame != NULL ? number_frames(frame_source, session)
                                             : no_memory(session, frame_source->count);
 }
 
@@ -142,7 +142,7 @@ int frame_source_replay(struct frame_source *frame_source, struct session *sessi
   free(frame_source->source_frame);
   frame_source->source_frame = played;
   frame_source->count = windows;
-  return number_shots(frame_source, session);
+  return number_frames(frame_source, session);
 }
 
 /* Frame k of the output, between `frame`[place] and the next one. */
