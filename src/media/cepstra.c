@@ -8,7 +8,7 @@
 
 #include "core/memory.h"
 
-enum { FFT = 512, BINS = FFT / 2 + 1, BANDS = 40 };
+enum { FFT = 512, BINS = FFT / 2 + 1, BANDS = ERN_CEPSTRA_BANDS };
 
 static const double pi = 3.14159265358979323846, lowest = 60, highest = 7600; /* Hz, of the bands */
 /* The level that bands are relative to: the loudest row's power, forgotten with 10 s while anything within 30 dB of it
@@ -108,9 +108,8 @@ static float middle_of(const float frame[ERN_CEPSTRA_FRAME]) {
   return (float)(sum / ERN_CEPSTRA_FRAME);
 }
 
-void ern_cepstra_row(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float row[ERN_CEPSTRA_WIDTH]) {
+void ern_cepstra_bands(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float log_band[BANDS]) {
   const float middle = middle_of(frame), power = power_of(frame, middle);
-  float log_band[BANDS];
   if (power > heard * c->level) c->level *= c->forget;
   c->level = fmaxf(fmaxf(power, c->level), least_level);
   memset(c->time, 0, FFT * sizeof *c->time);
@@ -123,6 +122,11 @@ void ern_cepstra_row(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME]
       sum += c->band[b][k] * (c->spectrum[k].re * c->spectrum[k].re + c->spectrum[k].im * c->spectrum[k].im);
     log_band[b] = logf(sum * unit + band_floor);
   }
+}
+
+void ern_cepstra_row(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float row[ERN_CEPSTRA_WIDTH]) {
+  float log_band[BANDS];
+  ern_cepstra_bands(c, frame, log_band);
   for (int q = 0; q < ERN_CEPSTRA_WIDTH; q++) {
     float sum = 0;
     for (int b = 0; b < BANDS; b++) sum += c->cosine[q][b] * log_band[b];

@@ -54,6 +54,7 @@ static const struct {
     {"OpenImageIO/*", {"media"}},
     {"libav*", {"media"}},
     {"libsw*", {"media"}},
+    {"espeak-ng/*", {"lab"}},
     {"cairo*.h", {"tools"}},
     {"fontconfig/*", {"tools"}},
     {"ernerf/*", {"tools", "examples"}},

@@ -101,6 +101,26 @@ static void test_mouth(void **state) {
   json_decref(report);
 }
 
+/* A made-up person who speaks a text, where espeak-ng is there. */
+static void test_text(void **state) {
+  (void)state;
+  support_write_text("text.txt", "Mama opened a box.");
+  cli_run(&cli, "synth said --size 64 --frames 8 --voice de");
+  cli_expect(&cli, 2, "--voice", "is of --text", NULL);
+  cli_run(&cli, "synth said --size 64 --text missing.txt");
+  cli_expect(&cli, 1, "missing.txt", NULL);
+  cli_run(&cli, "synth said --size 64 --frames 8 --text text.txt --voice en-us+f3 --json said.json");
+  if (cli.status != 0) {
+    cli_expect(&cli, 1, "espeak-ng", NULL);
+    return;
+  }
+  json_t *report = cli_json(&cli, "said.json");
+  assert_int_equal(json_integer_value(json_object_get(report, "frames")), 8);
+  json_decref(report);
+  cli_run(&cli, "check said");
+  cli_expect_out(&cli, 0, "aud.wav: no file of speech features", NULL);
+}
+
 static void test_check(void **state) {
   (void)state;
   cli_run(&cli, "check clip");
@@ -109,7 +129,7 @@ static void test_check(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_render),
-                                     cmocka_unit_test(test_mouth), cmocka_unit_test(test_others),
-                                     cmocka_unit_test(test_check)};
+                                     cmocka_unit_test(test_mouth),    cmocka_unit_test(test_others),
+                                     cmocka_unit_test(test_text),     cmocka_unit_test(test_check)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -20,7 +20,7 @@
 #include "lab/synth/synth_parts.h"
 
 enum { OPTIONS_COOKIE = 0x45524e59, MIN_SIZE = 64, MAX_SIZE = 1024, MIN_FRAMES = 8, MAX_FRAMES = 100000 };
-enum { FRAMES_A_VALIDATION = 11, JPEG_QUALITY = 95, NAME_BYTES = 64 };
+enum { FRAMES_A_VALIDATION = 11, JPEG_QUALITY = 95, NAME_BYTES = 64, TEXT_LIMIT = 1 << 20 };
 
 static const char *const part_names[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
 static const char *const part_endings[] = {"jpg", "png", "lms"};
@@ -37,6 +37,7 @@ struct work {
   bool made_folder;
   struct ern_synth_person person;
   struct ern_synth_speech speech;
+  ern_spoken spoken;              /* where there is a text */
   struct ern_synth_curve *curves; /* [frames] */
   struct ern_synth_layer torso;
   float (*room)[4]; /* [size][size] */
@@ -56,7 +57,8 @@ ern_synth_options ern_synth_options_default(void) {
                              .seed = 1,
                              .blink = true,
                              .torso = true,
-                             .moving_camera = true};
+                             .moving_camera = true,
+                             .spoken = {.voice = "en-us", .words_per_minute = 165}};
 }
 
 static ern_status check_options(ern_context *context, const ern_synth_options *options) {
@@ -65,7 +67,8 @@ static ern_status check_options(ern_context *context, const ern_synth_options *o
   if (options->size < MIN_SIZE || options->size > MAX_SIZE)
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: size is %d, expected %d to %d", options->size, MIN_SIZE,
                     MAX_SIZE);
-  if (options->frames < MIN_FRAMES || options->frames > MAX_FRAMES)
+  if (!(options->text_file != NULL && options->frames == 0) &&
+      (options->frames < MIN_FRAMES || options->frames > MAX_FRAMES))
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: frames is %d, expected %d to %d", options->frames,
                     MIN_FRAMES, MAX_FRAMES);
   return ERN_OK;
@@ -207,7 +210,7 @@ static ern_status write_frames(struct work *work) {
     ern_pool_run(work->pool, count, frame_task, work);
     for (size_t k = 0; k < count; ++k) {
       if (work->outcomes[k] != ERN_OK) return work->outcomes[k];
-      if (options->progress != NULL && options->progress(options->user, (int)(first + k) + 1, options->frames) != 0)
+      if (options->progress != NULL && options->progress(options->user, (int)(first + k) + 1, (int)work->frames) != 0)
         return ern_fail(work->context, ERN_E_CANCELLED, "%s: cancelled after frame %zu of %zu", work->folder,
                         first + k + 1, work->frames);
     }
@@ -334,10 +337,15 @@ fail:
 static ern_status write_sound(struct work *work) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  ern_sound sound = {.rate = ERN_SYNTH_RATE, .channels = 1, .frames = work->frames * (ERN_SYNTH_RATE / ERN_SYNTH_FPS)};
+  const ern_sound *said = &work->spoken.sound;
+  const int rate = work->options->text_file != NULL ? said->rate : ERN_SYNTH_RATE;
+  ern_sound sound = {.rate = rate, .channels = 1, .frames = work->frames * (size_t)rate / ERN_SYNTH_FPS};
   ERN_TRY(ern_path_join(work->context, work->folder, "aud.wav", &path));
   ERN_TRY(ERN_NEW(work->context, sound.frames, &sound.data));
-  ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound.data, sound.frames);
+  if (work->options->text_file != NULL)
+    memcpy(sound.data, said->data, (said->frames < sound.frames ? said->frames : sound.frames) * sizeof *sound.data);
+  else
+    ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound.data, sound.frames);
   ERN_TRY(ern_sound_write_wav(work->context, path, &sound));
 fail:
   ern_release(work->context, path);
@@ -368,6 +376,24 @@ fail:
 
 /* ---- all of it ----------------------------------------------------------------------------------- */
 
+/* A clip without a length is as long as its text. */
+static ern_status speak(struct work *work) {
+  const ern_synth_options *options = work->options;
+  uint8_t *text = NULL;
+  size_t bytes = 0;
+  ern_status status = ern_file_read(work->context, options->text_file, TEXT_LIMIT, &text, &bytes);
+  if (status == ERN_OK && strlen((const char *)text) != bytes)
+    status = ern_fail(work->context, ERN_E_FORMAT, "%s: byte %zu is 0, expected text", options->text_file,
+                      strlen((const char *)text));
+  if (status == ERN_OK) status = ern_spoken_make(work->context, (const char *)text, &options->spoken, &work->spoken);
+  ern_release(work->context, text);
+  if (status != ERN_OK || options->frames > 0) return status;
+  const size_t rate = (size_t)work->spoken.sound.rate;
+  work->frames = (work->spoken.sound.frames * ERN_SYNTH_FPS + rate - 1) / rate;
+  if (work->frames < MIN_FRAMES) work->frames = MIN_FRAMES;
+  return ERN_OK;
+}
+
 static ern_status set_up(struct work *work) {
   ern_status status = ERN_OK;
   ern_context *context = work->context;
@@ -387,7 +413,9 @@ static ern_status set_up(struct work *work) {
     ERN_TRY(make_picture(context, options->size, 4, &desk->cutout));
   }
   ern_synth_person_make(options->seed, &work->person);
-  ERN_TRY(ern_synth_speech_make(context, options->seed, work->frames, &work->speech));
+  status = options->text_file != NULL ? ern_synth_speech_follow(context, &work->spoken, work->frames, &work->speech)
+                                      : ern_synth_speech_make(context, options->seed, work->frames, &work->speech);
+  if (status != ERN_OK) return status;
   ern_synth_motion_make(options->seed, &work->speech, options->blink, options->moving_camera, work->curves,
                         work->frames);
   ern_synth_room_draw(&work->person, options->seed, options->size, work->room);
@@ -409,6 +437,7 @@ static void tear_down(struct work *work) {
   ern_release(work->context, work->curves);
   ern_release(work->context, work->torso.pixels);
   ern_synth_speech_free(work->context, &work->speech);
+  ern_spoken_free(work->context, &work->spoken);
   ern_pool_free(work->pool);
 }
 
@@ -424,7 +453,7 @@ static ern_status write_all(struct work *work) {
     if (status != ERN_OK) return status;
   }
   ERN_TRY(write_room(work));
-  ERN_TRY(write_features(work));
+  if (work->options->text_file == NULL) ERN_TRY(write_features(work));
   ERN_TRY(write_sound(work));
   if (work->options->blink) ERN_TRY(write_units(work));
   ERN_TRY(write_table(work, "curves.csv", curves_header, 160, curves_line));
@@ -446,6 +475,7 @@ ern_status ern_synth_write(ern_context *context, const char *folder, const ern_s
   ERN_TRY(check_options(context, options));
   work.frames = (size_t)options->frames;
   ERN_TRY(check_folder(context, folder, &there));
+  if (options->text_file != NULL) ERN_TRY(speak(&work));
   ERN_TRY(set_up(&work));
   work.made_folder = !there;
   writing = true;

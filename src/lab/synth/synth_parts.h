@@ -13,6 +13,7 @@
 
 #include "core/status.h"
 #include "core/threads.h"
+#include "ernerf-lab/spoken.h"
 #include "io/landmarks.h"
 
 /* ---- numbers and small vectors ------------------------------------------------------------------- */
@@ -130,6 +131,9 @@ struct ern_synth_speech {
 };
 ERN_NODISCARD ern_status ern_synth_speech_make(ern_context *context, uint64_t seed, size_t frames,
                                                struct ern_synth_speech *speech);
+/* Jaw and width alone, of a mouth that says what espeak-ng spoke. */
+ERN_NODISCARD ern_status ern_synth_speech_follow(ern_context *context, const ern_spoken *spoken, size_t frames,
+                                                 struct ern_synth_speech *speech);
 void ern_synth_speech_free(ern_context *context, struct ern_synth_speech *speech);
 /* sound[samples] at 16 kHz of the speech; `voice` is its pitch in Hz. */
 void ern_synth_sound_make(uint64_t seed, float voice, const struct ern_synth_speech *speech, int16_t *sound,

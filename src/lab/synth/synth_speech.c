@@ -204,6 +204,18 @@ fail:
   return status;
 }
 
+ern_status ern_synth_speech_follow(ern_context *context, const ern_spoken *spoken, size_t frames,
+                                   struct ern_synth_speech *speech) {
+  ern_status status = ERN_OK;
+  *speech = (struct ern_synth_speech){.steps = 2 * frames + ERN_SYNTH_BEFORE + ERN_SYNTH_WINDOW};
+  ERN_TRY(ERN_NEW(context, 2 * speech->steps, &speech->jaw));
+  speech->width = speech->jaw + speech->steps;
+  for (size_t k = 0; k < speech->steps; ++k)
+    ern_spoken_mouth(spoken, ((double)k - ERN_SYNTH_BEFORE) / ERN_SYNTH_STEPS, &speech->jaw[k], &speech->width[k]);
+fail:
+  return status;
+}
+
 void ern_synth_speech_free(ern_context *context, struct ern_synth_speech *speech) {
   ern_release(context, speech->logits);
   ern_release(context, speech->jaw); /* the other curves are in the same block */

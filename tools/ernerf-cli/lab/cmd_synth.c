@@ -8,28 +8,35 @@
 #include "session/session.h"
 #include "verbs.h"
 
+struct drawing {
+  struct progress progress;
+  int frames; /* in all; a text decides */
+};
+
 static int say_progress(void *user, int done, int total) {
-  progress_at(user, (uint64_t)done, (uint64_t)total, "");
+  struct drawing *drawing = user;
+  drawing->frames = total;
+  progress_at(&drawing->progress, (uint64_t)done, (uint64_t)total, "");
   return session_interrupted();
 }
 
 static int make(struct session *session, ern_synth_options *options, const char *folder) {
-  struct progress progress;
+  struct drawing drawing = {.frames = options->frames};
   const double began = session_seconds();
-  progress_begin(&progress, session, "synth", "frames");
+  progress_begin(&drawing.progress, session, "synth", "frames");
   options->seed = session->seed;
   options->progress = say_progress;
-  options->user = &progress;
+  options->user = &drawing;
   const ern_status status = ern_synth_write(session->context, folder, options);
-  progress_end(&progress);
+  progress_end(&drawing.progress);
   if (status == ERN_E_CANCELLED && session_interrupted())
     return session_stop_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
-  session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, options->frames,
+  session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, drawing.frames,
                options->size, options->size, folder);
   return session_report(
       session, json_pack("{s:o, s:i, s:i, s:o, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
-                         options->size, "frames", options->frames, "seed", session_whole(session->seed), "blink",
+                         options->size, "frames", drawing.frames, "seed", session_whole(session->seed), "blink",
                          options->blink, "torso", options->torso, "moving_camera", options->moving_camera, "seconds",
                          session_number(session_seconds() - began)));
 }
@@ -51,12 +58,28 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.frames,
        .low = 8,
        .high = 100000,
-       .help = "25 a second; one in eleven is for validation"},
+       .help = "25 a second; one in eleven is for validation (default 250, or as long as --text takes)"},
       {.name = "seed",
        .kind = OPTION_COUNT,
        .target = &session.seed,
        .low = 0,
        .help = "another person, other speech; same seed, same bytes (default 0)"},
+      {.name = "text",
+       .kind = OPTION_TEXT,
+       .target = &synth.text_file,
+       .choices = "FILE.txt",
+       .help = "speech: what espeak-ng says of this text; the jaw follows its phonemes (default: made-up syllables)"},
+      {.name = "voice",
+       .kind = OPTION_TEXT,
+       .target = &synth.spoken.voice,
+       .choices = "NAME",
+       .help = "of --text, as `espeak-ng --voices` has them: de, en-us, en-us+f3 (default en-us)"},
+      {.name = "words-per-minute",
+       .kind = OPTION_INT,
+       .target = &synth.spoken.words_per_minute,
+       .low = 80,
+       .high = 450,
+       .help = "of --text"},
       {.name = "no-blink", .kind = OPTION_OFF, .target = &synth.blink, .help = "eyes stay open, no au.csv"},
       {.name = "no-torso", .kind = OPTION_OFF, .target = &synth.torso, .help = "a head alone, empty torso pictures"},
       {.name = "static-camera",
@@ -74,6 +97,9 @@ int cmd_synth(int argc, char **argv) {
       .groups = {{"The clip:", own, sizeof own / sizeof own[0]}, {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
+  if (status < 0 && synth.text_file == NULL) status = args_forbid(&args, "voice words-per-minute", "is of --text");
+  if (synth.text_file != NULL && !args_given(&args, "frames")) synth.frames = 0;
+  session.inputs[0] = synth.text_file;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
   status = make(&session, &synth, folder);

@@ -3,16 +3,21 @@
 #ifndef ERNERF_LAB_SYNTH_H
 #define ERNERF_LAB_SYNTH_H
 
-#include "ernerf/base.h"
+#include "ernerf-lab/spoken.h"
 
 typedef struct ern_synth_options {
   uint32_t cookie;
   int size;   /* pixels a side, 64..1024 */
-  int frames; /* 8..100000; one in eleven, at least one, is for validation */
+  int frames; /* 8..100000; one in eleven, at least one, is for validation; 0: as long as the text takes */
   uint64_t seed;
   bool blink;         /* without: no au.csv, eyes stay open */
   bool torso;         /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
   bool moving_camera; /* without: every frame has the first frame's pose */
+  /* A file of UTF-8, at most 1 MiB. NULL: syllables of the seed, with their features. A text is spoken by espeak-ng
+   * (spoken.h) into aud.wav, the jaw follows its phonemes, and there is no file of features. The seed still chooses the
+   * person and the head's way. */
+  const char *text_file;
+  ern_spoken_options spoken;
   /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
   int (*progress)(void *user, int done, int total);
   void *user;

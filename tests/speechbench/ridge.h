@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ * Ridge regression: min |A w - b|^2 + lambda n |w|^2, of inputs brought to mean 0 and deviation 1. */
+#ifndef ERN_TESTS_RIDGE_H
+#define ERN_TESTS_RIDGE_H
+
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct ridge;
+/* x [n][inputs], y [n]; NULL where it has no solution. */
+struct ridge *ridge_fit(const float *x, const double *y, size_t n, size_t inputs, double lambda);
+double ridge_value(const struct ridge *ridge, const float *x);
+void ridge_free(struct ridge *ridge);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
