@@ -213,6 +213,7 @@ typedef struct ern_frame_output {
 /* Plain data, may grow. */
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
+  double samples; /* whose density was computed for the head; NaN: not counted, by an OpenCL device's fused pass */
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that

@@ -180,6 +180,9 @@ typedef struct ern_train_hooks {
    * it returns is passed on. */
   ern_status (*validation)(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture, int width,
                            int height, const char *name);
+  /* Each frame of a validation before that: its split and number in the dataset, what was drawn and the truth, both
+   * [height][width][3], 0..1 and 0..255. An error it returns is passed on. */
+  ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 
 /* Steps until config.iters, saving and validating on the way and at the end. Where a validation fails, a save that is

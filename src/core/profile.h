@@ -3,6 +3,7 @@
 #ifndef ERN_CORE_PROFILE_H
 #define ERN_CORE_PROFILE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <time.h>
 
@@ -29,6 +30,7 @@ typedef enum ern_profile_count {
 struct ern_profile {
   double seconds[ERN_PROFILE_STAGES]; /* of all threads together */
   uint64_t count[ERN_PROFILE_COUNTS];
+  bool timed; /* by the caller: seconds are wanted too, for which a clock is read some times a tile */
 };
 
 /* Seconds of a monotonic clock. */

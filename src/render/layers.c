@@ -117,6 +117,7 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
       .individual = input->individual,
       .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, ERN_NEAR_PLANE},
       .transmittance_stop = r->options.transmittance_stop,
+      .profile = &r->profile,
       .n = to->pixels};
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;

@@ -34,7 +34,8 @@ struct ern_render_rays_args {
   size_t individual; /* row of the individual codes */
   struct ern_march_settings settings;
   float transmittance_stop;
-  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
+  struct ern_profile *profile; /* added to; NULL: not wanted. A pass by stages counts pixels and samples, fused ones of
+                                  a CPU all, a device's none */
   size_t n;
 };
 

@@ -349,12 +349,15 @@ static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *inpu
   at[1] = milliseconds();
   ERN_TRY(ern_renderer_behind(renderer, input));
   at[2] = milliseconds();
+  renderer->profile = (struct ern_profile){.timed = false};
   ERN_TRY(ern_renderer_head(renderer, input));
   at[3] = milliseconds();
   ERN_TRY(check_outputs(renderer, frame));
   ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
   at[4] = milliseconds();
-  *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3]};
+  const uint64_t *count = renderer->profile.count;
+  const double samples = count[ERN_PROFILE_PIXELS] > 0 ? (double)count[ERN_PROFILE_SAMPLES] : NAN;
+  *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3], samples};
 fail:
   ern_arena_release(renderer->stream, mark);
   return status;

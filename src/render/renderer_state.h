@@ -4,6 +4,7 @@
 #define ERN_RENDER_RENDERER_STATE_H
 
 #include "core/memory.h"
+#include "core/profile.h"
 #include "model/model.h"
 #include "render/stages.h"
 #include "render/still_state.h"
@@ -55,6 +56,7 @@ struct ern_renderer {
   struct ern_buffer *parameters, *bits, *torso_grid, *code;
   float torso_threshold;
   struct frame frame;
+  struct ern_profile profile; /* of the head of the frame */
   struct ern_buffer *room[ROOMS];
   struct heard heard;
   bool has_last_code;

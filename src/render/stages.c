@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "render/stages.h"
 
+#include "core/profile.h"
 #include "core/status.h"
 #include "model/head.h"
 
@@ -101,6 +102,10 @@ ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_r
     composite.sample_eye = batch.eye.span;
   }
   ERN_TRY(stream->backend->composite_fwd(stream, &composite));
+  if (args->profile != NULL) {
+    args->profile->count[ERN_PROFILE_PIXELS] += args->n;
+    args->profile->count[ERN_PROFILE_SAMPLES] += marched.total;
+  }
 fail:
   ern_arena_release(stream, mark);
   return status;

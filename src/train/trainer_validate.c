@@ -93,6 +93,13 @@ static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) 
   }
 }
 
+/* An error of a hook that said nothing gets words. `before`: the last error before the hook was called. */
+static ern_status answered(ern_trainer *t, ern_status status, const char *hook, const char *before) {
+  if (status == ERN_OK || !ern_trainer_said_nothing(t, before)) return status;
+  return ern_fail(t->context, status, "train: the hook `%s` answered %s at step %llu", hook, ern_status_name(status),
+                  (unsigned long long)t->step);
+}
+
 ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr) {
   const int split = t->data.frames[1] > 0 ? 1 : 0;
   const size_t most = t->config.validate_frames > 0 ? (size_t)t->config.validate_frames : SIZE_MAX;
@@ -110,15 +117,17 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
     ERN_TRY(render(t, &look, split, frame, &truth));
     *psnr += ern_psnr(look.rgb, truth, t->data.width, t->data.height, NULL) / (double)count;
     if (k == 0) draw(t, &look, truth);
+    if (hooks->validation_frame == NULL) continue;
+    ern_error_keep(t->context, before);
+    status = hooks->validation_frame(hooks->user, split, frame, look.rgb, truth);
+    ERN_TRY(answered(t, status, "validation_frame", before));
   }
   snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
   if (hooks->validation != NULL) {
     ern_error_keep(t->context, before);
     status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height,
                                name);
-    if (status != ERN_OK && ern_trainer_said_nothing(t, before))
-      ERN_TRY(ern_fail(t->context, status, "train: the hook `validation` answered %s at step %llu",
-                       ern_status_name(status), (unsigned long long)t->step));
+    status = answered(t, status, "validation", before);
   }
 fail:
   look_free(t, &look);

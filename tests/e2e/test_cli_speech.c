@@ -89,7 +89,35 @@ static void test_mouth(void **state) {
   assert_true(sharp > 0 && sharp < 2 && json_real_value(json_object_get(measures, "seam")) > 0);
   assert_true(json_real_value(json_object_get(mouth, "explained")) < 1);
   assert_true(json_real_value(json_object_get(mouth, "amplitude")) > 0);
+  assert_true(json_real_value(json_object_get(report, "samples_per_frame")) > 1);
   json_decref(report);
+  /* the training has said the same of its last validation, in words and in a table */
+  cli_run(&cli, "eval m.safetensors clip --json val.json");
+  report = cli_json(&cli, "val.json");
+  measures = json_object_get(report, "measures");
+  mouth = json_object_get(measures, "mouth_motion");
+  double found[7] = {0};
+  FILE *table = fopen("m.run/measures.csv", "r");
+  assert_non_null(table);
+  assert_int_equal(fscanf(table, "%*[^\n]\n%lf,%lf,%lf,%lf,%lf,%lf,%lf", &found[0], &found[1], &found[2], &found[3],
+                          &found[4], &found[5], &found[6]),
+                   7);
+  fclose(table);
+  const double expected[7] = {30,
+                              json_real_value(json_object_get(mouth, "explained")),
+                              json_real_value(json_object_get(mouth, "correlation")),
+                              json_real_value(json_object_get(mouth, "amplitude")),
+                              json_real_value(json_object_get(measures, "sharpness_head")),
+                              json_real_value(json_object_get(measures, "sharpness_mouth")),
+                              json_real_value(json_object_get(measures, "seam"))};
+  for (size_t i = 0; i < 7; i++) assert_true(fabs(found[i] - expected[i]) < 1e-4 * fmax(1, fabs(expected[i])));
+  json_decref(report);
+  cli_run(&cli, "train clip -o m.safetensors --resume --iters 34 --validate-every 2");
+  cli_expect(&cli, 0, "of the mouth's motion over 3 validation frames", NULL);
+  assert_int_equal(system("test $(wc -l <m.run/measures.csv) = 4 && grep -q ^30, m.run/measures.csv"), 0);
+  support_write_text("m.run/measures.csv", "mine\n");
+  cli_run(&cli, "train clip -o m.safetensors --resume --iters 36 --validate-every 2");
+  cli_expect(&cli, 0, "m.run/measures.csv: is no table of measures", NULL);
   cli_copy("clip", "blind");
   support_clear("blind/ori_imgs");
   cli_run(&cli, "eval m.safetensors blind --json -");

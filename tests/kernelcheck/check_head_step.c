@@ -174,7 +174,7 @@ static void step(struct bench *b, struct result *result) {
   const struct ern_arena_mark mark = ern_arena_mark(b->stream);
   result->gradient = calloc(count, sizeof(float));
   assert_non_null(result->gradient);
-  struct ern_profile profile = {{0}, {0}};
+  struct ern_profile profile = {.timed = true};
   b->args.dparameters = take(b, result->gradient, count);
   b->args.profile = &profile;
   support_ok(b->context, b->backend->head_step(b->stream, &b->args));

@@ -197,8 +197,8 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
   if (a->profile != NULL) {
     ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, threads * sizeof *job.profile, &profiles));
     job.profile = (struct ern_profile *)(void *)((char *)profiles.buffer->memory + profiles.at);
-    memset(job.profile, 0, threads * sizeof *job.profile);
-    a->profile->seconds[ERN_PROFILE_MARCH] += ern_profile_now() - began;
+    for (size_t k = 0; k < threads; k++) job.profile[k] = (struct ern_profile){.timed = a->profile->timed};
+    if (a->profile->timed) a->profile->seconds[ERN_PROFILE_MARCH] += ern_profile_now() - began;
     a->profile->count[ERN_PROFILE_PIXELS] += a->n;
   }
   ern_pool_run(cpu->pool, threads, lane_task, &job);

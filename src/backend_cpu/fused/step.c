@@ -57,7 +57,8 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
   ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_LANES, lanes * lane_floats, &next));
   s->lanes = (char *)next;
   s->lane_bytes = lane_floats * sizeof(float);
-  for (size_t lane = 0; lane < lanes; lane++) ern_train_lane_of(s, (int)lane)->profile = (struct ern_profile){{0}, {0}};
+  for (size_t lane = 0; lane < lanes; lane++)
+    ern_train_lane_of(s, (int)lane)->profile = (struct ern_profile){.timed = true};
 fail:
   return status;
 }

@@ -221,7 +221,7 @@ static void turn_over(struct render_scratch *s, struct flight *f, const struct e
 }
 
 static double lap(struct ern_profile *profile, ern_profile_stage stage, double since) {
-  if (profile == NULL) return 0;
+  if (profile == NULL || !profile->timed) return 0;
   const double now = ern_profile_now();
   profile->seconds[stage] += now - since;
   return now;
@@ -261,7 +261,7 @@ static bool advance(struct render_scratch *s, const struct ern_render_work *work
 void ERN_ISA(ern_render_lane)(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
                               struct ern_profile *profile) {
   struct render_scratch *s = ern_render_scratch_make(scratch, work);
-  double at = profile != NULL ? ern_profile_now() : 0;
+  double at = profile != NULL && profile->timed ? ern_profile_now() : 0;
   for (size_t k = 0; k < ERN_FLIGHTS; k++) {
     struct flight *f = &s->flight[k];
     for (size_t slot = 0; slot < TILE; slot++) {

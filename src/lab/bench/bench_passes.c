@@ -160,7 +160,7 @@ static void forget(void *user, size_t which) {
   struct passes *passes = user;
   struct subject *s = &passes->subject[which];
   ern_bench_shim_clear(s->shim);
-  s->times = (ern_frame_times){0, 0, 0, 0};
+  s->times = (ern_frame_times){0};
   s->samples = 0;
   s->calls = 0;
 }

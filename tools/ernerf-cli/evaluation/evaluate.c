@@ -73,29 +73,6 @@ int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const e
   return status == ERN_OK ? 0 : session_fail(evaluation->session);
 }
 
-static bool add_measures(struct evaluation *evaluation, const ern_clip_frame *frame, const ern_image *truth) {
-  struct evaluation_measures *m = evaluation->measures;
-  const int width = truth->width, height = truth->height;
-  const size_t pixels = (size_t)width * (size_t)height;
-  float *grey = malloc(2 * pixels * sizeof *grey), *rendered = grey + pixels;
-  ern_box box;
-  if (grey == NULL) return false;
-  grey_of_bytes(grey, truth->data, pixels);
-  grey_of_colours(rendered, evaluation->rgb, pixels);
-  if (region_head(frame, width, height, &box)) {
-    m->head_truth += gradient_energy(grey, width, height, &box);
-    m->head_rendered += gradient_energy(rendered, width, height, &box);
-  }
-  if (region_mouth(frame, width, height, &box)) {
-    m->mouth_truth += gradient_energy(grey, width, height, &box);
-    m->mouth_rendered += gradient_energy(rendered, width, height, &box);
-  }
-  (void)neck_difference(frame, grey, rendered, width, height, &m->neck, &m->neck_pixels);
-  const bool added = mouth_motion_add(&m->mouth, frame, width, height, grey, rendered);
-  free(grey);
-  return added;
-}
-
 int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                    struct evaluated *evaluated) {
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
@@ -113,7 +90,8 @@ int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const 
   if (evaluated->has_head) evaluated->head = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
   evaluated->has_mouth = region_mouth(frame, truth.width, truth.height, &box);
   if (evaluated->has_mouth) evaluated->mouth = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
-  if (evaluation->measures != NULL && !add_measures(evaluation, frame, &truth))
+  if (evaluation->measures != NULL &&
+      !measures_add(evaluation->measures, frame, truth.width, truth.height, truth.data, evaluation->rgb))
     return session_fail_with(evaluation->session, "no memory for the measures of a frame");
   return 0;
 }

@@ -6,19 +6,10 @@
 #include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
-#include "evaluation/mouth_motion.h"
-#include "evaluation/picture_measures.h"
+#include "evaluation/measures.h"
 #include "session/background.h"
 #include "session/frame_source.h"
 #include "session/session.h"
-
-/* Over several frames. */
-struct evaluation_measures {
-  struct mouth_motion mouth;
-  double head_truth, head_rendered, mouth_truth, mouth_rendered; /* gradient energies of the regions */
-  double neck;                                                   /* sum of squared differences of grey in the band */
-  size_t neck_pixels;
-};
 
 /* Frames of a clip and room for a picture of one. */
 struct evaluation {
@@ -31,9 +22,9 @@ struct evaluation {
   struct frame_source frame_source;
   struct background background;
   float *windows, refined[16];
-  float *rgb;                           /* [height][width][3], as drawn last; so is the next one */
-  uint8_t *rgba;                        /* [height][width][4] */
-  struct evaluation_measures *measures; /* evaluate_frame adds its frame; NULL: not wanted */
+  float *rgb;                /* [height][width][3], as drawn last; so is the next one */
+  uint8_t *rgba;             /* [height][width][4] */
+  struct measures *measures; /* evaluate_frame adds its frame; NULL: not wanted */
   bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
 };
 

@@ -18,7 +18,7 @@ struct eval_job {
   struct session session;
   struct portrait portrait;
   struct evaluation evaluation;
-  struct evaluation_measures measures;
+  struct measures measures;
   struct evaluated sum; /* over all frames */
   size_t heads, mouths; /* frames that have the region */
   json_t *frames;
@@ -36,6 +36,7 @@ static void take_figures(struct eval_job *job, const struct source_frame *source
   sum->times.torso += evaluated->times.torso;
   sum->times.head += evaluated->times.head;
   sum->times.output += evaluated->times.output;
+  sum->times.samples += evaluated->times.samples;
   sum->head += evaluated->head;
   sum->mouth += evaluated->mouth;
   job->heads += evaluated->has_head;
@@ -60,34 +61,6 @@ static void print_decibels(double sum, size_t count) {
     printf("  %10s", "-");
 }
 
-static void print_measures(const struct evaluation_measures *m) {
-  const struct mouth_figures mouth = mouth_motion_figures(&m->mouth);
-  if (mouth.known)
-    printf("mouth: %.1f %% of its motion, correlation %.2f, amplitude %.2f\n", 100 * mouth.explained, mouth.correlation,
-           mouth.amplitude);
-  else
-    printf("mouth: its motion cannot be told without landmarks of three frames in which it moves\n");
-  if (m->head_truth > 0 && m->mouth_truth > 0)
-    printf("sharpness over the truth's: head %.2f, mouth %.2f\n", m->head_rendered / m->head_truth,
-           m->mouth_rendered / m->mouth_truth);
-  if (m->neck_pixels > 0)
-    printf("seam: the neck under the jaw is off by %.1f of 255\n", 255 * sqrt(m->neck / (double)m->neck_pixels));
-}
-
-static json_t *mouth_json(struct mouth_figures mouth) {
-  if (!mouth.known) return json_null();
-  return json_pack("{s:o, s:o, s:o}", "explained", session_number(mouth.explained), "correlation",
-                   session_number(mouth.correlation), "amplitude", session_number(mouth.amplitude));
-}
-
-/* Null where the clip does not tell. */
-static json_t *measures_json(const struct evaluation_measures *m) {
-  return json_pack("{s:o, s:o, s:o, s:o}", "mouth_motion", mouth_json(mouth_motion_figures(&m->mouth)),
-                   "sharpness_head", session_number(m->head_rendered / m->head_truth), "sharpness_mouth",
-                   session_number(m->mouth_rendered / m->mouth_truth), "seam",
-                   session_number(255 * sqrt(m->neck / (double)m->neck_pixels)));
-}
-
 static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   const size_t n = job->evaluation.frame_source.count;
   const struct evaluated *sum = &job->sum;
@@ -106,7 +79,9 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   print_decibels(sum->head, job->heads);
   print_decibels(sum->mouth, job->mouths);
   printf("  %10.2f\n\n", mean(sum->ms, n));
-  print_measures(&job->measures);
+  const struct measures_figures figures = measures_figures(&job->measures);
+  measures_print(&figures);
+  if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
          1000 / mean(sum->ms, n), job->portrait.clip_info.width, job->portrait.clip_info.height,
          mean(sum->times.audio, n), mean(sum->times.torso, n), mean(sum->times.head, n), mean(sum->times.output, n));
@@ -119,21 +94,23 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   const size_t n = job->evaluation.frame_source.count;
   const struct evaluated *sum = &job->sum;
   const struct portrait *portrait = &job->portrait;
+  const struct measures_figures figures = measures_figures(&job->measures);
   json_t *by_stage =
       json_pack("{s:o, s:o, s:o, s:o}", "audio", session_number(mean(sum->times.audio, n)), "torso",
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}", "model",
-      session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind", portrait_kind(portrait),
-      "split", splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height,
-      "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
-      "psnr_head", job->heads > 0 ? session_number(mean(sum->head, job->heads)) : json_null(), "psnr_mouth",
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}",
+      "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
+      portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
+      portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
+      session_number(mean(sum->ssim, n)), "psnr_head",
+      job->heads > 0 ? session_number(mean(sum->head, job->heads)) : json_null(), "psnr_mouth",
       job->mouths > 0 ? session_number(mean(sum->mouth, job->mouths)) : json_null(), "measures",
-      measures_json(&job->measures), "fps", session_number(1000 / mean(sum->ms, n)), "ms_per_frame",
-      session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes",
-      (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
-      job->session.backend_info.isa, "frames", job->frames);
+      measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
+      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
+      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
+      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -181,7 +158,7 @@ static int evaluate_all(struct eval_job *job) {
 static void close_all(struct eval_job *job) {
   json_decref(job->frames);
   evaluate_close(&job->evaluation);
-  mouth_motion_free(&job->measures.mouth);
+  measures_free(&job->measures);
   portrait_close(&job->portrait);
   session_close(&job->session);
 }

@@ -8,7 +8,6 @@
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
 #include "ernerf/train.h"
-#include "output/curve.h"
 #include "output/forecast.h"
 #include "output/progress.h"
 #include "session/clip_source.h"
@@ -17,6 +16,7 @@
 #include "verbs.h"
 #include "verbs/inherit.h"
 #include "verbs/speech_copies.h"
+#include "verbs/validations.h"
 
 enum {
   GOAL_OPTIONS = 19,
@@ -32,6 +32,7 @@ struct train_job {
   struct clip_source source;
   const char *head_path, *effects_list;
   struct speech_copies copies;
+  struct validations validations;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
@@ -47,11 +48,8 @@ struct train_job {
   ern_trainer *trainer;
   struct progress progress;
   struct forecast forecast;
-  struct curve curve;
   ern_train_report last; /* the newest one */
   bool stepped;          /* there is one */
-  double val_psnr;       /* dB, of the newest validation */
-  size_t val_frames;     /* 0: none was made */
 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
@@ -467,33 +465,15 @@ static int say_progress(void *user, const ern_train_report *report) {
   return session_interrupted();
 }
 
-/* The curve so far, at the start of a training that goes on from an earlier one. A curve that cannot be read, as one
- * that cannot be drawn, is told of: it is no reason to stop a training. */
-static void read_curve(struct train_job *job) {
-  char path[4096];
-  snprintf(path, sizeof path, "%s/curve.csv", ern_trainer_folder(job->trainer));
-  if (job->config.resume) (void)curve_read(&job->curve, &job->session, path);
-}
-
-static void extend_curve(struct train_job *job, uint64_t step, double psnr) {
-  const struct curve_named named = {job->config.output, &job->curve};
-  ern_train_report now;
-  ern_trainer_describe(job->trainer, &now);
-  if (curve_add(&job->curve, &job->session, (struct curve_point){step, now.seconds, psnr}) == 0)
-    (void)curve_plot(&named, 1, &job->session, ern_trainer_folder(job->trainer), "curve", job->config.output);
+static ern_status take_frame(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth) {
+  struct train_job *job = user;
+  return validations_frame(&job->validations, split, frame, rgb, truth);
 }
 
 static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
                                   int width, int height, const char *name) {
   struct train_job *job = user;
-  char path[4096];
-  const ern_image image = {.width = width, .height = height, .channels = 3, .data = (uint8_t *)(uintptr_t)picture};
-  job->val_psnr = psnr;
-  job->val_frames = frames;
-  session_note(&job->session, "step %" PRIu64 ": PSNR %.3f over %zu validation frames, %s", step, psnr, frames, name);
-  snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(job->trainer), name);
-  extend_curve(job, step, psnr);
-  return session_keeps_file(&job->session, path) ? ERN_OK : ern_image_write(job->session.context, path, &image, 100);
+  return validations_end(&job->validations, step, psnr, frames, picture, width, height, name);
 }
 
 static json_t *report(const struct train_job *job) {
@@ -509,19 +489,20 @@ static json_t *report(const struct train_job *job) {
                    "psnr", job->stepped ? session_number(last->psnr) : json_null(), "seconds",
                    job->stepped ? session_number(last->seconds) : json_null(), "samples_per_ray",
                    job->stepped ? session_number(last->samples_per_ray) : json_null(), "val_psnr",
-                   job->val_frames > 0 ? session_number(job->val_psnr) : json_null(), "val_frames",
-                   (json_int_t)job->val_frames, "seed", session_whole(job->config.seed), "backend",
+                   job->validations.frames > 0 ? session_number(job->validations.psnr) : json_null(), "val_frames",
+                   (json_int_t)job->validations.frames, "seed", session_whole(job->config.seed), "backend",
                    job->session.backend_info.name, "isa", job->session.backend_info.isa);
 }
 
 static int run(struct train_job *job) {
   struct session *session = &job->session;
   char spent[32];
-  const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
+  const ern_train_hooks hooks = {
+      .user = job, .progress = say_progress, .validation = take_validation, .validation_frame = take_frame};
   say_plan(job);
-  read_curve(job);
   ern_train_report start;
   ern_trainer_describe(job->trainer, &start);
+  validations_begin(&job->validations, session, job->trainer, job->clip, job->config.output, job->config.resume);
   forecast_begin(&job->forecast, session_seconds(), start.step);
   progress_begin(&job->progress, session, "train", "steps");
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
@@ -544,7 +525,7 @@ static void close_all(struct train_job *job) {
   ern_trainer_free(&job->trainer);
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
-  curve_free(&job->curve);
+  validations_free(&job->validations);
   session_close(&job->session);
 }
 
@@ -570,7 +551,7 @@ int cmd_train(int argc, char **argv) {
           "train CLIP --torso --head head.safetensors -o portrait.safetensors",
       .notes =
           "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
-          "X.run holds state.safetensors and its predecessor, log.jsonl, curve.csv with plots of it over\n"
+          "X.run holds state.safetensors and its predecessor, log.jsonl, measures.csv, curve.csv and its plots over\n"
           "seconds and steps, and val_NNNNNN.png: prediction, truth, difference, attention of speech and of the eyes.",
       .public_names = true,
       .words = words,

@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: MIT */
+#include "verbs/validations.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char table_name[] = "measures.csv",
+                  head[] =
+                      "step,mouth_explained,mouth_correlation,mouth_amplitude,sharpness_head,sharpness_mouth,"
+                      "seam\n";
+enum { LINE_BYTES = 256, PATH_BYTES = 4096 };
+
+/* Lines of growing steps up to `step`. */
+static bool read_lines(struct bytes *table, FILE *file, uint64_t step) {
+  char line[LINE_BYTES];
+  uint64_t last = 0;
+  for (bool first = true; fgets(line, sizeof line, file) != NULL; first = false) {
+    uint64_t at = 0;
+    if (strchr(line, '\n') == NULL || (first && strcmp(line, head) != 0)) return false;
+    if (first) continue;
+    if (sscanf(line, "%" SCNu64 ",", &at) != 1 || at <= last) return false;
+    if (at > step) break;
+    last = at;
+    bytes_add(table, line, strlen(line));
+  }
+  return ferror(file) == 0;
+}
+
+static void read_table(struct validations *v, const char *path, uint64_t step) {
+  bytes_add(&v->table, head, strlen(head));
+  FILE *file = path[0] != 0 ? fopen(path, "r") : NULL;
+  if (file == NULL) return;
+  if (!read_lines(&v->table, file, step)) {
+    session_warn(v->session, "%s: is no table of measures, expected the line %.*s first; it begins anew", path,
+                 (int)strlen(head) - 1, head);
+    bytes_free(&v->table);
+    bytes_add(&v->table, head, strlen(head));
+  }
+  fclose(file);
+}
+
+void validations_begin(struct validations *v, struct session *session, const ern_trainer *trainer, const ern_clip *clip,
+                       const char *title, bool resume) {
+  char table[PATH_BYTES] = "", curve[PATH_BYTES];
+  ern_train_report start;
+  const char *folder = ern_trainer_folder(trainer);
+  *v = (struct validations){.session = session, .trainer = trainer, .clip = clip, .title = title};
+  ern_trainer_describe(trainer, &start);
+  if (resume) snprintf(table, sizeof table, "%s/%s", folder, table_name);
+  read_table(v, table, start.step);
+  snprintf(curve, sizeof curve, "%s/curve.csv", folder);
+  if (resume) (void)curve_read(&v->curve, session, curve);
+}
+
+ern_status validations_frame(struct validations *v, int split, size_t frame, const float *rgb, const uint8_t *truth) {
+  ern_clip_info info;
+  ern_clip_describe(v->clip, &info);
+  const ern_clip_frame *about = ern_clip_frame_at(v->clip, (ern_split)split, frame);
+  return measures_add(&v->now, about, info.width, info.height, truth, rgb) ? ERN_OK : ERN_E_NO_MEMORY;
+}
+
+static void extend_curve(struct validations *v, uint64_t step, double psnr) {
+  const struct curve_named named = {v->title, &v->curve};
+  ern_train_report now;
+  ern_trainer_describe(v->trainer, &now);
+  if (curve_add(&v->curve, v->session, (struct curve_point){step, now.seconds, psnr}) == 0)
+    (void)curve_plot(&named, 1, v->session, ern_trainer_folder(v->trainer), "curve", v->title);
+}
+
+static void extend_table(struct validations *v, uint64_t step, const struct measures_figures *f) {
+  const bool known = f->mouth.known;
+  const double figures[] = {known ? f->mouth.explained : NAN,
+                            known ? f->mouth.correlation : NAN,
+                            known ? f->mouth.amplitude : NAN,
+                            f->sharpness_head,
+                            f->sharpness_mouth,
+                            f->seam};
+  struct bytes copy = {0}; /* writing releases it */
+  bytes_print(&v->table, "%" PRIu64, step);
+  for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) {
+    bytes_print(&v->table, ",");
+    if (isfinite(figures[i])) bytes_print(&v->table, "%.5g", figures[i]);
+  }
+  bytes_print(&v->table, "\n");
+  bytes_add(&copy, v->table.data, v->table.count);
+  (void)session_write_in(v->session, ern_trainer_folder(v->trainer), table_name, &copy);
+}
+
+ern_status validations_end(struct validations *v, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
+                           int width, int height, const char *name) {
+  char path[PATH_BYTES], moves[64] = "";
+  const ern_image image = {.width = width, .height = height, .channels = 3, .data = (uint8_t *)(uintptr_t)picture};
+  const struct measures_figures figures = measures_figures(&v->now);
+  measures_free(&v->now);
+  v->psnr = psnr;
+  v->frames = frames;
+  if (figures.mouth.known)
+    snprintf(moves, sizeof moves, ", %.1f %% of the mouth's motion", 100 * figures.mouth.explained);
+  session_note(v->session, "step %" PRIu64 ": PSNR %.3f%s over %zu validation frames, %s", step, psnr, moves, frames,
+               name);
+  snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(v->trainer), name);
+  extend_curve(v, step, psnr);
+  extend_table(v, step, &figures);
+  return session_keeps_file(v->session, path) ? ERN_OK : ern_image_write(v->session->context, path, &image, 100);
+}
+
+void validations_free(struct validations *v) {
+  curve_free(&v->curve);
+  measures_free(&v->now);
+  bytes_free(&v->table);
+}
