@@ -49,7 +49,8 @@ typedef struct ern_dataset {
   const ern_features *copies;
   size_t copy_count;
   float copy_share;   /* 0..1 */
-  const char *speech; /* kind of the features (ern_model_info.speech); NULL: it is not known */
+  const char *speech; /* kind of the features (ern_model_info.speech), UTF-8 of 63 bytes at most; NULL: it is not known.
+                         A torso keeps the kind of its head */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */

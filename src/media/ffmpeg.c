@@ -2,6 +2,7 @@
 #include "media/ffmpeg.h"
 
 #include <errno.h>
+#include <libavutil/avstring.h>
 #include <libavutil/log.h>
 #include <stdio.h>
 #include <string.h>
@@ -53,7 +54,21 @@ static int find_streams(AVFormatContext *container) {
   return error;
 }
 
-/* Opens the container. Playlists may name files, never addresses. */
+/* All formats but those that name other files, which may be addresses, pipes or lists without an end. */
+static int allow_formats(AVDictionary **options) {
+  static const char of_lists[] = "concat,hls,dash,imf,mlv,rtsp,sdp,sap,lavfi,avisynth,vapoursynth";
+  void *at = NULL;
+  int error = 0;
+  const AVInputFormat *format = av_demuxer_iterate(&at);
+  for (bool first = true; format != NULL && error >= 0; format = av_demuxer_iterate(&at)) {
+    if (av_match_list(format->name, of_lists, ',') > 0) continue;
+    if (!first) error = av_dict_set(options, "format_whitelist", ",", AV_DICT_APPEND);
+    if (error >= 0) error = av_dict_set(options, "format_whitelist", format->name, AV_DICT_APPEND);
+    first = false;
+  }
+  return error;
+}
+
 static ern_status open_container(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
   ern_status status = ERN_OK;
@@ -61,7 +76,10 @@ static ern_status open_container(struct ern_decoder *decoder) {
   AVDictionary *options = NULL;
   ERN_TRY(ern_av_url(context, decoder->path, &url));
   int error = av_dict_set(&options, "protocol_whitelist", "file", 0);
+  if (error >= 0) error = allow_formats(&options);
   if (error >= 0) error = avformat_open_input(&decoder->container, url, NULL, &options);
+  if (error == AVERROR(EINVAL))
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is a playlist or no sound or video at all", decoder->path));
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound or video", error));
   error = find_streams(decoder->container);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));

@@ -4,7 +4,7 @@
 
 #include <libavutil/channel_layout.h>
 
-enum { MAX_RATE = 384000, MAX_CHANNELS = 8 };
+enum { MAX_RATE = 384000, MAX_CHANNELS = 8, MAX_SILENCE = 3600 /* s */ };
 
 ern_status ern_sound_check_form(ern_context *context, const char *path, int rate, int channels) {
   if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS)
@@ -26,14 +26,28 @@ static ern_status take_form(struct ern_sound_decoder *sound, int rate, int chann
   return ern_sound_check_form(sound->decoder.context, sound->decoder.path, rate, channels);
 }
 
-static ern_status start(struct ern_sound_decoder *sound) {
-  const AVFrame *frame = sound->decoder.frame;
+/* The sound's track may begin after the pictures'. */
+static ern_status find_silence(struct ern_sound_decoder *sound) {
+  const AVFormatContext *container = sound->decoder.container;
+  const AVStream *stream = sound->decoder.stream;
+  if (container->start_time == AV_NOPTS_VALUE || stream->start_time == AV_NOPTS_VALUE) return ERN_OK;
+  const double late =
+      (double)stream->start_time * av_q2d(stream->time_base) - (double)container->start_time / AV_TIME_BASE;
+  if (late > MAX_SILENCE)
+    return ern_fail(sound->decoder.context, ERN_E_UNSUPPORTED, "%s: its sound begins at %.0f s, expected %d s at most",
+                    sound->decoder.path, late, MAX_SILENCE);
+  if (late > 0) sound->silence = (size_t)(late * sound->rate + 0.5);
+  return ERN_OK;
+}
+
+/* From the format of the frame at hand. */
+static ern_status make_converter(struct ern_sound_decoder *sound) {
   AVChannelLayout layout = {0};
-  const ern_status status = take_form(sound, frame->sample_rate, frame->ch_layout.nb_channels);
-  if (status != ERN_OK) return status;
+  sound->from = (enum AVSampleFormat)sound->decoder.frame->format;
+  swr_free(&sound->convert);
   av_channel_layout_default(&layout, sound->channels); /* the same on both sides: no mixing */
-  int error = swr_alloc_set_opts2(&sound->convert, &layout, sound->format, sound->rate, &layout,
-                                  (enum AVSampleFormat)frame->format, sound->rate, 0, NULL);
+  int error = swr_alloc_set_opts2(&sound->convert, &layout, sound->format, sound->rate, &layout, sound->from,
+                                  sound->rate, 0, NULL);
   if (error >= 0) error = swr_init(sound->convert);
   av_channel_layout_uninit(&layout);
   return error >= 0
@@ -57,15 +71,19 @@ ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
   if (status != ERN_OK) return status;
   if (*end) return sound->convert != NULL ? ERN_OK : take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
   const AVFrame *frame = decoder->frame;
-  if (sound->convert == NULL) status = start(sound);
-  if (status != ERN_OK) return status;
+  if (sound->convert == NULL) {
+    status = take_form(sound, frame->sample_rate, frame->ch_layout.nb_channels);
+    if (status == ERN_OK) status = find_silence(sound);
+    if (status != ERN_OK) return status;
+  }
   if (frame->sample_rate != sound->rate || frame->ch_layout.nb_channels != sound->channels)
     return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
                     "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels", decoder->path, sound->rate,
                     sound->channels, frame->sample_rate, frame->ch_layout.nb_channels);
+  if (sound->convert == NULL || sound->from != (enum AVSampleFormat)frame->format) status = make_converter(sound);
   sound->frames = (size_t)frame->nb_samples;
   sound->surplus = surplus_of(decoder);
-  return ERN_OK;
+  return status;
 }
 
 ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples) {

@@ -11,9 +11,11 @@ struct ern_sound_decoder {
   struct ern_decoder decoder;
   enum AVSampleFormat format; /* wanted: interleaved */
   SwrContext *convert;        /* NULL before the first piece */
+  enum AVSampleFormat from;   /* that the file's samples have now */
   int rate, channels;         /* of the first piece, or of the header where the file ends before one */
   size_t frames;              /* of the piece that was decoded last */
   size_t surplus;             /* of these, at their end: padding, if the piece is the file's last */
+  size_t silence;             /* frames before the first piece: so much later than the file's other streams it begins */
 };
 
 /* 1 to 384000 samples a second and 1 to 8 channels, else ERN_E_SHAPE. */

@@ -37,8 +37,11 @@ static ern_status take_piece(struct job *job, float warp) {
   struct ern_sound_decoder *sound = &job->sound;
   const size_t count = sound->frames;
   ern_status status = ERN_OK;
-  if (job->stream == NULL)
+  if (job->stream == NULL) {
     ERN_TRY(ern_speech_stream_open(job->context, sound->rate, sound->channels, warp, &job->stream));
+    ERN_TRY(ERN_NEW(job->context, sound->silence * (size_t)sound->channels, &job->samples));
+    job->room = job->waiting = sound->silence;
+  }
   ERN_TRY(push_waiting(job));
   if (job->frames + count > (uint64_t)MOST_SECONDS * (uint64_t)sound->rate)
     ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",

@@ -2,6 +2,7 @@
  * A trainer made and unmade: configuration and data checked, memory taken, values fresh, resumed or taken from a file.
  */
 #include <inttypes.h>
+#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -106,6 +107,17 @@ static ern_status check_all_features(ern_context *context, const ern_dataset *d)
   return status;
 }
 
+/* A name that is kept in the model. */
+static ern_status check_name(ern_context *context, const char *what, const char *name, size_t most) {
+  if (name == NULL) return ERN_OK;
+  json_t *text = json_string(name); /* NULL: no UTF-8 */
+  const bool fits = text != NULL && strlen(name) <= most;
+  json_decref(text);
+  if (fits) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "train: the %s is %s, expected UTF-8 of at most %zu bytes", what,
+                  strlen(name) > most ? "longer" : "no UTF-8", most);
+}
+
 static ern_status check_data(ern_trainer *t) {
   const ern_dataset *d = &t->data;
   ern_train_config *c = &t->config;
@@ -132,7 +144,9 @@ static ern_status check_data(ern_trainer *t) {
     return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
-  const ern_status status = ern_features_check(t->context, "train", d->features);
+  ern_status status = check_name(t->context, "kind of the speech", d->speech, sizeof t->model->speech - 1);
+  if (status == ERN_OK) status = check_name(t->context, "identity", d->identity, sizeof t->identity - 1);
+  if (status == ERN_OK) status = ern_features_check(t->context, "train", d->features);
   return status == ERN_OK ? check_all_features(t->context, d) : status;
 }
 
@@ -228,7 +242,9 @@ static ern_status make_model(ern_trainer *t) {
   ERN_TRY(ern_model_make(&t->model, t->context, &config));
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
-  if (t->data.speech != NULL) snprintf(t->model->speech, sizeof t->model->speech, "%s", t->data.speech);
+  /* a torso learns nothing of the speech */
+  const char *speech = t->config.torso && t->config.head != NULL ? t->config.head->speech : t->data.speech;
+  if (speech != NULL) snprintf(t->model->speech, sizeof t->model->speech, "%s", speech);
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);
@@ -379,9 +395,8 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->data = data;
   t->config = chosen;
   t->run.lock = -1;
-  if (data.identity != NULL && strlen(data.identity) < sizeof t->identity)
-    memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(check_data(t));
+  if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(make_model(t));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
   ERN_TRY(take_device(t));

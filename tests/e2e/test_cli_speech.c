@@ -73,6 +73,11 @@ static void test_others(void **state) {
   cli_expect(&cli, 0, "unknown kind", NULL);
   cli_run(&cli, "render mine.safetensors --clip clip --audio clip/aud.wav -o mine.mp4");
   cli_expect(&cli, 1, "mine.safetensors", "expected --audio FILE.npy", NULL);
+  /* nor does it when a torso has been put under it, by a training that made its own features of the sound */
+  cli_run(&cli, "train clip --torso --head mine.safetensors -o body.safetensors --iters 2 --rays 64 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render body.safetensors --clip clip --audio clip/aud.wav -o mine.mp4");
+  cli_expect(&cli, 1, "body.safetensors", "expected --audio FILE.npy", NULL);
   cli_run(&cli, "eval mine.safetensors clip");
   cli_expect(&cli, 1, "another kind than cepstra-1", NULL);
   cli_run(&cli, "eval mine.safetensors clip --audio mine.npy --quiet");

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Sound files: what is written comes back to the sample, other forms become 16-bit, nonsense is refused. */
+#include <libavutil/channel_layout.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -7,7 +8,9 @@
 
 #include "core/memory.h"
 #include "ernerf/media.h"
+#include "ernerf/speech.h"
 #include "io/file.h"
+#include "media/sound_decoder.h"
 #include "support.h"
 
 static ern_context *context;
@@ -210,6 +213,109 @@ static void test_real_sound(void **state) {
   ern_sound_free(context, &read);
 }
 
+/* ---- what changes, waits or comes late ----------------------------------------------------------------------------
+ */
+
+/* A track may go on in another format, as in joined transport streams. */
+static void test_format_changes(void **state) {
+  (void)state;
+  enum { FRAMES = 32 };
+  float samples[4096];
+  bool end = false;
+  struct ern_sound_decoder sound, other;
+  ern_sound flat = {.rate = 16000, .channels = 1, .frames = FRAMES};
+  support_ok(context, ERN_NEW(context, FRAMES, &flat.data));
+  for (int i = 0; i < FRAMES; i++) flat.data[i] = 16384; /* 0.5 */
+  support_ok(context, ern_sound_write_wav(context, "half.wav", &flat));
+  uint8_t wav[200];
+  float quarter[FRAMES];
+  for (int i = 0; i < FRAMES; i++) quarter[i] = 0.25f;
+  support_write("quarter.wav", wav, make_wav(wav, 3, 16000, 1, 32, quarter, sizeof quarter));
+  support_ok(context, ern_sound_decoder_open(context, "half.wav", AV_SAMPLE_FMT_FLT, &sound));
+  support_ok(context, ern_sound_decoder_open(context, "quarter.wav", AV_SAMPLE_FMT_FLT, &other));
+  for (int turn = 0; turn < 2; turn++) {
+    support_ok(context, ern_sound_decoder_next(&sound, &end));
+    assert_true(!end && sound.frames == FRAMES);
+    support_ok(context, ern_sound_decoder_take(&sound, samples));
+    for (int i = 0; i < FRAMES; i++) assert_true(samples[i] == (turn == 0 ? 0.5f : 0.25f));
+    const struct ern_decoder first = sound.decoder;
+    sound.decoder = other.decoder;
+    other.decoder = first;
+  }
+  ern_sound_decoder_close(&sound);
+  ern_sound_decoder_close(&other);
+  ern_sound_free(context, &flat);
+}
+
+/* A file that names other files may name one that never ends: none is opened. */
+static void test_playlists(void **state) {
+  (void)state;
+  ern_sound sound;
+  ern_features features;
+  const struct {
+    const char *name, *text;
+  } lists[] = {{"live.m3u8", "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nround.wav\n"},
+               {"list.ffconcat", "ffconcat version 1.0\nfile pipe.wav\n"}};
+  unlink("pipe.wav");
+  assert_int_equal(mkfifo("pipe.wav", 0600), 0);
+  for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
+    support_write_text(lists[i].name, lists[i].text);
+    support_expect(context, ern_sound_read(context, lists[i].name, &sound), ERN_E_FORMAT, lists[i].name, "playlist",
+                   NULL);
+    support_expect(context, ern_speech_features(context, lists[i].name, 1, &features), ERN_E_FORMAT, "playlist", NULL);
+  }
+}
+
+/* Two tracks of 16-bit samples at 16 kHz, 0.5 s each: mono from 0 s on, stereo, which FFmpeg calls the best, from
+ * `late` seconds on. */
+static void write_two_tracks(const char *path, double late) {
+  AVFormatContext *container = NULL;
+  static uint8_t samples[2][8000 * 4];
+  assert_true(avformat_alloc_output_context2(&container, NULL, "matroska", path) >= 0);
+  for (int k = 0; k < 2; k++) {
+    AVStream *stream = avformat_new_stream(container, NULL);
+    assert_non_null(stream);
+    stream->time_base = (AVRational){1, 1000};
+    stream->codecpar->codec_type = AVMEDIA_TYPE_AUDIO;
+    stream->codecpar->codec_id = AV_CODEC_ID_PCM_S16LE;
+    stream->codecpar->sample_rate = 16000;
+    av_channel_layout_default(&stream->codecpar->ch_layout, k + 1);
+  }
+  assert_true(avio_open(&container->pb, path, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(container, NULL) >= 0);
+  for (int k = 0; k < 2; k++) {
+    AVPacket *packet = av_packet_alloc();
+    memset(samples[k], 1 + k, sizeof samples[k]);
+    assert_true(packet != NULL && av_new_packet(packet, 8000 * 2 * (k + 1)) >= 0);
+    memcpy(packet->data, samples[k], (size_t)packet->size);
+    packet->stream_index = k;
+    packet->pts = packet->dts = k == 0 ? 0 : (int64_t)(1000 * late);
+    packet->duration = 500;
+    assert_true(av_interleaved_write_frame(container, packet) >= 0);
+    av_packet_free(&packet);
+  }
+  assert_true(av_write_trailer(container) >= 0);
+  avio_closep(&container->pb);
+  avformat_free_context(container);
+}
+
+/* The sound of a video keeps its time. */
+static void test_late_track(void **state) {
+  (void)state;
+  ern_sound sound;
+  ern_features features;
+  write_two_tracks("late.mka", 1);
+  support_ok(context, ern_sound_read(context, "late.mka", &sound));
+  assert_int_equal(sound.channels, 2);
+  assert_int_equal(sound.frames, 24000);
+  for (size_t i = 0; i < 2 * sound.frames; i++) assert_int_equal(sound.data[i], i < 2 * 16000 ? 0 : 0x0202);
+  support_ok(context, ern_speech_features(context, "late.mka", 1, &features));
+  assert_int_equal(features.windows, 38); /* of 1.5 s */
+  ern_sound_free(context, &sound);
+  ern_features_free(context, &features);
+  write_two_tracks("later.mka", 4000);
+  support_expect(context, ern_sound_read(context, "later.mka", &sound), ERN_E_UNSUPPORTED, "begins at 4000 s", NULL);
+}
+
 int main(void) {
   signal(SIGXFSZ, SIG_IGN);
   const struct CMUnitTest tests[] = {
@@ -221,6 +327,9 @@ int main(void) {
       cmocka_unit_test(test_no_samples),
       cmocka_unit_test(test_refused_writes),
       cmocka_unit_test(test_real_sound),
+      cmocka_unit_test(test_format_changes),
+      cmocka_unit_test(test_playlists),
+      cmocka_unit_test(test_late_track),
   };
   return cmocka_run_group_tests_name("sound", tests, set_up, tear_down);
 }

@@ -143,9 +143,32 @@ static void test_steps_in_a_callback(void **state) {
   made_close(&m);
 }
 
+/* A name that the model's file cannot hold is refused before the first step. */
+static void test_names(void **state) {
+  (void)state;
+  struct made m;
+  char longer[70];
+  ern_trainer *trainer = NULL;
+  made_open(&m);
+  memset(longer, 'a', sizeof longer);
+  longer[sizeof longer - 1] = 0;
+  const ern_train_config config = small_config(2, NULL);
+  const char *const speech[] = {"\xff\xfe", longer, NULL, NULL}, *const identity[] = {NULL, NULL, "\xc3(", longer},
+                    *const said[] = {"kind of the speech is no UTF-8", "kind of the speech is longer",
+                                     "identity is no UTF-8", "identity is longer"};
+  for (size_t i = 0; i < 4; i++) {
+    ern_dataset data = m.data;
+    data.speech = speech[i];
+    data.identity = identity[i];
+    support_expect(m.context, ern_trainer_create(&trainer, m.backend, &data, &config), ERN_E_ARGUMENT, said[i], NULL);
+    assert_null(trainer);
+  }
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
                                      cmocka_unit_test(test_failed_picture_saves), cmocka_unit_test(test_another_folder),
-                                     cmocka_unit_test(test_steps_in_a_callback)};
+                                     cmocka_unit_test(test_steps_in_a_callback), cmocka_unit_test(test_names)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
