@@ -27,7 +27,7 @@ struct report {
   ern_pose_list lists[2]; /* by ern_split; empty where they could not be read */
   bool poses, blink, torso, landmarks;
   const char *features_name;
-  int features_width;
+  const char *speech; /* kind of the features */
 };
 
 static void tell(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
@@ -191,8 +191,10 @@ static void check_frames(struct report *report) {
   }
 }
 
-static const char *features_kind(const ern_features *features) {
+/* 13 numbers may be anybody's cepstra: only our own files are known by their name. */
+static const char *features_kind(const struct report *report, const ern_features *features, bool sound) {
   const char *kind = ern_speech_kind(features);
+  if (sound || strcmp(report->features_name, "aud_cep.npy") == 0) return ERN_SPEECH_CEPSTRA;
   return kind[0] != 0 ? kind : "an unknown kind";
 }
 
@@ -244,14 +246,14 @@ static void check_features(struct report *report) {
     say_wrong(report, status, help);
     return;
   }
-  report->features_width = features.width;
-  if (ern_speech_is_sound(path))
+  const bool sound = ern_speech_is_sound(path);
+  report->speech = features_kind(report, &features, sound);
+  if (sound)
     tell(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.", report->features_name,
          ERN_SPEECH_CEPSTRA, features.windows);
   else
     tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
-         strcmp(report->features_name, "aud_cep.npy") == 0 ? ERN_SPEECH_CEPSTRA : features_kind(&features),
-         features.windows, features.window_length, features.width);
+         report->speech, features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
   ern_features_free(report->context, &features);
 }
@@ -327,7 +329,7 @@ static void summarise(struct report *report) {
   }
   tell(report, THERE,
        "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
-       report->lists[ERN_SPLIT_TRAIN].count, features_kind(&(ern_features){.width = report->features_width}),
+       report->lists[ERN_SPLIT_TRAIN].count, report->speech,
        report->blink ? ", its blinking from au.csv" : ", no blinking",
        report->landmarks ? ", the face told from the rest by its landmarks" : "",
        report->torso ? "will learn the torso" : "cannot run on it");
