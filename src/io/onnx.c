@@ -1,0 +1,406 @@
+/* SPDX-License-Identifier: MIT
+ * The fields of an ONNX file (protobuf, onnx.proto of version 1) that a program must know before a reader that trusts
+ * them sees the file. */
+#include "io/onnx.h"
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+
+/* MOST_TYPE: of TensorProto.DataType. Names are looked for one by one; the largest speech networks have some 5,000. */
+enum { MOST_NAMES = 16384, MOST_USES = 65536, MOST_TYPE = 16, MOST_SHAPE_TEXT = 160 };
+enum { WIRE_VARINT = 0, WIRE_64 = 1, WIRE_BYTES = 2, WIRE_32 = 5 };
+enum { TYPE_FLOAT = 1, TYPE_UINT8 = 2, TYPE_INT8 = 3, TYPE_INT32 = 6, TYPE_INT64 = 7, TYPE_DOUBLE = 11 };
+
+struct span {
+  const uint8_t *at, *end;
+};
+
+struct field {
+  uint64_t number, value; /* value: of a number; of bytes their count */
+  int wire;
+  struct span bytes;
+};
+
+struct look {
+  ern_context *context;
+  const char *path;
+  const uint8_t *begin; /* of the file */
+  struct ern_onnx *onnx;
+  struct span *name; /* [names]: of weights, then of inputs, then of what nodes give */
+  size_t names, weights, uses;
+};
+
+static size_t length(struct span span) { return (size_t)(span.end - span.at); }
+
+static bool take_varint(struct span *rest, uint64_t *value) {
+  *value = 0;
+  for (int shift = 0; shift < 70 && rest->at < rest->end; shift += 7) {
+    const uint8_t byte = *rest->at++;
+    if (shift < 64) *value |= (uint64_t)(byte & 127) << shift;
+    if (byte < 128) return true;
+  }
+  return false;
+}
+
+/* Takes the first field off a message: 1; 0 at the end; -1 where there is no whole field. */
+static int next_field(struct span *rest, struct field *field) {
+  uint64_t tag = 0;
+  if (rest->at == rest->end) return 0;
+  if (!take_varint(rest, &tag) || tag >> 3 == 0) return -1;
+  *field = (struct field){.number = tag >> 3, .wire = (int)(tag & 7), .bytes = *rest};
+  switch (field->wire) {
+    case WIRE_VARINT: return take_varint(rest, &field->value) ? 1 : -1;
+    case WIRE_64: field->value = 8; break;
+    case WIRE_32: field->value = 4; break;
+    case WIRE_BYTES:
+      if (!take_varint(rest, &field->value)) return -1;
+      break;
+    default: return -1;
+  }
+  if (field->value > length(*rest)) return -1;
+  field->bytes = (struct span){rest->at, rest->at + field->value};
+  rest->at = field->bytes.end;
+  return 1;
+}
+
+static bool is_message(const struct field *field, uint64_t number) {
+  return field->number == number && field->wire == WIRE_BYTES;
+}
+
+static ern_status fail_at(const struct look *look, const uint8_t *at) {
+  return ern_fail(look->context, ERN_E_FORMAT, "%s: is no ONNX file, or a part of one: no whole field at byte %zu",
+                  look->path, (size_t)(at - look->begin));
+}
+
+/* As much of a name as there is room for, without what is no printable ASCII. */
+static void copy_name(struct span name, char text[ERN_ONNX_NAME]) {
+  size_t count = length(name) < ERN_ONNX_NAME - 1 ? length(name) : ERN_ONNX_NAME - 1;
+  for (size_t i = 0; i < count; i++) text[i] = (char)(name.at[i] > 31 && name.at[i] < 127 ? name.at[i] : '?');
+  text[count] = 0;
+}
+
+/* ---- names ------------------------------------------------------------------------------------------------------- */
+
+/* Whether it is one of the first `count` names. */
+static bool is_named(const struct look *look, struct span name, size_t count) {
+  for (size_t i = 0; i < count; i++) {
+    const struct span own = look->name[i];
+    if (length(own) == length(name) && (length(own) == 0 || memcmp(own.at, name.at, length(name)) == 0)) return true;
+  }
+  return false;
+}
+
+static ern_status add_name(struct look *look, struct span name) {
+  if (look->names == MOST_NAMES)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: has more than %d names", look->path, MOST_NAMES);
+  look->name[look->names++] = name;
+  return ERN_OK;
+}
+
+/* ---- weights ----------------------------------------------------------------------------------------------------- */
+
+struct tensor {
+  struct span name;
+  uint64_t type, elements; /* elements: the product of its sizes */
+  uint64_t floats, doubles, int32s, int64s, raw_bytes;
+  bool elsewhere;
+};
+
+static uint64_t count_varints(struct span bytes) {
+  uint64_t count = 0;
+  for (; bytes.at < bytes.end; bytes.at++) count += *bytes.at < 128;
+  return count;
+}
+
+/* Of a repeated field of numbers, packed or one by one. */
+static uint64_t numbers(const struct field *field, int wire) {
+  if (field->wire == wire) return 1;
+  if (field->wire != WIRE_BYTES) return 0;
+  return wire == WIRE_VARINT ? count_varints(field->bytes) : field->value / (wire == WIRE_64 ? 8 : 4);
+}
+
+/* One more size. */
+static bool multiply_size(struct tensor *tensor, uint64_t size) {
+  return size <= INT32_MAX && !__builtin_mul_overflow(tensor->elements, size, &tensor->elements);
+}
+
+static bool take_sizes(struct tensor *tensor, const struct field *field) {
+  struct span rest = field->bytes;
+  if (field->wire == WIRE_VARINT) return multiply_size(tensor, field->value);
+  if (field->wire != WIRE_BYTES) return true;
+  while (rest.at < rest.end) {
+    uint64_t size = 0;
+    if (!take_varint(&rest, &size) || !multiply_size(tensor, size)) return false;
+  }
+  return true;
+}
+
+/* False where a number is none that there is. */
+static bool take_tensor_field(struct tensor *tensor, const struct field *field) {
+  switch (field->number) {
+    case 1: return take_sizes(tensor, field);
+    case 2:
+      if (field->wire != WIRE_VARINT) return true;
+      tensor->type = field->value;
+      return field->value <= MOST_TYPE;
+    case 4: tensor->floats += numbers(field, WIRE_32); return true;
+    case 5: tensor->int32s += numbers(field, WIRE_VARINT); return true;
+    case 7: tensor->int64s += numbers(field, WIRE_VARINT); return true;
+    case 8:
+      if (field->wire == WIRE_BYTES) tensor->name = field->bytes;
+      return true;
+    case 9:
+      if (field->wire == WIRE_BYTES) tensor->raw_bytes = field->value;
+      return true;
+    case 10: tensor->doubles += numbers(field, WIRE_64); return true;
+    case 13: tensor->elsewhere = true; return true;
+    case 14: tensor->elsewhere |= field->wire == WIRE_VARINT && field->value != 0; return true;
+    default: return true;
+  }
+}
+
+/* Whether it holds as many numbers as its sizes say. A type that is not listed has a reader that refuses it. */
+static bool is_complete(const struct tensor *t) {
+  const bool empty = t->floats == 0 && t->doubles == 0 && t->int32s == 0 && t->int64s == 0 && t->raw_bytes == 0;
+  uint64_t listed = 0, bytes = 0;
+  switch (t->type) {
+    case TYPE_FLOAT: listed = t->floats, bytes = 4; break;
+    case TYPE_INT32: listed = t->int32s, bytes = 4; break;
+    case TYPE_INT8:
+    case TYPE_UINT8: listed = t->int32s, bytes = 1; break;
+    case TYPE_INT64: listed = t->int64s, bytes = 8; break;
+    case TYPE_DOUBLE: listed = t->doubles, bytes = 8; break;
+    default: return true;
+  }
+  return empty || (listed > 0 ? listed == t->elements : t->elements == t->raw_bytes / bytes);
+}
+
+static ern_status check_tensor(const struct look *look, struct span message, struct span *name) {
+  struct tensor tensor = {.elements = 1};
+  struct field field;
+  char words[ERN_ONNX_NAME];
+  for (int more = 0; (more = next_field(&message, &field)) != 0;)
+    if (more < 0 || !take_tensor_field(&tensor, &field)) return fail_at(look, message.at);
+  copy_name(tensor.name, words);
+  *name = tensor.name;
+  if (tensor.elsewhere)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED,
+                    "%s: the weight \"%s\" lies in another file, expected all in one file of less than 2 GiB",
+                    look->path, words);
+  if (!is_complete(&tensor))
+    return ern_fail(look->context, ERN_E_FORMAT, "%s: the weight \"%s\" has not as many numbers as its sizes say",
+                    look->path, words);
+  return ERN_OK;
+}
+
+/* The tensors of an attribute. */
+static ern_status check_attribute(const struct look *look, struct span attribute) {
+  struct field field;
+  struct span unused;
+  int tensors = 0; /* two would be read as one */
+  for (int more = 0; (more = next_field(&attribute, &field)) != 0;) {
+    if (more < 0) return fail_at(look, attribute.at);
+    if (!is_message(&field, 5) && !is_message(&field, 10)) continue;
+    if (is_message(&field, 5) && ++tensors > 1) return fail_at(look, field.bytes.at);
+    const ern_status status = check_tensor(look, field.bytes, &unused);
+    if (status != ERN_OK) return status;
+  }
+  return ERN_OK;
+}
+
+/* What a node uses must be there: a weight, the input, or what an earlier node gives; "" is nothing. */
+static ern_status check_use(struct look *look, struct span name) {
+  char words[ERN_ONNX_NAME];
+  if (++look->uses > MOST_USES)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: its nodes use more than %d names", look->path, MOST_USES);
+  if (length(name) == 0 || is_named(look, name, look->names)) return ERN_OK;
+  copy_name(name, words);
+  return ern_fail(look->context, ERN_E_FORMAT, "%s: a node uses \"%s\", which is not there", look->path, words);
+}
+
+static ern_status check_node(struct look *look, struct span node) {
+  struct span rest = node;
+  struct field field;
+  ern_status status = ERN_OK;
+  for (int more = 0; (more = next_field(&rest, &field)) != 0;) {
+    if (more < 0) return fail_at(look, rest.at);
+    if (is_message(&field, 1)) status = check_use(look, field.bytes);
+    if (is_message(&field, 5)) status = check_attribute(look, field.bytes);
+    if (status != ERN_OK) return status;
+  }
+  while (next_field(&node, &field) > 0)
+    if (is_message(&field, 2) && (status = add_name(look, field.bytes)) != ERN_OK) return status;
+  return ERN_OK;
+}
+
+/* ---- input and outputs ------------------------------------------------------------------------------------------- */
+
+struct value {
+  struct span name;
+  bool has_shape;
+  uint64_t type;
+  int dims;
+  char text[MOST_SHAPE_TEXT]; /* the shape as a person writes it: "1, samples" */
+  char open[ERN_ONNX_NAME];   /* the first size that is not fixed */
+  int shape[ERN_ONNX_DIMS];
+};
+
+static ern_status take_dimension(const struct look *look, struct span message, struct value *value) {
+  struct field field;
+  char name[ERN_ONNX_NAME] = "?";
+  uint64_t size = 0;
+  for (int more = 0; (more = next_field(&message, &field)) != 0;) {
+    if (more < 0) return fail_at(look, message.at);
+    if (field.number == 1 && field.wire == WIRE_VARINT) size = field.value;
+    if (is_message(&field, 2)) copy_name(field.bytes, name), size = 0;
+  }
+  const bool fixed = size >= 1 && size <= INT32_MAX;
+  const size_t used = strlen(value->text), room = sizeof value->text - used;
+  if (fixed) snprintf(name, sizeof name, "%d", (int)size);
+  snprintf(value->text + used, room, "%s%s", value->dims > 0 ? ", " : "", name);
+  if (!fixed && value->open[0] == 0) memcpy(value->open, name, sizeof name);
+  if (value->dims < ERN_ONNX_DIMS) value->shape[value->dims] = (int)size;
+  value->dims++;
+  return ERN_OK;
+}
+
+/* TensorShapeProto { 1 dimension, ... } */
+static ern_status take_shape(const struct look *look, struct span message, struct value *value) {
+  struct field field;
+  for (int more = 0; (more = next_field(&message, &field)) != 0;) {
+    if (more < 0) return fail_at(look, message.at);
+    if (!is_message(&field, 1)) continue;
+    const ern_status status = take_dimension(look, field.bytes, value);
+    if (status != ERN_OK) return status;
+  }
+  value->has_shape = true;
+  return ERN_OK;
+}
+
+/* ValueInfoProto { 1 name, 2 type { 1 tensor { 1 type of its numbers, 2 shape } } } */
+static ern_status read_value(const struct look *look, struct span message, struct value *value) {
+  struct field field, type, part;
+  int more = 0;
+  ern_status status = ERN_OK;
+  *value = (struct value){0};
+  while ((more = next_field(&message, &field)) > 0) {
+    if (is_message(&field, 1)) value->name = field.bytes;
+    if (!is_message(&field, 2)) continue;
+    while ((more = next_field(&field.bytes, &type)) > 0) {
+      if (!is_message(&type, 1)) continue;
+      while ((more = next_field(&type.bytes, &part)) > 0) {
+        if (part.number == 1 && part.wire == WIRE_VARINT) value->type = part.value;
+        if (is_message(&part, 2)) status = take_shape(look, part.bytes, value);
+        if (status != ERN_OK) return status;
+      }
+      if (more < 0) return fail_at(look, type.bytes.at);
+    }
+    if (more < 0) return fail_at(look, field.bytes.at);
+  }
+  return more == 0 ? ERN_OK : fail_at(look, message.at);
+}
+
+static ern_status take_input(struct look *look, struct span message) {
+  struct value value;
+  char name[ERN_ONNX_NAME];
+  struct ern_onnx *onnx = look->onnx;
+  const ern_status status = read_value(look, message, &value);
+  if (status != ERN_OK || is_named(look, value.name, look->weights)) return status;
+  copy_name(value.name, name);
+  if (onnx->dims > 0)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: has the inputs \"%s\" and \"%s\", expected one", look->path,
+                    onnx->input, name);
+  if (!value.has_shape || value.dims < 1 || value.dims > ERN_ONNX_DIMS || value.type != TYPE_FLOAT)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED,
+                    "%s: its input \"%s\" has %d sizes and numbers of type %d, expected 1 to %d and type %d (float)",
+                    look->path, name, value.dims, (int)value.type, ERN_ONNX_DIMS, TYPE_FLOAT);
+  if (value.open[0] != 0)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED,
+                    "%s: its input \"%s\" is [%s], and \"%s\" is not fixed; export it with fixed sizes: "
+                    "torch.onnx.export without dynamic_axes",
+                    look->path, name, value.text, value.open);
+  memcpy(onnx->input, name, sizeof name);
+  memcpy(onnx->shape, value.shape, sizeof value.shape);
+  onnx->dims = value.dims;
+  return add_name(look, value.name);
+}
+
+static ern_status take_output(struct look *look, struct span message) {
+  struct value value;
+  struct ern_onnx *onnx = look->onnx;
+  const ern_status status = read_value(look, message, &value);
+  char name[ERN_ONNX_NAME];
+  copy_name(value.name, name);
+  if (status != ERN_OK) return status;
+  if (!value.has_shape)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: its output \"%s\" has no sizes, expected them", look->path,
+                    name);
+  if (onnx->outputs < ERN_ONNX_OUTPUTS) memcpy(onnx->output[onnx->outputs], name, sizeof name);
+  onnx->outputs++;
+  return ERN_OK;
+}
+
+/* ---- the file ---------------------------------------------------------------------------------------------------- */
+
+/* Whether the graph is a message, its weights, and their names. */
+static ern_status take_weights(struct look *look, struct span graph) {
+  struct field field;
+  struct span name;
+  ern_status status = ERN_OK;
+  for (int more = 0; (more = next_field(&graph, &field)) != 0;) {
+    if (more < 0) return fail_at(look, graph.at);
+    if (!is_message(&field, 5)) continue;
+    ERN_TRY(check_tensor(look, field.bytes, &name));
+    ERN_TRY(add_name(look, name));
+  }
+  look->weights = look->names;
+fail:
+  return status;
+}
+
+static ern_status take_values(struct look *look, struct span graph) {
+  struct field field;
+  ern_status status = ERN_OK;
+  while (next_field(&graph, &field) > 0) {
+    if (is_message(&field, 11)) ERN_TRY(take_input(look, field.bytes));
+    if (is_message(&field, 12)) ERN_TRY(take_output(look, field.bytes));
+  }
+  if (look->onnx->dims == 0 || look->onnx->outputs == 0)
+    ERN_TRY(ern_fail(look->context, ERN_E_FORMAT, "%s: is an ONNX file without an %s", look->path,
+                     look->onnx->dims > 0 ? "output" : "input"));
+fail:
+  return status;
+}
+
+static ern_status check_nodes(struct look *look, struct span graph) {
+  struct field field;
+  ern_status status = ERN_OK;
+  while (status == ERN_OK && next_field(&graph, &field) > 0)
+    if (is_message(&field, 1)) status = check_node(look, field.bytes);
+  return status;
+}
+
+ern_status ern_onnx_look(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
+                         struct ern_onnx *onnx) {
+  struct look look = {.context = context, .path = path, .begin = bytes, .onnx = onnx};
+  struct span file = {bytes, bytes + count}, graph = {0};
+  struct field field;
+  ern_status status = ERN_OK;
+  *onnx = (struct ern_onnx){0};
+  for (int more = 0; (more = next_field(&file, &field)) != 0;) {
+    if (more < 0 || (is_message(&field, 7) && graph.at != NULL)) return fail_at(&look, file.at);
+    if (is_message(&field, 7)) graph = field.bytes;
+  }
+  if (graph.at == NULL)
+    return ern_fail(context, ERN_E_FORMAT, "%s: is no ONNX file: %zu bytes without a graph", path, count);
+  ERN_TRY(ERN_NEW(context, MOST_NAMES, &look.name));
+  ERN_TRY(take_weights(&look, graph));
+  ERN_TRY(take_values(&look, graph));
+  ERN_TRY(check_nodes(&look, graph));
+fail:
+  ern_release(context, look.name);
+  return status;
+}
