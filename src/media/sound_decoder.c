@@ -4,7 +4,9 @@
 
 #include <libavutil/channel_layout.h>
 
-enum { MAX_RATE = 384000, MAX_CHANNELS = 8, MAX_SILENCE = 3600 /* s */ };
+#include "core/memory.h"
+
+enum { MAX_RATE = 384000, MAX_CHANNELS = 8, MAX_SILENCE = 3600 /* s */, MOST_HEARD_HOURS = 4 };
 
 ern_status ern_sound_check_form(ern_context *context, const char *path, int rate, int channels) {
   if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS)
@@ -100,4 +102,74 @@ ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples
 void ern_sound_decoder_close(struct ern_sound_decoder *sound) {
   swr_free(&sound->convert);
   ern_decoder_close(&sound->decoder);
+}
+
+/* ---- the whole --------------------------------------------------------------------------------------------------- */
+
+struct hearing {
+  ern_context *context;
+  struct ern_sound_decoder sound;
+  ern_sound_taker *take;
+  void *user;
+  float *samples; /* [room][channels]: the piece that was decoded last */
+  size_t room;
+  size_t waiting; /* of its frames; handed on when it is known whether it is the last, whose padding is left out */
+  uint64_t frames;
+  bool begun;
+};
+
+static ern_status give_waiting(struct hearing *hearing) {
+  const struct ern_sound_decoder *sound = &hearing->sound;
+  ern_status status = ERN_OK;
+  if (hearing->waiting > 0)
+    status = hearing->take(hearing->user, sound->rate, sound->channels, hearing->samples, hearing->waiting);
+  hearing->frames += hearing->waiting;
+  hearing->waiting = 0;
+  return status;
+}
+
+/* The piece that was decoded last becomes the one that waits. */
+static ern_status take_piece(struct hearing *hearing) {
+  struct ern_sound_decoder *sound = &hearing->sound;
+  const size_t count = sound->frames;
+  ern_status status = ERN_OK;
+  if (!hearing->begun) {
+    hearing->begun = true;
+    ERN_TRY(ERN_NEW(hearing->context, sound->silence * (size_t)sound->channels, &hearing->samples));
+    hearing->room = hearing->waiting = sound->silence;
+  }
+  ERN_TRY(give_waiting(hearing));
+  if (hearing->frames + count > (uint64_t)MOST_HEARD_HOURS * 3600 * (uint64_t)sound->rate)
+    ERN_TRY(ern_fail(hearing->context, ERN_E_SHAPE,
+                     "%s: sound is longer than %d hours, the most that features are made of", sound->decoder.path,
+                     MOST_HEARD_HOURS));
+  if (count > hearing->room) {
+    ern_release(hearing->context, hearing->samples);
+    hearing->room = 0;
+    ERN_TRY(ERN_NEW(hearing->context, count * (size_t)sound->channels, &hearing->samples));
+    hearing->room = count;
+  }
+  ERN_TRY(ern_sound_decoder_take(sound, hearing->samples));
+  hearing->waiting = sound->frames;
+fail:
+  return status;
+}
+
+ern_status ern_sound_hear(ern_context *context, const char *path, ern_sound_taker *take, void *user) {
+  struct hearing hearing = {.context = context, .take = take, .user = user};
+  ern_status status = ERN_OK;
+  bool end = false;
+  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_FLT, &hearing.sound));
+  for (;;) {
+    ERN_TRY(ern_sound_decoder_next(&hearing.sound, &end));
+    if (end) break;
+    ERN_TRY(take_piece(&hearing));
+  }
+  hearing.waiting -= hearing.sound.surplus < hearing.waiting ? hearing.sound.surplus : hearing.waiting;
+  ERN_TRY(give_waiting(&hearing));
+  if (hearing.frames == 0) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has no sound, 0 samples", path));
+fail:
+  ern_release(context, hearing.samples);
+  ern_sound_decoder_close(&hearing.sound);
+  return status;
 }

@@ -10,52 +10,29 @@
 #include "media/input.h"
 #include "media/sound_decoder.h"
 
-enum { MOST_SECONDS = 4 * 3600, WINDOW = 16, BEFORE = 8 /* rows of a window before its frame */ };
+enum { WINDOW = 16, BEFORE = 8 /* rows of a window before its frame */ };
 
 struct job {
   ern_context *context;
-  struct ern_sound_decoder sound;
+  const char *path;
+  float warp;
   ern_speech_stream *stream;
-  float *samples;       /* [room][channels]: the piece that was decoded last; */
-  size_t room, waiting; /* its frames are pushed when it is known whether it is the last, whose padding is left out */
   uint64_t frames;
+  int rate;
 };
 
-static ern_status push_waiting(struct job *job) {
+static ern_status push(void *user, int rate, int channels, const float *samples, size_t frames) {
+  struct job *job = user;
   ern_status status = ERN_OK;
-  if (job->stream != NULL) status = ern_speech_stream_push(job->stream, job->samples, job->waiting);
-  job->frames += job->waiting;
-  job->waiting = 0;
+  if (job->stream == NULL) status = ern_speech_stream_open(job->context, rate, channels, job->warp, &job->stream);
+  if (status != ERN_OK) return status;
+  job->rate = rate;
+  job->frames += frames;
+  status = ern_speech_stream_push(job->stream, samples, frames);
   if (status == ERN_OK) return status;
   char reason[ERN_ERROR_BYTES];
   ern_error_keep(job->context, reason);
-  return ern_fail(job->context, status, "%s: %.1800s", job->sound.decoder.path, reason);
-}
-
-/* The piece that was decoded last becomes the one that waits. */
-static ern_status take_piece(struct job *job, float warp) {
-  struct ern_sound_decoder *sound = &job->sound;
-  const size_t count = sound->frames;
-  ern_status status = ERN_OK;
-  if (job->stream == NULL) {
-    ERN_TRY(ern_speech_stream_open(job->context, sound->rate, sound->channels, warp, &job->stream));
-    ERN_TRY(ERN_NEW(job->context, sound->silence * (size_t)sound->channels, &job->samples));
-    job->room = job->waiting = sound->silence;
-  }
-  ERN_TRY(push_waiting(job));
-  if (job->frames + count > (uint64_t)MOST_SECONDS * (uint64_t)sound->rate)
-    ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",
-                     sound->decoder.path, MOST_SECONDS / 3600));
-  if (count > job->room) {
-    ern_release(job->context, job->samples);
-    job->room = 0;
-    ERN_TRY(ERN_NEW(job->context, count * (size_t)sound->channels, &job->samples));
-    job->room = count;
-  }
-  ERN_TRY(ern_sound_decoder_take(sound, job->samples));
-  job->waiting = sound->frames;
-fail:
-  return status;
+  return ern_fail(job->context, status, "%s: %.1800s", job->path, reason);
 }
 
 /* Window t is rows 2t-8 .. 2t+7; past the ends the nearest row. */
@@ -71,13 +48,8 @@ static void make_windows(const float *row, size_t rows, ern_features *features) 
 static ern_status take_rows(struct job *job, ern_features *features) {
   float *row = NULL;
   ern_status status = ERN_OK;
-  const uint64_t rate = (uint64_t)job->sound.rate;
-  job->waiting -= job->sound.surplus < job->waiting ? job->sound.surplus : job->waiting;
-  ERN_TRY(push_waiting(job));
-  if (job->frames == 0)
-    return ern_fail(job->context, ERN_E_SHAPE, "%s: has no sound, 0 samples", job->sound.decoder.path);
   ERN_TRY(ern_speech_stream_end(job->stream));
-  const size_t most = (size_t)(job->frames * ERN_CEPSTRA_RATE / rate) / ERN_CEPSTRA_HOP + 2;
+  const size_t most = (size_t)(job->frames * ERN_CEPSTRA_RATE / (uint64_t)job->rate) / ERN_CEPSTRA_HOP + 2;
   ERN_TRY(ERN_NEW(job->context, most * ERN_CEPSTRA_WIDTH, &row));
   const size_t rows = ern_speech_stream_pull(job->stream, row, most);
   *features = (ern_features){.windows = (rows + 1) / 2, .window_length = WINDOW, .width = ERN_CEPSTRA_WIDTH};
@@ -94,22 +66,14 @@ ern_status ern_speech_features(ern_context *context, const char *path, float war
   ERN_NEED(context, context);
   ERN_NEED(context, path);
   ERN_NEED(context, features);
-  struct job job = {.context = context};
+  struct job job = {.context = context, .path = path, .warp = warp};
   ern_status status = ERN_OK;
-  bool end = false;
   ERN_TRY(ern_cepstra_check_warp(context, warp));
-  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_FLT, &job.sound));
-  for (;;) {
-    ERN_TRY(ern_sound_decoder_next(&job.sound, &end));
-    if (end) break;
-    ERN_TRY(take_piece(&job, warp));
-  }
+  ERN_TRY(ern_sound_hear(context, path, push, &job));
   ERN_TRY(take_rows(&job, features));
 fail:
   if (status != ERN_OK) ern_features_free(context, features);
   ern_speech_stream_free(&job.stream);
-  ern_release(context, job.samples);
-  ern_sound_decoder_close(&job.sound);
   return status;
 }
 
