@@ -1,4 +1,4 @@
-# `cmake --install`: headers, both libraries, the program, pkg-config files, a CMake package.
+# `cmake --install`: headers, the libraries, the program, pkg-config files, a CMake package.
 include(CMakePackageConfigHelpers)
 
 # Which symbols are exported, under which version (docs/abi.md).
@@ -21,6 +21,9 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+if(TARGET ernerf-vision) # libernerf-media opens it, users do not link it
+  install(TARGETS ernerf-vision LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
+endif()
 if(TARGET ernerf-probe-opencl) # libernerf starts it, users do not
   install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
 endif()

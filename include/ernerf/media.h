@@ -128,6 +128,8 @@ typedef struct ern_clip_options {
   const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), "cepstra"
                             (aud_cep.npy, else made of aud.wav), NULL: the first that is there of aud_ds, aud_eo,
                             aud_hu, aud, aud_cep, aud.wav */
+  struct ern_speech_network *network; /* makes the features of a sound (speech.h): of `features`, NULL: of aud.wav;
+                                         asr_model is not looked at then. NULL: none. Must outlive the open call */
 } ern_clip_options;
 ERN_API void ern_clip_options_fill(ern_clip_options *options, size_t bytes);
 static inline ern_clip_options ern_clip_options_default(void) {
@@ -140,15 +142,16 @@ static inline ern_clip_options ern_clip_options_default(void) {
 typedef struct ern_clip_info {
   int width, height;
   double focal, cx, cy;
-  size_t frames[2];          /* by ern_split */
-  const char *features_file; /* name of the file that was read */
-  bool has_blink;            /* au.csv with AU45_r is there */
-  bool has_torso;            /* torso_imgs is there */
-  bool has_sound;            /* aud.wav is there */
-  bool has_landmarks;        /* ori_imgs is there */
-  char identity[65];         /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
-  const char *speech;        /* kind of the features (speech.h); "": not known. A literal */
-  bool hears_sound;          /* the features were made of a sound */
+  size_t frames[2];           /* by ern_split */
+  const char *features_file;  /* name of the file that was read */
+  bool has_blink;             /* au.csv with AU45_r is there */
+  bool has_torso;             /* torso_imgs is there */
+  bool has_sound;             /* aud.wav is there */
+  bool has_landmarks;         /* ori_imgs is there */
+  char identity[65];          /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
+  const char *speech;         /* kind of the features (speech.h); "": not known */
+  bool hears_sound;           /* the features were made of a sound */
+  const char *speech_network; /* ern_speech_network_description() of what made them; "": no network did */
 } ern_clip_info;
 
 /* Plain data, may grow: it is the clip's. */
@@ -176,7 +179,7 @@ ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, s
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
 /* Makes copies of the clip's speech in which every frequency is multiplied by one of warps[count] (0.5..2), so that a
  * training hears other throats say the same; ern_clip_dataset hands them on. What was made before is forgotten.
- * ERN_E_STATE where the clip's features come from a file of features. */
+ * ERN_E_STATE where the clip's features come from a file of features, or from a network. */
 ERN_API ERN_NODISCARD ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count);
 /* Those copies; *count of them. They live until the next ern_clip_vary_speech, or as long as the clip. */
 ERN_API const ern_features *ern_clip_speech_copies(const ern_clip *clip, size_t *count);

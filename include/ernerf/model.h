@@ -85,7 +85,9 @@ typedef struct ern_model_info {
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */
   size_t parameter_bytes;
-  char speech[64]; /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
+  char speech[64];          /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
+  char speech_network[512]; /* description of the network that made them, with its SHA-256, for
+                               ern_speech_network_open; "": no network made them, or it is not known */
 } ern_model_info;
 ERN_API void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes);
 static inline void ern_model_describe(const ern_model *model, ern_model_info *info) {

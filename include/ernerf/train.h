@@ -50,7 +50,8 @@ typedef struct ern_dataset {
   size_t copy_count;
   float copy_share;   /* 0..1 */
   const char *speech; /* kind of the features (ern_model_info.speech), UTF-8 of 63 bytes at most; NULL: it is not known.
-                         A torso keeps the kind of its head */
+                         A torso keeps the kind of its head, and its network */
+  const char *speech_network; /* of the network that made them (ern_model_info.speech_network); "" or NULL: none did */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */

@@ -31,7 +31,8 @@ struct ern_clip {
   ern_features features;
   ern_features *copies; /* [copy_count] of ern_clip_vary_speech */
   size_t copy_count;
-  char *speech_path; /* what the features are read or made of */
+  char *speech_path;                  /* what the features are read or made of */
+  char *speech_kind, *speech_network; /* of the network that made them; NULL: none did */
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso;
@@ -39,7 +40,7 @@ struct ern_clip {
 };
 
 void ern_clip_options_fill(ern_clip_options *options, size_t bytes) {
-  const ern_clip_options own = {.cookie = OPTIONS_COOKIE, .memory_bytes = 0, .features = NULL, .asr_model = NULL};
+  const ern_clip_options own = {.cookie = OPTIONS_COOKIE};
   ern_config_give(options, bytes, &own, sizeof own);
 }
 
@@ -61,16 +62,34 @@ static ern_status check_folder(ern_context *context, const char *folder) {
 
 static const char own_name[] = "aud_cep.npy";
 
+/* The features that a network makes of clip->speech_path. */
+static ern_status hear(ern_clip *clip, ern_speech_network *network) {
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_string_copy(clip->context, ern_speech_network_kind(network), &clip->speech_kind));
+  ERN_TRY(ern_string_copy(clip->context, ern_speech_network_description(network), &clip->speech_network));
+  ERN_TRY(ern_speech_network_features(network, clip->speech_path, &clip->features));
+  clip->info.hears_sound = true;
+  clip->info.speech = clip->speech_kind;
+  clip->info.speech_network = clip->speech_network;
+fail:
+  return status;
+}
+
 static ern_status open_features(ern_clip *clip, const ern_clip_options *options) {
   ern_status status = ERN_OK;
   const char *name = options->features;
+  clip->info.speech_network = "";
   if (name != NULL) {
     ERN_TRY(ern_string_copy(clip->context, name, &clip->speech_path));
   } else {
-    ERN_TRY(ern_clip_features_name(clip->context, clip->folder, options->asr_model, &name));
+    if (options->network != NULL)
+      name = "aud.wav";
+    else
+      ERN_TRY(ern_clip_features_name(clip->context, clip->folder, options->asr_model, &name));
     ERN_TRY(ern_path_join(clip->context, clip->folder, name, &clip->speech_path));
   }
   ERN_TRY(ern_string_copy(clip->context, name, &clip->features_file));
+  if (options->network != NULL) return hear(clip, options->network);
   ERN_TRY(ern_speech_open(clip->context, clip->speech_path, NULL, &clip->features));
   clip->info.hears_sound = ern_speech_is_sound(clip->speech_path);
   /* 13 numbers may be anybody's cepstra: only our own files are known by their name */
@@ -288,6 +307,8 @@ void ern_clip_free(ern_clip **clip) {
   ern_image_free(dying->context, &dying->background);
   forget_copies(dying);
   ern_release(dying->context, dying->speech_path);
+  ern_release(dying->context, dying->speech_kind);
+  ern_release(dying->context, dying->speech_network);
   ern_features_free(dying->context, &dying->features);
   ern_release(dying->context, dying->frames[ERN_SPLIT_TRAIN]);
   ern_release(dying->context, dying->frames[ERN_SPLIT_VAL]);
@@ -325,6 +346,9 @@ ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count
   if (!clip->info.hears_sound)
     return ern_fail(clip->context, ERN_E_STATE, "%s: holds features, expected a sound, which alone can be varied",
                     clip->speech_path);
+  if (clip->speech_network != NULL)
+    return ern_fail(clip->context, ERN_E_STATE, "%s: is heard by a network, and copies are of the kind %s alone",
+                    clip->speech_path, ERN_SPEECH_CEPSTRA);
   ERN_TRY(ERN_NEW(clip->context, count, &clip->copies));
   for (; clip->copy_count < count; clip->copy_count++)
     ERN_TRY(ern_speech_features(clip->context, clip->speech_path, warps[clip->copy_count],

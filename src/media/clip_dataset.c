@@ -48,7 +48,8 @@ static ern_dataset dataset_of(ern_clip *clip) {
                                       .identity = ern_clip_identity(clip),
                                       .frame = frame,
                                       .pixels = pixels,
-                                      .speech = info.speech};
+                                      .speech = info.speech,
+                                      .speech_network = info.speech_network};
   dataset.copies = ern_clip_speech_copies(clip, &dataset.copy_count);
   dataset.copy_share = dataset.copy_count > 0 ? 0.5f : 0;
   return dataset;

@@ -108,8 +108,9 @@ ern_status ern_speech_open(ern_context *context, const char *path, const char *k
   if (ern_speech_is_sound(path)) {
     if (kind != NULL && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
       ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED,
-                       "%s: features of %s%s are needed, and only %s is made of a sound; expected a .npy file", path,
-                       kind[0] != 0 ? "the kind " : "an unknown kind", kind, ERN_SPEECH_CEPSTRA));
+                       "%s: features of %s%s are needed, and only %s is made of a sound without a network; expected a "
+                       ".npy file, or the network that makes them",
+                       path, kind[0] != 0 ? "the kind " : "an unknown kind", kind, ERN_SPEECH_CEPSTRA));
     ERN_TRY(ern_speech_features(context, path, 1, features));
     return ERN_OK;
   }

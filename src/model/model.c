@@ -65,6 +65,7 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .torso_steps = model->torso_steps};
   memcpy(info->clip, model->clip, sizeof info->clip);
   memcpy(info->speech, model->speech, sizeof info->speech);
+  memcpy(info->speech_network, model->speech_network, sizeof info->speech_network);
   for (int r = 0; r < model->table.rows; r++) info->parameters += model->table.row[r].count;
   info->parameter_bytes = info->parameters * sizeof(float);
 }

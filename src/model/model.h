@@ -19,7 +19,8 @@ struct ern_model {
   size_t cameras;    /* 0: there is none */
   uint64_t head_steps, torso_steps;
   struct ern_view_settings view;
-  char speech[64]; /* kind of the speech features; "": unknown */
+  char speech[64];          /* kind of the speech features; "": unknown */
+  char speech_network[512]; /* a JSON object; "": no network made them */
   char clip[65];
 };
 

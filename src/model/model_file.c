@@ -24,6 +24,12 @@ static bool put_view(json_t *root, const struct ern_view_settings *view) {
   return put;
 }
 
+/* As an object within the metadata, where a network made the features. */
+static bool put_speech_network(json_t *root, const ern_model *model) {
+  if (model->speech_network[0] == 0) return true;
+  return json_object_set_new(root, "speech_network", json_loads(model->speech_network, 0, NULL)) == 0;
+}
+
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
@@ -34,7 +40,7 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
                            !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound",
                            (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
                            (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", "");
-  if (root != NULL && model->view.said && !put_view(root, &model->view)) {
+  if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model))) {
     json_decref(root);
     root = NULL;
   }
@@ -148,6 +154,20 @@ static ern_status read_view(ern_context *context, const json_t *root, const char
   return ERN_OK;
 }
 
+/* The kind of the features; and the object that describes the network, as text, which is looked at when it is used. */
+static ern_status read_speech(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
+  const json_t *speech = json_object_get(root, "speech"), *network = json_object_get(root, "speech_network");
+  char *text = identity->speech_network;
+  const size_t room = sizeof identity->speech_network;
+  if (speech != NULL && !json_is_string(speech)) return wrong_field(context, path, "speech");
+  snprintf(identity->speech, sizeof identity->speech, "%s", speech != NULL ? json_string_value(speech) : "");
+  if (network == NULL) return ERN_OK;
+  const size_t count = json_is_object(network) ? json_dumpb(network, text, room - 1, JSON_COMPACT) : 0;
+  if (count == 0 || count >= room) return wrong_field(context, path, "speech_network");
+  text[count] = 0;
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -188,9 +208,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
-  const json_t *speech = json_object_get(root, "speech"); /* files of before it was kept do not say */
-  if (speech != NULL && !json_is_string(speech)) ERN_TRY(wrong_field(context, path, "speech"));
-  snprintf(identity->speech, sizeof identity->speech, "%s", speech != NULL ? json_string_value(speech) : "");
+  ERN_TRY(read_speech(context, root, path, identity)); /* files of before it was kept do not say */
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
   ERN_TRY(read_view(context, root, path, &identity->view));
@@ -399,6 +417,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   made->view = identity.view;
   memcpy(made->clip, identity.clip, sizeof made->clip);
   memcpy(made->speech, identity.speech, sizeof made->speech);
+  memcpy(made->speech_network, identity.speech_network, sizeof made->speech_network);
   for (int r = 0; r < made->table.rows; r++) {
     const struct ern_parameter *row = &made->table.row[r];
     ERN_TRY(ern_tensor_take(context, file, path, row->name, row->dims, row->shape, made->block + row->at));

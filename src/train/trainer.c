@@ -326,6 +326,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   (*model)->view = t->model->view;
   memcpy((*model)->clip, t->model->clip, sizeof(*model)->clip);
   memcpy((*model)->speech, t->model->speech, sizeof(*model)->speech);
+  memcpy((*model)->speech_network, t->model->speech_network, sizeof(*model)->speech_network);
   return ERN_OK;
 }
 

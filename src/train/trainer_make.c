@@ -12,6 +12,7 @@
 #include "core/memory.h"
 #include "core/sized.h"
 #include "io/file.h"
+#include "io/speech_description.h"
 #include "render/frame_input.h"
 #include "train/state_about.h"
 
@@ -225,6 +226,28 @@ void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found) {
             found, here, here);
 }
 
+/* What the model speaks from; a torso learns nothing of it. */
+static ern_status take_speech(ern_trainer *t) {
+  ern_model *model = t->model;
+  const ern_model *head = t->config.torso ? t->config.head : NULL;
+  const char *kind = t->data.speech, *network = t->data.speech_network;
+  struct ern_speech_description description;
+  if (head != NULL) {
+    memcpy(model->speech, head->speech, sizeof model->speech);
+    memcpy(model->speech_network, head->speech_network, sizeof model->speech_network);
+    return ERN_OK;
+  }
+  if (kind != NULL) snprintf(model->speech, sizeof model->speech, "%s", kind);
+  if (network == NULL || network[0] == 0) return ERN_OK;
+  const ern_status status = ern_speech_description_parse(t->context, "train: speech_network", network, &description);
+  if (status == ERN_E_FORMAT) return ERN_E_ARGUMENT; /* the caller's; the words are said */
+  if (status != ERN_OK) return status;
+  if (kind == NULL || strcmp(kind, description.kind) != 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
+                    kind != NULL ? kind : "NULL", description.kind);
+  return ern_speech_description_text(t->context, &description, model->speech_network);
+}
+
 static ern_status make_model(ern_trainer *t) {
   struct ern_model_config config = head_config(t);
   ern_status status = ERN_OK;
@@ -242,9 +265,7 @@ static ern_status make_model(ern_trainer *t) {
   ERN_TRY(ern_model_make(&t->model, t->context, &config));
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
-  /* a torso learns nothing of the speech */
-  const char *speech = t->config.torso && t->config.head != NULL ? t->config.head->speech : t->data.speech;
-  if (speech != NULL) snprintf(t->model->speech, sizeof t->model->speech, "%s", speech);
+  ERN_TRY(take_speech(t));
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);

@@ -61,10 +61,44 @@ CHECK(ern_speech_open) {
 }
 CHECK(ern_speech_is_sound) { assert_true(ern_speech_is_sound(NULL)); }
 
-static const struct arguments_check table[] = {
-    ROW(ern_speech_stream_open), ROW(ern_speech_stream_free), ROW(ern_speech_stream_push),
-    ROW(ern_speech_stream_end),  ROW(ern_speech_stream_pull), ROW(ern_speech_features),
-    ROW(ern_speech_kind),        ROW(ern_speech_open),        ROW(ern_speech_is_sound)};
+CHECK(ern_speech_network_open) {
+  ern_speech_network *network = (ern_speech_network *)(void *)&w;
+  REFUSED_ALONE(ern_speech_network_open(NULL, junk, NULL, &network));
+  assert_null(network);
+  REFUSED(w.context, "path is NULL", ern_speech_network_open(w.context, NULL, NULL, &network));
+  REFUSED(w.context, "network is NULL", ern_speech_network_open(w.context, junk, NULL, NULL));
+}
+CHECK(ern_speech_network_free) {
+  ern_speech_network *none = NULL;
+  ern_speech_network_free(NULL);
+  ern_speech_network_free(&none);
+}
+CHECK(ern_speech_network_kind) { assert_string_equal(ern_speech_network_kind(NULL), ""); }
+CHECK(ern_speech_network_description) { assert_string_equal(ern_speech_network_description(NULL), ""); }
+CHECK(ern_speech_preset) { assert_null(ern_speech_preset(NULL)); }
+CHECK(ern_speech_network_watch) { ern_speech_network_watch(NULL, NULL, NULL); }
+CHECK(ern_speech_network_features) { /* with a network: files/test_speech_network */
+  ern_features features = {.width = 7};
+  REFUSED_ALONE(ern_speech_network_features(NULL, junk, &features));
+  assert_int_equal(features.width, 0);
+}
+
+static const struct arguments_check table[] = {ROW(ern_speech_stream_open),
+                                               ROW(ern_speech_stream_free),
+                                               ROW(ern_speech_stream_push),
+                                               ROW(ern_speech_stream_end),
+                                               ROW(ern_speech_stream_pull),
+                                               ROW(ern_speech_features),
+                                               ROW(ern_speech_kind),
+                                               ROW(ern_speech_open),
+                                               ROW(ern_speech_is_sound),
+                                               ROW(ern_speech_network_open),
+                                               ROW(ern_speech_network_free),
+                                               ROW(ern_speech_network_kind),
+                                               ROW(ern_speech_network_description),
+                                               ROW(ern_speech_preset),
+                                               ROW(ern_speech_network_watch),
+                                               ROW(ern_speech_network_features)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

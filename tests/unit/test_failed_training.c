@@ -166,9 +166,48 @@ static void test_names(void **state) {
   made_close(&m);
 }
 
+/* The network that made the features is kept in the model; what describes none is refused. */
+static void test_network(void **state) {
+  (void)state;
+  struct made m;
+  ern_trainer *trainer = NULL;
+  ern_model *model = NULL;
+  ern_model_info info;
+  static const char network[] =
+      "{\"kind\":\"mine\",\"rate\":16000,\"normalisation\":\"none\",\"piece_samples\":8080,\"context_samples\":0,"
+      "\"row_samples\":400,\"width\":29,\"window_rows\":16}";
+  made_open(&m);
+  const ern_train_config config = small_config(2, NULL);
+  ern_dataset data = m.data;
+  data.speech = "other";
+  data.speech_network = network;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &data, &config), ERN_E_ARGUMENT, "kind other",
+                 "mine", NULL);
+  data.speech = "mine";
+  data.speech_network = "{\"kind\":\"mine\"}";
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &data, &config), ERN_E_ARGUMENT,
+                 "speech_network: rate is missing", NULL);
+  assert_null(trainer);
+  data.speech_network = network;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &data, &config));
+  support_ok(m.context, ern_trainer_model(trainer, &model));
+  support_ok(m.context, ern_model_save(model, "network.safetensors"));
+  ern_model_free(&model);
+  support_ok(m.context, ern_model_load(&model, m.context, "network.safetensors"));
+  ern_model_describe(model, &info);
+  assert_string_equal(info.speech, "mine");
+  assert_string_equal(info.speech_network, network);
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
-                                     cmocka_unit_test(test_failed_picture_saves), cmocka_unit_test(test_another_folder),
-                                     cmocka_unit_test(test_steps_in_a_callback), cmocka_unit_test(test_names)};
+                                     cmocka_unit_test(test_failed_picture_saves),
+                                     cmocka_unit_test(test_another_folder),
+                                     cmocka_unit_test(test_steps_in_a_callback),
+                                     cmocka_unit_test(test_names),
+                                     cmocka_unit_test(test_network)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

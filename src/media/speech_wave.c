@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: MIT
+ * The sound of a file as one wave at a given rate. */
+#include <libavutil/channel_layout.h>
+#include <libswresample/swresample.h>
+#include <math.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "media/sound_decoder.h"
+#include "media/speech_network.h"
+
+enum { LEAST_RATE = 1000, BLOCK = 4096 };
+
+struct wave {
+  ern_context *context;
+  const char *path;
+  int rate, from; /* samples a second: wanted, and of the file */
+  SwrContext *resampler;
+  float *samples; /* [room] */
+  size_t count, room;
+  uint64_t frames; /* of the file */
+};
+
+static ern_status append(struct wave *wave, const float *samples, size_t count) {
+  if (wave->count + count > wave->room) {
+    const size_t room = 2 * wave->room + count;
+    float *larger = NULL;
+    const ern_status status = ERN_NEW(wave->context, room, &larger);
+    if (status != ERN_OK) return status;
+    if (wave->count > 0) memcpy(larger, wave->samples, wave->count * sizeof *larger);
+    ern_release(wave->context, wave->samples);
+    wave->samples = larger;
+    wave->room = room;
+  }
+  if (count > 0) memcpy(wave->samples + wave->count, samples, count * sizeof *samples);
+  wave->count += count;
+  return ERN_OK;
+}
+
+/* Converts a block, or where it is NULL what the resampler still holds. */
+static ern_status resample(struct wave *wave, const float *block, size_t count) {
+  float out[BLOCK];
+  const uint8_t *from = (const uint8_t *)block;
+  for (int given = (int)count;; given = 0) {
+    uint8_t *to = (uint8_t *)out;
+    const int made = swr_convert(wave->resampler, &to, BLOCK, block == NULL ? NULL : &from, given);
+    if (made < 0) return ern_av_fail(wave->context, ERN_E_MEDIA, wave->path, "convert its samples", made);
+    const ern_status status = append(wave, out, (size_t)made);
+    if (status != ERN_OK || made < BLOCK) return status;
+  }
+}
+
+static ern_status start(struct wave *wave, int rate) {
+  AVChannelLayout mono = AV_CHANNEL_LAYOUT_MONO;
+  wave->from = rate;
+  if (rate < LEAST_RATE)
+    return ern_fail(wave->context, ERN_E_SHAPE, "%s: sound has %d samples a second, expected at least %d", wave->path,
+                    rate, LEAST_RATE);
+  if (rate == wave->rate) return ERN_OK;
+  int error = swr_alloc_set_opts2(&wave->resampler, &mono, AV_SAMPLE_FMT_FLT, wave->rate, &mono, AV_SAMPLE_FMT_FLT,
+                                  rate, 0, NULL);
+  if (error >= 0) error = swr_init(wave->resampler);
+  return error >= 0 ? ERN_OK : ern_av_fail(wave->context, ERN_E_MEDIA, wave->path, "convert its samples", error);
+}
+
+static ern_status take(void *user, int rate, int channels, const float *samples, size_t frames) {
+  struct wave *wave = user;
+  float block[BLOCK];
+  ern_status status = wave->from == 0 ? start(wave, rate) : ERN_OK;
+  for (size_t at = 0; at < frames && status == ERN_OK;) {
+    size_t count = 0;
+    for (; count < BLOCK && at < frames; count++, at++) {
+      double sum = 0;
+      for (int c = 0; c < channels; c++) sum += (double)samples[at * (size_t)channels + (size_t)c];
+      const double sample = sum / channels;
+      if (!isfinite(sample) || fabs(sample) > 1e6)
+        return ern_fail(wave->context, isfinite(sample) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                        "%s: the sample at %.3f s is %g, expected a finite number, -1 to 1 as a rule", wave->path,
+                        (double)(wave->frames + at) / rate, sample);
+      block[count] = (float)sample;
+    }
+    status = wave->resampler != NULL ? resample(wave, block, count) : append(wave, block, count);
+  }
+  wave->frames += frames;
+  return status;
+}
+
+ern_status ern_speech_wave(ern_context *context, const char *path, int rate, float **samples, size_t *count) {
+  struct wave wave = {.context = context, .path = path, .rate = rate};
+  ern_status status = ERN_OK;
+  static const float zeros[BLOCK] = {0};
+  ERN_TRY(ern_sound_hear(context, path, take, &wave));
+  if (wave.resampler != NULL) ERN_TRY(resample(&wave, NULL, 0));
+  const size_t wanted = (size_t)(wave.frames * (uint64_t)rate / (uint64_t)wave.from);
+  while (wave.count < wanted) ERN_TRY(append(&wave, zeros, wanted - wave.count < BLOCK ? wanted - wave.count : BLOCK));
+  *samples = wave.samples;
+  *count = wanted;
+  wave.samples = NULL;
+fail:
+  swr_free(&wave.resampler);
+  ern_release(context, wave.samples);
+  return status;
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: MIT
+ * libernerf-vision: networks, computed by OpenCV's DNN module. libernerf-media opens it when the first network is asked
+ * for, so that nobody else loads that module. It needs nothing of libernerf: an error is a status and words. */
+#ifndef ERN_VISION_VISION_H
+#define ERN_VISION_VISION_H
+
+#include "ernerf/base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { ERN_VISION_DIMS = 8, ERN_VISION_WORDS = 512 };
+
+/* Numbers in C order. */
+struct ern_vision_array {
+  const float *data; /* [shape[0]]...[shape[dims - 1]] */
+  int dims, shape[ERN_VISION_DIMS];
+};
+
+/* One thread at a time uses a network. */
+struct ern_vision_network;
+
+/* The functions of the library. What fails leaves words, which do not name the file. */
+struct ern_vision {
+  const char *version; /* of the library: "0.1.0" */
+  const char *opencv;  /* "4.6.0" */
+  /* Makes a network of the bytes of an ONNX file, which are not needed any more afterwards. Their sizes must have been
+   * checked (io/onnx.h): OpenCV's importer believes them. ERN_E_UNSUPPORTED: the importer does not take it. */
+  ern_status (*open)(const void *bytes, size_t count, struct ern_vision_network **network,
+                     char words[ERN_VISION_WORDS]);
+  /* Computes the output of that name of one input. *out lies in the network until its next call. */
+  ern_status (*run)(struct ern_vision_network *network, const struct ern_vision_array *in, const char *output,
+                    struct ern_vision_array *out, char words[ERN_VISION_WORDS]);
+  void (*free)(struct ern_vision_network *network); /* accepts NULL */
+};
+
+/* The one symbol. */
+extern ERN_API const struct ern_vision ern_vision;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
