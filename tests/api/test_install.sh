@@ -28,6 +28,19 @@ done
 if [ -e "$lib/libernerf.so" ] && ldd "$lib/libernerf.so" | grep -q libOpenCL; then
   [ -x "$lib/ernerf/ernerf-probe-opencl" ] || fail "$LIBDIR/ernerf/ernerf-probe-opencl is not installed"
 fi
+if [ -e "$build/lib/libernerf-vision.so" ]; then # found and opened where it was moved to
+  printf '%s' '{"kind":"made","rate":8000,"normalisation":"none","piece_samples":800,"context_samples":0,"row_samples":160,' \
+    '"width":1,"window_rows":16}' >"$work/network.json"
+  "$root/bin/ernerf" features "$source/data/tiny/aud.wav" --speech-model "$source/tests/fuzz/corpus/onnx/speech_8_khz" \
+    --speech-preset "$work/network.json" -o "$work/made.npy" --quiet || fail "the installed program opens no network"
+  mkdir "$work/away" && mv "$lib"/libernerf-vision.so.* "$work/away"
+  if "$root/bin/ernerf" features "$source/data/tiny/aud.wav" --speech-model "$source/tests/fuzz/corpus/onnx/speech_8_khz" \
+    --speech-preset "$work/network.json" -o "$work/none.npy" 2>"$work/network.log"; then
+    fail "a network was opened without libernerf-vision"
+  fi
+  grep -q 'libernerf-vision.*ERNERF_VISION' "$work/network.log" || fail "not said what is missing: $(cat "$work/network.log")"
+  mv "$work"/away/* "$lib"
+fi
 "$root/bin/ernerf" info devices >"$work/devices.log" 2>"$work/devices.errors" || fail "the installed program does not run"
 grep -q "used untried" "$work/devices.errors" && fail "the installed library does not find ernerf-probe-opencl"
 

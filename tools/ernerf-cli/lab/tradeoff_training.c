@@ -245,7 +245,9 @@ static int open_all(struct training_job *job) {
                                       "training_seconds.svg", "training_seconds.png", "training_steps.svg",
                                       "training_steps.png"};
   if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
-  if (clip_source_open(&job->source, session, &job->clip) != 0) return EXIT_FAILURE;
+  const int opened = clip_source_open(&job->source, session, &job->clip);
+  hearing_close(&job->source.hearing);
+  if (opened != 0) return EXIT_FAILURE;
   if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
   job->study.clip = job->source.path;
   job->study.seconds = (double)job->seconds;
@@ -289,7 +291,10 @@ int tradeoff_training(int argc, char **argv) {
                                                    .help = "of the CPU (default one a core)"};
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
+  if (status < 0) status = hearing_check(&job.source.hearing, &args, NULL);
   job.session.inputs[0] = job.source.path;
+  job.session.inputs[1] = job.source.hearing.path;
+  job.session.inputs[2] = hearing_file(&job.source.hearing);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job);

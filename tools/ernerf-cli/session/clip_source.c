@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "session/clip_source.h"
 
+#include <stdlib.h>
+
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]) {
   const struct option rows[] = {
       {.name = "asr_model",
@@ -14,13 +16,17 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
        .kind = OPTION_BYTES,
        .target = &source->memory,
        .help = "most that frames of the clip may take, such as 512M (default half of the memory it may use)"}};
-  ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS);
+  ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS - HEARING_OPTIONS);
+  hearing_options(&source->hearing, options + sizeof rows / sizeof *rows);
 }
 
-int clip_source_open(const struct clip_source *source, struct session *session, ern_clip **clip) {
+int clip_source_open(struct clip_source *source, struct session *session, ern_clip **clip) {
   ern_clip_options options = ern_clip_options_default();
+  if (hearing_open(&source->hearing, session, NULL, NULL) != 0) return EXIT_FAILURE;
   options.memory_bytes = source->memory;
   options.features = source->features;
   options.asr_model = source->asr_model;
-  return ern_clip_open(session->context, source->path, &options, clip) == ERN_OK ? 0 : session_fail(session);
+  if (source->asr_model == NULL) options.network = source->hearing.network;
+  const ern_status status = ern_clip_open(session->context, source->path, &options, clip);
+  return status == ERN_OK ? 0 : hearing_fail(session, status);
 }

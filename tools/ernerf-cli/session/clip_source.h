@@ -5,20 +5,23 @@
 
 #include "args.h"
 #include "ernerf/media.h"
+#include "session/hearing.h"
 #include "session/session.h"
 
-enum { CLIP_SOURCE_OPTIONS = 2 };
+enum { CLIP_SOURCE_OPTIONS = 2 + HEARING_OPTIONS };
 
 struct clip_source {
   const char *path, *asr_model;
   const char *features; /* a file instead of the clip's own; NULL: its own */
   uint64_t memory;      /* bytes that frames may take; 0: the library's choice */
+  struct hearing hearing;
 };
 
-/* --asr_model --memory. */
+/* --asr_model --memory --speech-model --speech-preset. */
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]);
 
-/* Returns 0, or EXIT_FAILURE after a message. */
-int clip_source_open(const struct clip_source *source, struct session *session, ern_clip **clip);
+/* Opens the network that hears, where one is asked for and none is open, and the clip. With an asr_model the network is
+ * not used. Returns 0, or EXIT_FAILURE after a message. */
+int clip_source_open(struct clip_source *source, struct session *session, ern_clip **clip);
 
 #endif

@@ -6,8 +6,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "ernerf/speech.h"
+
 enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
 
 /* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/performance.md). */
@@ -160,18 +162,36 @@ const char *portrait_speech(const struct portrait *portrait) {
   return portrait->info.speech[0] != 0 ? portrait->info.speech : ern_speech_kind(&features);
 }
 
+int portrait_refuse_sound(const struct portrait *portrait, struct session *session) {
+  char wanted[192];
+  hearing_wanted(&portrait->info, wanted);
+  return session_fail_with(session,
+                           "%s: speaks from features of another kind than %s, which is all that a sound gives; "
+                           "expected --audio FILE.npy, or --speech-model FILE.onnx%s",
+                           portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
+}
+
+/* The clip's own file of these features is the same as hearing its sound again. */
+static bool has_file(const char *clip, const char *kind) {
+  char path[4096];
+  const char *name = strcmp(kind, "esperanto") == 0 ? "aud_eo" : strcmp(kind, "hubert") == 0 ? "aud_hu" : NULL;
+  if (name == NULL || snprintf(path, sizeof path, "%s/%s.npy", clip, name) >= (int)sizeof path) return false;
+  return access(path, R_OK) == 0;
+}
+
 static int open_clip(struct portrait *portrait, struct session *session) {
   struct clip_source *source = &portrait->source;
+  const char *kind = ern_speech_network_kind(source->hearing.network);
+  if (portrait->other_speech && has_file(source->path, kind)) source->asr_model = kind;
   /* a clip may have features of another kind too */
-  if (source->features == NULL && source->asr_model == NULL && strstr(portrait_speech(portrait), "cepstra") != NULL)
+  if (source->features == NULL && source->asr_model == NULL && source->hearing.network == NULL &&
+      strstr(portrait_speech(portrait), "cepstra") != NULL)
     source->asr_model = "cepstra";
   if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(portrait->clip, &portrait->clip_info);
-  if (portrait->clip_info.hears_sound && strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
-    return session_fail_with(session,
-                             "%s: speaks from features of another kind than %s, which is all that a sound gives; "
-                             "expected --audio FILE.npy",
-                             portrait->model_path, ERN_SPEECH_CEPSTRA);
+  if (portrait->clip_info.hears_sound && portrait->clip_info.speech_network[0] == 0 &&
+      strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
+    return portrait_refuse_sound(portrait, session);
   const bool own = portrait->source.features == NULL;
   snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
            own ? "/" : "", portrait->clip_info.features_file);
@@ -180,6 +200,7 @@ static int open_clip(struct portrait *portrait, struct session *session) {
 
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args) {
   int status = open_model(portrait, session, args);
+  if (status == 0) status = hearing_open(&portrait->source.hearing, session, portrait->model_path, &portrait->info);
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   portrait->render.threads = session->threads;
@@ -211,6 +232,7 @@ int portrait_thin(struct portrait *portrait, struct session *session, const stru
 void portrait_close(struct portrait *portrait) {
   ern_renderer_free(&portrait->renderer);
   ern_clip_free(&portrait->clip);
+  hearing_close(&portrait->source.hearing);
   ern_model_free(&portrait->model);
 }
 

@@ -19,6 +19,8 @@ struct portrait {
   struct range frames;
   struct clip_source source; /* its path NULL: no clip */
   bool force;
+  bool other_speech; /* set by the verb: the model speaks from another sound than the clip's, which only its silence is
+                        learnt from */
   /* made */
   ern_model *model;
   ern_model_info info;
@@ -28,9 +30,9 @@ struct portrait {
   ern_renderer *renderer;
 };
 
-enum { PORTRAIT_OPTIONS = 14 };
+enum { PORTRAIT_OPTIONS = 12 + CLIP_SOURCE_OPTIONS };
 /* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --transmittance_stop --occupancy_threshold
- * --torso_shrink --scale --image_scale --smooth_lips --asr_model --memory --force. */
+ * --torso_shrink --scale --image_scale --smooth_lips --force, and those of a clip's source. */
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
 
@@ -51,6 +53,8 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
 
 /* The kind of features that the model speaks from: ern_model_info.speech, or what its width says; "" unknown. */
 const char *portrait_speech(const struct portrait *portrait);
+/* Says that the model does not speak from the built-in features of a sound, and what it takes. Returns EXIT_FAILURE. */
+int portrait_refuse_sound(const struct portrait *portrait, struct session *session);
 
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);

@@ -119,6 +119,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
   struct session *session = &job->session;
   int status = portrait_open(portrait, session, args);
+  hearing_close(&portrait->source.hearing);
   if (status != 0) return status;
   job->frames = json_array();
   if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
@@ -192,11 +193,14 @@ int cmd_eval(int argc, char **argv) {
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
+  if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.portrait.source.features);
   if (status < 0 && job.portrait.source.features != NULL)
     status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
   job.session.inputs[0] = job.portrait.model_path;
   job.session.inputs[1] = job.portrait.source.path;
   job.session.inputs[2] = job.portrait.source.features;
+  job.session.inputs[3] = job.portrait.source.hearing.path;
+  job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

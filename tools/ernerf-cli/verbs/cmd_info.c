@@ -7,7 +7,7 @@
 
 #include "ernerf/data.h"
 #include "ernerf/model.h"
-#include "session/session.h"
+#include "session/hearing.h"
 #include "verbs.h"
 
 #define GIB (1024.0 * 1024 * 1024)
@@ -156,7 +156,8 @@ static void print_state(const struct tensor_list *tensors, json_t *uses) {
 }
 
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
-  char *list = json_dumps(effects, 0);
+  char *list = json_dumps(effects, 0), wanted[192];
+  hearing_wanted(info, wanted);
   printf("%s: %s\n", path, kind);
   printf("  steps            head %" PRIu64 ", torso %" PRIu64 "\n", info->head_steps, info->torso_steps);
   printf("  backbone         %s\n", ern_backbone_name(info->backbone));
@@ -165,7 +166,8 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   if (info->levels > 1) printf("  levels           %d\n", info->levels);
   printf("  features         %d wide", info->feature_width);
   if (info->window_length > 0) printf(", %d to a window", info->window_length);
-  printf("\n");
+  if (info->speech[0] != 0) printf(", %s", info->speech);
+  printf("%s\n", wanted);
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
   printf("  bound            %g\n", (double)info->bound);
@@ -208,7 +210,8 @@ static int describe_model(struct session *session, const char *path) {
   }
   ern_model_describe(model, &info);
   const char *kind = tensors.state ? "state" : info.has_torso ? "head+torso" : "head";
-  json_t *effects = effects_of(&info), *uses = uses_of(&tensors, &info);
+  json_t *effects = effects_of(&info), *uses = uses_of(&tensors, &info),
+         *network = info.speech_network[0] != 0 ? json_loads(info.speech_network, 0, NULL) : NULL;
   if (!session_json_on_stdout(session)) {
     print_model(path, kind, &info, effects);
     print_state(&tensors, uses);
@@ -219,17 +222,17 @@ static int describe_model(struct session *session, const char *path) {
   return session_report(
       session,
       json_pack(
-          "{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:i, s:b, s:f, s:o, s:s, s:I, s:I, s:I, s:o, "
-          "s:{s:I, s:I}, s:o}",
+          "{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:s, s:o, s:i, s:b, s:f, s:o, s:s, s:I, s:I, "
+          "s:I, s:o, s:{s:I, s:I}, s:o}",
           "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
           "torso_steps", (json_int_t)info.torso_steps, "backbone", ern_backbone_name(info.backbone), "attention",
           ern_attention_name(info.attention), "eye_attention", ern_eye_attention_name(info.eye_attention), "levels",
           info.levels, "effects", effects, "feature_width", info.feature_width, "window_length", info.window_length,
-          "codes", info.codes, "torso_gamma", info.has_gamma, "bound", (double)info.bound, "view", view_json(&info),
-          "clip", info.clip, "parameters", (json_int_t)info.parameters, "parameter_bytes",
-          (json_int_t)info.parameter_bytes, "cameras", (json_int_t)info.cameras, "uses", uses, "state",
-          "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages, "tensors",
-          tensors.list));
+          "speech", info.speech, "speech_network", network != NULL ? network : json_null(), "codes", info.codes,
+          "torso_gamma", info.has_gamma, "bound", (double)info.bound, "view", view_json(&info), "clip", info.clip,
+          "parameters", (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
+          (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
+          "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

@@ -149,13 +149,19 @@ static int open_features(struct render_job *job) {
   struct session *session = &job->session;
   const char *name = job->portrait.features_path;
   if (job->audio != NULL) {
-    if (ern_speech_open(session->context, job->audio, portrait_speech(&job->portrait), &job->own_features) != ERN_OK)
-      return session_fail(session);
+    ern_speech_network *network = job->portrait.source.hearing.network;
+    const char *kind = portrait_speech(&job->portrait);
+    if (network == NULL && ern_speech_is_sound(job->audio) && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
+      return portrait_refuse_sound(&job->portrait, session);
+    const ern_status status = network != NULL ? ern_speech_network_features(network, job->audio, &job->own_features)
+                                              : ern_speech_open(session->context, job->audio, kind, &job->own_features);
+    if (status != ERN_OK) return hearing_fail(session, status);
     job->features = &job->own_features;
     name = job->audio;
   } else {
     job->features = ern_clip_features(job->portrait.clip);
   }
+  hearing_close(&job->portrait.source.hearing); /* its memory is that of the frames */
   if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
   job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
                         sizeof(float));
@@ -434,9 +440,18 @@ int cmd_render(int argc, char **argv) {
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
-  const char *const inputs[SESSION_INPUTS] = {
-      job.portrait.model_path, job.portrait.source.path, job.poses, job.audio, job.wav, job.background_file,
-      job.control.eye,         job.rate_control.front};
+  if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.audio);
+  job.portrait.other_speech = job.audio != NULL;
+  const char *const inputs[SESSION_INPUTS] = {job.portrait.model_path,
+                                              job.portrait.source.path,
+                                              job.poses,
+                                              job.audio,
+                                              job.wav,
+                                              job.background_file,
+                                              job.control.eye,
+                                              job.rate_control.front,
+                                              job.portrait.source.hearing.path,
+                                              hearing_file(&job.portrait.source.hearing)};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

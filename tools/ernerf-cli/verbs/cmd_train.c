@@ -374,7 +374,9 @@ static void fill_config(struct train_job *job, const struct args *args) {
 }
 
 static int open_clip(struct train_job *job, const struct args *args) {
-  if (clip_source_open(&job->source, &job->session, &job->clip) != 0) return EXIT_FAILURE;
+  const int opened = clip_source_open(&job->source, &job->session, &job->clip);
+  hearing_close(&job->source.hearing); /* its memory is that of the training */
+  if (opened != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
   const int status = job->config.torso ? 0 : speech_copies_make(&job->copies, &job->session, args, job->clip);
   if (status != 0) return status;
@@ -424,14 +426,11 @@ static int describe_from(struct train_job *job) {
   return 0;
 }
 
-static int open_all(struct train_job *job, const struct args *args) {
+/* What the training goes on from, and the network that hears its sound: the same one, where that is not said. */
+static int open_earlier(struct train_job *job) {
   struct session *session = &job->session;
-  ern_dataset dataset;
-  if (!session_folder_there(job->config.output))
-    return session_fail_with(session, "%s: its folder is not there", job->config.output);
-  if (session_keep_inputs(session, job->config.output) != 0) return EXIT_FAILURE;
-  int status = open_clip(job, args);
-  if (status != 0) return status;
+  struct hearing *hearing = &job->source.hearing;
+  ern_model_info head;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
@@ -439,6 +438,23 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (job->config.resume &&
       ern_train_state_describe(session->context, job->config.output, &job->state, &job->from) == ERN_OK)
     job->has_from = job->has_state = true;
+  if (job->head != NULL) {
+    ern_model_describe(job->head, &head);
+    return hearing_open(hearing, session, job->head_path, &head);
+  }
+  if (!job->has_from || hearing->needs != NULL) return 0;
+  return hearing_open(hearing, session, job->has_state ? job->config.output : job->config.from, &job->from);
+}
+
+static int open_all(struct train_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  ern_dataset dataset;
+  if (!session_folder_there(job->config.output))
+    return session_fail_with(session, "%s: its folder is not there", job->config.output);
+  if (session_keep_inputs(session, job->config.output) != 0) return EXIT_FAILURE;
+  int status = open_earlier(job);
+  if (status == 0) status = open_clip(job, args);
+  if (status != 0) return status;
   fill_config(job, args);
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);
@@ -525,6 +541,7 @@ static void close_all(struct train_job *job) {
   ern_trainer_free(&job->trainer);
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
+  hearing_close(&job->source.hearing);
   validations_free(&job->validations);
   session_close(&job->session);
 }
@@ -565,8 +582,10 @@ int cmd_train(int argc, char **argv) {
   number_options(&job, numbers);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
+  if (status < 0) status = hearing_check(&job.source.hearing, &args, job.source.features);
   job.session.rewrites = true; /* X.run; the trainer looks after X */
-  const char *const inputs[] = {job.source.path, job.source.features, job.head_path, job.config.from};
+  const char *const inputs[] = {job.source.path, job.source.features,     job.head_path,
+                                job.config.from, job.source.hearing.path, hearing_file(&job.source.hearing)};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

@@ -36,9 +36,11 @@ int speech_copies_make(const struct speech_copies *copies, struct session *sessi
   float warps[MOST_COPIES];
   ern_clip_info info;
   ern_clip_describe(clip, &info);
-  if (!info.hears_sound) {
+  if (!info.hears_sound || info.speech_network[0] != 0) {
     const int status =
-        args_forbid(args, SPEECH_COPIES_NAMES, "is for speech that is given as sound, and this is given as features");
+        args_forbid(args, SPEECH_COPIES_NAMES,
+                    info.hears_sound ? "is for sound that the built-in kind is made of, and a network hears this"
+                                     : "is for speech that is given as sound, and this is given as features");
     return status >= 0 ? status : 0;
   }
   const double low = log((double)copies->range.first), high = log((double)copies->range.second);

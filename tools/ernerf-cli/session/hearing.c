@@ -1,0 +1,110 @@
+/* SPDX-License-Identifier: MIT */
+#include "session/hearing.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+void hearing_options(struct hearing *hearing, struct option options[HEARING_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "speech-model",
+       .kind = OPTION_TEXT,
+       .target = &hearing->path,
+       .choices = "FILE.onnx",
+       .help = "a network that hears the sound (docs/speech.md), not the built-in kind; through OpenCV's DNN module"},
+      {.name = "speech-preset",
+       .kind = OPTION_TEXT,
+       .target = &hearing->needs,
+       .choices = "NAME|FILE.json",
+       .help = "what it needs: esperanto (untested) or hubert (untested), both of 16 kHz by the public scripts and not "
+               "run with their real networks yet; or a description (default as the model says, else FILE.json beside "
+               "FILE.onnx)"}};
+  ARGS_FILL(options, rows, HEARING_OPTIONS);
+}
+
+static bool is_description(const char *name) {
+  const char *dot = strrchr(name, '.');
+  return dot != NULL && strcmp(dot, ".json") == 0;
+}
+
+int hearing_check(const struct hearing *hearing, const struct args *args, const char *audio) {
+  if (hearing->path == NULL)
+    return args_forbid(args, "speech-preset", "says what --speech-model needs, and there is none");
+  if (hearing->needs != NULL && ern_speech_preset(hearing->needs) == NULL && !is_description(hearing->needs))
+    return args_refuse(args, "--speech-preset is \"%s\", expected esperanto, hubert, or a description's FILE.json",
+                       hearing->needs);
+  if (audio != NULL && !ern_speech_is_sound(audio))
+    return args_refuse(args, "--speech-model hears a sound, and %s holds features", audio);
+  return args_forbid(args, "asr_model", "chooses features of the clip, and --speech-model makes them of its sound");
+}
+
+const char *hearing_file(const struct hearing *hearing) {
+  return hearing->needs != NULL && is_description(hearing->needs) ? hearing->needs : NULL;
+}
+
+static int watch(void *user, size_t done, size_t pieces) {
+  struct hearing *hearing = user;
+  if (done == 0) progress_begin(&hearing->progress, hearing->progress.session, "speech", "pieces");
+  progress_at(&hearing->progress, done, pieces, "");
+  if (done == pieces) progress_end(&hearing->progress);
+  return session_interrupted();
+}
+
+/* What the model, if any, says of its features; NULL: a file beside the network is left to say it. */
+static const char *description_of(const struct hearing *hearing, const ern_model_info *model) {
+  if (hearing->needs != NULL) {
+    const char *preset = ern_speech_preset(hearing->needs);
+    return preset != NULL ? preset : hearing->needs;
+  }
+  if (model == NULL) return NULL;
+  return model->speech_network[0] != 0 ? model->speech_network : ern_speech_preset(model->speech);
+}
+
+static int check_kind(const struct hearing *hearing, struct session *session, const char *model_path,
+                      const ern_model_info *model) {
+  const char *kind = ern_speech_network_kind(hearing->network);
+  if (model->speech[0] == 0) {
+    session_warn(session, "%s: does not say what features it speaks from; those of %s (%s) are taken for them",
+                 model_path, hearing->path, kind);
+    return 0;
+  }
+  if (strcmp(model->speech, kind) == 0) return 0;
+  return session_fail_with(session, "%s: speaks from features of the kind %s, and %s makes %s", model_path,
+                           model->speech, hearing->path, kind);
+}
+
+int hearing_open(struct hearing *hearing, struct session *session, const char *model_path,
+                 const ern_model_info *model) {
+  ern_model_info known = {0};
+  if (hearing->path == NULL || hearing->network != NULL) return 0;
+  if (model != NULL) {
+    known = *model;
+    const ern_features features = {.width = model->feature_width};
+    if (known.speech[0] == 0) snprintf(known.speech, sizeof known.speech, "%s", ern_speech_kind(&features));
+    if (hearing->needs != NULL && known.speech_network[0] != 0)
+      return session_fail_with(session, "%s: says itself what its network needs; expected no --speech-preset",
+                               model_path);
+  }
+  const char *description = description_of(hearing, model != NULL ? &known : NULL);
+  if (ern_speech_network_open(session->context, hearing->path, description, &hearing->network) != ERN_OK)
+    return session_fail(session);
+  hearing->progress.session = session;
+  ern_speech_network_watch(hearing->network, watch, hearing);
+  return model != NULL ? check_kind(hearing, session, model_path, &known) : 0;
+}
+
+void hearing_close(struct hearing *hearing) { ern_speech_network_free(&hearing->network); }
+
+int hearing_fail(struct session *session, ern_status status) {
+  if (status != ERN_E_CANCELLED || !session_interrupted()) return session_fail(session);
+  return session_stop_with(session, "%s", ern_last_error(session->context));
+}
+
+void hearing_wanted(const ern_model_info *model, char words[192]) {
+  json_t *root = model->speech_network[0] != 0 ? json_loads(model->speech_network, 0, NULL) : NULL;
+  const char *kind = json_string_value(json_object_get(root, "kind")),
+             *hash = json_string_value(json_object_get(root, "sha256"));
+  words[0] = 0;
+  if (kind != NULL && hash != NULL) snprintf(words, 192, ": the network \"%.63s\" with the SHA-256 %.64s", kind, hash);
+  json_decref(root);
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ * Which network hears the sound that a verb is given, where it is not the built-in kind of features that is made of it.
+ */
+#ifndef ERN_CLI_HEARING_H
+#define ERN_CLI_HEARING_H
+
+#include "args.h"
+#include "ernerf/model.h"
+#include "ernerf/speech.h"
+#include "output/progress.h"
+#include "session/session.h"
+
+struct hearing {
+  const char *path;            /* of the network; NULL: none */
+  const char *needs;           /* a preset's name, or the file of a description; NULL: as the model says */
+  ern_speech_network *network; /* NULL: none, or not open */
+  struct progress progress;
+};
+
+enum { HEARING_OPTIONS = 2 };
+/* --speech-model --speech-preset. */
+void hearing_options(struct hearing *hearing, struct option options[HEARING_OPTIONS]);
+
+/* What does not go together; audio: that of --audio, NULL: none. -1 to go on, else the exit status. */
+int hearing_check(const struct hearing *hearing, const struct args *args, const char *audio);
+
+/* The file that --speech-preset names; NULL: none. */
+const char *hearing_file(const struct hearing *hearing);
+
+/* Opens the network where one is asked for and none is open. model: that will speak, whose kind and network it must be;
+ * NULL: none yet. Returns 0, or EXIT_FAILURE after a message. */
+int hearing_open(struct hearing *hearing, struct session *session, const char *model_path, const ern_model_info *model);
+void hearing_close(struct hearing *hearing);
+
+/* After a call that heard: session_fail, or session_stop_with where Ctrl-C ended it. */
+int hearing_fail(struct session *session, ern_status status);
+
+/* What a model asks of --speech-model: ": the network "NAME" with the SHA-256 1234...", or "". */
+void hearing_wanted(const ern_model_info *model, char words[192]);
+
+#endif
