@@ -9,10 +9,7 @@
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/onnx.h"
-
-#define TEXT_OF(x) #x
-#define SONAME(major) "libernerf-vision.so." TEXT_OF(major)
-static const char library_name[] = SONAME(ERN_VERSION_MAJOR);
+#include "media/vision_library.h"
 
 enum { FILE_LIMIT = INT32_MAX /* of protobuf */, DESCRIPTION_LIMIT = 1 << 16 };
 
@@ -125,20 +122,6 @@ static ern_status choose_output(struct ern_speech_network *n, const struct ern_o
   return ern_fail(n->context, ERN_E_MISSING, "%s: has no output \"%s\", expected %s", n->path, wanted, list);
 }
 
-static ern_status load_library(struct ern_speech_network *n) {
-  n->library = dlopen(library_name, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-  if (n->library == NULL)
-    return ern_fail(n->context, ERN_E_UNSUPPORTED,
-                    "%s: networks are computed by %s, which cannot be loaded: %s; expected a libernerf that was built "
-                    "with ERNERF_VISION (OpenCV's DNN module)",
-                    n->path, library_name, dlerror());
-  n->vision = dlsym(n->library, "ern_vision");
-  if (n->vision == NULL || strcmp(n->vision->version, ern_version()) != 0)
-    return ern_fail(n->context, ERN_E_UNSUPPORTED, "%s: %s is of version %s, expected %s", n->path, library_name,
-                    n->vision != NULL ? n->vision->version : "unknown", ern_version());
-  return ERN_OK;
-}
-
 static ern_status open_file(struct ern_speech_network *n) {
   uint8_t *bytes = NULL;
   size_t count = 0;
@@ -150,7 +133,7 @@ static ern_status open_file(struct ern_speech_network *n) {
   ERN_TRY(check_hash(n, bytes, count));
   ERN_TRY(check_input(n, &onnx));
   ERN_TRY(choose_output(n, &onnx));
-  ERN_TRY(load_library(n));
+  ERN_TRY(ern_vision_load(n->context, n->path, &n->library, &n->vision));
   status = n->vision->open(bytes, count, &n->network, words);
   if (status != ERN_OK)
     ern_fail(n->context, status, "%s: OpenCV %s does not take %s; docs/speech.md says how to export it", n->path,

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * Networks by OpenCV's DNN module, on the CPU. No exception and no type of C++ leaves this file. */
+ * Networks by OpenCV's DNN module, on the CPU, and optical flow. No exception and no type of C++ leaves this file. */
 #include <cstdio>
 #include <exception>
 #include <new>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/dnn.hpp>
+#include <opencv2/video.hpp>
 #include <string>
 
 #include "vision/vision.h"
@@ -118,10 +119,26 @@ void network_free(ern_vision_network *network) {
   });
 }
 
+ern_status optical_flow(const unsigned char *from, const unsigned char *to, int width, int height, float *flow,
+                        char words[ERN_VISION_WORDS]) {
+  return guarded(words, [&] {
+    const cv::Mat first(height, width, CV_8U, const_cast<unsigned char *>(from)),
+        second(height, width, CV_8U, const_cast<unsigned char *>(to));
+    cv::Mat made;
+    cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM)->calc(first, second, made);
+    made.copyTo(cv::Mat(height, width, CV_32FC2, flow));
+    return ERN_OK;
+  });
+}
+
 }  // namespace
 
 #define TEXT_OF(x) #x
 #define VERSION(a, b, c) TEXT_OF(a) "." TEXT_OF(b) "." TEXT_OF(c)
 
-const struct ern_vision ern_vision = {VERSION(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH), CV_VERSION,
-                                      network_open, network_run, network_free};
+const struct ern_vision ern_vision = {VERSION(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH),
+                                      CV_VERSION,
+                                      network_open,
+                                      network_run,
+                                      network_free,
+                                      optical_flow};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-vision: networks, computed by OpenCV's DNN module. libernerf-media opens it when the first network is asked
- * for, so that nobody else loads that module. It needs nothing of libernerf: an error is a status and words. */
+ * libernerf-vision: networks and optical flow by OpenCV. libernerf-media opens it when the first of them is asked for,
+ * so that nobody else loads those modules. It needs nothing of libernerf: an error is a status and words. */
 #ifndef ERN_VISION_VISION_H
 #define ERN_VISION_VISION_H
 
@@ -33,6 +33,10 @@ struct ern_vision {
   ern_status (*run)(struct ern_vision_network *network, const struct ern_vision_array *in, const char *output,
                     struct ern_vision_array *out, char words[ERN_VISION_WORDS]);
   void (*free)(struct ern_vision_network *network); /* accepts NULL */
+  /* Dense optical flow (DIS, Kroeger et al. 2016) between grey pictures [height][width]: *flow [height][width][2],
+   * pixels right and down. */
+  ern_status (*flow)(const unsigned char *from, const unsigned char *to, int width, int height, float *flow,
+                     char words[ERN_VISION_WORDS]);
 };
 
 /* The one symbol. */

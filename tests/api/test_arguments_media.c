@@ -58,6 +58,16 @@ CHECK(ern_image_write_exr) {
   REFUSED(w.context, "-1 channels", ern_image_write_exr(w.context, "a.exr", data, 2, 2, -1, names));
   assert_int_equal(ern_image_write_exr(w.context, "a.exr", data, -2, 2, 1, names), ERN_E_SHAPE);
 }
+CHECK(ern_optical_flow) {
+  static uint8_t from[16 * 16], to[16 * 16];
+  static float flow[16 * 16 * 2];
+  REFUSED_ALONE(ern_optical_flow(NULL, from, to, 16, 16, flow));
+  REFUSED(w.context, "ern_optical_flow: from is NULL", ern_optical_flow(w.context, NULL, to, 16, 16, flow));
+  REFUSED(w.context, "ern_optical_flow: to is NULL", ern_optical_flow(w.context, from, NULL, 16, 16, flow));
+  REFUSED(w.context, "ern_optical_flow: flow is NULL", ern_optical_flow(w.context, from, to, 16, 16, NULL));
+  REFUSED(w.context, "15 x 16", ern_optical_flow(w.context, from, to, 15, 16, flow));
+  REFUSED(w.context, "16 x -1", ern_optical_flow(w.context, from, to, 16, -1, flow));
+}
 CHECK(ern_image_resize) {
   const ern_image image = picture();
   ern_image out = picture();
@@ -286,6 +296,7 @@ static const struct arguments_check table[] = {ROW(ern_image_read),
                                                ROW(ern_image_write),
                                                ROW(ern_image_write_exr),
                                                ROW(ern_image_resize),
+                                               ROW(ern_optical_flow),
                                                ROW(ern_image_free),
                                                ROW(ern_sound_read),
                                                ROW(ern_sound_write_wav),

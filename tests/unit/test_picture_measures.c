@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "evaluation/picture_measures.h"
+#include "evaluation/tremble.h"
 
 enum { WIDTH = 60, HEIGHT = 50 };
 
@@ -62,8 +63,58 @@ static void test_grey(void **state) {
     assert_true(fabs((double)one[i] - expected[i]) < 1e-6 && fabs((double)(one[i] - other[i])) < 1e-6);
 }
 
+/* A pattern without a period, moved by `dx`. */
+static void draw_moved(float *grey, double dx) {
+  for (int y = 0; y < 96; y++)
+    for (int x = 0; x < 96; x++) {
+      const double u = x - dx, v = y;
+      grey[96 * y + x] = (float)(0.5 + 0.15 * sin(0.31 * u + 0.07 * v) + 0.15 * sin(0.23 * v - 0.11 * u) +
+                                 0.1 * sin(0.043 * u * v / 9));
+    }
+}
+
+/* Places of a true and a rendered head whose second differences have the ratio 3; then one that stands still. */
+static void test_tremble(void **state) {
+  (void)state;
+  static const double place[] = {0, 1, 0, 1.2, 0.4, 1.4, 0.2, 0.8, -0.2, 1.0};
+  static float truth[96 * 96], rendered[96 * 96];
+  ern_context *context = support_context();
+  ern_clip_frame frame = {.has_landmarks = true};
+  for (int i = 0; i < 68; i++) {
+    frame.landmarks[i][0] = (float)(16 + i % 2 * 64);
+    frame.landmarks[i][1] = (float)(16 + i / 2 % 2 * 64);
+  }
+  for (int i = 36; i < 68; i++) frame.landmarks[i][0] = frame.landmarks[i][1] = 40; /* eyes and mouth: a place */
+  for (int way = 0; way < 4; way++) {
+    struct tremble tremble = {0};
+    const double times[] = {3, 1, 0, 3};
+    ern_status status = ERN_OK;
+    for (int t = 0; t < 10 && status == ERN_OK; t++) {
+      draw_moved(truth, place[t] / 3);
+      draw_moved(rendered, times[way] * place[t] / 3);
+      frame.pose.aud_id = way == 3 ? 2 * t : t; /* the last: not in a row */
+      status = tremble_add(&tremble, context, &frame, 96, 96, truth, rendered);
+    }
+    if (status == ERN_E_UNSUPPORTED) {
+      tremble_free(&tremble);
+      ern_context_free(&context);
+      skip();
+    }
+    support_ok(context, status);
+    const double ratio = tremble_ratio(&tremble);
+    if (way == 3 ? !isnan(ratio) : fabs(ratio - times[way]) > 0.1 + 0.05 * times[way])
+      fail_msg("way %d: %g", way, ratio);
+    frame.has_landmarks = false;
+    support_ok(context, tremble_add(&tremble, context, &frame, 96, 96, truth, rendered));
+    assert_int_equal(tremble.frames, 0);
+    frame.has_landmarks = true;
+    tremble_free(&tremble);
+  }
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradient), cmocka_unit_test(test_neck),
-                                     cmocka_unit_test(test_grey)};
+                                     cmocka_unit_test(test_grey), cmocka_unit_test(test_tremble)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

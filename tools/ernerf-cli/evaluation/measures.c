@@ -26,6 +26,7 @@ bool measures_add(struct measures *m, const ern_clip_frame *frame, int width, in
   }
   (void)neck_difference(frame, grey, drawn, width, height, &m->neck, &m->neck_pixels);
   const bool added = mouth_motion_add(&m->mouth, frame, width, height, grey, drawn);
+  if (m->flow != NULL && tremble_add(&m->tremble, m->flow, frame, width, height, grey, drawn) != ERN_OK) m->flow = NULL;
   free(grey);
   return added;
 }
@@ -34,7 +35,8 @@ struct measures_figures measures_figures(const struct measures *m) {
   return (struct measures_figures){.mouth = mouth_motion_figures(&m->mouth),
                                    .sharpness_head = m->head_truth > 0 ? m->head_rendered / m->head_truth : NAN,
                                    .sharpness_mouth = m->mouth_truth > 0 ? m->mouth_rendered / m->mouth_truth : NAN,
-                                   .seam = m->neck_pixels > 0 ? 255 * sqrt(m->neck / (double)m->neck_pixels) : NAN};
+                                   .seam = m->neck_pixels > 0 ? 255 * sqrt(m->neck / (double)m->neck_pixels) : NAN,
+                                   .tremble = m->flow != NULL ? tremble_ratio(&m->tremble) : NAN};
 }
 
 void measures_print(const struct measures_figures *f) {
@@ -46,6 +48,10 @@ void measures_print(const struct measures_figures *f) {
   if (isfinite(f->sharpness_head) && isfinite(f->sharpness_mouth))
     printf("sharpness over the truth's: head %.2f, mouth %.2f\n", f->sharpness_head, f->sharpness_mouth);
   if (isfinite(f->seam)) printf("seam: the neck under the jaw is off by %.1f of 255\n", f->seam);
+  if (isfinite(f->tremble))
+    printf("tremble: the face moves %.2f times as unevenly as the true one\n", f->tremble);
+  else
+    printf("tremble: cannot be told without libernerf-vision and landmarks of three frames in a row\n");
 }
 
 json_t *measures_json(const struct measures_figures *f) {
@@ -53,11 +59,13 @@ json_t *measures_json(const struct measures_figures *f) {
                       ? json_pack("{s:o, s:o, s:o}", "explained", session_number(f->mouth.explained), "correlation",
                                   session_number(f->mouth.correlation), "amplitude", session_number(f->mouth.amplitude))
                       : json_null();
-  return json_pack("{s:o, s:o, s:o, s:o}", "mouth_motion", mouth, "sharpness_head", session_number(f->sharpness_head),
-                   "sharpness_mouth", session_number(f->sharpness_mouth), "seam", session_number(f->seam));
+  return json_pack("{s:o, s:o, s:o, s:o, s:o}", "mouth_motion", mouth, "sharpness_head",
+                   session_number(f->sharpness_head), "sharpness_mouth", session_number(f->sharpness_mouth), "seam",
+                   session_number(f->seam), "tremble", session_number(f->tremble));
 }
 
 void measures_free(struct measures *m) {
   mouth_motion_free(&m->mouth);
+  tremble_free(&m->tremble);
   *m = (struct measures){0};
 }

@@ -8,6 +8,7 @@
 
 #include "evaluation/mouth_motion.h"
 #include "evaluation/picture_measures.h"
+#include "evaluation/tremble.h"
 
 /* Over several frames. Zeroed: none yet. */
 struct measures {
@@ -15,6 +16,8 @@ struct measures {
   double head_truth, head_rendered, mouth_truth, mouth_rendered; /* gradient energies of the regions */
   double neck;                                                   /* sum of squared differences of grey in the band */
   size_t neck_pixels;
+  struct tremble tremble;
+  ern_context *flow; /* computes the optical flow for `tremble`; NULL: it is not wanted, or cannot be had */
 };
 
 /* Values of the frames; NaN where the clip does not tell. */
@@ -22,9 +25,11 @@ struct measures_figures {
   struct mouth_figures mouth;
   double sharpness_head, sharpness_mouth; /* gradient energy over the truth's */
   double seam;                            /* root mean square of the band's differences, of 255 */
+  double tremble;                         /* unevenness of the face's motion over the truth's */
 };
 
-/* Adds a frame. truth 0..255, rendered 0..1: [height][width][3]. False without memory. */
+/* Adds a frame. Without optical flow, which is no reason to stop, `flow` becomes NULL. truth 0..255, rendered 0..1:
+ * [height][width][3]. False without memory. */
 bool measures_add(struct measures *measures, const ern_clip_frame *frame, int width, int height, const uint8_t *truth,
                   const float *rendered);
 struct measures_figures measures_figures(const struct measures *measures);

@@ -127,6 +127,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
                          portrait->scale, (ern_audio_pad)portrait->audio_pad);
   if (status != 0) return status;
   job->evaluation.measures = &job->measures;
+  job->measures.flow = session->context;
   const ern_features *features = job->evaluation.features;
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
     return session_fail(session);
