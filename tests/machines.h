@@ -41,9 +41,10 @@ struct machines {
   int count;
   struct many span[MACHINE_SPANS];
   size_t spans;
-  uint64_t seed;    /* of all random numbers of a run; 0 unless asked for */
-  size_t checks;    /* arrays of machines other than number 0 that were compared */
-  void *held[4096]; /* memory that machines_clear frees */
+  uint64_t seed;         /* of all random numbers of a run; 0 unless asked for */
+  size_t checks;         /* arrays of machines other than number 0 that were compared */
+  double peak[MACHINES]; /* operations a second, where kernelcheck's harness has measured them; 0: not */
+  void *held[4096];      /* memory that machines_clear frees */
   size_t holds;
 };
 extern struct machines machines;

@@ -4,6 +4,9 @@
 
 #include <time.h>
 
+#if defined(ERN_LAB)
+#include "ernerf-lab/bench.h"
+#endif
 #if defined(ERN_OPENCL)
 #include "backend_opencl/opencl.h"
 #endif
@@ -29,6 +32,47 @@ bool compiles_for_cpus(int k) { return k < 0; }
 size_t set_local_bytes(int k, size_t bytes) { return (void)k, bytes; }
 int set_vector_width(int k, int width) { return (void)k, width; }
 #endif
+
+struct ern_stream *stream_replace(int k, int threads) {
+  struct ern_stream *own = machines.stream[k];
+  support_ok(machines.context, machines.backend[k]->stream_make(machines.backend[k], threads, &machines.stream[k]));
+  return own;
+}
+
+void stream_restore(int k, struct ern_stream *own) {
+  machines.backend[k]->stream_free(machines.stream[k]);
+  machines.stream[k] = own;
+}
+
+/* ---- speed ---- */
+
+double products_of(const struct ern_mlp *mlp, bool backward) {
+  double all = 0, hidden = 0;
+  for (int l = 0; l < mlp->layers; l++) {
+    const double weights = (double)mlp->width[l] * mlp->width[l + 1];
+    all += weights;
+    if (l + 1 < mlp->layers) hidden += weights;
+  }
+  return backward ? 2 * all + hidden : all;
+}
+
+/* Floating-point operations a second of one core, by its instruction set; all are measured at the first question. 0 of
+ * a device, and in a build without the laboratory. */
+static double peak_of(int k) {
+#if defined(ERN_LAB)
+  ern_bench_options options = ern_bench_options_default();
+  ern_bench_machine found;
+  size_t cpus = 0;
+  options.threads = 1;
+  options.seconds = 1;
+  while ((int)cpus < machines.count && !is_device((int)cpus)) cpus++; /* they come first */
+  if (machines.peak[0] == 0) {
+    support_ok(machines.context, ern_bench_peaks(machines.backend, cpus, &options, &found));
+    for (size_t i = 0; i < cpus; i++) machines.peak[i] = found.peak[i].flops.one;
+  }
+#endif
+  return machines.peak[k];
+}
 
 static double seconds_now(void) {
   struct timespec now;
@@ -59,8 +103,11 @@ bool bench_again(struct bench_line *line) {
   }
   if (line->calls > 8 && (line->total > 0.1 || line->calls > 2000)) {
     if (line->k == 0) line->reference = line->least;
-    printf("%-32s %-12s %12.2f ns each, %6.2f times %s\n", line->what, machines.name[line->k],
+    const double peak = line->products > 0 ? peak_of(line->k) : 0;
+    printf("%-32s %-12s %12.2f ns each, %6.2f times %s", line->what, machines.name[line->k],
            1e9 * line->least / line->items, line->reference / line->least, machines.name[0]);
+    if (peak > 0) printf(", %3.0f %% of the peak", 100 * 2 * line->products / line->least / peak);
+    printf("\n");
     line->k++;
     line->calls = 0;
   }

@@ -4,6 +4,7 @@
 #define ERN_TESTS_HARNESS_H
 
 #include "machines.h"
+#include "mlp/mlp_ops.h"
 
 struct noun {
   const char *name;
@@ -48,18 +49,29 @@ bool compiles_for_cpus(int k);
 size_t set_local_bytes(int k, size_t bytes);
 int set_vector_width(int k, int width);
 
+/* ---- threads: machines have one ---- */
+
+/* A stream of so many threads for machine k; returns its own, for stream_restore. */
+struct ern_stream *stream_replace(int k, int threads);
+void stream_restore(int k, struct ern_stream *own);
+
 /* ---- speed: the least time of a call on each machine in turn, until it is done ---- */
 
 struct bench_line {
   const char *what;
-  double items, began, least, total, reference;
+  double items, products, began, least, total, reference;
   int k, calls;
 };
 bool bench_again(struct bench_line *line);
 
-/* Nanoseconds an item, and the ratio to number 0. */
-#define BENCH(what, items, slot, args)                                                            \
-  for (struct bench_line line_ = {what, (double)(items), 0, 0, 0, 0, 0, 0}; bench_again(&line_);) \
+/* Nanoseconds an item, and the ratio to number 0. products: multiply-adds of a call; what a CPU makes of them is held
+ * against the peak of its instruction set on one core. 0: not counted. */
+#define BENCH_PRODUCTS(what, items, products, slot, args)                                                             \
+  for (struct bench_line line_ = {what, (double)(items), (double)(products), 0, 0, 0, 0, 0, 0}; bench_again(&line_);) \
   support_ok(machines.context, machines.backend[line_.k]->slot(machines.stream[line_.k], &(args)[line_.k]))
+#define BENCH(what, items, slot, args) BENCH_PRODUCTS(what, items, 0, slot, args)
+
+/* Multiply-adds of a sample: forward 1 a weight; backward 2, and 1 for those of the hidden layers again. */
+double products_of(const struct ern_mlp *mlp, bool backward);
 
 #endif

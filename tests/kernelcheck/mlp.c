@@ -557,17 +557,6 @@ static void test_bounds(void **state) {
   for (size_t i = 0; i < COUNT_OF(scale); i++) check_bounds(DENSITY, 50, scale[i][0], scale[i][1]);
 }
 
-/* Multiply-adds: forward 1 a weight; backward 2, and 1 for those of the hidden layers again. */
-static double products(const struct ern_mlp *mlp, bool backward) {
-  double all = 0, hidden = 0;
-  for (int l = 0; l < mlp->layers; l++) {
-    const double weights = (double)mlp->width[l] * mlp->width[l + 1];
-    all += weights;
-    if (l + 1 < mlp->layers) hidden += weights;
-  }
-  return backward ? 2 * all + hidden : all;
-}
-
 /* By multiply-add. */
 static void bench(void) {
   static const size_t sizes[] = {96, 4096, 65536};
@@ -584,8 +573,10 @@ static void bench(void) {
         for (int p = 0; p < scene.pieces; p++) backward[k].dx[p] = scene.dx[p].on[k];
       }
       printf("%s, %zu samples, by multiply-add\n", shapes[s].name, sizes[i]);
-      BENCH("forward", (double)sizes[i] * products(&scene.mlp, false), mlp_fwd, forward);
-      BENCH("backward", (double)sizes[i] * products(&scene.mlp, true), mlp_bwd, backward);
+      const double n = (double)sizes[i], there = n * products_of(&scene.mlp, false);
+      const double back = n * products_of(&scene.mlp, true);
+      BENCH_PRODUCTS("forward", there, there, mlp_fwd, forward);
+      BENCH_PRODUCTS("backward", back, back, mlp_bwd, backward);
       machines_clear();
     }
   }
