@@ -391,8 +391,10 @@ void expect_at(const char *what, struct many span, size_t at, double expected, d
 
 /* ---- random numbers ---- */
 
+uint64_t machines_seed(uint64_t seed) { return seed + (machines.seed << 32); }
+
 struct ern_random words_at(uint64_t seed, uint64_t step, size_t at) {
-  return ern_random_at(seed + (machines.seed << 32), step, (uint32_t)at, ERN_RNG_INIT);
+  return ern_random_at(machines_seed(seed), step, (uint32_t)at, ERN_RNG_INIT);
 }
 
 float machines_random(uint64_t seed, size_t at, float scale) {

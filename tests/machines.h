@@ -158,6 +158,7 @@ void expect_at(const char *what, struct many span, size_t at, double expected, d
 
 /* ---- random numbers, the same for the same (seed, at) ---- */
 
+uint64_t machines_seed(uint64_t seed); /* another one in each run of another seed */
 struct ern_random words_at(uint64_t seed, uint64_t step, size_t at);
 float machines_random(uint64_t seed, size_t at, float scale); /* [-scale, scale) */
 

@@ -97,21 +97,23 @@ struct layer {
   size_t begin, count;
 };
 
-/* What float costs the reference at each layer: the largest error over DRAWS inputs that differ in their last bits, so
- * that luck has no part in it. */
+/* What float costs the reference at each layer: the largest error over DRAWS networks and inputs that differ in their
+ * last bits, so that luck has no part in it. Inputs alone would not do: windows of zeros have no last bits. */
 static void prices_of(const struct values *v, const struct layer *layers, int count, double *price) {
   enum { DRAWS = 4 };
-  double *block = widened(v->block, v->parameters), *dcode = widened(v->dcode, (size_t)v->net.code);
-  float *windows = floats(v->inputs);
+  double *dcode = widened(v->dcode, (size_t)v->net.code);
+  float *windows = floats(v->inputs), *block = floats(v->parameters);
   for (int l = 0; l < count; l++) price[l] = 0;
   for (int draw = 0; draw < DRAWS; draw++) {
     for (size_t i = 0; i < v->inputs; i++) windows[i] = v->windows[i] * (1 + (float)draw * random_at(6, i, 0x1p-22f));
-    double *wide = widened(windows, v->inputs), *exact = widened(v->dblock, v->parameters);
+    for (size_t i = 0; i < v->parameters; i++) block[i] = v->block[i] * (1 + (float)draw * random_at(7, i, 0x1p-22f));
+    double *wide = widened(windows, v->inputs), *wide_block = widened(block, v->parameters);
+    double *exact = widened(v->dblock, v->parameters);
     float *found = floats(v->parameters);
     memcpy(found, v->dblock, v->parameters * sizeof *found);
     for (int twice = 0; twice < 2; twice++) {
-      ern_audio_bwd_ref(found, v->dcode, windows, v->block, &v->net);
-      ern_audio_bwd_ref64(exact, dcode, wide, block, &v->net);
+      ern_audio_bwd_ref(found, v->dcode, windows, block, &v->net);
+      ern_audio_bwd_ref64(exact, dcode, wide, wide_block, &v->net);
     }
     for (int l = 0; l < count; l++)
       for (size_t i = layers[l].begin; i < layers[l].begin + layers[l].count; i++)

@@ -48,7 +48,7 @@ static struct scene scene_make_of(bool view, int levels, bool eye, int codes, in
                                            .bound = 1};
   support_ok(machines.context, ern_parameters_build(machines.context, &scene.config, &scene.field, &rows));
   scene.block = held_memory(scene.field.parameters, sizeof(float));
-  ern_parameters_init(scene.block, &rows, false, 11);
+  ern_parameters_init(scene.block, &rows, false, machines_seed(11));
   for (int plane = 0; plane < ERN_PLANES; plane++)
     fill_random(scene.block + scene.field.encoder.table[plane], scene.field.encoder.grid[plane].entries,
                 3 + (uint64_t)plane, 1);
@@ -351,6 +351,14 @@ static void test_frames_follow(void **state) {
   machines_clear();
 }
 
+/* The largest difference of a colour of `now` from `before`, [OUTPUTS][stride]. */
+static double change(const struct scene *scene, const float *now, const float *before) {
+  double most = 0;
+  for (size_t i = 0; i < 3 * (scene->rays + 5); i++)
+    if (!is_poison(before[i])) most = fmax(most, fabs((double)now[i] - (double)before[i]));
+  return most;
+}
+
 /* Speech and eyes so strong that each of them decides what is seen: none of the density's inputs may be lost. */
 static void test_every_input_counts(void **state) {
   (void)state;
@@ -358,20 +366,20 @@ static void test_every_input_counts(void **state) {
     if (is_emulated() && levels % 3 != 2) continue;
     struct scene scene = scene_make(levels, true, 2, 30, 26, 3);
     const float *weak = render(&scene, 0, 1, true);
-    scene.eye_value = 16;
-    const float *eyes = render(&scene, 0, 1, true);
-    check_scene(&scene, "strong eyes");
-    scene.eye_value = 0.4f;
-    for (size_t c = 0; c < ERN_AUDIO_CODE; c++) scene.code[c] *= 16;
-    const float *speech = render(&scene, 0, 1, true);
-    check_scene(&scene, "strong speech");
-    double most[2] = {0};
-    for (size_t i = 0; i < 3 * (scene.rays + 5); i++) {
-      if (is_poison(weak[i])) continue;
-      most[0] = fmax(most[0], fabs((double)eyes[i] - (double)weak[i]));
-      most[1] = fmax(most[1], fabs((double)speech[i] - (double)weak[i]));
+    const double seen = 3 * allowed_of(&scene, true);
+    double eyes = 0, speech = 0;
+    for (int turn = 0; eyes <= seen && turn < 3; turn++) {
+      scene.eye_value = ldexpf(16, turn);
+      eyes = change(&scene, render(&scene, 0, 1, true), weak);
+      check_scene(&scene, "strong eyes");
     }
-    assert_true(most[0] > 3 * allowed_of(&scene, true) && most[1] > 3 * allowed_of(&scene, true));
+    scene.eye_value = 0.4f;
+    for (int turn = 0; speech <= seen && turn < 3; turn++) {
+      for (size_t c = 0; c < ERN_AUDIO_CODE; c++) scene.code[c] *= turn == 0 ? 16 : 2;
+      speech = change(&scene, render(&scene, 0, 1, true), weak);
+      check_scene(&scene, "strong speech");
+    }
+    assert_true(eyes > seen && speech > seen);
     machines_clear();
   }
 }

@@ -88,8 +88,7 @@ static int32_t *pixels_of(size_t n, int width, int height, uint64_t seed) {
   int32_t *pixel = held_memory(n, sizeof *pixel);
   const uint32_t all = (uint32_t)(width * height);
   for (size_t i = 0; i < n; i++)
-    pixel[i] =
-        (int32_t)(n == all ? (uint32_t)i : ern_below(ern_random_at(seed, 0, (uint32_t)i, ERN_RNG_PIXEL).word[0], all));
+    pixel[i] = (int32_t)(n == all ? (uint32_t)i : ern_below(words_at(seed, 0, i).word[0], all));
   return pixel;
 }
 
