@@ -2,12 +2,11 @@
  * Products of bf16 pairs: the instructions' emulation against the instructions' definition in scalars, the instructions
  * (where the machine has them) against their emulation, bit for bit; and the packed product made of them against one in
  * scalars that does the same operations in the same order. */
-#include "kernelcheck.h"
-
-#include <float.h>
+#include "harness.h"
 
 #include "backend_cpu/fused/pack_pairs.h"
 #include "bf16_kernels.h"
+#include "core/cpu.h"
 
 #if defined(ERN_X86_KERNELS)
 
@@ -15,15 +14,35 @@ enum { TILE = ERN_MLP_TILE };
 
 static const struct {
   const char *name;
-  machine_isa machine;
+  ern_isa isa;
   bf16_product *product;
   bf16_rows *rows;
   bf16_add *add;
 } how[] = {
-    {"emulated", MACHINE_AVX512, bf16_product_emulated, bf16_rows_emulated, bf16_add_emulated},
-    {"real", MACHINE_AVX512BF16, bf16_product_real, bf16_rows_real, bf16_add_real},
+    {"emulated", ERN_ISA_AVX512, bf16_product_emulated, bf16_rows_emulated, bf16_add_emulated},
+    {"real", ERN_ISA_AVX512BF16, bf16_product_real, bf16_rows_real, bf16_add_real},
 };
 enum { HOW = sizeof how / sizeof *how };
+
+/* Between guards, on the one machine that is open. */
+struct array {
+  struct many span;
+  float *data;
+  size_t count;
+};
+
+static struct array array_make(size_t count) {
+  struct array array = {.span = many_room(count), .count = count};
+  array.data = host_reals(0, array.span.on[0]);
+  return array;
+}
+
+/* Nothing was written around it. */
+static void array_check(const struct array *array) {
+  const struct machines_mark mark = machines_mark();
+  floats_of(0, array->span);
+  machines_clear_to(mark);
+}
 
 static uint32_t bits_of(float value) {
   uint32_t bits;
@@ -82,7 +101,7 @@ static uint32_t pair_at(uint64_t seed, size_t at, bool tame) {
 
 static void expect_adds(const float *sum, const uint32_t *a, const uint32_t *b) {
   for (size_t h = 0; h < HOW; h++) {
-    if (!machine_has(how[h].machine)) continue;
+    if (!ern_isa_available(how[h].isa)) continue;
     float found[16];
     memcpy(found, sum, sizeof found);
     how[h].add(found, a, b);
@@ -154,16 +173,16 @@ static void test_conversion(void **state) {
   (void)state;
   static const uint32_t low[] = {0, 1, 0x7fff, 0x8000, 0x8001, 0xffff};
   enum { LOWS = sizeof low / sizeof *low, ROWS = 7, VALUES = 65536 * LOWS };
-  struct guarded x = guarded_make(ROWS * TILE), made = guarded_make(ern_pairs(ROWS) * TILE);
+  const struct array x = array_make(ROWS * TILE), made = array_make(ern_pairs(ROWS) * TILE);
   for (size_t begin = 0; begin < VALUES; begin += ROWS * TILE) {
     for (size_t i = 0; i < ROWS * TILE; i++) {
       const size_t at = (begin + i) % VALUES;
       x.data[i] = float_of((uint32_t)(at / LOWS) << 16 | low[at % LOWS]);
     }
     for (size_t h = 0; h < HOW; h++) {
-      if (!machine_has(how[h].machine)) continue;
+      if (!ern_isa_available(how[h].isa)) continue;
       how[h].rows(made.data, x.data, ROWS);
-      guarded_check(&made, 1, made.count, made.count, "pairs");
+      array_check(&made);
       for (size_t i = 0; i < made.count; i++) {
         const size_t row = i / TILE * 2, at = row * TILE + i % TILE;
         const uint32_t first = nearest(x.data[at]), second = row + 1 < ROWS ? nearest(x.data[at + TILE]) : 0;
@@ -175,37 +194,32 @@ static void test_conversion(void **state) {
       }
     }
   }
-  guarded_free(&x), guarded_free(&made);
+  machines_clear();
 }
 
 /* ---- the product ------------------------------------------------------------------------------------------------- */
 
 struct layer {
   size_t rows, columns, pairs;
-  struct guarded start, weight, packed, x, input;
+  struct array start, weight, packed, x, input;
 };
 
 static struct layer layer_make(size_t rows, size_t columns, bool wild, uint64_t seed) {
   struct layer layer = {.rows = rows, .columns = columns, .pairs = ern_pairs(columns)};
-  layer.start = guarded_make(rows * TILE);
-  layer.weight = guarded_make(rows * columns);
-  layer.packed = guarded_make(ern_pack_count(rows, layer.pairs));
-  layer.x = guarded_make(columns * TILE);
-  layer.input = guarded_make(layer.pairs * TILE);
-  random_rows(&layer.start, rows, TILE, TILE, 1, seed);
-  random_rows(&layer.weight, rows, columns, columns, 1, seed + 1);
-  random_rows(&layer.x, columns, TILE, TILE, 1, seed + 2);
+  layer.start = array_make(rows * TILE);
+  layer.weight = array_make(rows * columns);
+  layer.packed = array_make(ern_pack_count(rows, layer.pairs));
+  layer.x = array_make(columns * TILE);
+  layer.input = array_make(layer.pairs * TILE);
+  fill_random(layer.start.data, layer.start.count, seed, 1);
+  fill_random(layer.weight.data, layer.weight.count, seed + 1, 1);
+  fill_random(layer.x.data, layer.x.count, seed + 2, 1);
   for (size_t i = 0; wild && i < columns * TILE; i++)
     if (random_bits(seed + 3, i) % 16 == 0) layer.x.data[i] = float_of(pair_at(seed + 4, i, false));
   ern_pack_pairs(layer.packed.data, layer.pairs, 0, layer.weight.data, columns, rows, columns);
-  guarded_check(&layer.packed, 1, layer.packed.count, layer.packed.count, "weights");
+  array_check(&layer.packed);
   bf16_rows_emulated(layer.input.data, layer.x.data, columns);
   return layer;
-}
-
-static void layer_free(struct layer *layer) {
-  struct guarded *const all[] = {&layer->start, &layer->weight, &layer->packed, &layer->x, &layer->input};
-  for (size_t i = 0; i < sizeof all / sizeof *all; i++) guarded_free(all[i]);
 }
 
 /* start + W x by the definition, from what is not packed */
@@ -223,11 +237,12 @@ static float expected_at(const struct layer *layer, size_t row, size_t sample, b
 static void expect_product(const struct layer *layer, bool started, bool relu) {
   const size_t count = (relu ? ern_pairs(layer->rows) : layer->rows) * TILE;
   for (size_t h = 0; h < HOW; h++) {
-    if (!machine_has(how[h].machine)) continue;
-    struct guarded out = guarded_make(count);
+    if (!ern_isa_available(how[h].isa)) continue;
+    const struct machines_mark mark = machines_mark();
+    const struct array out = array_make(count);
     how[h].product(out.data, started ? layer->start.data : NULL, layer->packed.data, layer->input.data, layer->rows,
                    layer->pairs, relu);
-    guarded_check(&out, 1, count, count, "product");
+    array_check(&out);
     for (size_t i = 0; i < count; i++) {
       const size_t row = i / TILE, sample = i % TILE;
       if (!relu) {
@@ -246,7 +261,7 @@ static void expect_product(const struct layer *layer, bool started, bool relu) {
                    layer->columns, 2 * row + half, sample, found, ern_bf16(expected));
       }
     }
-    guarded_free(&out);
+    machines_clear_to(mark);
   }
 }
 
@@ -260,7 +275,7 @@ static void test_products(void **state) {
       for (int wild = 0; wild < 2; wild++) {
         struct layer layer = layer_make(rows[r], columns[c], wild != 0, 7 * r + c);
         for (int choice = 0; choice < 4; choice++) expect_product(&layer, (choice & 1) != 0, (choice & 2) != 0);
-        layer_free(&layer);
+        machines_clear();
       }
     }
   }
@@ -270,12 +285,12 @@ static void test_products(void **state) {
 static void test_parts(void **state) {
   (void)state;
   enum { ROWS = 11, FIRST = 5, SECOND = 4, LAST = 1, COLUMNS = FIRST + SECOND + LAST, PAIRS = 3 + 2 + 1 };
-  struct guarded weight = guarded_make(ROWS * COLUMNS), packed = guarded_make(ern_pack_count(ROWS, PAIRS));
-  random_rows(&weight, ROWS, COLUMNS, COLUMNS, 1, 31);
+  const struct array weight = array_make(ROWS * COLUMNS), packed = array_make(ern_pack_count(ROWS, PAIRS));
+  fill_random(weight.data, weight.count, 31, 1);
   ern_pack_pairs(packed.data, PAIRS, 0, weight.data, COLUMNS, ROWS, FIRST);
   ern_pack_pairs(packed.data, PAIRS, 3, weight.data + FIRST, COLUMNS, ROWS, SECOND);
   ern_pack_pairs(packed.data, PAIRS, 5, weight.data + FIRST + SECOND, COLUMNS, ROWS, LAST);
-  guarded_check(&packed, 1, packed.count, packed.count, "weights");
+  array_check(&packed);
   static const int column[PAIRS][2] = {{0, 1}, {2, 3}, {4, -1}, {5, 6}, {7, 8}, {9, -1}};
   for (size_t r = 0; r < ern_pack_count(ROWS, 1); r++) {
     for (size_t p = 0; p < PAIRS; p++) {
@@ -287,51 +302,24 @@ static void test_parts(void **state) {
       assert_int_equal(found, expected);
     }
   }
-  guarded_free(&weight), guarded_free(&packed);
+  machines_clear();
 }
 
-/* ---- speed ------------------------------------------------------------------------------------------------------- */
-
-struct bench {
-  struct layer layer;
-  float *out;
-  bf16_product *product;
-};
-
-static void run_product(void *user) {
-  struct bench *bench = user;
-  bench->product(bench->out, NULL, bench->layer.packed.data, bench->layer.input.data, 64, 32, true);
+static int open_one(void **state) {
+  (void)state;
+  machines_open_as(&(struct machines_wish){.isa = "ref"});
+  return 0;
 }
 
-/* Only where the instructions are: their emulation's speed says nothing. */
-static void measure(void) {
-  if (!machine_has(MACHINE_AVX512BF16)) {
-    printf("no AVX512_BF16 here\n");
-    return;
-  }
-  struct bench bench = {.layer = layer_make(64, 64, false, 1), .product = bf16_product_real};
-  struct guarded out = guarded_make(32 * TILE);
-  bench.out = out.data;
-  const double rate = 2.0 * 64 * 64 * TILE / seconds_of(run_product, &bench);
-  printf("64 x 64 over a tile: %.1f GFLOP/s, %.2f times the peak of multiply-adds of floats\n", rate * 1e-9,
-         rate / peak_flops(MACHINE_AVX512));
-  guarded_free(&out);
-  layer_free(&bench.layer);
-}
-
-int main(int argc, char **argv) {
-  if (argc > 1 && strcmp(argv[1], "--bench") == 0) {
-    measure();
-    return 0;
-  }
+int main(void) {
   for (size_t h = 0; h < HOW; h++)
-    if (!machine_has(how[h].machine)) print_message("not on this machine: %s\n", how[h].name);
-  if (!machine_has(MACHINE_AVX512)) return 0;
+    if (!ern_isa_available(how[h].isa)) print_message("not on this machine: %s\n", how[h].name);
+  if (!ern_isa_available(ERN_ISA_AVX512)) return 0;
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_add),      cmocka_unit_test(test_smallest), cmocka_unit_test(test_conversion),
       cmocka_unit_test(test_products), cmocka_unit_test(test_parts),
   };
-  return cmocka_run_group_tests(tests, NULL, NULL);
+  return cmocka_run_group_tests(tests, open_one, close_machines);
 }
 
 #else

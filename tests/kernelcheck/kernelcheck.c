@@ -18,6 +18,7 @@
   N(optimizer)   \
   N(picture)     \
   N(render)      \
+  N(step)        \
   N(torso)       \
   N(torso_pass)
 

@@ -91,7 +91,7 @@ static double distance(const double *a, const double *b, const struct ern_parame
 }
 
 /* All terms and gradients are finite and, tensor by tensor, no further from those in double than a few times what the
- * float reference is off by, whose sums are made in another order (check_head_step.c). */
+ * float reference is off by, whose sums are made in another order (tests/kernelcheck/step.c). */
 static void expect_step(const char *what, const struct stepped *s, double floor) {
   double *truth = many_values(0, s->gradient), *plain = many_values(1, s->gradient);
   for (int k = 0; k < machines.count; k++) {
