@@ -267,10 +267,25 @@ static void empty(const char *path) {
   if (stat(path, &about) != 0 || about.st_nlink > 1 || truncate(path, 0) != 0) (void)unlink(path);
 }
 
+/* The table that the program writes of a training's validations, beside the curve of the same training: one that has no
+ * curve yet has written its own. */
+static void remove_measures(const struct ern_run_folder *run) {
+  static const char head[] = "step,mouth_explained,";
+  char path[4096], line[sizeof head] = "";
+  if (access(run->curve, F_OK) != 0 || snprintf(path, sizeof path, "%s/measures.csv", run->folder) >= (int)sizeof path)
+    return;
+  const int file = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  if (file < 0) return;
+  const bool own = read(file, line, sizeof line - 1) == (ssize_t)sizeof line - 1 && strcmp(line, head) == 0;
+  close(file);
+  if (own) (void)unlink(path);
+}
+
 /* Makes way for the first save of a new training; its own state is whole by then. */
 void ern_run_folder_clear(struct ern_run_folder *run) {
   const char *const paths[] = {run->previous, run->good, run->state};
   remove_pictures(run);
+  remove_measures(run);
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) (void)unlink(paths[i]);
   empty(run->log);
   empty(run->curve);

@@ -2,11 +2,14 @@
 #include "verbs/validations.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 static const char table_name[] = "measures.csv",
                   head[] =
@@ -30,28 +33,45 @@ static bool read_lines(struct bytes *table, FILE *file, uint64_t step) {
   return ferror(file) == 0;
 }
 
-static void read_table(struct validations *v, const char *path, uint64_t step) {
-  bytes_add(&v->table, head, strlen(head));
-  FILE *file = path[0] != 0 ? fopen(path, "r") : NULL;
-  if (file == NULL) return;
-  if (!read_lines(&v->table, file, step)) {
-    session_warn(v->session, "%s: is no table of measures, expected the line %.*s first; it begins anew", path,
-                 (int)strlen(head) - 1, head);
-    bytes_free(&v->table);
-    bytes_add(&v->table, head, strlen(head));
+/* NULL where there is none; *foreign where something is there that this program did not write: a link, a pipe, another
+ * first line. */
+static FILE *open_table(const char *path, bool *foreign) {
+  struct stat about;
+  char line[LINE_BYTES];
+  const int descriptor = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  *foreign = descriptor < 0 ? errno != ENOENT : fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode);
+  FILE *file = descriptor >= 0 && !*foreign ? fdopen(descriptor, "r") : NULL;
+  if (file == NULL) {
+    if (descriptor >= 0) close(descriptor);
+    return NULL;
   }
-  fclose(file);
+  *foreign = fgets(line, sizeof line, file) == NULL || strcmp(line, head) != 0;
+  rewind(file);
+  return file;
+}
+
+/* A file of that name that is not a table of this program is kept, and no table is written. */
+static void read_table(struct validations *v, const char *path, bool resume, uint64_t step) {
+  bool foreign = false;
+  FILE *file = open_table(path, &foreign);
+  bytes_add(&v->table, head, strlen(head));
+  if (foreign || (file != NULL && resume && !read_lines(&v->table, file, step))) {
+    session_warn(v->session, "%s: is no table of measures, whose first line is %.*s; it is kept, and none is written",
+                 path, (int)strlen(head) - 1, head);
+    v->no_table = true;
+  }
+  if (file != NULL) fclose(file);
 }
 
 void validations_begin(struct validations *v, struct session *session, const ern_trainer *trainer, const ern_clip *clip,
                        const char *title, bool resume) {
-  char table[PATH_BYTES] = "", curve[PATH_BYTES];
+  char table[PATH_BYTES], curve[PATH_BYTES];
   ern_train_report start;
   const char *folder = ern_trainer_folder(trainer);
   *v = (struct validations){.session = session, .trainer = trainer, .clip = clip, .title = title};
   ern_trainer_describe(trainer, &start);
-  if (resume) snprintf(table, sizeof table, "%s/%s", folder, table_name);
-  read_table(v, table, start.step);
+  snprintf(table, sizeof table, "%s/%s", folder, table_name);
+  read_table(v, table, resume, start.step);
   snprintf(curve, sizeof curve, "%s/curve.csv", folder);
   if (resume) (void)curve_read(&v->curve, session, curve);
 }
@@ -104,7 +124,7 @@ ern_status validations_end(struct validations *v, uint64_t step, double psnr, si
                name);
   snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(v->trainer), name);
   extend_curve(v, step, psnr);
-  extend_table(v, step, &figures);
+  if (!v->no_table) extend_table(v, step, &figures);
   return session_keeps_file(v->session, path) ? ERN_OK : ern_image_write(v->session->context, path, &image, 100);
 }
 

@@ -17,6 +17,7 @@ struct validations {
   struct curve curve;
   struct measures now; /* of the validation that is under way */
   struct bytes table;  /* measures.csv so far */
+  bool no_table;       /* a file of that name is somebody's */
   double psnr;         /* dB, of the newest one, over that many frames */
   size_t frames;
 };
