@@ -67,6 +67,7 @@ static const struct {
     {"info.json", "info m.safetensors --json info.json"},
     {"check.json", "check clip --json check.json"},
     {"synth.json", "synth made --size 64 --frames 8 --quiet --json synth.json"},
+    {"synth.mp4", "synth filmed --size 64 --frames 8 --quiet --video synth.mp4"},
     {"table/ablation.csv",
      "ablate clip -o table --iters 1 --rays 16 --frames 0:1 --repeats 3 --only "
      "trihash-concat --quiet"},
@@ -86,7 +87,7 @@ static void test_refused(void **state) {
     cli_expect(&cli, 1, outputs[i].file, "is there already", "--overwrite", NULL);
     expect_text(outputs[i].file, "mine");
   }
-  assert_false(cli_there("o00000.png") || cli_there("o00000.exr") || cli_there("made"));
+  assert_false(cli_there("o00000.png") || cli_there("o00000.exr") || cli_there("made") || cli_there("filmed"));
   for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) assert_int_equal(cli_count(folders[i]), 1);
 }
 

@@ -117,6 +117,9 @@ static const char *const refused[][3] = {
     {"eval m.safetensors clip --backend opencl --threads 2", "--threads", "--backend opencl leaves out"},
     {"train clip -o x.safetensors --backend opencl --isa avx2", "--isa", "--backend opencl leaves out"},
     {"synth there --no-blink=yes", "--no-blink", "switch"},
+    {"synth there --crf 20", "--crf", "is of --video"},
+    {"synth there --video x.avi", "x.avi", "NAME.mp4"},
+    {"synth there --static-camera --turn 8", "--turn", "--static-camera"},
 };
 
 static void test_refused(void **state) {
@@ -146,8 +149,10 @@ static const char *const out_of_range[][4] = {
     {"render", "rotate", "20,nan", "A,B"},
     {"render", "rotate", "20,5,1", "A,B"},
     {"render", "split", "test", "train|val|all"},
-    {"synth", "size", "1025", "from 64 to 1024"},
+    {"synth", "size", "1081", "from 64 to 1080"},
     {"synth", "frames", "7", "from 8"},
+    {"synth", "turn", "41", "from 1 to 40"},
+    {"synth", "room", "empty", "books|plain|cluttered"},
 };
 
 static void test_ranges(void **state) {

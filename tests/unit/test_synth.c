@@ -428,8 +428,8 @@ static void refuses(void **state) {
   support_expect(context, ern_synth_write(context, "full/mine.txt", &options), ERN_E_IO, "full/mine.txt", NULL);
   options.size = 63;
   support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "size", "63", "64", NULL);
-  options.size = 1025;
-  support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "1025", "1024", NULL);
+  options.size = 1081;
+  support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "1081", "1080", NULL);
   options = small_options();
   options.frames = 7;
   support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "frames", "7", "8", NULL);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A made-up clip as a folder: drawn frame by frame, written in the public layout, the transforms last, and removed
- * again where it could not be finished. */
+ * A made-up clip as a folder, and as a video where asked: drawn frame by frame, written in the public layout, the
+ * transforms last, and removed again where it could not be finished. */
 #include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -19,14 +19,15 @@
 #include "io/npy.h"
 #include "lab/synth/synth_parts.h"
 
-enum { OPTIONS_COOKIE = 0x45524e59, MIN_SIZE = 64, MAX_SIZE = 1024, MIN_FRAMES = 8, MAX_FRAMES = 100000 };
+enum { OPTIONS_COOKIE = 0x45524e59, MIN_SIZE = 64, MAX_SIZE = 1080, MIN_FRAMES = 8, MAX_FRAMES = 100000 };
 enum { FRAMES_A_VALIDATION = 11, JPEG_QUALITY = 95, NAME_BYTES = 64, TEXT_LIMIT = 1 << 20 };
+enum { MAX_TURN = 40, MAX_CRF = 51, DEFAULT_CRF = 18 };
 
-static const char *const part_names[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
-static const char *const part_endings[] = {"jpg", "png", "lms"};
+static const char *const part_names[] = {"gt_imgs", "torso_imgs", "ori_imgs", "parsing"};
+static const char *const part_endings[] = {"jpg", "png", "lms", "png"};
 static const char *const whole_files[] = {
     "bc.jpg", "aud_ds.npy", "aud.wav", "au.csv", "curves.csv", "transforms_train.json", "transforms_val.json"};
-enum { PARTS = 3, WHOLE_FILES = sizeof whole_files / sizeof whole_files[0] };
+enum { PARTS = 4, PARSING = 3, WHOLE_FILES = sizeof whole_files / sizeof whole_files[0] };
 
 /* Everything of a clip while it is made. */
 struct work {
@@ -41,12 +42,15 @@ struct work {
   struct ern_synth_curve *curves; /* [frames] */
   struct ern_synth_layer torso;
   float (*room)[4]; /* [size][size] */
+  ern_sound sound;
+  ern_video_writer *video;
   struct ern_pool *pool;
   size_t first_frame;   /* of the frames that the pool is at */
   ern_status *outcomes; /* [threads], of the frames that the pool is at */
+  uint8_t **shown;      /* [threads], of the frames that the pool is at: [size][size][4] for the video */
   struct desk {         /* [threads] room to draw a frame in */
-    float (*head)[4], (*torso)[4];
-    ern_image truth, cutout;
+    float (*head)[4], (*torso)[4], *bare;
+    ern_image truth, cutout, parsing;
   } * desks;
 };
 
@@ -58,7 +62,8 @@ ern_synth_options ern_synth_options_default(void) {
                              .blink = true,
                              .torso = true,
                              .moving_camera = true,
-                             .spoken = {.voice = "en-us", .words_per_minute = 165}};
+                             .spoken = {.voice = "en-us", .words_per_minute = 165},
+                             .crf = DEFAULT_CRF};
 }
 
 static ern_status check_options(ern_context *context, const ern_synth_options *options) {
@@ -71,6 +76,14 @@ static ern_status check_options(ern_context *context, const ern_synth_options *o
       (options->frames < MIN_FRAMES || options->frames > MAX_FRAMES))
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: frames is %d, expected %d to %d", options->frames,
                     MIN_FRAMES, MAX_FRAMES);
+  if (options->turn != 0.0 && !(options->turn >= 1.0 && options->turn <= MAX_TURN))
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: turn is %g degrees, expected 0, or 1 to %d", options->turn,
+                    MAX_TURN);
+  if (options->room < ERN_SYNTH_BOOKS || options->room > ERN_SYNTH_CLUTTERED)
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: room is %d, expected %d to %d", (int)options->room,
+                    ERN_SYNTH_BOOKS, ERN_SYNTH_CLUTTERED);
+  if (options->video != NULL && (options->crf < 0 || options->crf > MAX_CRF))
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: crf is %d, expected 0 to %d", options->crf, MAX_CRF);
   return ERN_OK;
 }
 
@@ -155,6 +168,37 @@ static void compose(const struct work *work, struct desk *desk) {
   }
 }
 
+/* The topmost layer whose alpha is at least 0.5. */
+static void parse(const struct work *work, struct desk *desk) {
+  static const uint8_t head[3] = {0, 0, 255}, neck[3] = {0, 255, 0}, torso[3] = {255, 0, 0}, none[3] = {255, 255, 255};
+  const size_t pixels = (size_t)work->options->size * (size_t)work->options->size;
+  for (size_t i = 0; i < pixels; ++i) {
+    const float alpha = desk->torso[i][3];
+    const bool bare = desk->bare[i] >= 0.5f * alpha;
+    const uint8_t *colour = desk->head[i][3] >= 0.5f ? head : alpha < 0.5f ? none : bare ? neck : torso;
+    memcpy(desk->parsing.data + 3 * i, colour, 3);
+  }
+}
+
+static ern_status write_parsing(struct work *work, size_t frame, struct desk *desk) {
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  parse(work, desk);
+  ERN_TRY(frame_path(work, PARSING, frame, &path));
+  ERN_TRY(ern_image_write(work->context, path, &desk->parsing, JPEG_QUALITY));
+fail:
+  ern_release(work->context, path);
+  return status;
+}
+
+static void show(const struct work *work, const struct desk *desk, uint8_t *shown) {
+  const size_t pixels = (size_t)work->options->size * (size_t)work->options->size;
+  for (size_t i = 0; i < pixels; ++i) {
+    memcpy(shown + 4 * i, desk->truth.data + 3 * i, 3);
+    shown[4 * i + 3] = 255;
+  }
+}
+
 static ern_status write_landmarks(struct work *work, const struct ern_synth_head *head,
                                   const struct ern_synth_camera *camera, const char *path) {
   struct vec3 points[ERN_LANDMARKS];
@@ -180,7 +224,7 @@ static ern_status write_frame(struct work *work, size_t frame, struct desk *desk
   ern_synth_head_pose(&head, &work->person, curve);
   ern_synth_camera_make(size, curve, &camera);
   ern_synth_head_draw(&head, &camera, size, desk->head);
-  if (work->options->torso) ern_synth_torso_draw(&work->torso, curve, size, desk->torso);
+  if (work->options->torso) ern_synth_torso_draw(&work->torso, curve, size, desk->torso, desk->bare);
   compose(work, desk);
   ERN_TRY(frame_path(work, 0, frame, &truth));
   ERN_TRY(frame_path(work, 1, frame, &cutout));
@@ -188,6 +232,7 @@ static ern_status write_frame(struct work *work, size_t frame, struct desk *desk
   ERN_TRY(ern_image_write(work->context, truth, &desk->truth, JPEG_QUALITY));
   ERN_TRY(ern_image_write(work->context, cutout, &desk->cutout, JPEG_QUALITY));
   ERN_TRY(write_landmarks(work, &head, &camera, landmarks));
+  if (work->options->parsing) ERN_TRY(write_parsing(work, frame, desk));
 fail:
   ern_release(work->context, truth);
   ern_release(work->context, cutout);
@@ -197,7 +242,9 @@ fail:
 
 static void frame_task(void *user, size_t index, int lane) {
   struct work *work = user;
-  work->outcomes[index] = write_frame(work, work->first_frame + index, &work->desks[lane]);
+  struct desk *desk = &work->desks[lane];
+  work->outcomes[index] = write_frame(work, work->first_frame + index, desk);
+  if (work->video != NULL) show(work, desk, work->shown[index]);
 }
 
 /* As many frames at a time as there are threads, so that progress is told by the caller's own thread. */
@@ -209,7 +256,9 @@ static ern_status write_frames(struct work *work) {
     work->first_frame = first;
     ern_pool_run(work->pool, count, frame_task, work);
     for (size_t k = 0; k < count; ++k) {
-      if (work->outcomes[k] != ERN_OK) return work->outcomes[k];
+      ern_status status = work->outcomes[k];
+      if (status == ERN_OK && work->video != NULL) status = ern_video_writer_frame(work->video, work->shown[k]);
+      if (status != ERN_OK) return status;
       if (options->progress != NULL && options->progress(options->user, (int)(first + k) + 1, (int)work->frames) != 0)
         return ern_fail(work->context, ERN_E_CANCELLED, "%s: cancelled after frame %zu of %zu", work->folder,
                         first + k + 1, work->frames);
@@ -339,18 +388,28 @@ static ern_status write_sound(struct work *work) {
   char *path = NULL;
   const ern_sound *said = &work->spoken.sound;
   const int rate = work->options->text_file != NULL ? said->rate : ERN_SYNTH_RATE;
-  ern_sound sound = {.rate = rate, .channels = 1, .frames = work->frames * (size_t)rate / ERN_SYNTH_FPS};
+  ern_sound *sound = &work->sound;
+  *sound = (ern_sound){.rate = rate, .channels = 1, .frames = work->frames * (size_t)rate / ERN_SYNTH_FPS};
   ERN_TRY(ern_path_join(work->context, work->folder, "aud.wav", &path));
-  ERN_TRY(ERN_NEW(work->context, sound.frames, &sound.data));
+  ERN_TRY(ERN_NEW(work->context, sound->frames, &sound->data));
   if (work->options->text_file != NULL)
-    memcpy(sound.data, said->data, (said->frames < sound.frames ? said->frames : sound.frames) * sizeof *sound.data);
+    memcpy(sound->data, said->data,
+           (said->frames < sound->frames ? said->frames : sound->frames) * sizeof *sound->data);
   else
-    ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound.data, sound.frames);
-  ERN_TRY(ern_sound_write_wav(work->context, path, &sound));
+    ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound->data, sound->frames);
+  ERN_TRY(ern_sound_write_wav(work->context, path, sound));
 fail:
   ern_release(work->context, path);
-  ern_release(work->context, sound.data);
   return status;
+}
+
+static ern_status open_video(struct work *work) {
+  const ern_synth_options *options = work->options;
+  ern_video_options video = ern_video_options_default(options->size, options->size);
+  video.rate_numerator = ERN_SYNTH_FPS;
+  video.sound = &work->sound;
+  video.crf = options->crf;
+  return ern_video_writer_open(work->context, options->video, &video, &work->video);
 }
 
 static ern_status make_picture(ern_context *context, int size, int channels, ern_image *image) {
@@ -404,21 +463,25 @@ static ern_status set_up(struct work *work) {
   ERN_TRY(ERN_NEW(context, work->frames, &work->curves));
   ERN_TRY(ERN_NEW(context, pixels, &work->room));
   ERN_TRY(ERN_NEW(context, threads, &work->outcomes));
+  ERN_TRY(ERN_NEW(context, threads, &work->shown));
   ERN_TRY(ERN_NEW(context, threads, &work->desks));
   for (size_t k = 0; k < threads; ++k) {
     struct desk *desk = &work->desks[k];
     ERN_TRY(ERN_NEW(context, pixels, &desk->head));
     ERN_TRY(ERN_NEW(context, pixels, &desk->torso));
+    ERN_TRY(ERN_NEW(context, pixels, &desk->bare));
     ERN_TRY(make_picture(context, options->size, 3, &desk->truth));
     ERN_TRY(make_picture(context, options->size, 4, &desk->cutout));
+    ERN_TRY(make_picture(context, options->size, 3, &desk->parsing));
+    if (options->video != NULL) ERN_TRY(ERN_NEW(context, 4 * pixels, &work->shown[k]));
   }
   ern_synth_person_make(options->seed, &work->person);
   status = options->text_file != NULL ? ern_synth_speech_follow(context, &work->spoken, work->frames, &work->speech)
                                       : ern_synth_speech_make(context, options->seed, work->frames, &work->speech);
   if (status != ERN_OK) return status;
-  ern_synth_motion_make(options->seed, &work->speech, options->blink, options->moving_camera, work->curves,
-                        work->frames);
-  ern_synth_room_draw(&work->person, options->seed, options->size, work->room);
+  ern_synth_motion_make(options->seed, &work->speech, options->blink, options->moving_camera, options->turn,
+                        work->curves, work->frames);
+  ern_synth_room_draw(&work->person, options->seed, options->room, options->size, work->room);
   if (options->torso) ERN_TRY(ern_synth_torso_make(context, work->pool, &work->person, options->size, &work->torso));
 fail:
   return status;
@@ -428,14 +491,19 @@ static void tear_down(struct work *work) {
   for (int k = 0; work->desks != NULL && k < ern_pool_threads(work->pool); ++k) {
     ern_release(work->context, work->desks[k].head);
     ern_release(work->context, work->desks[k].torso);
+    ern_release(work->context, work->desks[k].bare);
     ern_image_free(work->context, &work->desks[k].truth);
     ern_image_free(work->context, &work->desks[k].cutout);
+    ern_image_free(work->context, &work->desks[k].parsing);
+    ern_release(work->context, work->shown[k]);
   }
   ern_release(work->context, work->desks);
+  ern_release(work->context, work->shown);
   ern_release(work->context, work->outcomes);
   ern_release(work->context, work->room);
   ern_release(work->context, work->curves);
-  ern_release(work->context, work->torso.pixels);
+  ern_synth_torso_free(work->context, &work->torso);
+  ern_sound_free(work->context, &work->sound);
   ern_synth_speech_free(work->context, &work->speech);
   ern_spoken_free(work->context, &work->spoken);
   ern_pool_free(work->pool);
@@ -446,7 +514,7 @@ static ern_status write_all(struct work *work) {
   ern_status status = ERN_OK;
   const size_t val = (work->frames + FRAMES_A_VALIDATION - 1) / FRAMES_A_VALIDATION, train = work->frames - val;
   char *path = NULL;
-  for (int part = 0; part < PARTS; ++part) {
+  for (int part = 0; part < (work->options->parsing ? PARTS : PARSING); ++part) {
     ERN_TRY(ern_path_join(work->context, work->folder, part_names[part], &path));
     status = ern_folder_make(work->context, path);
     ern_release(work->context, path);
@@ -457,9 +525,11 @@ static ern_status write_all(struct work *work) {
   ERN_TRY(write_sound(work));
   if (work->options->blink) ERN_TRY(write_units(work));
   ERN_TRY(write_table(work, "curves.csv", curves_header, 160, curves_line));
+  if (work->options->video != NULL) ERN_TRY(open_video(work));
   ERN_TRY(write_frames(work));
   ERN_TRY(write_transforms(work, "transforms_val.json", train, work->frames));
   ERN_TRY(write_transforms(work, "transforms_train.json", 0, train));
+  if (work->video != NULL) ERN_TRY(ern_video_writer_close(&work->video));
 fail:
   return status;
 }
@@ -482,6 +552,7 @@ ern_status ern_synth_write(ern_context *context, const char *folder, const ern_s
   ERN_TRY(ern_folder_make(context, folder));
   ERN_TRY(write_all(&work));
 fail:
+  ern_video_writer_abandon(&work.video);
   if (status != ERN_OK && writing) remove_all(&work);
   tear_down(&work);
   return status;

@@ -50,7 +50,19 @@ static void move_lids(uint64_t seed, struct ern_synth_curve *curves, size_t fram
   }
 }
 
-void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving,
+/* Scales all angles so that the largest yaw is `turn`. */
+static void turn_by(double turn, struct ern_synth_curve *curves, size_t frames) {
+  float most = 0.0f;
+  for (size_t t = 0; t < frames; ++t) most = maxf(most, fabsf(curves[t].yaw));
+  const float scale = (float)turn / maxf(most, 1e-3f);
+  for (size_t t = 0; t < frames; ++t) {
+    curves[t].yaw *= scale;
+    curves[t].pitch *= scale;
+    curves[t].roll *= scale;
+  }
+}
+
+void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving, double turn,
                            struct ern_synth_curve *curves, size_t frames) {
   for (size_t t = 0; t < frames; ++t) {
     curves[t] = (struct ern_synth_curve){0};
@@ -58,5 +70,6 @@ void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech,
     curves[t].width = speech->width[2 * t + ERN_SYNTH_BEFORE];
     move_head(seed, moving ? (double)t / ERN_SYNTH_FPS : 0.0, &curves[t]);
   }
+  if (turn > 0.0) turn_by(turn, curves, frames);
   if (blink) move_lids(seed, curves, frames);
 }

@@ -14,6 +14,7 @@
 #include "core/status.h"
 #include "core/threads.h"
 #include "ernerf-lab/spoken.h"
+#include "ernerf-lab/synth.h"
 #include "io/landmarks.h"
 
 /* ---- numbers and small vectors ------------------------------------------------------------------- */
@@ -147,8 +148,9 @@ struct ern_synth_curve {
   float yaw, pitch, roll; /* degrees; turned to the picture's right, up, clockwise as seen */
   float shift[3];         /* of the head's pivot, unit, along picture right, up, towards the camera */
 };
-/* Fills jaw and width of curves[frames] from the speech, the rest from the seed. */
-void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving,
+/* Fills jaw and width of curves[frames] from the speech, the rest from the seed. `turn`: degrees, the largest yaw to
+ * either side, the other angles in proportion; 0: as the seed has it. */
+void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving, double turn,
                            struct ern_synth_curve *curves, size_t frames);
 
 /* ---- the head ------------------------------------------------------------------------------------ */
@@ -228,6 +230,7 @@ struct ern_synth_layer {
   int width, height;
   int samples; /* a pixel of the frames and axis */
   float (*pixels)[4];
+  bool *bare; /* [height][width]: skin, not cloth */
 };
 
 static inline float synth_encode(float linear) {
@@ -236,14 +239,17 @@ static inline float synth_encode(float linear) {
 }
 
 /* The torso once, at rest, with a margin of a quarter of `size` on every side; frames take it from there by a smooth
- * displacement. The caller owns torso->pixels (ern_release). */
+ * displacement. The caller owns it (ern_synth_torso_free). */
 ERN_NODISCARD ern_status ern_synth_torso_make(ern_context *context, struct ern_pool *pool,
                                               const struct ern_synth_person *person, int size,
                                               struct ern_synth_layer *torso);
-/* The torso [size][size] for a pose: shoulders follow a part of the head's way, the top of the neck all of it. */
+void ern_synth_torso_free(ern_context *context, struct ern_synth_layer *torso); /* accepts an empty one */
+/* The torso [size][size] for a pose: shoulders follow a part of the head's way, the top of the neck all of it.
+ * bare[size][size]: the share of the pixel that is the neck's skin, 0..1. */
 void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_synth_curve *curve, int size,
-                          float (*pixels)[4]);
-void ern_synth_room_draw(const struct ern_synth_person *person, uint64_t seed, int size, float (*pixels)[4]);
+                          float (*pixels)[4], float *bare);
+void ern_synth_room_draw(const struct ern_synth_person *person, uint64_t seed, enum ern_synth_room room, int size,
+                         float (*pixels)[4]);
 
 /* ---- camera -------------------------------------------------------------------------------------- */
 

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Below and behind the made-up head: neck, shirt and jacket, drawn once and then shifted and stretched by the head's
- * pose; and the room, which stands still. */
+ * Below the made-up head: neck, shirt and jacket, drawn once and then shifted and stretched by the head's pose. */
 #include "core/memory.h"
 #include "lab/synth/synth_parts.h"
 
@@ -54,6 +53,8 @@ static struct body body_distance(struct vec3 p) {
   return b;
 }
 
+static bool is_bare(struct body b) { return b.neck <= b.shirt && b.neck <= b.jacket; }
+
 static float nearest(struct body b) { return minf(b.neck, minf(b.shirt, b.jacket)); }
 
 /* The head at rest, roughly and a little smaller: what shades the neck. */
@@ -65,7 +66,7 @@ static float chin_distance(struct vec3 p) {
 static struct vec3 body_albedo(const struct ern_synth_person *person, struct body b, struct vec3 p, float *gloss) {
   const struct vec3 place = vec3_add(p, person->grain);
   *gloss = 0.02f;
-  if (b.neck <= b.shirt && b.neck <= b.jacket) {
+  if (is_bare(b)) {
     const float blotch = ern_synth_noise_sum(vec3_scale(place, 16.0f), 3);
     *gloss = 0.08f;
     return vec3_mul(person->skin, vec3_of(0.97f + 0.08f * blotch, 0.93f + 0.13f * blotch, 0.92f + 0.13f * blotch));
@@ -148,7 +149,8 @@ static void draw_row(void *user, size_t index, int lane) {
     ern_synth_camera_ray(&drawing->camera, (x + 0.5) / torso->samples - drawing->margin,
                          ((double)index + 0.5) / torso->samples - drawing->margin, &origin, &way);
     if (!body_hit(origin, way, &at)) continue;
-    const struct vec3 light = body_light(drawing->person, vec3_along(origin, at, way));
+    const struct vec3 place = vec3_along(origin, at, way), light = body_light(drawing->person, place);
+    torso->bare[index * (size_t)torso->width + (size_t)x] = is_bare(body_distance(place));
     pixel[0] = synth_encode(light.x);
     pixel[1] = synth_encode(light.y);
     pixel[2] = synth_encode(light.z);
@@ -161,12 +163,20 @@ ern_status ern_synth_torso_make(ern_context *context, struct ern_pool *pool, con
   const int samples = size <= 256 ? 3 : 2;
   const int side = size * samples * 3 / 2;
   *torso = (struct ern_synth_layer){.width = side, .height = side, .samples = samples};
-  const ern_status status = ERN_NEW(context, (size_t)side * (size_t)side, &torso->pixels);
-  if (status != ERN_OK) return status;
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(context, (size_t)side * (size_t)side, &torso->pixels));
+  ERN_TRY(ERN_NEW(context, (size_t)side * (size_t)side, &torso->bare));
   struct drawing drawing = {.person = person, .torso = torso, .margin = 0.25 * size};
   ern_synth_camera_make(size, &(struct ern_synth_curve){0}, &drawing.camera);
   ern_pool_run(pool, (size_t)side, draw_row, &drawing);
-  return ERN_OK;
+fail:
+  return status;
+}
+
+void ern_synth_torso_free(ern_context *context, struct ern_synth_layer *torso) {
+  ern_release(context, torso->pixels);
+  ern_release(context, torso->bare);
+  *torso = (struct ern_synth_layer){0};
 }
 
 /* Adds `weight` of the layer at (x, y) layer pixels, linear between them; nothing outside. */
@@ -180,8 +190,15 @@ static void layer_add(const struct ern_synth_layer *layer, float x, float y, flo
     pixel[c] += weight * mixf(mixf(row[0][c], row[1][c], tx), mixf(next[0][c], next[1][c], tx), ty);
 }
 
+/* Whether the layer's nearest pixel is bare skin. */
+static bool layer_bare(const struct ern_synth_layer *layer, float x, float y) {
+  const int column = (int)floorf(x), row = (int)floorf(y);
+  if (column < 0 || row < 0 || column >= layer->width || row >= layer->height) return false;
+  return layer->bare[(size_t)row * (size_t)layer->width + (size_t)column];
+}
+
 void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_synth_curve *curve, int size,
-                          float (*pixels)[4]) {
+                          float (*pixels)[4], float *bare) {
   /* All in sides of the picture. A shift of the head by 1 unit is 2.4/3.6 of the side; the shoulders go 0.45 of its
    * way, lean with the roll and turn a little under the yaw; the top of the neck goes with the head. */
   const float way_x = 0.667f * curve->shift[0], way_y = -0.667f * curve->shift[1];
@@ -191,8 +208,10 @@ void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_
   const float step = 1.0f / (float)samples, weight = step * step;
   for (int y = 0; y < size; ++y)
     for (int x = 0; x < size; ++x) {
-      float *pixel = pixels[(size_t)y * (size_t)size + (size_t)x];
+      const size_t at = (size_t)y * (size_t)size + (size_t)x;
+      float *pixel = pixels[at];
       for (int c = 0; c < 4; ++c) pixel[c] = 0.0f;
+      bare[at] = 0.0f;
       for (int k = 0; k < samples * samples; ++k) {
         const float u = ((float)x + ((float)(k % samples) + 0.5f) * step) / (float)size;
         const float v = ((float)y + ((float)(k / samples) + 0.5f) * step) / (float)size;
@@ -200,54 +219,10 @@ void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_
         const float follow = mixf(0.45f, 1.0f, up);
         const float from_x = 0.5f + (u - 0.5f - follow * way_x - turn * (1.0f - up)) / grow - lean * (v - 0.95f);
         const float from_y = 0.95f + (v - 0.95f - follow * way_y - dip * up) / grow + 0.4f * lean * (u - 0.5f);
-        layer_add(torso, (from_x + 0.25f) * (float)(size * samples), (from_y + 0.25f) * (float)(size * samples), weight,
-                  pixel);
+        const float column = (from_x + 0.25f) * (float)(size * samples),
+                    row = (from_y + 0.25f) * (float)(size * samples);
+        layer_add(torso, column, row, weight, pixel);
+        if (layer_bare(torso, column, row)) bare[at] += weight;
       }
-    }
-}
-
-/* ---- the room ------------------------------------------------------------------------------------ */
-
-/* A box with soft edges: 1 inside. */
-static float soft_box(float x, float y, float left, float top, float right, float bottom, float blur) {
-  return smoothf(left - blur, left + blur, x) * smoothf(right + blur, right - blur, x) *
-         smoothf(top - blur, top + blur, y) * smoothf(bottom + blur, bottom - blur, y);
-}
-
-void ern_synth_room_draw(const struct ern_synth_person *person, uint64_t seed, int size, float (*pixels)[4]) {
-  enum { STREAM_ROOM = 51, BOOKS = 9 };
-  for (int j = 0; j < size; ++j)
-    for (int i = 0; i < size; ++i) {
-      const float x = ((float)i + 0.5f) / (float)size, y = ((float)j + 0.5f) / (float)size;
-      struct vec3 c = vec3_scale(person->wall, 1.05f - 0.45f * y - 0.25f * (x - 0.3f) * (x - 0.3f));
-      /* daylight through a window at the left, crossed by its bars */
-      const float pane = soft_box(x, y, -0.10f, 0.06f, 0.235f, 0.62f, 0.025f);
-      const float bars =
-          maxf(soft_box(x, y, 0.07f, 0.0f, 0.09f, 0.7f, 0.014f), soft_box(x, y, -0.1f, 0.32f, 0.3f, 0.335f, 0.014f));
-      const struct vec3 day =
-          vec3_mix(vec3_of(0.80f, 0.88f, 0.98f), vec3_of(0.42f, 0.55f, 0.40f), smoothf(0.30f, 0.62f, y));
-      c = vec3_mix(c, vec3_mix(day, vec3_of(0.62f, 0.60f, 0.56f), 0.7f * bars), pane);
-      /* a shelf with books at the right */
-      for (int shelf = 0; shelf < 2; ++shelf) {
-        const float board = 0.36f + 0.30f * (float)shelf;
-        c = vec3_mix(c, vec3_of(0.16f, 0.10f, 0.06f), soft_box(x, y, 0.76f, board, 1.1f, board + 0.022f, 0.012f));
-        for (int book = 0; book < BOOKS; ++book) {
-          const uint64_t at = (uint64_t)(shelf * BOOKS + book);
-          const float left = 0.775f + 0.027f * (float)book;
-          const float top = board - (float)synth_uniform(seed, STREAM_ROOM, 4 * at, 0.10, 0.19);
-          const struct vec3 cover = vec3_of((float)synth_uniform(seed, STREAM_ROOM, 4 * at + 1, 0.05, 0.45),
-                                            (float)synth_uniform(seed, STREAM_ROOM, 4 * at + 2, 0.05, 0.32),
-                                            (float)synth_uniform(seed, STREAM_ROOM, 4 * at + 3, 0.05, 0.35));
-          c = vec3_mix(c, cover, soft_box(x, y, left, top, left + 0.025f, board, 0.011f));
-        }
-      }
-      /* a lamp's glow */
-      const float dx = x - 0.70f, dy = y - 0.12f, glow = expf(-(dx * dx + dy * dy) / 0.020f);
-      c = vec3_along(c, 0.45f * glow, person->lamp);
-      float *pixel = pixels[(size_t)j * (size_t)size + (size_t)i];
-      pixel[0] = synth_encode(c.x);
-      pixel[1] = synth_encode(c.y);
-      pixel[2] = synth_encode(c.z);
-      pixel[3] = 1.0f;
     }
 }

@@ -2,6 +2,7 @@
  * ernerf synth: a made-up clip. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "ernerf-lab/synth.h"
 #include "output/progress.h"
@@ -32,25 +33,34 @@ static int make(struct session *session, ern_synth_options *options, const char 
   if (status == ERN_E_CANCELLED && session_interrupted())
     return session_stop_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
+  if (options->video != NULL) session_note(session, "%s: the same as a video", options->video);
   session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, drawing.frames,
                options->size, options->size, folder);
   return session_report(
-      session, json_pack("{s:o, s:i, s:i, s:o, s:b, s:b, s:b, s:o}", "output", session_text(folder), "size",
-                         options->size, "frames", drawing.frames, "seed", session_whole(session->seed), "blink",
-                         options->blink, "torso", options->torso, "moving_camera", options->moving_camera, "seconds",
-                         session_number(session_seconds() - began)));
+      session, json_pack("{s:o, s:o*, s:i, s:i, s:o, s:b, s:b, s:b, s:b, s:o}", "output", session_text(folder), "video",
+                         options->video != NULL ? session_text(options->video) : NULL, "size", options->size, "frames",
+                         drawing.frames, "seed", session_whole(session->seed), "blink", options->blink, "torso",
+                         options->torso, "moving_camera", options->moving_camera, "parsing", options->parsing,
+                         "seconds", session_number(session_seconds() - began)));
+}
+
+static bool ends_with(const char *text, const char *end) {
+  const size_t length = strlen(text), last = strlen(end);
+  return length > last && strcmp(text + length - last, end) == 0;
 }
 
 int cmd_synth(int argc, char **argv) {
   struct session session = {0};
   const char *folder = NULL;
   ern_synth_options synth = ern_synth_options_default();
+  float turn = 0.0f;
+  int room = ERN_SYNTH_BOOKS;
   struct option own[] = {
       {.name = "size",
        .kind = OPTION_INT,
        .target = &synth.size,
        .low = 64,
-       .high = 1024,
+       .high = 1080,
        .choices = "S",
        .help = "pixels a side"},
       {.name = "frames",
@@ -85,7 +95,30 @@ int cmd_synth(int argc, char **argv) {
       {.name = "static-camera",
        .kind = OPTION_OFF,
        .target = &synth.moving_camera,
-       .help = "the head keeps still: every frame has the first one's pose"}};
+       .help = "the head keeps still: every frame has the first one's pose"},
+      {.name = "turn",
+       .kind = OPTION_FLOAT,
+       .target = &turn,
+       .low = 1,
+       .high = 40,
+       .choices = "DEG",
+       .help = "largest turn of the head left or right, nods and tilts in proportion (default: the seed's, below 12)"},
+      {.name = "room", .kind = OPTION_CHOICE, .target = &room, .choices = "books|plain|cluttered", .help = "behind it"},
+      {.name = "parsing",
+       .kind = OPTION_FLAG,
+       .target = &synth.parsing,
+       .help = "parsing/ID.png too: head, neck, torso and background in AD-NeRF's colours"},
+      {.name = "video",
+       .kind = OPTION_TEXT,
+       .target = &synth.video,
+       .choices = "FILE.mp4",
+       .help = "the same frames with the sound as a video too"},
+      {.name = "crf",
+       .kind = OPTION_INT,
+       .target = &synth.crf,
+       .low = 0,
+       .high = 51,
+       .help = "of --video, H.264's quality, less is better (default 18)"}};
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"DIR", &folder, "folder to make; it must not exist, or be empty"}};
   struct args args = {
@@ -98,11 +131,19 @@ int cmd_synth(int argc, char **argv) {
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && synth.text_file == NULL) status = args_forbid(&args, "voice words-per-minute", "is of --text");
+  if (status < 0 && synth.video == NULL) status = args_forbid(&args, "crf", "is of --video");
+  if (status < 0 && !synth.moving_camera)
+    status = args_forbid(&args, "turn", "moves the head, --static-camera does not");
+  if (status < 0 && synth.video != NULL && !ends_with(synth.video, ".mp4"))
+    status = args_refuse(&args, "--video is \"%s\", expected NAME.mp4", synth.video);
+  synth.turn = (double)turn;
+  synth.room = (enum ern_synth_room)room;
   if (synth.text_file != NULL && !args_given(&args, "frames")) synth.frames = 0;
   session.inputs[0] = synth.text_file;
   if (status < 0) status = session_open(&session, &args);
   if (status >= 0) return status;
-  status = make(&session, &synth, folder);
+  status = synth.video != NULL ? session_check_output(&session, synth.video) : 0;
+  if (status == 0) status = make(&session, &synth, folder);
   session_close(&session);
   return status;
 }

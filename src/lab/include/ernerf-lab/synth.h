@@ -5,9 +5,13 @@
 
 #include "ernerf-lab/spoken.h"
 
+/* What stands behind the person: a window and a shelf; one colour with a soft gradient; many small things of high
+ * contrast, some of the colours of the person's skin and hair. */
+enum ern_synth_room { ERN_SYNTH_BOOKS, ERN_SYNTH_PLAIN, ERN_SYNTH_CLUTTERED };
+
 typedef struct ern_synth_options {
   uint32_t cookie;
-  int size;   /* pixels a side, 64..1024 */
+  int size;   /* pixels a side, 64..1080 */
   int frames; /* 8..100000; one in eleven, at least one, is for validation; 0: as long as the text takes */
   uint64_t seed;
   bool blink;         /* without: no au.csv, eyes stay open */
@@ -18,6 +22,16 @@ typedef struct ern_synth_options {
    * person and the head's way. */
   const char *text_file;
   ern_spoken_options spoken;
+  double
+      turn; /* degrees, 1..40: the largest yaw of the clip, the other angles in proportion; 0: the seed's, below 12 */
+  enum ern_synth_room room;
+  /* parsing/ID.png, RGB, AD-NeRF's colours: head (with hair and ears) 0,0,255; neck (bare skin below it) 0,255,0; torso
+   * 255,0,0; background 255,255,255. A pixel belongs to the topmost layer whose alpha is at least 0.5. */
+  bool parsing;
+  /* The clip once more as an mp4 with its sound, made of the frames before they are JPEGs; outside the folder, or in
+   * one that is there. NULL: none. */
+  const char *video;
+  int crf; /* of the video, H.264, 0..51 */
   /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
   int (*progress)(void *user, int done, int total);
   void *user;
