@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT
+ * What preparecheck reads of a clip's folder. */
+#ifndef ERN_TESTS_PREPARE_CLIP_H
+#define ERN_TESTS_PREPARE_CLIP_H
+
+#include "core/status.h"
+#include "prepare_measures.h"
+
+struct prepared_clip {
+  const char *folder;
+  struct head_pose *poses; /* [count], by frame */
+  size_t count;
+  double focal; /* pixels of the clip */
+  int width, height;
+  struct crop crop; /* prepare.json's; the whole where there is none */
+  float *closed;    /* [frames]: AU45_r of au.csv, else blink of curves.csv; row i is of frame i. NULL: neither */
+  size_t frames;
+};
+
+/* Both files of poses together. On success the caller owns the clip (prepared_clip_free). */
+ERN_NODISCARD ern_status prepared_clip_read(ern_context *context, const char *folder, struct prepared_clip *clip);
+void prepared_clip_free(ern_context *context, struct prepared_clip *clip);
+
+#endif
