@@ -118,6 +118,9 @@ static const char *const refused[][3] = {
     {"train clip -o x.safetensors --backend opencl --isa avx2", "--isa", "--backend opencl leaves out"},
     {"synth there --no-blink=yes", "--no-blink", "switch"},
     {"synth there --crf 20", "--crf", "is of --video"},
+    {"synth there --fault smoke:3", "smoke:3", "camera, occlude"},
+    {"synth there --fault camera:6", "camera:6", "0.1 to 5"},
+    {"synth there --fault cut:", "cut:", "0.1 to 99"},
     {"synth there --video x.avi", "x.avi", "NAME.mp4"},
     {"synth there --static-camera --turn 8", "--turn", "--static-camera"},
 };

@@ -248,6 +248,112 @@ static void same_as_tiny(void **state) {
   }
 }
 
+/* ---- faults ------------------------------------------------------------------------------------------------------ */
+
+/* A clip as `plain` is, with parsing and a fault. */
+static void make_faulty(ern_context *context, const char *folder, enum ern_synth_fault fault, double strength) {
+  ern_synth_options options = small_options();
+  options.parsing = true;
+  options.fault = fault;
+  options.strength = strength;
+  support_clear(folder);
+  support_ok(context, ern_synth_write(context, folder, &options));
+}
+
+static bool same_picture(ern_context *context, const char *folder, const char *other, const char *part, int frame,
+                         int other_frame) {
+  ern_image a = read_image(context, in_folder(folder, part, frame), 3);
+  ern_image b = read_image(context, in_folder(other, part, other_frame), 3);
+  const bool same = memcmp(a.data, b.data, (size_t)SIZE * SIZE * 3) == 0;
+  ern_image_free(context, &a);
+  ern_image_free(context, &b);
+  return same;
+}
+
+static void held_camera_moves_all_alike(void **state) {
+  ern_context *context = *state;
+  make_faulty(context, "held", ERN_SYNTH_CAMERA, 3);
+  struct ern_synth_curve curves[FRAMES] = {{0}};
+  struct ern_synth_speech speech = {0};
+  ern_synth_options options = small_options();
+  size_t cut = 0;
+  options.fault = ERN_SYNTH_CAMERA;
+  options.strength = 3;
+  support_ok(context, ern_synth_fault_move(context, &options, &speech, curves, FRAMES, &cut));
+  double furthest = 0;
+  for (int t = 0; t < FRAMES; ++t) {
+    float still[ERN_LANDMARKS][2], held[ERN_LANDMARKS][2];
+    read_points(context, "plain", t, still);
+    read_points(context, "held", t, held);
+    assert_true(fabsf(curves[t].pan) <= 3 && fabsf(curves[t].nod) <= 3);
+    for (int k = 0; k < ERN_LANDMARKS; ++k) {
+      float u = held[k][0] / SIZE, v = held[k][1] / SIZE;
+      furthest = fmax(furthest, hypot((double)(held[k][0] - still[k][0]), (double)(held[k][1] - still[k][1])));
+      /* what room and torso are moved by undoes what the pose did to the head; six decimals and floats */
+      ern_synth_camera_rest(&curves[t], &u, &v);
+      assert_true(fabsf(u * SIZE - still[k][0]) < 1e-3f && fabsf(v * SIZE - still[k][1]) < 1e-3f);
+    }
+    assert_true(!same_picture(context, "plain", "held", "gt_imgs/%d.jpg", t, t));
+  }
+  /* at most 3 degrees each way: 64 x 2.4 x tan 3 x sqrt 2 = 11.4 pixels in the middle */
+  assert_true(furthest > 2 && furthest < 12.5);
+  ern_image plain = read_image(context, "plain/bc.jpg", 3), room = read_image(context, "held/bc.jpg", 3);
+  assert_true(mean_difference(&plain, &room) == 0);
+  ern_image_free(context, &plain);
+  ern_image_free(context, &room);
+}
+
+static void rod_hides_in_the_middle_third(void **state) {
+  ern_context *context = *state;
+  make_faulty(context, "whole", ERN_SYNTH_NO_FAULT, 0);
+  make_faulty(context, "hidden", ERN_SYNTH_OCCLUDE, 10);
+  for (int t = 0; t < FRAMES; ++t) {
+    const bool passes = t >= FRAMES / 3 && t < 2 * FRAMES / 3;
+    assert_int_equal(same_picture(context, "whole", "hidden", "gt_imgs/%d.jpg", t, t), !passes);
+  }
+  /* frame 6 is near the middle: what the rod covers is cut out of the person */
+  ern_image whole = read_image(context, "whole/parsing/6.png", 3),
+            hidden = read_image(context, "hidden/parsing/6.png", 3);
+  int gone = 0, other = 0;
+  for (int y = 0; y < SIZE; ++y)
+    for (int x = 0; x < SIZE; ++x) {
+      const int was = layer_at(&whole, x, y), is = layer_at(&hidden, x, y);
+      gone += was != 0 && is == 0;
+      other += was != is && is != 0;
+    }
+  /* the rod is 6.4 pixels wide and 40 long: all of that, or the 16 rows that lie before the shoulders */
+  assert_in_range(gone, 102, 256);
+  assert_int_equal(other, 0);
+  ern_image_free(context, &whole);
+  ern_image_free(context, &hidden);
+}
+
+static void profile_still_and_cut(void **state) {
+  ern_context *context = *state;
+  double plain[FRAMES], yaw[FRAMES], most = 0;
+  make_faulty(context, "profile", ERN_SYNTH_PROFILE, 60);
+  read_curve(context, "plain", "yaw", plain);
+  read_curve(context, "profile", "yaw", yaw);
+  for (int t = 0; t < FRAMES; ++t) {
+    most = fmax(most, yaw[t]);
+    if (t <= FRAMES / 3 || t >= 2 * FRAMES / 3) assert_true(yaw[t] == plain[t]);
+  }
+  assert_true(fabs(most - 60) < 1e-4);
+  make_faulty(context, "still", ERN_SYNTH_STILL, 50);
+  for (int t = 1; t < FRAMES; ++t)
+    assert_int_equal(same_picture(context, "still", "still", "gt_imgs/%d.jpg", t - 1, t), t > FRAMES / 2);
+  make_faulty(context, "cut", ERN_SYNTH_CUT, 50);
+  ern_synth_options options = small_options();
+  ++options.seed;
+  support_clear("other");
+  support_ok(context, ern_synth_write(context, "other", &options));
+  for (int t = 0; t < FRAMES; ++t) {
+    assert_int_equal(same_picture(context, "cut", "plain", "gt_imgs/%d.jpg", t, t), t < FRAMES / 2);
+    /* the other seed's torso lies as that one's head moves; its mouth says what the first one says */
+    assert_int_equal(same_picture(context, "cut", "other", "torso_imgs/%d.png", t, t), t >= FRAMES / 2);
+  }
+}
+
 static int stop_at_three(void *user, int done, int total) {
   (void)user, (void)total;
   return done == 3;
@@ -279,6 +385,12 @@ static void refuses(void **state) {
   options.room = (enum ern_synth_room)3;
   support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "room", "3", "0 to 2", NULL);
   options = small_options();
+  options.fault = ERN_SYNTH_CUT;
+  support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "strength", "0.1 to 100", NULL);
+  options = small_options();
+  options.fault = (enum ern_synth_fault)6;
+  support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "fault", "6", "0 to 5", NULL);
+  options = small_options();
   options.video = "none.mp4";
   options.crf = 52;
   support_expect(context, ern_synth_write(context, "none", &options), ERN_E_ARGUMENT, "crf", "52", "51", NULL);
@@ -308,10 +420,17 @@ static void is_still_a_clip(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(is_still_a_clip),       cmocka_unit_test(video_shows_the_frames),
-      cmocka_unit_test(parsing_is_the_layers), cmocka_unit_test(turns_as_far_as_asked),
-      cmocka_unit_test(rooms_differ),          cmocka_unit_test(same_as_tiny),
-      cmocka_unit_test(leaves_nothing_behind), cmocka_unit_test(refuses),
+      cmocka_unit_test(is_still_a_clip),
+      cmocka_unit_test(video_shows_the_frames),
+      cmocka_unit_test(parsing_is_the_layers),
+      cmocka_unit_test(turns_as_far_as_asked),
+      cmocka_unit_test(rooms_differ),
+      cmocka_unit_test(same_as_tiny),
+      cmocka_unit_test(held_camera_moves_all_alike),
+      cmocka_unit_test(rod_hides_in_the_middle_third),
+      cmocka_unit_test(profile_still_and_cut),
+      cmocka_unit_test(leaves_nothing_behind),
+      cmocka_unit_test(refuses),
   };
   return cmocka_run_group_tests_name("synth_video", tests, make_clips, free_clips);
 }

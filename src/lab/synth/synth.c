@@ -21,7 +21,7 @@
 
 enum { OPTIONS_COOKIE = 0x45524e59, MIN_SIZE = 64, MAX_SIZE = 1080, MIN_FRAMES = 8, MAX_FRAMES = 100000 };
 enum { FRAMES_A_VALIDATION = 11, JPEG_QUALITY = 95, NAME_BYTES = 64, TEXT_LIMIT = 1 << 20 };
-enum { MAX_TURN = 40, MAX_CRF = 51, DEFAULT_CRF = 18 };
+enum { MAX_TURN = 40, MAX_CRF = 51, MAX_STRENGTH = 100, DEFAULT_CRF = 18 };
 
 static const char *const part_names[] = {"gt_imgs", "torso_imgs", "ori_imgs", "parsing"};
 static const char *const part_endings[] = {"jpg", "png", "lms", "png"};
@@ -36,22 +36,22 @@ struct work {
   const ern_synth_options *options;
   size_t frames;
   bool made_folder;
-  struct ern_synth_person person;
+  struct cast {
+    struct ern_synth_person person;
+    struct ern_synth_layer torso;
+    float (*room)[4]; /* [size][size] */
+  } cast[2];          /* the second one is of a cut alone */
+  size_t cut;         /* the frame from which it is seen */
   struct ern_synth_speech speech;
   ern_spoken spoken;              /* where there is a text */
   struct ern_synth_curve *curves; /* [frames] */
-  struct ern_synth_layer torso;
-  float (*room)[4]; /* [size][size] */
   ern_sound sound;
   ern_video_writer *video;
   struct ern_pool *pool;
-  size_t first_frame;   /* of the frames that the pool is at */
-  ern_status *outcomes; /* [threads], of the frames that the pool is at */
-  uint8_t **shown;      /* [threads], of the frames that the pool is at: [size][size][4] for the video */
-  struct desk {         /* [threads] room to draw a frame in */
-    float (*head)[4], (*torso)[4], *bare;
-    ern_image truth, cutout, parsing;
-  } * desks;
+  size_t first_frame;           /* of the frames that the pool is at */
+  ern_status *outcomes;         /* [threads], of the frames that the pool is at */
+  uint8_t **shown;              /* [threads], of the frames that the pool is at: [size][size][4] for the video */
+  struct ern_synth_desk *desks; /* [threads] */
 };
 
 ern_synth_options ern_synth_options_default(void) {
@@ -82,6 +82,12 @@ static ern_status check_options(ern_context *context, const ern_synth_options *o
   if (options->room < ERN_SYNTH_BOOKS || options->room > ERN_SYNTH_CLUTTERED)
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: room is %d, expected %d to %d", (int)options->room,
                     ERN_SYNTH_BOOKS, ERN_SYNTH_CLUTTERED);
+  if (options->fault < ERN_SYNTH_NO_FAULT || options->fault > ERN_SYNTH_CUT)
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: fault is %d, expected %d to %d", (int)options->fault,
+                    ERN_SYNTH_NO_FAULT, ERN_SYNTH_CUT);
+  if (options->fault != ERN_SYNTH_NO_FAULT && !(options->strength >= 0.1 && options->strength <= MAX_STRENGTH))
+    return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: strength of the fault is %g, expected 0.1 to %d",
+                    options->strength, MAX_STRENGTH);
   if (options->video != NULL && (options->crf < 0 || options->crf > MAX_CRF))
     return ern_fail(context, ERN_E_ARGUMENT, "made-up clip: crf is %d, expected 0 to %d", options->crf, MAX_CRF);
   return ERN_OK;
@@ -151,52 +157,15 @@ static void remove_all(struct work *work) {
 
 /* ---- frames -------------------------------------------------------------------------------------- */
 
-static uint8_t to_byte(float c) { return (uint8_t)(255.0f * clampf(c, 0.0f, 1.0f) + 0.5f); }
-
-/* Head over torso over room; and the torso alone, its colours divided by its alpha. */
-static void compose(const struct work *work, struct desk *desk) {
-  const size_t pixels = (size_t)work->options->size * (size_t)work->options->size;
-  for (size_t i = 0; i < pixels; ++i) {
-    const float *head = desk->head[i], *torso = desk->torso[i], *room = work->room[i];
-    const float alpha = torso[3];
-    for (int c = 0; c < 3; ++c) {
-      const float behind = torso[c] + (1.0f - alpha) * room[c];
-      desk->truth.data[3 * i + (size_t)c] = to_byte(head[c] + (1.0f - head[3]) * behind);
-      desk->cutout.data[4 * i + (size_t)c] = alpha > 0.0f ? to_byte(torso[c] / alpha) : 0;
-    }
-    desk->cutout.data[4 * i + 3] = to_byte(alpha);
-  }
-}
-
-/* The topmost layer whose alpha is at least 0.5. */
-static void parse(const struct work *work, struct desk *desk) {
-  static const uint8_t head[3] = {0, 0, 255}, neck[3] = {0, 255, 0}, torso[3] = {255, 0, 0}, none[3] = {255, 255, 255};
-  const size_t pixels = (size_t)work->options->size * (size_t)work->options->size;
-  for (size_t i = 0; i < pixels; ++i) {
-    const float alpha = desk->torso[i][3];
-    const bool bare = desk->bare[i] >= 0.5f * alpha;
-    const uint8_t *colour = desk->head[i][3] >= 0.5f ? head : alpha < 0.5f ? none : bare ? neck : torso;
-    memcpy(desk->parsing.data + 3 * i, colour, 3);
-  }
-}
-
-static ern_status write_parsing(struct work *work, size_t frame, struct desk *desk) {
+static ern_status write_parsing(struct work *work, size_t frame, struct ern_synth_desk *desk) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  parse(work, desk);
+  ern_synth_desk_parse(desk);
   ERN_TRY(frame_path(work, PARSING, frame, &path));
   ERN_TRY(ern_image_write(work->context, path, &desk->parsing, JPEG_QUALITY));
 fail:
   ern_release(work->context, path);
   return status;
-}
-
-static void show(const struct work *work, const struct desk *desk, uint8_t *shown) {
-  const size_t pixels = (size_t)work->options->size * (size_t)work->options->size;
-  for (size_t i = 0; i < pixels; ++i) {
-    memcpy(shown + 4 * i, desk->truth.data + 3 * i, 3);
-    shown[4 * i + 3] = 255;
-  }
 }
 
 static ern_status write_landmarks(struct work *work, const struct ern_synth_head *head,
@@ -214,18 +183,22 @@ static ern_status write_landmarks(struct work *work, const struct ern_synth_head
   return ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT);
 }
 
-static ern_status write_frame(struct work *work, size_t frame, struct desk *desk) {
+static ern_status write_frame(struct work *work, size_t frame, struct ern_synth_desk *desk) {
   ern_status status = ERN_OK;
   char *truth = NULL, *cutout = NULL, *landmarks = NULL;
   const struct ern_synth_curve *curve = &work->curves[frame];
+  const struct cast *cast = &work->cast[frame >= work->cut ? 1 : 0];
   const int size = work->options->size;
   struct ern_synth_head head;
   struct ern_synth_camera camera;
-  ern_synth_head_pose(&head, &work->person, curve);
+  ern_synth_head_pose(&head, &cast->person, curve);
   ern_synth_camera_make(size, curve, &camera);
   ern_synth_head_draw(&head, &camera, size, desk->head);
-  if (work->options->torso) ern_synth_torso_draw(&work->torso, curve, size, desk->torso, desk->bare);
-  compose(work, desk);
+  if (work->options->torso) ern_synth_torso_draw(&cast->torso, curve, size, desk->torso, desk->bare);
+  ern_synth_desk_compose(desk, cast->room, curve);
+  if (work->options->fault == ERN_SYNTH_OCCLUDE)
+    ern_synth_desk_rod(desk, cast->person.skin, ((double)frame + 0.5) / (double)work->frames,
+                       work->options->strength / 100.0);
   ERN_TRY(frame_path(work, 0, frame, &truth));
   ERN_TRY(frame_path(work, 1, frame, &cutout));
   ERN_TRY(frame_path(work, 2, frame, &landmarks));
@@ -242,9 +215,9 @@ fail:
 
 static void frame_task(void *user, size_t index, int lane) {
   struct work *work = user;
-  struct desk *desk = &work->desks[lane];
+  struct ern_synth_desk *desk = &work->desks[lane];
   work->outcomes[index] = write_frame(work, work->first_frame + index, desk);
-  if (work->video != NULL) show(work, desk, work->shown[index]);
+  if (work->video != NULL) ern_synth_desk_show(desk, work->shown[index]);
 }
 
 /* As many frames at a time as there are threads, so that progress is told by the caller's own thread. */
@@ -396,7 +369,7 @@ static ern_status write_sound(struct work *work) {
     memcpy(sound->data, said->data,
            (said->frames < sound->frames ? said->frames : sound->frames) * sizeof *sound->data);
   else
-    ern_synth_sound_make(work->options->seed, work->person.voice, &work->speech, sound->data, sound->frames);
+    ern_synth_sound_make(work->options->seed, work->cast[0].person.voice, &work->speech, sound->data, sound->frames);
   ERN_TRY(ern_sound_write_wav(work->context, path, sound));
 fail:
   ern_release(work->context, path);
@@ -412,20 +385,15 @@ static ern_status open_video(struct work *work) {
   return ern_video_writer_open(work->context, options->video, &video, &work->video);
 }
 
-static ern_status make_picture(ern_context *context, int size, int channels, ern_image *image) {
-  *image = (ern_image){.width = size, .height = size, .channels = channels};
-  return ERN_NEW(context, (size_t)size * (size_t)size * (size_t)channels, &image->data);
-}
-
 static ern_status write_room(struct work *work) {
   ern_status status = ERN_OK;
   char *path = NULL;
   const int size = work->options->size;
   ern_image image = {0};
   ERN_TRY(ern_path_join(work->context, work->folder, "bc.jpg", &path));
-  ERN_TRY(make_picture(work->context, size, 3, &image));
+  ERN_TRY(ern_synth_picture_make(work->context, size, 3, &image));
   for (size_t i = 0; i < (size_t)size * (size_t)size; ++i)
-    for (size_t c = 0; c < 3; ++c) image.data[3 * i + c] = to_byte(work->room[i][c]);
+    for (size_t c = 0; c < 3; ++c) image.data[3 * i + c] = ern_synth_to_byte(work->cast[0].room[i][c]);
   ERN_TRY(ern_image_write(work->context, path, &image, JPEG_QUALITY));
 fail:
   ern_image_free(work->context, &image);
@@ -453,56 +421,60 @@ static ern_status speak(struct work *work) {
   return ERN_OK;
 }
 
+/* The person of a seed with torso and room; `other`: how many seeds on. */
+static ern_status engage(struct work *work, struct cast *cast, uint64_t other) {
+  ern_status status = ERN_OK;
+  const ern_synth_options *options = work->options;
+  const uint64_t seed = options->seed + other;
+  ern_synth_person_make(seed, &cast->person);
+  ERN_TRY(ERN_NEW(work->context, (size_t)options->size * (size_t)options->size, &cast->room));
+  ern_synth_room_draw(&cast->person, seed, options->room, options->size, cast->room);
+  if (options->torso)
+    ERN_TRY(ern_synth_torso_make(work->context, work->pool, &cast->person, options->size, &cast->torso));
+fail:
+  return status;
+}
+
 static ern_status set_up(struct work *work) {
   ern_status status = ERN_OK;
   ern_context *context = work->context;
   const ern_synth_options *options = work->options;
   const size_t pixels = (size_t)options->size * (size_t)options->size;
+  work->cut = work->frames;
   ERN_TRY(ern_pool_make(context, 0, &work->pool));
   const size_t threads = (size_t)ern_pool_threads(work->pool);
   ERN_TRY(ERN_NEW(context, work->frames, &work->curves));
-  ERN_TRY(ERN_NEW(context, pixels, &work->room));
   ERN_TRY(ERN_NEW(context, threads, &work->outcomes));
   ERN_TRY(ERN_NEW(context, threads, &work->shown));
   ERN_TRY(ERN_NEW(context, threads, &work->desks));
   for (size_t k = 0; k < threads; ++k) {
-    struct desk *desk = &work->desks[k];
-    ERN_TRY(ERN_NEW(context, pixels, &desk->head));
-    ERN_TRY(ERN_NEW(context, pixels, &desk->torso));
-    ERN_TRY(ERN_NEW(context, pixels, &desk->bare));
-    ERN_TRY(make_picture(context, options->size, 3, &desk->truth));
-    ERN_TRY(make_picture(context, options->size, 4, &desk->cutout));
-    ERN_TRY(make_picture(context, options->size, 3, &desk->parsing));
+    ERN_TRY(ern_synth_desk_make(context, options->size, &work->desks[k]));
     if (options->video != NULL) ERN_TRY(ERN_NEW(context, 4 * pixels, &work->shown[k]));
   }
-  ern_synth_person_make(options->seed, &work->person);
   status = options->text_file != NULL ? ern_synth_speech_follow(context, &work->spoken, work->frames, &work->speech)
                                       : ern_synth_speech_make(context, options->seed, work->frames, &work->speech);
   if (status != ERN_OK) return status;
   ern_synth_motion_make(options->seed, &work->speech, options->blink, options->moving_camera, options->turn,
                         work->curves, work->frames);
-  ern_synth_room_draw(&work->person, options->seed, options->room, options->size, work->room);
-  if (options->torso) ERN_TRY(ern_synth_torso_make(context, work->pool, &work->person, options->size, &work->torso));
+  ERN_TRY(ern_synth_fault_move(context, options, &work->speech, work->curves, work->frames, &work->cut));
+  for (int k = 0; k < (work->cut < work->frames ? 2 : 1); ++k) ERN_TRY(engage(work, &work->cast[k], (uint64_t)k));
 fail:
   return status;
 }
 
 static void tear_down(struct work *work) {
   for (int k = 0; work->desks != NULL && k < ern_pool_threads(work->pool); ++k) {
-    ern_release(work->context, work->desks[k].head);
-    ern_release(work->context, work->desks[k].torso);
-    ern_release(work->context, work->desks[k].bare);
-    ern_image_free(work->context, &work->desks[k].truth);
-    ern_image_free(work->context, &work->desks[k].cutout);
-    ern_image_free(work->context, &work->desks[k].parsing);
+    ern_synth_desk_free(work->context, &work->desks[k]);
     ern_release(work->context, work->shown[k]);
+  }
+  for (int k = 0; k < 2; ++k) {
+    ern_synth_torso_free(work->context, &work->cast[k].torso);
+    ern_release(work->context, work->cast[k].room);
   }
   ern_release(work->context, work->desks);
   ern_release(work->context, work->shown);
   ern_release(work->context, work->outcomes);
-  ern_release(work->context, work->room);
   ern_release(work->context, work->curves);
-  ern_synth_torso_free(work->context, &work->torso);
   ern_sound_free(work->context, &work->sound);
   ern_synth_speech_free(work->context, &work->speech);
   ern_spoken_free(work->context, &work->spoken);

@@ -1,10 +1,33 @@
 /* SPDX-License-Identifier: MIT
  * The camera of the made-up clip: the head stands still in its own frame, the camera moves round it. */
+#include <string.h>
+
 #include "lab/synth/synth_parts.h"
 
 static const double focal_share = 2.4;              /* focal length / side of the picture */
 static const double pivot[3] = {0.0, -0.34, -0.10}; /* the top of the spine, in the head's frame, unit */
 static const double place[3] = {0.0, 0.105, -3.6};  /* of the head's origin before the camera, unit */
+
+/* From the axes of a camera held by hand to those of one at rest: R = Ry(-pan) Rx(nod). */
+static void held_rotation(const struct ern_synth_curve *curve, double r[3][3]) {
+  const double degree = 3.14159265358979323846 / 180.0;
+  const double cy = cos(-curve->pan * degree), sy = sin(-curve->pan * degree);
+  const double cx = cos(curve->nod * degree), sx = sin(curve->nod * degree);
+  const double made[3][3] = {{cy, sy * sx, sy * cx}, {0.0, cx, -sx}, {-sy, cy * sx, cy * cx}};
+  memcpy(r, made, sizeof made);
+}
+
+/* The camera turns where it is. */
+static void hold(const struct ern_synth_curve *curve, struct ern_synth_camera *camera) {
+  double held[3][3];
+  held_rotation(curve, held);
+  for (int i = 0; i < 3; ++i) {
+    double row[3] = {0.0, 0.0, 0.0};
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 3; ++k) row[j] += camera->matrix[i][k] * held[k][j];
+    for (int j = 0; j < 3; ++j) camera->matrix[i][j] = row[j];
+  }
+}
 
 void ern_synth_camera_make(int size, const struct ern_synth_curve *curve, struct ern_synth_camera *camera) {
   const double degree = 3.14159265358979323846 / 180.0;
@@ -40,6 +63,17 @@ void ern_synth_camera_make(int size, const struct ern_synth_curve *curve, struct
     camera->matrix[3][i] = 0.0;
   }
   camera->matrix[3][3] = 1.0;
+  if (curve->pan != 0.0f || curve->nod != 0.0f) hold(curve, camera);
+}
+
+void ern_synth_camera_rest(const struct ern_synth_curve *curve, float *u, float *v) {
+  if (curve->pan == 0.0f && curve->nod == 0.0f) return;
+  double r[3][3], seen[3];
+  const double way[3] = {((double)*u - 0.5) / focal_share, -((double)*v - 0.5) / focal_share, -1.0};
+  held_rotation(curve, r);
+  for (int i = 0; i < 3; ++i) seen[i] = r[i][0] * way[0] + r[i][1] * way[1] + r[i][2] * way[2];
+  *u = (float)(0.5 - focal_share * seen[0] / seen[2]);
+  *v = (float)(0.5 + focal_share * seen[1] / seen[2]);
 }
 
 void ern_synth_camera_project(const struct ern_synth_camera *camera, struct vec3 p, float pixel[2]) {

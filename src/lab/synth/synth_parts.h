@@ -15,6 +15,7 @@
 #include "core/threads.h"
 #include "ernerf-lab/spoken.h"
 #include "ernerf-lab/synth.h"
+#include "ernerf/media.h"
 #include "io/landmarks.h"
 
 /* ---- numbers and small vectors ------------------------------------------------------------------- */
@@ -147,11 +148,17 @@ struct ern_synth_curve {
   float blink;            /* 0 open .. 1 shut; above 1 squeezed */
   float yaw, pitch, roll; /* degrees; turned to the picture's right, up, clockwise as seen */
   float shift[3];         /* of the head's pivot, unit, along picture right, up, towards the camera */
+  float pan, nod;         /* degrees, of a camera that is held by hand: to the picture's right, up */
 };
 /* Fills jaw and width of curves[frames] from the speech, the rest from the seed. `turn`: degrees, the largest yaw to
  * either side, the other angles in proportion; 0: as the seed has it. */
 void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving, double turn,
                            struct ern_synth_curve *curves, size_t frames);
+
+/* The options' fault on curves[frames], but for a rod; *cut: the first frame of another person, left alone without. */
+ERN_NODISCARD ern_status ern_synth_fault_move(ern_context *context, const ern_synth_options *options,
+                                              const struct ern_synth_speech *speech, struct ern_synth_curve *curves,
+                                              size_t frames, size_t *cut);
 
 /* ---- the head ------------------------------------------------------------------------------------ */
 
@@ -267,8 +274,35 @@ void ern_synth_camera_project(const struct ern_synth_camera *camera, struct vec3
 void ern_synth_camera_ray(const struct ern_synth_camera *camera, double x, double y, struct vec3 *origin,
                           struct vec3 *direction);
 
+/* Where a camera at rest sees what the frame's camera sees at (u, v); all in sides of the picture. */
+void ern_synth_camera_rest(const struct ern_synth_curve *curve, float *u, float *v);
+
 /* The head [size][size] alone. */
 void ern_synth_head_draw(const struct ern_synth_head *head, const struct ern_synth_camera *camera, int size,
                          float (*pixels)[4]);
+
+/* ---- a frame ------------------------------------------------------------------------------------- */
+
+/* Room to draw a frame in. */
+struct ern_synth_desk {
+  int size;
+  float (*head)[4], (*torso)[4], *bare; /* [size][size] */
+  bool *hidden;                         /* [size][size], behind the rod */
+  ern_image truth, cutout, parsing;     /* RGB, RGBA, RGB */
+};
+
+/* 255 times c, rounded and held within a byte. */
+uint8_t ern_synth_to_byte(float c);
+ERN_NODISCARD ern_status ern_synth_picture_make(ern_context *context, int size, int channels, ern_image *image);
+ERN_NODISCARD ern_status ern_synth_desk_make(ern_context *context, int size, struct ern_synth_desk *desk);
+void ern_synth_desk_free(ern_context *context, struct ern_synth_desk *desk); /* accepts a half-made one */
+/* truth: head over torso over room; cutout: the torso alone, its colours divided by its alpha. */
+void ern_synth_desk_compose(struct ern_synth_desk *desk, float (*room)[4], const struct ern_synth_curve *curve);
+/* A rod before the face; `time` 0..1 of the clip, of which the middle third has it; `width` in sides. */
+void ern_synth_desk_rod(struct ern_synth_desk *desk, struct vec3 skin, double time, double width);
+/* parsing: the topmost layer whose alpha is at least 0.5. */
+void ern_synth_desk_parse(struct ern_synth_desk *desk);
+/* truth as RGBA, [size][size][4]. */
+void ern_synth_desk_show(const struct ern_synth_desk *desk, uint8_t *shown);
 
 #endif

@@ -213,8 +213,9 @@ void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_
       for (int c = 0; c < 4; ++c) pixel[c] = 0.0f;
       bare[at] = 0.0f;
       for (int k = 0; k < samples * samples; ++k) {
-        const float u = ((float)x + ((float)(k % samples) + 0.5f) * step) / (float)size;
-        const float v = ((float)y + ((float)(k / samples) + 0.5f) * step) / (float)size;
+        float u = ((float)x + ((float)(k % samples) + 0.5f) * step) / (float)size;
+        float v = ((float)y + ((float)(k / samples) + 0.5f) * step) / (float)size;
+        ern_synth_camera_rest(curve, &u, &v);
         const float up = smoothf(0.86f, 0.66f, v); /* 0 at the shoulders .. 1 under the chin */
         const float follow = mixf(0.45f, 1.0f, up);
         const float from_x = 0.5f + (u - 0.5f - follow * way_x - turn * (1.0f - up)) / grow - lean * (v - 0.95f);

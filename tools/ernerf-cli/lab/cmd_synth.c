@@ -49,12 +49,31 @@ static bool ends_with(const char *text, const char *end) {
   return length > last && strcmp(text + length - last, end) == 0;
 }
 
+/* NAME:STRENGTH. Returns as args_parse does. */
+static int take_fault(struct args *args, const char *text, ern_synth_options *options) {
+  static const char *const names[] = {"camera", "occlude", "profile", "still", "cut"}; /* from ERN_SYNTH_CAMERA on */
+  static const double most[] = {5.0, 50.0, 80.0, 100.0, 99.0};
+  for (int k = 0; k < 5; ++k) {
+    const size_t length = strlen(names[k]);
+    if (strncmp(text, names[k], length) != 0 || text[length] != ':') continue;
+    char *end = NULL;
+    options->fault = (enum ern_synth_fault)(ERN_SYNTH_CAMERA + k);
+    options->strength = strtod(text + length + 1, &end);
+    if (*end == 0 && end != text + length + 1 && options->strength >= 0.1 && options->strength <= most[k]) return -1;
+    return args_refuse(args, "--fault is \"%s\", expected a strength from 0.1 to %g after %s:", text, most[k],
+                       names[k]);
+  }
+  return args_refuse(args, "--fault is \"%s\", expected camera, occlude, profile, still or cut, a colon, a strength",
+                     text);
+}
+
 int cmd_synth(int argc, char **argv) {
   struct session session = {0};
   const char *folder = NULL;
   ern_synth_options synth = ern_synth_options_default();
   float turn = 0.0f;
   int room = ERN_SYNTH_BOOKS;
+  const char *fault = NULL;
   struct option own[] = {
       {.name = "size",
        .kind = OPTION_INT,
@@ -118,7 +137,13 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.crf,
        .low = 0,
        .high = 51,
-       .help = "of --video, H.264's quality, less is better (default 18)"}};
+       .help = "of --video, H.264's quality, less is better (default 18)"},
+      {.name = "fault",
+       .kind = OPTION_TEXT,
+       .target = &fault,
+       .choices = "NAME:STRENGTH",
+       .help = "what makes a video hard: camera:DEG, held by hand; occlude:PERCENT of the side, a rod before the face; "
+               "profile:DEG, a third of the time; still:PERCENT of the frames; cut:PERCENT, another person"}};
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"DIR", &folder, "folder to make; it must not exist, or be empty"}};
   struct args args = {
@@ -136,6 +161,7 @@ int cmd_synth(int argc, char **argv) {
     status = args_forbid(&args, "turn", "moves the head, --static-camera does not");
   if (status < 0 && synth.video != NULL && !ends_with(synth.video, ".mp4"))
     status = args_refuse(&args, "--video is \"%s\", expected NAME.mp4", synth.video);
+  if (status < 0 && fault != NULL) status = take_fault(&args, fault, &synth);
   synth.turn = (double)turn;
   synth.room = (enum ern_synth_room)room;
   if (synth.text_file != NULL && !args_given(&args, "frames")) synth.frames = 0;

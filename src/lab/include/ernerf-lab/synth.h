@@ -9,6 +9,17 @@
  * contrast, some of the colours of the person's skin and hair. */
 enum ern_synth_room { ERN_SYNTH_BOOKS, ERN_SYNTH_PLAIN, ERN_SYNTH_CLUTTERED };
 
+/* What makes a video hard to prepare. Its poses, landmarks and layers stay those of what is seen. */
+enum ern_synth_fault {
+  ERN_SYNTH_NO_FAULT,
+  ERN_SYNTH_CAMERA,  /* a hand-held camera pans and nods by `strength` degrees; bc.jpg is what it sees at rest */
+  ERN_SYNTH_OCCLUDE, /* a rod of the skin's colour, `strength` hundredths of the side wide, passes before the face in
+                        the middle third; it is background in parsing/ */
+  ERN_SYNTH_PROFILE, /* the head is turned by `strength` degrees in the middle third */
+  ERN_SYNTH_STILL,   /* the last `strength` hundredths of the clip are one frame, repeated */
+  ERN_SYNTH_CUT      /* the last `strength` hundredths are another person in another room */
+};
+
 typedef struct ern_synth_options {
   uint32_t cookie;
   int size;   /* pixels a side, 64..1080 */
@@ -32,6 +43,8 @@ typedef struct ern_synth_options {
    * one that is there. NULL: none. */
   const char *video;
   int crf; /* of the video, H.264, 0..51 */
+  enum ern_synth_fault fault;
+  double strength; /* 0.1..100, of the fault */
   /* Called after each frame; a non-zero answer cancels (ERN_E_CANCELLED). NULL: none. */
   int (*progress)(void *user, int done, int total);
   void *user;
