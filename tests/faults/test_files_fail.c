@@ -33,6 +33,7 @@ static const struct way {
     {.name = "to pth", .line = "convert -y in/head.safetensors out/head.pth"},
     {.name = "from pth", .line = "convert in/head.pth out/new.safetensors"},
     {.name = "synth", .line = "synth out/made --size 64 --frames 8 --seed 3"},
+    {.name = "synth --video", .line = "synth out/shown --size 64 --frames 8 --seed 3 --parsing --video out/shown.mp4"},
     {.name = "info", .line = "info in/head.safetensors --json out/info.json"},
     {.name = "check", .line = "check in/clip --json out/check.json"},
     {.name = "ablate",
