@@ -50,15 +50,16 @@ static void move_lids(uint64_t seed, struct ern_synth_curve *curves, size_t fram
   }
 }
 
-/* Scales all angles so that the largest yaw is `turn`. */
+/* The largest yaw becomes `turn`; pitch and roll, whose sways reach 6 and 4 degrees where the yaw's reach 12, grow as
+ * `turn` does over these 12. */
 static void turn_by(double turn, struct ern_synth_curve *curves, size_t frames) {
+  const float grow = (float)turn / 12.0f;
   float most = 0.0f;
   for (size_t t = 0; t < frames; ++t) most = maxf(most, fabsf(curves[t].yaw));
-  const float scale = (float)turn / maxf(most, 1e-3f);
   for (size_t t = 0; t < frames; ++t) {
-    curves[t].yaw *= scale;
-    curves[t].pitch *= scale;
-    curves[t].roll *= scale;
+    curves[t].yaw *= (float)turn / maxf(most, 1e-3f);
+    curves[t].pitch *= grow;
+    curves[t].roll *= grow;
   }
 }
 

@@ -151,7 +151,7 @@ struct ern_synth_curve {
   float pan, nod;         /* degrees, of a camera that is held by hand: to the picture's right, up */
 };
 /* Fills jaw and width of curves[frames] from the speech, the rest from the seed. `turn`: degrees, the largest yaw to
- * either side, the other angles in proportion; 0: as the seed has it. */
+ * either side, with nods up to a half and tilts up to a third of it; 0: as the seed has it. */
 void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving, double turn,
                            struct ern_synth_curve *curves, size_t frames);
 

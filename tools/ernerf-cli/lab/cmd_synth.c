@@ -121,7 +121,8 @@ int cmd_synth(int argc, char **argv) {
        .low = 1,
        .high = 40,
        .choices = "DEG",
-       .help = "largest turn of the head left or right, nods and tilts in proportion (default: the seed's, below 12)"},
+       .help = "largest turn of the head left or right; nods reach a half, tilts a third of it (default: the seed's, "
+               "below 12)"},
       {.name = "room", .kind = OPTION_CHOICE, .target = &room, .choices = "books|plain|cluttered", .help = "behind it"},
       {.name = "parsing",
        .kind = OPTION_FLAG,

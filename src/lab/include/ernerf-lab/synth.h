@@ -33,8 +33,9 @@ typedef struct ern_synth_options {
    * person and the head's way. */
   const char *text_file;
   ern_spoken_options spoken;
-  double
-      turn; /* degrees, 1..40: the largest yaw of the clip, the other angles in proportion; 0: the seed's, below 12 */
+  /* Degrees, 1..40: the largest yaw of the clip, with nods up to a half and tilts up to a third of it; 0: the seed's,
+   * below 12. */
+  double turn;
   enum ern_synth_room room;
   /* parsing/ID.png, RGB, AD-NeRF's colours: head (with hair and ears) 0,0,255; neck (bare skin below it) 0,255,0; torso
    * 255,0,0; background 255,255,255. A pixel belongs to the topmost layer whose alpha is at least 0.5. */
