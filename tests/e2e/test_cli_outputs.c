@@ -252,6 +252,53 @@ static void test_links_to_inputs(void **state) {
   assert_false(cli_there("new.mp4") || cli_there("new.pth") || cli_there("new.run"));
 }
 
+/* Two outputs of one call are two files, wherever their names lead. */
+static void test_same_output(void **state) {
+  (void)state;
+  static const struct {
+    const char *link, *target, *line, *other;
+  } cases[] = {
+      {"two.json", "two.safetensors", "train clip -o two.safetensors --rays 32 --iters 1 --levels 2",
+       "two.safetensors"},
+      {"two.json", "two.run/state.safetensors", "train clip -o two.safetensors --rays 32 --iters 1 --levels 2",
+       "two.run"},
+      {"two.json", "two.pth", "convert m.safetensors two.pth", "two.pth"},
+      {"two.json", "two.npy", "features clip/aud.wav -o two.npy", "two.npy"},
+      {"two.json", "two.mp4", "render m.safetensors --clip clip --frames 0:1 -o two.mp4", "two.mp4"},
+      {"two.json", "two0.png", "render m.safetensors --clip clip --frames 0:1 -o two%d.png", "two0.png"},
+      {"two.json", "two/clip.png", "tradeoff m.safetensors clip -o two --frames 0:2 --split train --seconds 1",
+       "two/clip.png"},
+      {"two.json", "two/training.csv", "tradeoff --training clip -o two --seconds 1 --seeds 1 --rays 16 --levels 5",
+       "two/training.csv"},
+      {"two.json", "two/ablation.csv", "ablate clip -o two --iters 1 --rays 16 --frames 0:1 --only trihash-concat",
+       "two/ablation.csv"},
+      {"two.json", "two/trihash-concat.safetensors",
+       "ablate clip -o two --iters 1 --rays 16 --frames 0:1 --only trihash-concat", "two/trihash-concat.safetensors"},
+      {"two.json", "two/transforms_train.json", "synth two --size 64 --frames 8", "two"}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    (void)unlink(cases[i].link);
+    assert_int_equal(symlink(cases[i].target, cases[i].link), 0); /* leads to nothing yet */
+    cli_run(&cli, "%s --quiet -y --json %s", cases[i].line, cases[i].link);
+    cli_expect(&cli, 1, cases[i].link, cases[i].other, "expected another", NULL);
+    assert_false(cli_there(cases[i].target) || cli_there("two") || cli_there("two.run"));
+  }
+  /* two names of a file that is there */
+  support_write_text("two.mp4", "mine");
+  assert_int_equal(link("two.mp4", "hard.json"), 0);
+  assert_int_equal(symlink("./two.mp4", "soft.json"), 0);
+  static const char *const names[] = {"soft.json", "hard.json"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    cli_run(&cli, "render m.safetensors --clip clip --frames 0:1 -o two.mp4 --quiet -y --json %s", names[i]);
+    cli_expect(&cli, 1, "two.mp4: is the same file as", names[i], "expected another", NULL);
+    expect_text("two.mp4", "mine");
+  }
+  assert_int_equal(mkdir("three", 0777), 0);
+  cli_run(&cli,
+          "tradeoff m.safetensors clip -o three --frames 0:2 --split train --seconds 1 --json three/tradeoff.json");
+  cli_expect(&cli, 1, "three/tradeoff.json", "an output too", NULL);
+  assert_int_equal(cli_count("three"), 0);
+}
+
 static void test_devices(void **state) {
   (void)state;
   struct stat about;
@@ -305,7 +352,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_empty_folder),    cmocka_unit_test(test_refused),
       cmocka_unit_test(test_overwritten), cmocka_unit_test(test_training),        cmocka_unit_test(test_run_folder),
-      cmocka_unit_test(test_links),       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_devices),
-      cmocka_unit_test(test_odd_names),   cmocka_unit_test(test_two_renders)};
+      cmocka_unit_test(test_links),       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
+      cmocka_unit_test(test_devices),     cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

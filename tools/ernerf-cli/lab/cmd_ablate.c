@@ -135,13 +135,12 @@ static int path_of(struct ablate_job *job, const struct ablation_row *row, uint6
 /* Nothing of an earlier ablation is replaced without --overwrite; --resume goes on with it. */
 static int check_outputs(struct ablate_job *job) {
   char path[PATH_BYTES];
-  struct stat about;
-  if (stat(job->folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
-  if (job->resume && !job->session.overwrite) return 0; /* ablation_check_earlier */
+  if (job->resume && !job->session.overwrite) /* ablation_check_earlier */
+    return session_keep_json_out(&job->session, job->folder);
   for (size_t r = 0; r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++)
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||
-          session_check_output(&job->session, path) != 0)
+          session_check_outputs(&job->session, job->folder, &(const char *){path + strlen(job->folder) + 1}, 1) != 0)
         return EXIT_FAILURE;
   return session_check_outputs(&job->session, job->folder, ablation_files, ABLATION_FILES);
 }

@@ -58,7 +58,7 @@ static bool numbered_path(const struct sink *sink, size_t number, char path[PATH
 int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source) {
   char path[PATH_BYTES];
   if (sink->kind == SINK_RAW) return 0;
-  if (sink->kind == SINK_VIDEO) return session_check_output(session, sink->path);
+  if (sink->kind == SINK_VIDEO) return frame_source == NULL ? session_check_output(session, sink->path) : 0;
   for (size_t k = 0; k < frame_source->count; k++) {
     if (!numbered_path(sink, frame_source->source_frame[k].number, path))
       return session_fail_with(session, "%s: the name is too long", sink->path);

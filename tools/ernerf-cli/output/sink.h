@@ -46,8 +46,8 @@ struct sink {
 /* What kind `path` names. Returns -1 to go on, or EXIT_USAGE after a sentence. */
 int sink_choose(struct sink *sink, const struct args *args, const char *path);
 
-/* Fails where a file of the output is there already and --overwrite was not given, or cannot be written. A video needs
- * no `frames`. Returns 0, or EXIT_FAILURE after a message. */
+/* Fails where a file of the output is there already and --overwrite was not given, or cannot be written. A video is
+ * asked about without `frame_source`, pictures with it. Returns 0, or EXIT_FAILURE after a message. */
 int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source);
 
 /* Makes room, opens the video of `rate` frames a second and starts the writer, with `sound` from `sound_start` seconds

@@ -199,6 +199,8 @@ ern_status session_backend(struct session *session) {
 }
 
 void session_close(struct session *session) {
+  json_decref(session->outputs);
+  session->outputs = NULL;
   ern_backend_free(&session->backend);
   ern_context_free(&session->context);
 }
@@ -311,6 +313,66 @@ bool session_lies_in(const char *output, const char *folder) {
   return same_file(own, folder);
 }
 
+enum { PLACE_BYTES = 4096, MOST_LINKS = 40 };
+
+/* Where a path leads, from the root on: its links followed, and what is not there yet by name. False: nowhere. */
+static bool place_of(const char *path, char place[PLACE_BYTES]) {
+  char at[PLACE_BYTES], target[PLACE_BYTES], *real = NULL;
+  int bytes = snprintf(at, sizeof at, "%s", path);
+  for (int links = 0; links < MOST_LINKS && bytes < PLACE_BYTES; links++) {
+    const ssize_t length = readlink(at, target, sizeof target);
+    if (length < 0 || length == sizeof target) break;
+    const char *slash = strrchr(at, '/');
+    const size_t folder = target[0] != '/' && slash != NULL ? (size_t)(slash - at) + 1 : 0;
+    bytes = snprintf(at + folder, sizeof at - folder, "%.*s", (int)length, target) + (int)folder;
+  }
+  if (bytes >= PLACE_BYTES) return false;
+  size_t keep = strlen(at); /* of `at`, a folder that is there */
+  do {
+    while (keep > 0 && at[keep - 1] != '/') keep--;
+    const char *rest = at + keep;
+    snprintf(target, sizeof target, "%.*s", (int)keep, keep > 0 ? at : "");
+    if ((real = realpath(keep > 0 ? target : ".", NULL)) != NULL)
+      bytes = snprintf(place, PLACE_BYTES, "%s/%s", real, rest);
+    else if (keep > 0)
+      keep--;
+  } while (real == NULL && keep > 0);
+  const bool found = real != NULL && bytes < PLACE_BYTES;
+  free(real);
+  return found;
+}
+
+int session_distinct(struct session *session, const char *output) {
+  char place[PLACE_BYTES] = "", node[64] = "";
+  const char *const keys[] = {place, node};
+  struct stat about;
+  if (session->outputs == NULL) session->outputs = json_object();
+  if (!place_of(output, place)) place[0] = 0;
+  if (stat(output, &about) == 0)
+    snprintf(node, sizeof node, "%ju:%ju", (uintmax_t)about.st_dev, (uintmax_t)about.st_ino);
+  for (size_t i = 0; i < 2; i++) {
+    const char *other = json_string_value(json_object_get(session->outputs, keys[i]));
+    if (other != NULL)
+      return session_fail_with(session, "%s: is the same file as %s, which is an output too; expected another name",
+                               output, other);
+  }
+  for (size_t i = 0; i < 2; i++)
+    if (keys[i][0] != 0 && json_object_set_new_nocheck(session->outputs, keys[i], json_string_nocheck(output)) != 0)
+      return session_fail_with(session, "no memory for the names of outputs");
+  return 0;
+}
+
+int session_keep_json_out(struct session *session, const char *folder) {
+  char place[PLACE_BYTES], inside[PLACE_BYTES], name[PLACE_BYTES];
+  if (session->json == NULL || session_json_on_stdout(session)) return 0;
+  if (snprintf(name, sizeof name, "%s/.", folder) >= (int)sizeof name) return 0;
+  if (!place_of(session->json, place) || !place_of(name, inside)) return 0;
+  inside[strlen(inside) - 1] = 0; /* "FOLDER/" */
+  if (strncmp(place, inside, strlen(inside)) != 0) return 0;
+  return session_fail_with(session, "%s: lies in %s, whose files are written too; expected another folder for --json",
+                           session->json, folder);
+}
+
 static int keep_clip(struct session *session, const char *clip, const char *output) {
   static const char *const files[] = {"transforms_train.json",
                                       "transforms_val.json",
@@ -385,7 +447,7 @@ bool session_folder_there(const char *path) {
 int session_check_output(struct session *session, const char *path) {
   struct stat about;
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
-  if (session_keep_inputs(session, path) != 0) return EXIT_FAILURE;
+  if (session_keep_inputs(session, path) != 0 || session_distinct(session, path) != 0) return EXIT_FAILURE;
   if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
     return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
   return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);
@@ -394,13 +456,24 @@ int session_check_output(struct session *session, const char *path) {
 int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count) {
   char path[4096];
   struct stat about;
-  if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode)) return 0;
+  const bool there = stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
   for (size_t i = 0; i < count; i++) {
     if (snprintf(path, sizeof path, "%s/%s", folder, names[i]) >= (int)sizeof path)
       return session_fail_with(session, "%s: the name is too long", folder);
-    if (session_check_output(session, path) != 0) return EXIT_FAILURE;
+    const int status = there ? session_check_output(session, path) : session_distinct(session, path);
+    if (status != 0) return EXIT_FAILURE;
   }
   return 0;
+}
+
+int session_check_training(struct session *session, const char *path) {
+  char folder[4096];
+  if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
+  if (session_keep_inputs(session, path) != 0 || session_distinct(session, path) != 0) return EXIT_FAILURE;
+  if (snprintf(folder, sizeof folder, "%.*s.run", (int)(strlen(path) - strlen(".safetensors")), path) >=
+      (int)sizeof folder)
+    return session_fail_with(session, "%s: the name is too long", path);
+  return session_keep_json_out(session, folder);
 }
 
 int session_folder(struct session *session, const char *path) {

@@ -31,6 +31,7 @@ struct session {
                      those of others itself */
   const char *inputs[SESSION_INPUTS]; /* files and clips that are read, NULL: none; set by a verb before session_open */
   const char *json;                   /* NULL: none, "-": standard output, else a file */
+  json_t *outputs;                    /* where each output leads, and its device and inode: its name */
   bool line_open;                     /* the progress line stands on the terminal without its newline */
 };
 
@@ -77,11 +78,14 @@ int session_write(struct session *session, const char *path, const void *bytes, 
 int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes);
 /* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
 int session_write_json(struct session *session, const char *path, json_t *object);
-/* Fails where a file is at `path` and --overwrite was not given, where it is an input, where a file cannot be, and
- * where the folder of `path` is not there. To be asked before the work begins. */
+/* Fails where a file is at `path` and --overwrite was not given, where it is an input or another output, where a file
+ * cannot be, and where the folder of `path` is not there. To be asked once for each output, before the work begins. */
 int session_check_output(struct session *session, const char *path);
 /* The same of FOLDER/NAME for each of `count` names; the folder may be missing. */
 int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count);
+/* The same of a training's X.safetensors, which the trainer looks after where it is there, and of --json beside it and
+ * X.run. */
+int session_check_training(struct session *session, const char *path);
 /* Makes the folder where it is missing, and finds out whether files can be put there. Returns as above. */
 int session_folder(struct session *session, const char *path);
 /* A text such as a path, in which U+FFFD stands for each byte that is no UTF-8. NULL without memory. */
@@ -96,6 +100,10 @@ json_t *session_whole(uint64_t value);
 int session_keep(struct session *session, const char *input, const char *output);
 /* The same of all inputs. */
 int session_keep_inputs(struct session *session, const char *output);
+/* Fails where `output` leads to the same file as an output that was asked about before, there or not. */
+int session_distinct(struct session *session, const char *output);
+/* Fails where the file of --json leads into the folder, there or not, which the verb fills. */
+int session_keep_json_out(struct session *session, const char *folder);
 /* Fails where an input lies in the folder, whose files are replaced. Returns 0, or EXIT_FAILURE after a message. */
 int session_keep_folder(struct session *session, const char *folder);
 /* Whether a symbolic link is at `path`, after a warning that it is not written through: for files that a training names

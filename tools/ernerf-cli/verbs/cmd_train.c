@@ -449,10 +449,8 @@ static int open_earlier(struct train_job *job) {
 static int open_all(struct train_job *job, const struct args *args) {
   struct session *session = &job->session;
   ern_dataset dataset;
-  if (!session_folder_there(job->config.output))
-    return session_fail_with(session, "%s: its folder is not there", job->config.output);
-  if (session_keep_inputs(session, job->config.output) != 0) return EXIT_FAILURE;
-  int status = open_earlier(job);
+  int status = session_check_training(session, job->config.output);
+  if (status == 0) status = open_earlier(job);
   if (status == 0) status = open_clip(job, args);
   if (status != 0) return status;
   fill_config(job, args);
