@@ -38,8 +38,15 @@ int hearing_check(const struct hearing *hearing, const struct args *args, const 
   return args_forbid(args, "asr_model", "chooses features of the clip, and --speech-model makes them of its sound");
 }
 
-const char *hearing_file(const struct hearing *hearing) {
-  return hearing->needs != NULL && is_description(hearing->needs) ? hearing->needs : NULL;
+const char *hearing_file(struct hearing *hearing) {
+  static const char onnx[] = ".onnx";
+  if (hearing->needs != NULL) return is_description(hearing->needs) ? hearing->needs : NULL;
+  if (hearing->path == NULL) return NULL;
+  const size_t count = strlen(hearing->path), tail = sizeof onnx - 1;
+  const size_t stem = count > tail && strcmp(hearing->path + count - tail, onnx) == 0 ? count - tail : count;
+  if (stem + sizeof onnx > sizeof hearing->beside) return NULL; /* longer than a path may be */
+  snprintf(hearing->beside, sizeof hearing->beside, "%.*s.json", (int)stem, hearing->path);
+  return hearing->beside;
 }
 
 static int watch(void *user, size_t done, size_t pieces) {

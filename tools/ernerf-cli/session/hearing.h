@@ -15,6 +15,7 @@ struct hearing {
   const char *needs;           /* a preset's name, or the file of a description; NULL: as the model says */
   ern_speech_network *network; /* NULL: none, or not open */
   struct progress progress;
+  char beside[4096]; /* of hearing_file */
 };
 
 enum { HEARING_OPTIONS = 2 };
@@ -24,8 +25,8 @@ void hearing_options(struct hearing *hearing, struct option options[HEARING_OPTI
 /* What does not go together; audio: that of --audio, NULL: none. -1 to go on, else the exit status. */
 int hearing_check(const struct hearing *hearing, const struct args *args, const char *audio);
 
-/* The file that --speech-preset names; NULL: none. */
-const char *hearing_file(const struct hearing *hearing);
+/* The description that is read: that of --speech-preset, else FILE.json beside FILE.onnx; NULL: none. */
+const char *hearing_file(struct hearing *hearing);
 
 /* Opens the network where one is asked for and none is open. model: that will speak, whose kind and network it must be;
  * NULL: none yet. Returns 0, or EXIT_FAILURE after a message. */
