@@ -143,6 +143,37 @@ static void test_public_features(void **state) {
   cli_expect(&cli, 0, "with sound", NULL);
 }
 
+/* A clip's file of features says its kind: another one of the same width is not what the model knows. */
+static void test_other_kind(void **state) {
+  (void)state;
+  static const char with[] = "--speech-model eo.onnx --speech-preset mine.json";
+  support_write_text("mine.json",
+                     "{\"kind\":\"mine\",\"rate\":16000,\"normalisation\":\"piece\",\"piece_samples\":22400,"
+                     "\"context_samples\":3200,\"row_samples\":400,\"width\":44,\"window_rows\":16}");
+  cli_run(&cli, "train clip %s -o mine.safetensors %s --quiet", with, small);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "features clip/aud.wav %s %s -o named.npy --quiet", network, preset);
+  cli_expect(&cli, 0, NULL);
+  cli_copy("clip", "named");
+  assert_int_equal(symlink("../named.npy", "named/aud_eo.npy"), 0);
+  static const char *const lines[] = {"render mine.safetensors --clip named -o none.mp4",
+                                      "render mine.safetensors --clip named --audio named/aud_eo.npy -o none.mp4",
+                                      "eval mine.safetensors named",
+                                      "eval mine.safetensors clip --audio named/aud_eo.npy",
+                                      "train named --torso --head mine.safetensors -o none.safetensors --iters 1",
+                                      "train named --from mine.safetensors -o none.safetensors --iters 1"};
+  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+    cli_run(&cli, "%s", lines[i]);
+    cli_expect(&cli, 1, "mine.safetensors: speaks from features of the kind mine", "aud_eo.npy holds esperanto",
+               "the network \"mine\"", NULL);
+  }
+  assert_false(cli_there("none.mp4") || cli_there("none.run"));
+  cli_run(&cli, "eval mine.safetensors named --audio named.npy --quiet"); /* which may be of any kind */
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render mine.safetensors --clip named --audio named.npy -o any.mp4");
+  cli_expect(&cli, 0, "holds esperanto", "silence cannot be told", NULL);
+}
+
 /* OpenCV's DNN module is loaded with the first network, not with the program. */
 static void test_not_linked(void **state) {
   (void)state;
@@ -158,7 +189,8 @@ static void test_no_library(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),        cmocka_unit_test(test_usage),
                                      cmocka_unit_test(test_model),           cmocka_unit_test(test_wrong_network),
-                                     cmocka_unit_test(test_public_features), cmocka_unit_test(test_not_linked)},
+                                     cmocka_unit_test(test_public_features), cmocka_unit_test(test_other_kind),
+                                     cmocka_unit_test(test_not_linked)},
                           without[] = {cmocka_unit_test(test_no_library), cmocka_unit_test(test_not_linked)};
   return ERN_VISION ? cmocka_run_group_tests(tests, make, NULL) : cmocka_run_group_tests(without, make, NULL);
 }

@@ -80,6 +80,40 @@ static int check_kind(const struct hearing *hearing, struct session *session, co
                            model->speech, hearing->path, kind);
 }
 
+const char *hearing_kind(const char *path, int width) {
+  static const struct {
+    const char *name, *kind;
+    int width;
+  } files[] = {{"aud_ds.npy", "deepspeech", 29},
+               {"aud_eo.npy", "esperanto", 44},
+               {"aud_hu.npy", "hubert", 1024},
+               {"aud_cep.npy", ERN_SPEECH_CEPSTRA, ERN_SPEECH_WIDTH}};
+  const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+    if (strcmp(name, files[i].name) == 0 && width == files[i].width) return files[i].kind;
+  return "";
+}
+
+const char *hearing_clip_kind(const ern_clip *clip) {
+  ern_clip_info info;
+  ern_clip_describe(clip, &info);
+  return info.hears_sound ? info.speech : hearing_kind(info.features_file, ern_clip_features(clip)->width);
+}
+
+bool hearing_fits(const ern_model_info *model, const char *kind) {
+  return model->speech[0] == 0 || kind[0] == 0 || strcmp(model->speech, kind) == 0;
+}
+
+int hearing_check_features(struct session *session, const char *model_path, const ern_model_info *model,
+                           const char *name, const char *kind) {
+  char wanted[192];
+  if (hearing_fits(model, kind)) return 0;
+  hearing_wanted(model, wanted);
+  return session_fail_with(
+      session, "%s: speaks from features of the kind %s, and %s holds %s; expected %s%s", model_path, model->speech,
+      name, kind, model->speech_network[0] != 0 ? "--speech-model FILE.onnx" : "features of that kind", wanted);
+}
+
 int hearing_open(struct hearing *hearing, struct session *session, const char *model_path,
                  const ern_model_info *model) {
   ern_model_info known = {0};

@@ -5,6 +5,7 @@
 #define ERN_CLI_HEARING_H
 
 #include "args.h"
+#include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/speech.h"
 #include "output/progress.h"
@@ -27,6 +28,16 @@ int hearing_check(const struct hearing *hearing, const struct args *args, const 
 
 /* The description that is read: that of --speech-preset, else FILE.json beside FILE.onnx; NULL: none. */
 const char *hearing_file(struct hearing *hearing);
+
+/* The kind of features that a file has by the name that clips give it, and their width; "": its name does not say. */
+const char *hearing_kind(const char *path, int width);
+/* That of a clip's features: of its sound, or as above. */
+const char *hearing_clip_kind(const ern_clip *clip);
+/* Whether the model speaks from features of the kind, or one of the two is not known. */
+bool hearing_fits(const ern_model_info *model, const char *kind);
+/* Fails where it does not; name: of the features' file. Returns 0, or EXIT_FAILURE after a message. */
+int hearing_check_features(struct session *session, const char *model_path, const ern_model_info *model,
+                           const char *name, const char *kind);
 
 /* Opens the network where one is asked for and none is open. model: that will speak, whose kind and network it must be;
  * NULL: none yet. Returns 0, or EXIT_FAILURE after a message. */

@@ -195,6 +195,10 @@ static int open_clip(struct portrait *portrait, struct session *session) {
   const bool own = portrait->source.features == NULL;
   snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
            own ? "/" : "", portrait->clip_info.features_file);
+  if (!portrait->other_speech &&
+      hearing_check_features(session, portrait->model_path, &portrait->info, portrait->features_path,
+                             hearing_clip_kind(portrait->clip)) != 0)
+    return EXIT_FAILURE;
   return check_identity(portrait, session);
 }
 

@@ -112,6 +112,13 @@ int silence_pose_open(struct silence_pose *rest, struct session *session, const 
     session_note(session, "render: without --clip it is not known how the mouth rests, so it follows the speech alone");
     return 0;
   }
+  if (!hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) {
+    session_note(session,
+                 "render: %s: holds %s, the model speaks from %s: silence cannot be told, so the mouth follows the "
+                 "speech alone",
+                 portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
+    return 0;
+  }
   const int width = ern_clip_features(portrait->clip)->width;
   if (width != speech->width) {
     session_note(session,

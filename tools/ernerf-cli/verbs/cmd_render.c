@@ -158,6 +158,9 @@ static int open_features(struct render_job *job) {
     if (status != ERN_OK) return hearing_fail(session, status);
     job->features = &job->own_features;
     name = job->audio;
+    if (!ern_speech_is_sound(name) && hearing_check_features(session, job->portrait.model_path, &job->portrait.info,
+                                                             name, hearing_kind(name, job->features->width)) != 0)
+      return EXIT_FAILURE;
   } else {
     job->features = ern_clip_features(job->portrait.clip);
   }

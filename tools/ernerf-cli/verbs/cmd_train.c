@@ -378,6 +378,10 @@ static int open_clip(struct train_job *job, const struct args *args) {
   hearing_close(&job->source.hearing); /* its memory is that of the training */
   if (opened != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
+  const char *earlier = job->config.from != NULL ? job->config.from : job->config.output;
+  if (inherit_speech(&job->session, job->head, job->head_path, job->has_from ? &job->from : NULL, earlier, job->clip) !=
+      0)
+    return EXIT_FAILURE;
   const int status = job->config.torso ? 0 : speech_copies_make(&job->copies, &job->session, args, job->clip);
   if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "verbs/inherit.h"
 
+#include "session/hearing.h"
+
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config) {
   if (!args_given(args, "levels")) config->levels = model->levels;
   if (!args_given(args, "ind_num") && !chosen) config->codes = model->codes;
@@ -39,4 +41,15 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
     config->data_begin = state->data_begin;
     config->data_end = state->data_end;
   }
+}
+
+int inherit_speech(struct session *session, const ern_model *head, const char *head_path, const ern_model_info *from,
+                   const char *from_path, const ern_clip *clip) {
+  ern_clip_info info;
+  ern_model_info under;
+  ern_clip_describe(clip, &info);
+  if (head != NULL) ern_model_describe(head, &under);
+  if (head == NULL && from == NULL) return 0;
+  return hearing_check_features(session, head != NULL ? head_path : from_path, head != NULL ? &under : from,
+                                info.features_file, hearing_clip_kind(clip));
 }

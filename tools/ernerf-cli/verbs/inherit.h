@@ -4,7 +4,9 @@
 #define ERN_CLI_INHERIT_H
 
 #include "args.h"
+#include "ernerf/media.h"
 #include "ernerf/train.h"
+#include "session/session.h"
 
 /* What the model is made of. chosen: --effects says whether there are codes. */
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config);
@@ -16,5 +18,9 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
 /* Steps, rates, rays, seed, intervals and frames of the state that is resumed. */
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
                    ern_train_config *config);
+
+/* Fails where the clip's features are of another kind than those of `head`, else of `from`; NULL: there is none. */
+int inherit_speech(struct session *session, const ern_model *head, const char *head_path, const ern_model_info *from,
+                   const char *from_path, const ern_clip *clip);
 
 #endif
