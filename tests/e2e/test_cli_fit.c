@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "ernerf/ernerf.h"
+#include "ernerf/media.h"
 
 enum { SIDE = 64, MOST = 4 * 2 * SIDE * 2 * SIDE };
 
@@ -129,6 +130,29 @@ static void test_background_is_not_stretched(void **state) {
   free(wide), free(cut);
 }
 
+/* Where a backdrop is transparent the clip's own shows. The head is far away. */
+static void test_clear_backdrop(void **state) {
+  (void)state;
+  static uint8_t pixels[4 * 8 * 8];
+  const ern_image image = {.width = 8, .height = 8, .channels = 4, .data = pixels};
+  ern_context *context = support_context();
+  uint8_t *plain = drawn("head", SIDE, SIDE, "--scale 100");
+  for (int alpha = 0; alpha < 255; alpha += 127) {
+    for (size_t i = 0; i < sizeof pixels; i++) pixels[i] = i % 4 < 3 ? 250 : (uint8_t)alpha;
+    support_clear("clear.png");
+    support_ok(context, ern_image_write(context, "clear.png", &image, 100));
+    uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --bg_img clear.png");
+    assert_non_null(strstr(cli.err, "clear.png: is transparent in places: they show the clip's background"));
+    const int expected = (250 * alpha + plain[0] * (255 - alpha)) / 255;
+    if (abs(found[0] - expected) > 1 || found[3] != 255)
+      fail_msg("alpha %d: %d over %d, expected %d", alpha, found[0], plain[0], expected); /* rounded in two orders */
+    if (alpha == 0) assert_memory_equal(found, plain, 4 * SIDE * SIDE);
+    free(found);
+  }
+  free(plain);
+  ern_context_free(&context);
+}
+
 static void test_boxes(void **state) {
   (void)state;
   static const struct {
@@ -151,6 +175,7 @@ static void test_boxes(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_nothing_is_distorted), cmocka_unit_test(test_still_edges),
-                                     cmocka_unit_test(test_background_is_not_stretched), cmocka_unit_test(test_boxes)};
+                                     cmocka_unit_test(test_background_is_not_stretched),
+                                     cmocka_unit_test(test_clear_backdrop), cmocka_unit_test(test_boxes)};
   return cmocka_run_group_tests(tests, make_models, NULL);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "session/background.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -58,6 +59,36 @@ static int fitted_background(struct background *background, struct session *sess
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
+static resize_function resize_rgba;
+
+static bool is_opaque(const ern_image *rgba) {
+  const size_t pixels = (size_t)rgba->width * (size_t)rgba->height;
+  for (size_t i = 0; i < pixels; i++)
+    if (rgba->data[4 * i + 3] != 255) return false;
+  return true;
+}
+
+/* Lays the picture over the clip's background, without a clip over black: alpha c + (1 - alpha) under. */
+static int layered_background(struct background *background, struct session *session, const char *name,
+                              const ern_image *rgba, const ern_clip *clip) {
+  ern_image layer = {0};
+  session_warn(session, "%s: is transparent in places: they show %s", name,
+               clip != NULL ? "the clip's background" : "black");
+  const ern_status fitted = fit_image(background, session->context, rgba, resize_rgba, &layer);
+  if (fitted == ERN_E_NO_MEMORY) return session_fail_with(session, "%s: no memory to resize it", name);
+  if (fitted != ERN_OK) return session_fail(session);
+  const int status = clip != NULL ? fitted_background(background, session, ern_clip_background(clip))
+                                  : plain_background(background, session, BLACK);
+  const size_t pixels = (size_t)background->width * (size_t)background->height;
+  for (size_t i = 0; status == 0 && i < pixels; i++) {
+    const uint8_t *from = layer.data + 4 * i;
+    uint8_t *to = background->image.data + 3 * i;
+    for (int c = 0; c < 3; c++) to[c] = (uint8_t)((from[c] * from[3] + to[c] * (255 - from[3]) + 127) / 255);
+  }
+  ern_image_free(session->context, &layer);
+  return status;
+}
+
 int background_open(struct background *background, struct session *session, const char *choice, const ern_clip *clip,
                     int width, int height, ern_fit fit) {
   *background = (struct background){.width = width, .height = height, .fit = fit};
@@ -66,6 +97,13 @@ int background_open(struct background *background, struct session *session, cons
   if (strcmp(choice, "white") == 0) return plain_background(background, session, WHITE);
   if (strcmp(choice, "black") == 0) return plain_background(background, session, BLACK);
   ern_image image = {0};
+  if (ern_image_read(session->context, choice, 4, &image) != ERN_OK) return session_fail(session);
+  if (!is_opaque(&image)) {
+    const int status = layered_background(background, session, choice, &image, clip);
+    ern_image_free(session->context, &image);
+    return status;
+  }
+  ern_image_free(session->context, &image);
   if (ern_image_read(session->context, choice, 3, &image) != ERN_OK) return session_fail(session);
   const int status = fitted_background(background, session, &image);
   ern_image_free(session->context, &image);
@@ -83,7 +121,7 @@ static ern_status resize_rgba(ern_context *context, const ern_image *image, int 
   const size_t pixels = (size_t)image->width * (size_t)image->height;
   ern_image seen = *image;
   seen.data = malloc(pixels * 4);
-  if (seen.data == NULL) return ERN_E_NO_MEMORY;
+  if (seen.data == NULL) return ERN_E_NO_MEMORY; /* without words */
   for (size_t i = 0; i < pixels; i++) {
     const uint8_t *from = image->data + 4 * i;
     for (int c = 0; c < 3; c++) seen.data[4 * i + (size_t)c] = (uint8_t)((from[c] * from[3] + 127) / 255);

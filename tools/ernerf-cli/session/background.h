@@ -29,7 +29,8 @@ struct background {
 };
 
 /* The background is `choice`: a file, "white" or "black"; without it (NULL) that of the clip; without a clip (NULL)
- * none. A picture is scaled and placed by ern_fit_box, and its edge pixels go on beside it. Returns 0, or EXIT_FAILURE
+ * none. A picture is scaled and placed by ern_fit_box, and its edge pixels go on beside it; where it is
+ * transparent the clip's background shows, without a clip black. Returns 0, or EXIT_FAILURE
  * after a message. */
 int background_open(struct background *background, struct session *session, const char *choice, const ern_clip *clip,
                     int width, int height, ern_fit fit);
