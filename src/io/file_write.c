@@ -301,3 +301,33 @@ ern_status ern_file_save(ern_context *context, const char *path, const void *byt
   if (count > 0) ERN_NEED(context, bytes);
   return ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
 }
+
+ern_status ern_files_save(ern_context *context, size_t count, const char *const *paths, const void *const *bytes,
+                          const size_t *sizes) {
+  ERN_NEED(context, context);
+  if (count == 0) return ERN_OK;
+  ERN_NEED(context, paths);
+  ERN_NEED(context, bytes);
+  ERN_NEED(context, sizes);
+  for (size_t i = 0; i < count; i++) {
+    ERN_NEED(context, paths[i]);
+    if (sizes[i] > 0) ERN_NEED(context, bytes[i]);
+  }
+  struct ern_file_writer *writer = NULL;
+  size_t opened = 0;
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(context, count, &writer));
+  for (; opened < count; opened++) {
+    struct ern_file_writer *w = &writer[opened];
+    ERN_TRY(ern_file_writer_open(context, paths[opened], ERN_EXISTING_BY_CONTEXT, w));
+    status = ern_file_writer_write(w, bytes[opened], sizes[opened]); /* which abandons it where it fails */
+    if (status == ERN_OK) status = sync_descriptor(context, w->path, w->descriptor);
+    if (status != ERN_OK) ern_file_writer_abandon(w);
+    ERN_TRY(status);
+  }
+  for (size_t i = 0; i < count; i++) ERN_TRY(ern_file_writer_commit(&writer[i]));
+fail:
+  for (size_t i = 0; i < opened; i++) ern_file_writer_abandon(&writer[i]);
+  ern_release(context, writer);
+  return status;
+}

@@ -179,6 +179,18 @@ CHECK(ern_file_save) {
   support_ok(w.context, ern_file_save(w.context, "saved", NULL, 0));
 }
 
+CHECK(ern_files_save) {
+  const char *const paths[] = {"saved", NULL};
+  const void *const bytes[] = {"x", NULL};
+  const size_t sizes[] = {1, 1};
+  REFUSED_ALONE(ern_files_save(NULL, 1, paths, bytes, sizes));
+  REFUSED(w.context, "ern_files_save: paths is NULL", ern_files_save(w.context, 1, NULL, bytes, sizes));
+  REFUSED(w.context, "ern_files_save: bytes is NULL", ern_files_save(w.context, 1, paths, NULL, sizes));
+  REFUSED(w.context, "ern_files_save: sizes is NULL", ern_files_save(w.context, 1, paths, bytes, NULL));
+  REFUSED(w.context, "ern_files_save: paths[i] is NULL", ern_files_save(w.context, 2, paths, bytes, sizes));
+  support_ok(w.context, ern_files_save(w.context, 0, NULL, NULL, NULL));
+}
+
 /* ---- model.h ----------------------------------------------------------------------------------------------------- */
 
 static void say_tensor(void *user, const ern_tensor_info *tensor) { (void)user, (void)tensor; }
@@ -269,6 +281,7 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_pose_list_free),
                                                ROW(ern_file_check_output),
                                                ROW(ern_file_save),
+                                               ROW(ern_files_save),
                                                ROW(ern_audio_pad_name),
                                                ROW(ern_backbone_name),
                                                ROW(ern_attention_name),

@@ -354,6 +354,24 @@ static void test_full_disk(void **state) {
   assert_int_equal(cli_count("full"), 0);
 }
 
+/* Files that belong together are all of one run: the page is the largest, and the last. */
+static void test_full_disk_keeps_the_set(void **state) {
+  (void)state;
+  static const char line[] = "tradeoff m.safetensors base --frames 0:2 --split train --seconds 1 --quiet";
+  struct stat page;
+  cli_run(&cli, "%s -o set", line);
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("cp -r set before"), 0);
+  assert_int_equal(stat("set/index.html", &page), 0);
+  const size_t bytes = (size_t)page.st_size * 3 / 4;
+  cli_run_full(&cli, bytes, "%s -o set -y", line);
+  cli_expect(&cli, 1, "set/index.html", NULL);
+  assert_int_equal(system("diff -r set before"), 0);
+  cli_run_full(&cli, bytes, "%s -o fresh", line);
+  cli_expect(&cli, 1, "fresh/index.html", NULL);
+  assert_false(cli_there("fresh"));
+}
+
 static void test_full_output(void **state) {
   (void)state;
   static const char *const lines[] = {"info devices", "info devices --json", "--help", "train --help",
@@ -367,12 +385,19 @@ static void test_full_output(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_npy),        cmocka_unit_test(test_json),
-                                     cmocka_unit_test(test_poses),      cmocka_unit_test(test_pictures),
-                                     cmocka_unit_test(test_blink),      cmocka_unit_test(test_landmarks),
-                                     cmocka_unit_test(test_model),      cmocka_unit_test(test_mismatch),
-                                     cmocka_unit_test(test_no_folder),  cmocka_unit_test(test_output_is_input),
-                                     cmocka_unit_test(test_no_place),   cmocka_unit_test(test_full_disk),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_npy),
+                                     cmocka_unit_test(test_json),
+                                     cmocka_unit_test(test_poses),
+                                     cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_blink),
+                                     cmocka_unit_test(test_landmarks),
+                                     cmocka_unit_test(test_model),
+                                     cmocka_unit_test(test_mismatch),
+                                     cmocka_unit_test(test_no_folder),
+                                     cmocka_unit_test(test_output_is_input),
+                                     cmocka_unit_test(test_no_place),
+                                     cmocka_unit_test(test_full_disk),
+                                     cmocka_unit_test(test_full_disk_keeps_the_set),
                                      cmocka_unit_test(test_full_output)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -379,7 +379,8 @@ static int run(struct ablate_job *job) {
   if (take_turns(job) != 0) return EXIT_FAILURE;
   for (size_t r = 0; r < result->rows; r++)
     if (count_row(job, r) != 0) return EXIT_FAILURE;
-  if (ablation_write(result, session, job->folder) != 0) return EXIT_FAILURE;
+  session_stage(session);
+  if (session_write_staged(session, ablation_write(result, session, job->folder)) != 0) return EXIT_FAILURE;
   if (!session_json_on_stdout(session)) {
     struct bytes text = {0};
     ablation_text(result, &text);

@@ -27,8 +27,7 @@ static int write_plots(struct tradeoff *t) {
   return status;
 }
 
-/* The page is made before anything is written: what fails leaves nothing. */
-static int write_all(struct tradeoff *t) {
+static int make_files(struct tradeoff *t) {
   struct bytes page = {0}, csv = {0};
   char path[4096];
   int status = tradeoff_page_make(t, &page);
@@ -43,6 +42,12 @@ static int write_all(struct tradeoff *t) {
   if (status == 0) status = session_write_in(&t->session, t->folder, "index.html", &page);
   bytes_free(&page);
   return status;
+}
+
+/* All or nothing: what fails leaves an earlier set as it was. */
+static int write_all(struct tradeoff *t) {
+  session_stage(&t->session);
+  return session_write_staged(&t->session, make_files(t));
 }
 
 static void print_front(const struct tradeoff *t) {

@@ -261,7 +261,8 @@ static int run(struct training_job *job) {
                (double)job->seconds, job->seeds, job->seeds == 1 ? "" : "s", job->folder);
   for (size_t k = 0; k < study->count; k++)
     if (train_kind(job, &study->kind[k]) != 0) return EXIT_FAILURE;
-  if (training_write(study, &job->session, job->folder) != 0) return EXIT_FAILURE;
+  session_stage(&job->session);
+  if (session_write_staged(&job->session, training_write(study, &job->session, job->folder)) != 0) return EXIT_FAILURE;
   return session_report(&job->session, job->session.json != NULL ? training_json(study) : NULL);
 }
 

@@ -198,8 +198,18 @@ ern_status session_backend(struct session *session) {
   return status;
 }
 
+static void forget_staged(struct session *session) {
+  for (size_t i = 0; i < session->staged; i++) {
+    free(session->staged_path[i]);
+    free(session->staged_bytes[i]);
+  }
+  session->staged = 0;
+  session->staging = false;
+}
+
 void session_close(struct session *session) {
   json_decref(session->outputs);
+  forget_staged(session);
   session->outputs = NULL;
   ern_backend_free(&session->backend);
   ern_context_free(&session->context);
@@ -245,7 +255,33 @@ json_t *session_whole(uint64_t value) {
 
 json_t *session_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
 
+static int stage(struct session *session, const char *path, const void *bytes, size_t count) {
+  const size_t at = session->staged;
+  if (at == SESSION_STAGED) return session_fail_with(session, "%s: is one file too many", path);
+  session->staged_path[at] = strdup(path);
+  session->staged_bytes[at] = malloc(count + 1);
+  session->staged_size[at] = count;
+  session->staged++;
+  if (session->staged_path[at] == NULL || session->staged_bytes[at] == NULL)
+    return session_fail_with(session, "no memory for %s", path);
+  memcpy(session->staged_bytes[at], bytes, count);
+  return 0;
+}
+
+void session_stage(struct session *session) { session->staging = true; }
+
+int session_write_staged(struct session *session, int status) {
+  const char *paths[SESSION_STAGED];
+  const void *bytes[SESSION_STAGED];
+  for (size_t i = 0; i < session->staged; i++) paths[i] = session->staged_path[i], bytes[i] = session->staged_bytes[i];
+  if (status == 0 && ern_files_save(session->context, session->staged, paths, bytes, session->staged_size) != ERN_OK)
+    status = session_fail(session);
+  forget_staged(session);
+  return status;
+}
+
 int session_write(struct session *session, const char *path, const void *bytes, size_t count) {
+  if (session->staging) return stage(session, path, bytes, count);
   return ern_file_save(session->context, path, bytes, count) == ERN_OK ? 0 : session_fail(session);
 }
 

@@ -11,7 +11,7 @@
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
-enum { SESSION_INPUTS = 10 };
+enum { SESSION_INPUTS = 10, SESSION_STAGED = 8 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {
@@ -32,7 +32,11 @@ struct session {
   const char *inputs[SESSION_INPUTS]; /* files and clips that are read, NULL: none; set by a verb before session_open */
   const char *json;                   /* NULL: none, "-": standard output, else a file */
   json_t *outputs;                    /* where each output leads, and its device and inode: its name */
-  bool line_open;                     /* the progress line stands on the terminal without its newline */
+  bool staging;                       /* files wait for session_write_staged */
+  size_t staged, staged_size[SESSION_STAGED];
+  char *staged_path[SESSION_STAGED];
+  void *staged_bytes[SESSION_STAGED];
+  bool line_open; /* the progress line stands on the terminal without its newline */
 };
 
 enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };
@@ -78,6 +82,10 @@ int session_write(struct session *session, const char *path, const void *bytes, 
 int session_write_in(struct session *session, const char *folder, const char *name, struct bytes *bytes);
 /* The same of an object, "-" being standard output; takes the reference. A NULL object (no memory) fails. */
 int session_write_json(struct session *session, const char *path, json_t *object);
+/* From here on what the three write waits for session_write_staged, which then writes all of it, or nothing where one
+ * file cannot be written or `status` is not 0. Returns `status`, or EXIT_FAILURE after a message. */
+void session_stage(struct session *session);
+int session_write_staged(struct session *session, int status);
 /* Fails where a file is at `path` and --overwrite was not given, where it is an input or another output, where a file
  * cannot be, and where the folder of `path` is not there. To be asked once for each output, before the work begins. */
 int session_check_output(struct session *session, const char *path);
