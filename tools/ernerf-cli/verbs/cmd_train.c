@@ -525,6 +525,7 @@ static int run(struct train_job *job) {
   progress_begin(&job->progress, session, "train", "steps");
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
   progress_end(&job->progress);
+  if (status != ERN_OK) validations_take_back(&job->validations);
   if (status == ERN_E_CANCELLED && session_interrupted())
     return session_stop_with(session,
                              "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",

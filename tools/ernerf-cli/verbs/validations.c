@@ -87,8 +87,9 @@ static void extend_curve(struct validations *v, uint64_t step, double psnr) {
   const struct curve_named named = {v->title, &v->curve};
   ern_train_report now;
   ern_trainer_describe(v->trainer, &now);
-  if (curve_add(&v->curve, v->session, (struct curve_point){step, now.seconds, psnr}) == 0)
-    (void)curve_plot(&named, 1, v->session, ern_trainer_folder(v->trainer), "curve", v->title);
+  if (curve_add(&v->curve, v->session, (struct curve_point){step, now.seconds, psnr}) != 0) return;
+  v->plotted = true; /* some of it even where it fails */
+  (void)curve_plot(&named, 1, v->session, ern_trainer_folder(v->trainer), "curve", v->title);
 }
 
 static void extend_table(struct validations *v, uint64_t step, const struct measures_figures *f) {
@@ -107,7 +108,7 @@ static void extend_table(struct validations *v, uint64_t step, const struct meas
   }
   bytes_print(&v->table, "\n");
   bytes_add(&copy, v->table.data, v->table.count);
-  (void)session_write_in(v->session, ern_trainer_folder(v->trainer), table_name, &copy);
+  v->tabled |= session_write_in(v->session, ern_trainer_folder(v->trainer), table_name, &copy) == 0;
 }
 
 ern_status validations_end(struct validations *v, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
@@ -125,11 +126,43 @@ ern_status validations_end(struct validations *v, uint64_t step, double psnr, si
   snprintf(path, sizeof path, "%s/%s", ern_trainer_folder(v->trainer), name);
   extend_curve(v, step, psnr);
   if (!v->no_table) extend_table(v, step, &figures);
-  return session_keeps_file(v->session, path) ? ERN_OK : ern_image_write(v->session->context, path, &image, 100);
+  if (session_keeps_file(v->session, path)) return ERN_OK;
+  const ern_status status = ern_image_write(v->session->context, path, &image, 100);
+  if (status == ERN_OK) bytes_add(&v->pictures, name, strlen(name) + 1);
+  return status;
+}
+
+/* Whether X.run holds a state, under any of its names. */
+static bool has_state(const char *folder) {
+  static const char *const names[] = {"state", "state.next", "state.previous", "state.good"};
+  char path[PATH_BYTES];
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    snprintf(path, sizeof path, "%s/%s.safetensors", folder, names[i]);
+    if (access(path, F_OK) == 0) return true;
+  }
+  return false;
+}
+
+static void take_away(const char *folder, const char *name) {
+  char path[PATH_BYTES];
+  struct stat about;
+  if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return;
+  if (lstat(path, &about) == 0 && S_ISREG(about.st_mode)) (void)unlink(path);
+}
+
+void validations_take_back(struct validations *v) {
+  static const char *const plots[] = {"curve_seconds.svg", "curve_seconds.png", "curve_steps.svg", "curve_steps.png"};
+  const char *folder = ern_trainer_folder(v->trainer);
+  if (has_state(folder)) return;
+  for (size_t at = 0; at < v->pictures.count; at += strlen(v->pictures.data + at) + 1)
+    take_away(folder, v->pictures.data + at);
+  for (size_t i = 0; v->plotted && i < sizeof plots / sizeof *plots; i++) take_away(folder, plots[i]);
+  if (v->tabled) take_away(folder, table_name);
 }
 
 void validations_free(struct validations *v) {
   curve_free(&v->curve);
   measures_free(&v->now);
   bytes_free(&v->table);
+  bytes_free(&v->pictures);
 }

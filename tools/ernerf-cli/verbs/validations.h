@@ -15,10 +15,12 @@ struct validations {
   const ern_clip *clip; /* whose frames are validated */
   const char *title;    /* of the plots */
   struct curve curve;
-  struct measures now; /* of the validation that is under way */
-  struct bytes table;  /* measures.csv so far */
-  bool no_table;       /* a file of that name is somebody's */
-  double psnr;         /* dB, of the newest one, over that many frames */
+  struct measures now;   /* of the validation that is under way */
+  struct bytes table;    /* measures.csv so far */
+  bool no_table;         /* a file of that name is somebody's */
+  bool plotted, tabled;  /* curve plots, the table were written */
+  struct bytes pictures; /* names of those that were, each with its 0 */
+  double psnr;           /* dB, of the newest one, over that many frames */
   size_t frames;
 };
 
@@ -30,6 +32,9 @@ void validations_begin(struct validations *v, struct session *session, const ern
 ern_status validations_frame(struct validations *v, int split, size_t frame, const float *rgb, const uint8_t *truth);
 ern_status validations_end(struct validations *v, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
                            int width, int height, const char *name);
+/* After a training that failed: removes what it wrote here where X.run has no state, so that the same training can be
+ * begun again. */
+void validations_take_back(struct validations *v);
 void validations_free(struct validations *v);
 
 #endif
