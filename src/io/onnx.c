@@ -10,7 +10,7 @@
 #include "core/memory.h"
 
 /* MOST_TYPE: of TensorProto.DataType. Names are looked for one by one; the largest speech networks have some 5,000. */
-enum { MOST_NAMES = 16384, MOST_USES = 65536, MOST_TYPE = 16, MOST_SHAPE_TEXT = 160 };
+enum { MOST_NAMES = 16384, MOST_USES = 65536, MOST_TYPE = 16, MOST_SHAPE_TEXT = 160, MOST_AXES = 8 };
 enum { WIRE_VARINT = 0, WIRE_64 = 1, WIRE_BYTES = 2, WIRE_32 = 5 };
 enum { TYPE_FLOAT = 1, TYPE_UINT8 = 2, TYPE_INT8 = 3, TYPE_INT32 = 6, TYPE_INT64 = 7, TYPE_DOUBLE = 11 };
 
@@ -30,6 +30,7 @@ struct look {
   const uint8_t *begin; /* of the file */
   struct ern_onnx *onnx;
   struct span *name; /* [names]: of weights, then of inputs, then of what nodes give */
+  bool *empty;       /* [names]: a weight without a number */
   size_t names, weights, uses;
 };
 
@@ -84,18 +85,25 @@ static void copy_name(struct span name, char text[ERN_ONNX_NAME]) {
 
 /* ---- names ------------------------------------------------------------------------------------------------------- */
 
-/* Whether it is one of the first `count` names. */
-static bool is_named(const struct look *look, struct span name, size_t count) {
-  for (size_t i = 0; i < count; i++) {
-    const struct span own = look->name[i];
-    if (length(own) == length(name) && (length(own) == 0 || memcmp(own.at, name.at, length(name)) == 0)) return true;
-  }
-  return false;
+static bool is_same(struct span one, struct span other) {
+  return length(one) == length(other) && (length(one) == 0 || memcmp(one.at, other.at, length(one)) == 0);
 }
 
-static ern_status add_name(struct look *look, struct span name) {
+static bool is_text(struct span one, const char *text) {
+  return is_same(one, (struct span){(const uint8_t *)text, (const uint8_t *)text + strlen(text)});
+}
+
+/* Its number among the first `count` names; `count`: it is none of them. */
+static size_t find_name(const struct look *look, struct span name, size_t count) {
+  size_t i = 0;
+  while (i < count && !is_same(look->name[i], name)) i++;
+  return i;
+}
+
+static ern_status add_name(struct look *look, struct span name, bool empty) {
   if (look->names == MOST_NAMES)
     return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: has more than %d names", look->path, MOST_NAMES);
+  look->empty[look->names] = empty;
   look->name[look->names++] = name;
   return ERN_OK;
 }
@@ -178,7 +186,8 @@ static bool is_complete(const struct tensor *t) {
   return empty || (listed > 0 ? listed == t->elements : t->elements == t->raw_bytes / bytes);
 }
 
-static ern_status check_tensor(const struct look *look, struct span message, struct span *name) {
+/* *empty: one of its sizes is 0. */
+static ern_status check_tensor(const struct look *look, struct span message, struct span *name, bool *empty) {
   struct tensor tensor = {.elements = 1};
   struct field field;
   char words[ERN_ONNX_NAME];
@@ -186,6 +195,7 @@ static ern_status check_tensor(const struct look *look, struct span message, str
     if (more < 0 || !take_tensor_field(&tensor, &field)) return fail_at(look, message.at);
   copy_name(tensor.name, words);
   *name = tensor.name;
+  *empty = tensor.elements == 0;
   if (tensor.elsewhere)
     return ern_fail(look->context, ERN_E_UNSUPPORTED,
                     "%s: the weight \"%s\" lies in another file, expected all in one file of less than 2 GiB",
@@ -196,44 +206,117 @@ static ern_status check_tensor(const struct look *look, struct span message, str
   return ERN_OK;
 }
 
-/* The tensors of an attribute. */
-static ern_status check_attribute(const struct look *look, struct span attribute) {
+/* ---- nodes ------------------------------------------------------------------------------------------------------- */
+
+struct node {
+  struct span name, kind;
+  size_t inputs;
+  bool empty; /* a constant without a number */
+};
+
+/* "the operator KIND (node NAME)" */
+static void node_words(const struct node *node, char words[2 * ERN_ONNX_NAME + 32]) {
+  char kind[ERN_ONNX_NAME], name[ERN_ONNX_NAME];
+  copy_name(node->kind, kind);
+  copy_name(node->name, name);
+  snprintf(words, 2 * ERN_ONNX_NAME + 32, "the operator %s (node \"%s\")", kind, name);
+}
+
+static ern_status check_number(const struct look *look, const struct node *node, struct span attribute, int64_t value) {
+  const bool group = is_text(attribute, "group"), axis = is_text(attribute, "axis") || is_text(attribute, "axes");
+  char words[2 * ERN_ONNX_NAME + 32], name[ERN_ONNX_NAME];
+  if ((!group || value >= 1) && (!axis || (value >= -MOST_AXES && value < MOST_AXES))) return ERN_OK;
+  node_words(node, words);
+  copy_name(attribute, name);
+  return ern_fail(look->context, ERN_E_FORMAT, "%s: %s has %s %lld, expected %s", look->path, words, name,
+                  (long long)value, group ? "1 or more" : "-8 to 7");
+}
+
+/* Its numbers: one, or a list, packed or one by one. */
+static ern_status check_numbers(const struct look *look, const struct node *node, struct span name,
+                                struct span attribute) {
   struct field field;
-  struct span unused;
+  uint64_t value = 0;
+  ern_status status = ERN_OK;
+  while (status == ERN_OK && next_field(&attribute, &field) > 0) {
+    if ((field.number == 3 || field.number == 8) && field.wire == WIRE_VARINT)
+      status = check_number(look, node, name, (int64_t)field.value);
+    if (!is_message(&field, 8)) continue;
+    while (status == ERN_OK && take_varint(&field.bytes, &value))
+      status = check_number(look, node, name, (int64_t)value);
+  }
+  return status;
+}
+
+/* AttributeProto { 1 name, 3 number, 5 tensor, 8 numbers, 10 tensors } */
+static ern_status check_attribute(const struct look *look, struct node *node, struct span attribute) {
+  struct span rest = attribute, name = {0}, unused;
+  struct field field;
   int tensors = 0; /* two would be read as one */
-  for (int more = 0; (more = next_field(&attribute, &field)) != 0;) {
-    if (more < 0) return fail_at(look, attribute.at);
+  bool empty = false;
+  for (int more = 0; (more = next_field(&rest, &field)) != 0;) {
+    if (more < 0) return fail_at(look, rest.at);
+    if (is_message(&field, 1)) name = field.bytes;
     if (!is_message(&field, 5) && !is_message(&field, 10)) continue;
     if (is_message(&field, 5) && ++tensors > 1) return fail_at(look, field.bytes.at);
-    const ern_status status = check_tensor(look, field.bytes, &unused);
+    const ern_status status = check_tensor(look, field.bytes, &unused, &empty);
     if (status != ERN_OK) return status;
+    node->empty |= empty;
+  }
+  return check_numbers(look, node, name, attribute);
+}
+
+/* What a node uses must be there: a weight, the input, or what an earlier node gives; "" is nothing. An empty weight is
+ * of use to Resize alone, whose second input is one as a rule. */
+static ern_status check_use(struct look *look, const struct node *node, struct span name) {
+  char words[ERN_ONNX_NAME], user[2 * ERN_ONNX_NAME + 32];
+  if (++look->uses > MOST_USES)
+    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: its nodes use more than %d names", look->path, MOST_USES);
+  if (length(name) == 0) return ERN_OK;
+  const size_t at = find_name(look, name, look->names);
+  copy_name(name, words);
+  if (at == look->names)
+    return ern_fail(look->context, ERN_E_FORMAT, "%s: a node uses \"%s\", which is not there", look->path, words);
+  if (!look->empty[at] || is_text(node->kind, "Resize")) return ERN_OK;
+  node_words(node, user);
+  return ern_fail(look->context, ERN_E_FORMAT, "%s: %s uses \"%s\", which has a size of 0, expected 1 or more",
+                  look->path, user, words);
+}
+
+/* Operators of which OpenCV takes the second input without looking whether it is there. */
+static ern_status check_inputs(const struct look *look, const struct node *node) {
+  static const char *const two[] = {"Conv", "ConvTranspose", "CumSum", "Expand", "Gather", "Gemm", "MatMul", "Resize"};
+  char words[2 * ERN_ONNX_NAME + 32];
+  for (size_t i = 0; i < sizeof two / sizeof *two; i++) {
+    if (node->inputs >= 2 || !is_text(node->kind, two[i])) continue;
+    node_words(node, words);
+    return ern_fail(look->context, ERN_E_FORMAT, "%s: %s has %zu inputs, expected at least 2", look->path, words,
+                    node->inputs);
   }
   return ERN_OK;
 }
 
-/* What a node uses must be there: a weight, the input, or what an earlier node gives; "" is nothing. */
-static ern_status check_use(struct look *look, struct span name) {
-  char words[ERN_ONNX_NAME];
-  if (++look->uses > MOST_USES)
-    return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: its nodes use more than %d names", look->path, MOST_USES);
-  if (length(name) == 0 || is_named(look, name, look->names)) return ERN_OK;
-  copy_name(name, words);
-  return ern_fail(look->context, ERN_E_FORMAT, "%s: a node uses \"%s\", which is not there", look->path, words);
-}
-
-static ern_status check_node(struct look *look, struct span node) {
-  struct span rest = node;
+/* NodeProto { 1 input, 2 output, 3 name, 4 kind, 5 attribute } */
+static ern_status check_node(struct look *look, struct span message) {
+  struct span rest = message;
+  struct node node = {0};
   struct field field;
   ern_status status = ERN_OK;
   for (int more = 0; (more = next_field(&rest, &field)) != 0;) {
     if (more < 0) return fail_at(look, rest.at);
-    if (is_message(&field, 1)) status = check_use(look, field.bytes);
-    if (is_message(&field, 5)) status = check_attribute(look, field.bytes);
-    if (status != ERN_OK) return status;
+    node.inputs += is_message(&field, 1);
+    if (is_message(&field, 3)) node.name = field.bytes;
+    if (is_message(&field, 4)) node.kind = field.bytes;
   }
-  while (next_field(&node, &field) > 0)
-    if (is_message(&field, 2) && (status = add_name(look, field.bytes)) != ERN_OK) return status;
-  return ERN_OK;
+  for (rest = message; next_field(&rest, &field) > 0;) {
+    if (is_message(&field, 1)) ERN_TRY(check_use(look, &node, field.bytes));
+    if (is_message(&field, 5)) ERN_TRY(check_attribute(look, &node, field.bytes));
+  }
+  ERN_TRY(check_inputs(look, &node));
+  while (next_field(&message, &field) > 0)
+    if (is_message(&field, 2)) ERN_TRY(add_name(look, field.bytes, node.empty && is_text(node.kind, "Constant")));
+fail:
+  return status;
 }
 
 /* ---- input and outputs ------------------------------------------------------------------------------------------- */
@@ -308,7 +391,7 @@ static ern_status take_input(struct look *look, struct span message) {
   char name[ERN_ONNX_NAME];
   struct ern_onnx *onnx = look->onnx;
   const ern_status status = read_value(look, message, &value);
-  if (status != ERN_OK || is_named(look, value.name, look->weights)) return status;
+  if (status != ERN_OK || find_name(look, value.name, look->weights) < look->weights) return status;
   copy_name(value.name, name);
   if (onnx->dims > 0)
     return ern_fail(look->context, ERN_E_UNSUPPORTED, "%s: has the inputs \"%s\" and \"%s\", expected one", look->path,
@@ -325,7 +408,7 @@ static ern_status take_input(struct look *look, struct span message) {
   memcpy(onnx->input, name, sizeof name);
   memcpy(onnx->shape, value.shape, sizeof value.shape);
   onnx->dims = value.dims;
-  return add_name(look, value.name);
+  return add_name(look, value.name, false);
 }
 
 static ern_status take_output(struct look *look, struct span message) {
@@ -349,12 +432,13 @@ static ern_status take_output(struct look *look, struct span message) {
 static ern_status take_weights(struct look *look, struct span graph) {
   struct field field;
   struct span name;
+  bool empty = false;
   ern_status status = ERN_OK;
   for (int more = 0; (more = next_field(&graph, &field)) != 0;) {
     if (more < 0) return fail_at(look, graph.at);
     if (!is_message(&field, 5)) continue;
-    ERN_TRY(check_tensor(look, field.bytes, &name));
-    ERN_TRY(add_name(look, name));
+    ERN_TRY(check_tensor(look, field.bytes, &name, &empty));
+    ERN_TRY(add_name(look, name, empty));
   }
   look->weights = look->names;
 fail:
@@ -397,10 +481,12 @@ ern_status ern_onnx_look(ern_context *context, const char *path, const uint8_t *
   if (graph.at == NULL)
     return ern_fail(context, ERN_E_FORMAT, "%s: is no ONNX file: %zu bytes without a graph", path, count);
   ERN_TRY(ERN_NEW(context, MOST_NAMES, &look.name));
+  ERN_TRY(ERN_NEW(context, MOST_NAMES, &look.empty));
   ERN_TRY(take_weights(&look, graph));
   ERN_TRY(take_values(&look, graph));
   ERN_TRY(check_nodes(&look, graph));
 fail:
   ern_release(context, look.name);
+  ern_release(context, look.empty);
   return status;
 }

@@ -37,6 +37,23 @@ std::string between(const std::string &text, const std::string &first, const std
   return end == std::string::npos ? "" : text.substr(begin, end - begin);
 }
 
+/* What follows the last "in function '...'" on its next lines, each behind one or more "> ", as one line. */
+std::string below(const std::string &text) {
+  const size_t mark = text.rfind(" in function "), begin = mark != std::string::npos ? text.find('\n', mark) : mark;
+  std::string line;
+  for (size_t i = begin; i < text.size(); i++) {
+    const bool gap = text[i] == '\n' || text[i] == ' ' || (text[i] == '>' && (line.empty() || text[i - 1] == '\n'));
+    const bool mark_again = text[i] == '>' && i >= 2 && text[i - 1] == ' ' && text[i - 2] == '>';
+    if (!gap && !mark_again)
+      line += text[i];
+    else if (!line.empty() && line.back() != ' ')
+      line += ' ';
+  }
+  while (!line.empty() && line.back() == ' ') line.pop_back();
+  while (!line.empty() && (line.front() == ':' || line.front() == ' ')) line.erase(0, 1);
+  return line;
+}
+
 /* Of "OpenCV(4.6.0) FILE:LINE: error: (-2:Unspecified error) in function 'handleNode'
  * > Node [Einsum@ai.onnx]:(onnx_node!NAME) parse error: OpenCV(4.6.0) FILE:LINE: error: (-2:...) REASON in function..."
  * the operator, its node and the reason. */
@@ -46,7 +63,10 @@ void put(const cv::Exception &error, char words[ERN_VISION_WORDS]) {
   const size_t mark = node.find('!'), code = reason.find(") ");
   if (mark != std::string::npos) node.erase(0, mark + 1);
   if (reason.find("Assertion failed) ") != std::string::npos) reason += " does not hold";
-  if (code != std::string::npos) reason.erase(0, code + 2);
+  if (code != std::string::npos)
+    reason.erase(0, code + 2);
+  else if (!reason.empty() && reason.back() == ')')
+    reason = below(text); /* "(-2:Unspecified error) in function" alone: the reason stands behind it */
   if (reason.empty()) reason = error.err.empty() ? text : error.err;
   if (kind.empty())
     snprintf(words, ERN_VISION_WORDS, "%.400s", reason.c_str());

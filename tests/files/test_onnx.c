@@ -154,6 +154,43 @@ static void test_names(void **state) {
   expect(&graph, ERN_E_FORMAT, "\"rows\", which is not there", "x.onnx");
 }
 
+/* OpenCV 4.6 divides by a group and by sizes of 0, writes at an axis that is not there, and takes inputs that are not.
+ */
+static void test_nodes(void **state) {
+  (void)state;
+  static const struct {
+    const char *kind, *inputs;
+    struct made_attribute attributes[2];
+    const char *words;
+  } cases[] = {
+      {"Conv", "wave W", {{"group", 1, {0}}}, "the operator Conv (node \"more\") has group 0, expected 1 or more"},
+      {"Conv", "wave W", {{"group", 1, {(uint64_t)-3}}}, "has group -3, expected 1 or more"},
+      {"Gather", "rows W", {{"axis", 1, {77}}}, "the operator Gather (node \"more\") has axis 77, expected -8 to 7"},
+      {"ReduceMean", "rows", {{"axes", 2, {1, (uint64_t)-9}}}, "has axes -9, expected -8 to 7"},
+      {"Conv", "wave V", {{NULL, 0, {0}}}, "the operator Conv (node \"more\") uses \"V\", which has a size of 0"},
+      {"Resize", "rows", {{NULL, 0, {0}}}, "the operator Resize (node \"more\") has 1 inputs, expected at least 2"},
+      {"Resize", "rows V W", {{NULL, 0, {0}}}, NULL},
+      {"Conv", "wave W", {{"group", 1, {1}}}, NULL},
+      {"Gather", "rows W", {{"axis", 1, {(uint64_t)-8}}}, NULL},
+      {"Gather", "rows W", {{"axis", 1, {7}}}, NULL}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    struct made_message graph = {0}, tensor = {0};
+    struct ern_onnx onnx;
+    made_number(&tensor, 1, 5);
+    made_number(&tensor, 1, 0);
+    made_number(&tensor, 2, 1);
+    made_text(&tensor, 8, "V");
+    made_inside(&graph, 5, &tensor);
+    made_convolve(&graph, &convolution, "rows");
+    made_node(&graph, cases[i].kind, cases[i].inputs, "more", cases[i].attributes);
+    const ern_status status = look(&graph, &onnx);
+    if (cases[i].words == NULL)
+      support_ok(context, status);
+    else
+      support_expect(context, status, ERN_E_FORMAT, "x.onnx", cases[i].words, NULL);
+  }
+}
+
 static int set_up(void **state) {
   (void)state;
   context = support_context();
@@ -167,8 +204,8 @@ static int tear_down(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine), cmocka_unit_test(test_damaged),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine),   cmocka_unit_test(test_damaged),
                                      cmocka_unit_test(test_values), cmocka_unit_test(test_weights),
-                                     cmocka_unit_test(test_names)};
+                                     cmocka_unit_test(test_names),  cmocka_unit_test(test_nodes)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -375,6 +375,12 @@ static void test_bad_networks(void **state) {
   snprintf(named, sizeof named, "%.*s,\"output\":\"more\"}", (int)strlen(fine) - 1, fine);
   refuse("operator.onnx", fine, ERN_E_MISSING, "\"rows\", \"more\"", "names one");
   refuse("operator.onnx", named, ERN_E_UNSUPPORTED, "operator Einsum (node more)", "docs/speech.md");
+  /* OpenCV's reason stands below its code and function here */
+  made_convolve(&graph, &convolution, "rows");
+  made_node(&graph, "Clip", "rows W W", "more", NULL);
+  made_onnx("clip.onnx", &graph);
+  refuse("clip.onnx", fine, ERN_E_UNSUPPORTED, "operator Clip (node more): (expected: 'node_proto.input_size() == 1')",
+         "is 3 must be equal to '1' is 1");
   make_network("output.onnx", 8080, WIDTH);
   refuse("output.onnx", named, ERN_E_MISSING, "no output \"more\"", "expected \"rows\"");
 }
