@@ -2,6 +2,7 @@
 #include "media/ffmpeg.h"
 
 #include <errno.h>
+#include <inttypes.h>
 #include <libavutil/avstring.h>
 #include <libavutil/log.h>
 #include <stdio.h>
@@ -135,6 +136,46 @@ fail:
   return status;
 }
 
+static uint32_t little(const uint8_t *at) {
+  return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+/* The bytes that the chunk "data" of a WAV file claims, and those that are there. False: it is no such file. */
+static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there) {
+  uint8_t head[12];
+  bool found = false;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return false;
+  bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
+  while (read && !found) {
+    read = fread(head, 1, 8, file) == 8;
+    if (!read) break;
+    *claimed = little(head + 4);
+    found = memcmp(head, "data", 4) == 0;
+    const off_t skip = (off_t)*claimed + (*claimed & 1);
+    if (!found) read = fseeko(file, skip, SEEK_CUR) == 0;
+  }
+  const off_t begin = ftello(file);
+  found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
+  if (found) *there = (uint64_t)(ftello(file) - begin);
+  fclose(file);
+  return found;
+}
+
+/* A packet has fewer bytes than its container claims. What is written into a pipe cannot know its size: it claims 0 or
+ * the most there is, and goes on to the end of the file. */
+static ern_status check_cut(const struct ern_decoder *decoder) {
+  uint32_t claimed = 0;
+  uint64_t there = 0;
+  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there))
+    return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+  if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
+  return ern_fail(decoder->context, ERN_E_FORMAT,
+                  "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32
+                  " as it says",
+                  decoder->path, there, claimed);
+}
+
 /* Hands the codec the next packet of the stream, or the word that there is none. */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
@@ -148,10 +189,10 @@ static ern_status feed(struct ern_decoder *decoder) {
     }
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
     if (packet->stream_index == decoder->stream->index) {
-      const bool damaged = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0;
-      error = damaged ? 0 : avcodec_send_packet(decoder->codec, packet);
+      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0 ? check_cut(decoder) : ERN_OK;
+      error = cut != ERN_OK ? 0 : avcodec_send_packet(decoder->codec, packet);
       av_packet_unref(packet);
-      if (damaged) return ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+      if (cut != ERN_OK) return cut;
       return error >= 0 ? ERN_OK : ern_av_fail(context, ERN_E_FORMAT, decoder->path, "decode it", error);
     }
     av_packet_unref(packet);
