@@ -30,7 +30,8 @@ ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL
  * is not finite is ERN_E_NONFINITE, beyond 1e6 ERN_E_FORMAT, with its time; the sound before it counts. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames);
 
-/* The sound ends: makes the last rows, as if silence followed. Nothing can be pushed any more. */
+/* The sound ends: makes the last rows, as if silence followed. Nothing can be pushed any more. Where a push or an end
+ * has failed for want of memory rows are missing, and every call that follows is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream);
 
 /* Takes up to `count` rows out, rows[count][ERN_SPEECH_WIDTH]; returns how many. Row r is about the sound from 0.02 r

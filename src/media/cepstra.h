@@ -7,11 +7,12 @@
 #include "core/status.h"
 
 enum {
-  ERN_CEPSTRA_RATE = 16000, /* samples a second */
-  ERN_CEPSTRA_HOP = 320,    /* samples from row to row */
-  ERN_CEPSTRA_FRAME = 400,  /* samples that a row looks at; its middle is the middle of its 320 */
-  ERN_CEPSTRA_BANDS = 40,   /* of mel */
-  ERN_CEPSTRA_WIDTH = 13    /* values a row */
+  ERN_CEPSTRA_RATE = 16000,      /* samples a second */
+  ERN_CEPSTRA_LEAST_RATE = 1000, /* of the sound that they are made of */
+  ERN_CEPSTRA_HOP = 320,         /* samples from row to row */
+  ERN_CEPSTRA_FRAME = 400,       /* samples that a row looks at; its middle is the middle of its 320 */
+  ERN_CEPSTRA_BANDS = 40,        /* of mel */
+  ERN_CEPSTRA_WIDTH = 13         /* values a row */
 };
 
 struct ern_cepstra;

@@ -24,6 +24,9 @@ struct job {
 static ern_status push(void *user, int rate, int channels, const float *samples, size_t frames) {
   struct job *job = user;
   ern_status status = ERN_OK;
+  if (job->stream == NULL && rate < ERN_CEPSTRA_LEAST_RATE)
+    return ern_fail(job->context, ERN_E_SHAPE, "%s: sound has %d samples a second, expected at least %d", job->path,
+                    rate, ERN_CEPSTRA_LEAST_RATE);
   if (job->stream == NULL) status = ern_speech_stream_open(job->context, rate, channels, job->warp, &job->stream);
   if (status != ERN_OK) return status;
   job->rate = rate;

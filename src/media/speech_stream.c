@@ -26,6 +26,7 @@ struct ern_speech_stream {
   size_t rows, row_room;
   uint64_t pushed, made; /* frames in; rows */
   bool ended;
+  ern_status failed; /* of a call that left the stream without some of its rows */
 };
 
 static ern_status make_resampler(ern_speech_stream *s) {
@@ -44,7 +45,7 @@ ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, 
   ERN_NEED(context, stream);
   ern_status status = ERN_OK;
   ern_speech_stream *s = NULL;
-  if (rate < 1000 || rate > MOST_RATE || channels < 1 || channels > MOST_CHANNELS)
+  if (rate < ERN_CEPSTRA_LEAST_RATE || rate > MOST_RATE || channels < 1 || channels > MOST_CHANNELS)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "speech: sound has %d samples a second and %d channels, expected 1000 to %d and 1 to %d", rate,
                     channels, MOST_RATE, MOST_CHANNELS);
@@ -124,11 +125,18 @@ static ern_status resample(ern_speech_stream *s, size_t count) {
   }
 }
 
+static ern_status refuse_failed(const ern_speech_stream *s) {
+  return ern_fail(s->context, ERN_E_STATE,
+                  "speech: a call before failed (%s) and left rows out, the stream is of no use",
+                  ern_status_name(s->failed));
+}
+
 ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, stream);
   ern_speech_stream *s = stream;
   if (frames > 0) ERN_NEED(s->context, samples);
+  if (s->failed != ERN_OK) return refuse_failed(s);
   if (s->ended) return ern_fail(s->context, ERN_E_STATE, "speech: the sound has ended, no more can be pushed");
   for (size_t i = 0; i < frames; i++) {
     double sum = 0;
@@ -143,7 +151,7 @@ ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *sample
     if (s->filled < s->block_frames) continue;
     const ern_status status = resample(s, s->filled);
     s->filled = 0;
-    if (status != ERN_OK) return status;
+    if (status != ERN_OK) return s->failed = status;
   }
   return ERN_OK;
 }
@@ -154,6 +162,7 @@ ern_status ern_speech_stream_end(ern_speech_stream *stream) {
   ern_speech_stream *s = stream;
   ern_status status = ERN_OK;
   static const float zeros[ERN_CEPSTRA_FRAME] = {0};
+  if (s->failed != ERN_OK) return refuse_failed(s);
   if (s->ended) return ERN_OK;
   if (s->filled > 0) ERN_TRY(resample(s, s->filled));
   s->ended = true;
@@ -164,7 +173,7 @@ ern_status ern_speech_stream_end(ern_speech_stream *stream) {
   while (s->made < rows) ERN_TRY(take_samples(s, zeros, ERN_CEPSTRA_FRAME - s->waiting));
   if (s->made > rows) s->rows -= (size_t)(s->made - rows); /* the resampler's last samples */
 fail:
-  return status;
+  return s->failed = status;
 }
 
 size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count) {

@@ -200,6 +200,44 @@ static void test_refusals(void **state) {
   ern_context_free(&context);
 }
 
+static void *allocate_or_not(void *user, size_t bytes, size_t alignment) {
+  const bool *refuse = user;
+  return *refuse ? NULL : aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment);
+}
+
+static void release(void *user, void *memory) {
+  (void)user;
+  free(memory);
+}
+
+/* An error stays one: what has left rows out does not end well when it is asked again. */
+static void test_failed_stream(void **state) {
+  (void)state;
+  static float samples[16000];
+  bool refuse = false;
+  ern_context_config config = ern_context_config_default();
+  ern_context *context = NULL;
+  config.allocate = allocate_or_not;
+  config.release = release;
+  config.user = &refuse;
+  assert_int_equal(ern_context_create(&context, &config), ERN_OK);
+  for (int at_end = 0; at_end < 2; at_end++) {
+    ern_speech_stream *stream = NULL;
+    support_ok(context, ern_speech_stream_open(context, 16000, 1, 1, &stream));
+    if (at_end == 1) support_ok(context, ern_speech_stream_push(stream, samples, 159));
+    refuse = true;
+    support_expect(context,
+                   at_end == 1 ? ern_speech_stream_end(stream) : ern_speech_stream_push(stream, samples, 16000),
+                   ERN_E_NO_MEMORY, NULL);
+    refuse = false;
+    support_expect(context, ern_speech_stream_end(stream), ERN_E_STATE, "a call before failed", "ERN_E_NO_MEMORY",
+                   NULL);
+    support_expect(context, ern_speech_stream_push(stream, samples, 1), ERN_E_STATE, "a call before failed", NULL);
+    ern_speech_stream_free(&stream);
+  }
+  ern_context_free(&context);
+}
+
 /* ---- files ------------------------------------------------------------------------------------------------------- */
 
 static void test_files(void **state) {
@@ -240,12 +278,16 @@ static void test_files(void **state) {
   support_expect(context, ern_speech_open(context, "empty.wav", NULL, &again), ERN_E_SHAPE, "empty.wav", "0 samples",
                  NULL);
   assert_null(again.data);
+  const ern_sound slow = {.rate = 999, .channels = 1, .frames = 2, .data = (int16_t[]){1, 2}};
+  support_ok(context, ern_sound_write_wav(context, "slow.wav", &slow));
+  support_expect(context, ern_speech_open(context, "slow.wav", NULL, &again), ERN_E_SHAPE, "slow.wav", "999",
+                 "at least 1000", NULL);
   ern_context_free(&context);
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain), cmocka_unit_test(test_any_cut),
-                                     cmocka_unit_test(test_any_form), cmocka_unit_test(test_refusals),
-                                     cmocka_unit_test(test_files)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain),         cmocka_unit_test(test_any_cut),
+                                     cmocka_unit_test(test_any_form),      cmocka_unit_test(test_refusals),
+                                     cmocka_unit_test(test_failed_stream), cmocka_unit_test(test_files)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
