@@ -312,6 +312,12 @@ static void check_sound(struct report *report) {
          reason);
     return;
   }
+  if (sound.frames == 0) {
+    tell(report, OPTIONAL,
+         "aud.wav: 0 samples. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.");
+    ern_sound_free(report->context, &sound);
+    return;
+  }
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const double seconds = (double)sound.frames / sound.rate, pictures = ((double)aud_id + 1) / frame_rate;
   tell(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);

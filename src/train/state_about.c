@@ -210,7 +210,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
     return compare(t, path, NULL, 0, both, 2);
   }
   const struct change strict[] = {
-      {"the SHA-256 of the speech features and their copies", word(about->features), word(t->features)},
+      {"the SHA-256 of the speech features and their copies (--speech-copies, --speech-warp, --speech-share)",
+       word(about->features), word(t->features)},
       {"data_begin", count(about->data_begin), count(c->data_begin)},
       {"data_end", count(about->data_end), count(c->data_end)},
       {"torso_layer", count(about->layer), count(t->data.has_torso)}};

@@ -41,6 +41,9 @@ static void test_features(void **state) {
   cli_run(&cli, "train clip --audio aud_cep.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("cmp a.safetensors b.safetensors"), 0);
+  /* what it heard is kept as a hash alone */
+  cli_run(&cli, "train clip -o a.safetensors --resume --iters 6 --quiet");
+  cli_expect(&cli, 1, "a.run/state.safetensors", "the SHA-256", "--speech-copies, --speech-warp, --speech-share", NULL);
 }
 
 static void test_render(void **state) {
@@ -51,6 +54,18 @@ static void test_render(void **state) {
   cli_expect(&cli, 0, "with sound", NULL);
   cli_run(&cli, "features said.mp4 -o said.npy"); /* without what the encoder fills its last packet with */
   cli_expect(&cli, 0, "said.npy: cepstra-1, 33 windows", NULL);
+  support_write("none.wav", "RIFF\44\0\0\0WAVEfmt \20\0\0\0\1\0\1\0\200>\0\0\0}\0\0\2\0\20\0data\0\0\0\0", 44);
+  cli_run(&cli, "render m.safetensors --clip clip --wav none.wav -o wrong.mp4");
+  cli_expect(&cli, 1, "none.wav: has no sound, 0 samples", NULL);
+  cli_copy("clip", "mute");
+  assert_int_equal(rename("none.wav", "mute/aud.wav"), 0);
+  cli_run(&cli, "check mute");
+  cli_expect_out(&cli, 1, "aud.wav: 0 samples. Rendered videos will have no sound", NULL);
+  assert_int_equal(symlink("../ds.npy", "mute/aud_ds.npy"), 0);
+  cli_run(&cli, "train mute -o ds29.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render ds29.safetensors --clip mute -o mute.mp4");
+  cli_expect(&cli, 0, "aud.wav: has no sound, 0 samples: the video is silent", "without sound", NULL);
   cli_run(&cli, "render m.safetensors --clip clip --audio ds.npy -o wrong.mp4");
   cli_expect(&cli, 1, "ds.npy", "29", "13", NULL);
   cli_run(&cli, "train clip --audio ds.npy -o ds.safetensors --iters 4 --rays 64 --levels 2 --quiet");
@@ -60,6 +75,8 @@ static void test_render(void **state) {
   cli_run(&cli, "train clip --audio ds.npy --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
   cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
   assert_false(cli_there("wrong.mp4"));
+  cli_run(&cli, "train clip --speech-copies 0 --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
+  cli_expect(&cli, 2, "--speech-share is about copies of the speech, and --speech-copies is 0", NULL);
   cli_run(&cli, "train clip --torso --head m.safetensors --speech-copies 2 -o x.safetensors");
   cli_expect(&cli, 2, "--speech-copies", "leaves the head alone", NULL);
 }

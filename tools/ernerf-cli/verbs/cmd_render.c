@@ -201,6 +201,12 @@ static int open_sound(struct render_job *job) {
     return 0;
   }
   if (status != ERN_OK) return session_fail(session);
+  if (job->sound.frames == 0) {
+    ern_sound_free(session->context, &job->sound);
+    if (!own) return session_fail_with(session, "%s: has no sound, 0 samples", path);
+    session_warn(session, "%s: has no sound, 0 samples: the video is silent", path);
+    return 0;
+  }
   job->sound_start = frame_source_seconds(&job->frame_source, 0);
   const double there = (double)job->sound.frames / job->sound.rate - job->sound_start;
   const double needed = (double)job->frame_source.count / rate_value(job->rate);

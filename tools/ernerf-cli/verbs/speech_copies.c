@@ -35,6 +35,10 @@ int speech_copies_make(const struct speech_copies *copies, struct session *sessi
                        ern_clip *clip) {
   float warps[MOST_COPIES];
   ern_clip_info info;
+  const int unheard = copies->count == 0 ? args_forbid(args, "speech-warp speech-share",
+                                                       "is about copies of the speech, and --speech-copies is 0")
+                                         : -1;
+  if (unheard >= 0) return unheard;
   ern_clip_describe(clip, &info);
   if (!info.hears_sound || info.speech_network[0] != 0) {
     const int status =
