@@ -83,6 +83,19 @@ static ern_status read_cell(ern_context *context, const char *path, const char *
   return ERN_OK;
 }
 
+/* Rows stand for frames by their place. Where they are numbered too, the numbers must say the same. */
+static ern_status check_frames(ern_context *context, const char *path, size_t number, struct piece line, int column,
+                               double *frame) {
+  float found = 0;
+  const ern_status status = read_cell(context, path, "frame", number, line, column, &found);
+  const double before = *frame;
+  *frame = (double)found;
+  if (status != ERN_OK || number == 2 || *frame == before + 1) return status;
+  return ern_fail(context, ERN_E_FORMAT,
+                  "%s: line %zu, column frame is %.9g, expected %.9g: rows are taken one a frame", path, number, *frame,
+                  before + 1);
+}
+
 ern_status ern_csv_read_column(ern_context *context, const char *path, const char *name, float **values,
                                size_t *count) {
   ern_status status = ERN_OK;
@@ -91,14 +104,15 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
   size_t size = 0, lines = 0;
   char listed[LISTED_BYTES];
   struct piece line;
+  double frame = 0;
   *values = NULL;
   *count = 0;
   ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
   struct piece text = {(const char *)bytes, (const char *)bytes + size};
-  if (size >= 3 && memcmp(bytes, "\xef\xbb\xbf", 3) == 0) text.begin += 3; /* byte order mark */
+  text.begin += ern_text_mark(bytes, size);
   while (text.end > text.begin && (is_blank(text.end[-1]) || text.end[-1] == '\n')) text.end--;
   if (!take_line(&text, &line)) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is empty, expected a header line", path));
-  const int column = find_column(line, name, listed);
+  const int frames = find_column(line, "frame", listed), column = find_column(line, name, listed);
   if (column < 0) {
     ERN_TRY(ern_fail(context, ERN_E_MISSING, "%s: column %s is missing, found: %s", path, name, listed));
   }
@@ -109,6 +123,7 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
   ERN_TRY(ERN_NEW(context, lines, &cells));
   for (size_t row = 0; take_line(&text, &line); row++) {
     ERN_TRY(read_cell(context, path, name, row + 2, line, column, cells + row));
+    if (frames >= 0) ERN_TRY(check_frames(context, path, row + 2, line, frames, &frame));
   }
   ern_release(context, bytes);
   *values = cells;

@@ -96,7 +96,7 @@ static ern_status read_text(ern_context *context, const char *path, ern_eyes *ey
   double first = 0;
   ern_status status = ern_file_read(context, path, FILE_LIMIT, &bytes, &size);
   if (status != ERN_OK) return status;
-  const char *text = (const char *)bytes, *at = text, *end = text + size;
+  const char *text = (const char *)bytes + ern_text_mark(bytes, size), *at = text, *end = (const char *)bytes + size;
   while (end > text && (is_blank(end[-1]) || end[-1] == '\n')) end--;
   status = text < end && take_number(&at, end, &first) ? read_lines(context, path, text, end, eyes)
                                                        : read_table(context, path, eyes);

@@ -104,6 +104,10 @@ static ern_status make_one(ern_context *context, const char *path) {
   return ern_file_refused(context, path, "make the folder");
 }
 
+size_t ern_text_mark(const uint8_t *bytes, size_t count) {
+  return count >= 3 && memcmp(bytes, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
+}
+
 ern_status ern_folder_make(ern_context *context, const char *path) {
   ern_status status = ERN_OK;
   char *copy = NULL;

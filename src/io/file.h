@@ -26,6 +26,9 @@ ERN_NODISCARD ern_status ern_file_reader_take(const struct ern_file_reader *read
 /* Harmless on one that is closed. */
 void ern_file_reader_close(struct ern_file_reader *reader);
 
+/* The bytes before the first character of a text: 3 of UTF-8's byte-order mark, else 0. */
+size_t ern_text_mark(const uint8_t *bytes, size_t count);
+
 /* Says what the operating system refused; errno is that of the call that failed. */
 ern_status ern_file_refused(ern_context *context, const char *path, const char *verb);
 

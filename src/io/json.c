@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "io/file.h"
 
 /* Bytes that jansson 2.14 allocates on a machine of 64 bits: an object with its first buckets, an array with its first
  * places, and a key with its value or a value in an array. */
@@ -37,7 +38,8 @@ ern_status ern_json_parse(ern_context *context, const char *path, const char *pa
   if (bytes > most)
     return ern_fail(context, ERN_E_SHAPE, "%s: %sJSON values for about %zu MiB of memory, expected at most %zu MiB",
                     path, part, (bytes >> 20) + 1, most >> 20);
-  *root = json_loadb(text, length, JSON_REJECT_DUPLICATES, &error);
+  const size_t mark = ern_text_mark((const uint8_t *)text, length);
+  *root = json_loadb(text + mark, length - mark, JSON_REJECT_DUPLICATES, &error);
   if (*root == NULL && json_error_code(&error) == json_error_out_of_memory)
     return ern_fail(context, ERN_E_NO_MEMORY, "%s: %sno memory", path, part);
   if (*root == NULL)

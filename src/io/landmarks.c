@@ -34,7 +34,7 @@ ern_status ern_landmarks_read(ern_context *context, const char *path, float poin
   uint8_t *bytes = NULL;
   size_t size = 0, lines = 0;
   ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
-  const char *at = (const char *)bytes, *end = at + size;
+  const char *at = (const char *)bytes + ern_text_mark(bytes, size), *end = (const char *)bytes + size;
   while (end > at && strchr(" \t\r\n", end[-1]) != NULL && end[-1] != 0) end--;
   for (; at < end; lines++) {
     const char *newline = memchr(at, '\n', (size_t)(end - at));

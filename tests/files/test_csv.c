@@ -47,6 +47,8 @@ static void test_bad(void **state) {
                {"frame, AU45_r\n1, 0x10\n", ERN_E_FORMAT, {"line 2", "\"0x10\""}},
                {"frame, AU45_r\n1,\n", ERN_E_FORMAT, {"line 2", "is \"\", expected a finite number"}},
                {"frame, AU45_r\n1\n", ERN_E_FORMAT, {"line 2 has 1 cells", "column AU45_r is missing"}},
+               {"frame, AU45_r\n4, 1\n6, 1\n", ERN_E_FORMAT, {"line 3, column frame is 6", "expected 5"}},
+               {"AU45_r,frame\n1,0\n1,1\n1,1\n", ERN_E_FORMAT, {"line 4, column frame is 1", "expected 2"}},
                {"frame, AU45_r\n1, 1\n\n2, 1\n", ERN_E_FORMAT, {"line 3", "column AU45_r"}}};
   for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
     float *values = NULL;

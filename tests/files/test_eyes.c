@@ -30,6 +30,10 @@ static void test_forms(void **state) {
   expect_text(context, "0\n0.25\n1\n", 3, expected);
   expect_text(context, " 0 \r\n25e-2\r\n1\r\n\r\n", 3, expected);
   expect_text(context, "1", 1, expected + 2);
+  expect_text(context,
+              "\xef\xbb\xbf"
+              "0\n0.25\n1\n",
+              3, expected); /* byte-order mark */
   support_ok(context, ern_npy_write_f32(context, "eyes.npy", expected, 1, (const size_t[]){3}));
   expect_eyes(context, "eyes.npy", 3, expected);
   support_ok(context, ern_npy_write_f32(context, "eyes.npy", expected, 2, (const size_t[]){3, 1}));

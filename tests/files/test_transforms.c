@@ -29,7 +29,7 @@ static void test_good(void **state) {
   ern_pose_list_free(context, &list);
   ern_pose_list_free(context, NULL);
 
-  support_write_text("good.json", "{" CAMERA ", \"w\": 512, \"h\": 300.0, \"frames\": [" FRAME "]}");
+  support_write_text("good.json", "\xef\xbb\xbf{" CAMERA ", \"w\": 512, \"h\": 300.0, \"frames\": [" FRAME "]}");
   support_expect(context, ern_pose_list_load(context, "good.json", &list), ERN_OK, NULL);
   assert_int_equal(list.width, 512);
   assert_int_equal(list.height, 300);
