@@ -35,12 +35,12 @@ ERN_API ERN_NODISCARD ern_status ern_image_write(ern_context *context, const cha
 /* OpenEXR, 32-bit float: data[height][width][channels], channel names such as "R", "G", "B", "A", "Z". Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data,
                                                      int width, int height, int channels, const char *const *names);
-/* OpenCV's INTER_AREA. `resized` is made; the caller owns it. */
 /* Dense optical flow from one grey picture [height][width] to another, 16 to 8192 pixels a side (DIS: Kroeger et al.,
  * "Fast Optical Flow using Dense Inverse Search", ECCV 2016): flow [height][width][2], the caller's, pixels right and
  * down. Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there. */
 ERN_API ERN_NODISCARD ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to,
                                                   int width, int height, float *flow);
+/* OpenCV's INTER_AREA. `resized` is made; the caller owns it. */
 ERN_API ERN_NODISCARD ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                                   ern_image *resized);
 ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts NULL and an empty one */

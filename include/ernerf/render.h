@@ -213,7 +213,8 @@ typedef struct ern_frame_output {
 /* Plain data, may grow. */
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
-  double samples; /* whose density was computed for the head; NaN: not counted, by an OpenCL device's fused pass */
+  double samples; /* whose density was computed for the head; NaN: not counted, by an OpenCL device's fused pass, or no
+                     ray was rendered, as all are kept from the frame before (ern_renderer_keep_still) */
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that

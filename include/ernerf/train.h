@@ -86,7 +86,7 @@ typedef struct ern_train_config {
   size_t data_begin, data_end; /* training frames [begin, end) to use; end 0: all */
   uint64_t save_every;         /* steps between saves; 0: only at the end */
   uint64_t validate_every;     /* steps between validations; 0: only at the end. Without validation frames the first
-                                  training     frame stands in. */
+                                  training frame stands in. */
   int validate_frames;         /* most validation frames to render; 0: all */
   bool force;                  /* take a head of another clip all the same */
   bool ema;                    /* write the moving average as the model; it needs 10 updates by the last step, else
