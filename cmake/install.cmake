@@ -24,6 +24,9 @@ install(
 if(TARGET ernerf-vision) # libernerf-media opens it, users do not link it
   install(TARGETS ernerf-vision LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
 endif()
+if(TARGET ernerf-prepare)
+  install(TARGETS ernerf-prepare EXPORT ernerf-targets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+endif()
 if(TARGET ernerf-probe-opencl) # libernerf starts it, users do not
   install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
 endif()

@@ -16,7 +16,8 @@ static const struct verb {
   const char *name, *help;
   int (*run)(int argc, char **argv);
 } verbs[] = {
-    {"train", "learn a head, or the torso under it, from a preprocessed clip", cmd_train},
+    {"prepare", "from the video of a person to a clip that a training takes", cmd_prepare},
+    {"train", "learn a head, or the torso under it, from a clip", cmd_train},
     {"render", "a model, speech and head poses to a video or pictures", cmd_render},
     {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
     {"check", "what a clip has, what it lacks and what follows, in words", cmd_check},

@@ -3,6 +3,7 @@
 #ifndef ERN_CLI_VERBS_H
 #define ERN_CLI_VERBS_H
 
+int cmd_prepare(int argc, char **argv);
 int cmd_train(int argc, char **argv);
 int cmd_render(int argc, char **argv);
 int cmd_eval(int argc, char **argv);

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: MIT
+ * From a video to a clip, step by step. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/floats.h"
+#include "core/sized.h"
+#include "prepare/prepare_job.h"
+#include "prepare/prepare_record.h"
+
+enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 8192 };
+
+static const struct step {
+  const char *name;
+  ern_status (*run)(struct ern_prepare_job *job);
+} steps[ERN_PREPARE_STEPS] = {{"face", ern_prepare_face},           {"pose", ern_prepare_pose},
+                              {"landmarks", ern_prepare_landmarks}, {"layers", ern_prepare_layers},
+                              {"eyes", ern_prepare_eyes},           {"features", ern_prepare_features}};
+
+void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
+  const ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
+  ern_config_give(options, bytes, &own, sizeof own);
+}
+
+static const char *text_of(const char *text) { return text != NULL ? text : ""; }
+
+/* What a step's result depends on beside the steps before it. */
+static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
+  const ern_prepare_options *o = job->options;
+  settings[0] = 0;
+  switch (step) {
+    case 1: snprintf(settings, SETTINGS, "focal %.9g poses %s", o->focal, text_of(o->poses)); break;
+    case 2: snprintf(settings, SETTINGS, "landmarks %s", text_of(o->landmarks)); break;
+    case 3:
+      snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "", text_of(o->masks),
+               text_of(o->background));
+      break;
+    case 4: snprintf(settings, SETTINGS, "au %s", text_of(o->au)); break;
+    case 5: snprintf(settings, SETTINGS, "features %s", text_of(o->features)); break;
+    default: break;
+  }
+}
+
+static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
+  *only = ERN_PREPARE_STEPS;
+  for (size_t i = 0; i < ERN_PREPARE_STEPS && o->only != NULL; i++)
+    if (strcmp(o->only, steps[i].name) == 0) *only = i;
+  if (o->only != NULL && *only == ERN_PREPARE_STEPS)
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "prepare: only is \"%s\", expected face, pose, landmarks, layers, eyes or features", o->only);
+  if (o->side < 128 || o->side > 1024)
+    return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
+  if (!(o->from >= 0) || !(o->to >= 0) || !(o->to < 1e9) || (o->to > 0 && o->to <= o->from))
+    return ern_fail(context, ERN_E_ARGUMENT, "prepare: from %g to %g, expected seconds of the video, from before to",
+                    o->from, o->to);
+  if (!(o->focal == 0 || (o->focal >= 0.2 * o->side && o->focal <= 20.0 * o->side)))
+    return ern_fail(context, ERN_E_ARGUMENT, "prepare: focal is %g, expected 0, or %g to %g pixels", o->focal,
+                    0.2 * o->side, 20.0 * o->side);
+  return ERN_OK;
+}
+
+static ern_status run_step(struct ern_prepare_job *job, size_t step, const char *settings) {
+  const char *stale[ERN_PREPARE_STEPS];
+  size_t count = 0;
+  ern_status status = ERN_OK;
+  job->figures = json_object();
+  if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
+  ERN_TRY(ern_prepare_progress(job, 0, 1));
+  ERN_TRY(steps[step].run(job));
+  for (size_t i = step; i < ERN_PREPARE_STEPS && step < 2; i++) stale[count++] = steps[i].name;
+  if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
+  ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
+  if (job->verdict->grade == ERN_PREPARE_REFUSED)
+    ERN_TRY(
+        ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words));
+fail:
+  json_decref(job->figures);
+  job->figures = NULL;
+  return status;
+}
+
+static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepare_result *result) {
+  char settings[SETTINGS];
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < ERN_PREPARE_STEPS; i++) {
+    job->verdict = &result->verdicts[i];
+    *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
+    settings_of(job, i, settings);
+    const bool done = ern_prepare_record_has(job, steps[i].name, settings, job->verdict);
+    if (only < ERN_PREPARE_STEPS ? i != only : done) {
+      if (done || i > only) continue;
+      ERN_TRY(ern_fail(job->context, ERN_E_STATE,
+                       "%s: the step \"%s\" has not been done with these options, and \"%s\" "
+                       "needs it; expected a call without --only first",
+                       job->folder, steps[i].name, steps[only].name));
+    }
+    job->verdict->grade = ERN_PREPARE_GOOD;
+    job->verdict->words[0] = 0;
+    ERN_TRY(run_step(job, i, settings));
+    result->frames = job->frames;
+  }
+fail:
+  return status;
+}
+
+ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
+                             const ern_prepare_options *options, ern_prepare_result *result, size_t bytes) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, video);
+  ERN_NEED(context, folder);
+  ERN_NEED(context, options);
+  ERN_NEED(context, result);
+  ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
+  ern_prepare_result found = {0};
+  struct ern_prepare_job job = {.context = context, .video = video, .folder = folder, .options = &own};
+  size_t only = 0;
+  int lock = -1;
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_TAKE_CONFIG(context, ern_prepare_options, &own, options));
+  ERN_TRY(check_options(context, &own, &only));
+  job.side = own.side;
+  job.focal = own.focal > 0 ? own.focal : 1100.0 / 450.0 * own.side;
+  ERN_TRY(ern_prepare_record_open(&job, &lock));
+  job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
+  found.frames = job.frames;
+  ERN_TRY(run_steps(&job, only, &found));
+fail:
+  if (lock >= 0) close(lock);
+  json_decref(job.record);
+  ern_struct_give(result, bytes, &found, sizeof found);
+  return status;
+}

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: MIT
+ * Paths, pictures, progress and verdicts of a step of `prepare`. */
+#include "prepare/prepare_job.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH], const char *format, ...) {
+  const int before = snprintf(path, ERN_PREPARE_PATH, "%s/", job->folder);
+  int after = -1;
+  if (before > 0 && before < ERN_PREPARE_PATH) {
+    va_list list;
+    va_start(list, format);
+    after = vsnprintf(path + before, (size_t)(ERN_PREPARE_PATH - before), format, list);
+    va_end(list);
+  }
+  if (after >= 0 && after < ERN_PREPARE_PATH - before) return ERN_OK;
+  return ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long, expected at most %d bytes", job->folder,
+                  ERN_PREPARE_PATH - 64);
+}
+
+ern_status ern_prepare_picture(const struct ern_prepare_job *job, const char *name, int channels, ern_image *image) {
+  char path[ERN_PREPARE_PATH];
+  ern_status status = ern_prepare_path(job, path, "%s", name);
+  if (status == ERN_OK) status = ern_image_read(job->context, path, channels, image);
+  if (status != ERN_OK || (image->width == job->side && image->height == job->side)) return status;
+  status = ern_fail(job->context, ERN_E_SHAPE, "%s: the picture is %d x %d, expected %d x %d as the clip's", path,
+                    image->width, image->height, job->side, job->side);
+  ern_image_free(job->context, image);
+  return status;
+}
+
+ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t total) {
+  const ern_prepare_options *options = job->options;
+  if (options->progress == NULL || options->progress(options->user, job->verdict->step, done, total) == 0)
+    return ERN_OK;
+  return ern_fail(job->context, ERN_E_CANCELLED, "%s: stopped in the step \"%s\"", job->folder, job->verdict->step);
+}
+
+void ern_prepare_judge(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...) {
+  ern_prepare_verdict *verdict = job->verdict;
+  const size_t used = strlen(verdict->words);
+  char *to = verdict->words + used;
+  size_t room = sizeof verdict->words - used;
+  if (grade > verdict->grade) verdict->grade = grade;
+  if (used > 0 && room > 2) {
+    memcpy(to, "; ", 3);
+    to += 2;
+    room -= 2;
+  }
+  va_list list;
+  va_start(list, format);
+  (void)vsnprintf(to, room, format, list);
+  va_end(list);
+}
+
+void ern_prepare_figure(struct ern_prepare_job *job, const char *name, double value) {
+  (void)json_object_set_new(job->figures, name, json_real(value)); /* NaN and infinity are no JSON: left out */
+}

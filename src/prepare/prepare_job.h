@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT
+ * What the steps of `prepare` share: the folder of the clip, its frames, its poses, and what a step says of its work.
+ *
+ * Files of the clip that steps hand on to each other: ori_imgs/ID.jpg (the frames as they are, quality 98),
+ * ori_imgs/ID.lms, transforms_*.json, and in prepare/ what no training needs: faces.csv. ID counts from 0. */
+#ifndef ERN_PREPARE_PREPARE_JOB_H
+#define ERN_PREPARE_PREPARE_JOB_H
+
+#include <jansson.h>
+
+#include "core/memory.h"
+#include "core/status.h"
+#include "ernerf/data.h"
+#include "ernerf/media.h"
+#include "ernerf/prepare.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { ERN_PREPARE_PATH = 4096, ERN_PREPARE_RATE = 25 };
+
+struct ern_prepare_job {
+  ern_context *context;
+  const char *video, *folder;
+  const ern_prepare_options *options;
+  int side;       /* pixels a side of a frame */
+  double focal;   /* pixels */
+  size_t frames;  /* 0 before the step "face" */
+  json_t *record; /* prepare.json */
+  /* of the step that runs */
+  ern_prepare_verdict *verdict;
+  json_t *figures; /* an object of numbers for prepare.json and the report */
+};
+
+/* X_camera = rotation X_head + translation, metres; both right-handed: x right in the picture, y up, z towards the
+ * viewer. The head's frame: its origin is the middle of the head, z goes out of the face (head_shape.h). A point is
+ * seen at pixel (c + f X/-Z, c - f Y/-Z), c = side/2. */
+struct ern_head_pose {
+  double rotation[3][3], translation[3];
+};
+
+/* A face as the cascades found it, pixels of the clip. */
+struct ern_prepare_face {
+  size_t frame;
+  float x, y, width, height;
+  bool has_eyes;
+  float eyes[2][2]; /* centres x, y; the one that is left in the picture first */
+};
+
+/* FOLDER/ and the rest by printf; ERN_E_ARGUMENT where that is too long. */
+ERN_NODISCARD ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH],
+                                          const char *format, ...) ERN_PRINTF(3, 4);
+/* A picture of the clip by that name with `channels` 3 or 4, which has the clip's size. */
+ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, const char *name, int channels,
+                                             ern_image *image);
+
+/* poses[job->frames] from and to transforms_train.json (the first ten elevenths) and transforms_val.json. */
+ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses);
+ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
+
+/* *faces[*count] in the order of frames; the caller owns it (ern_release). */
+ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_prepare_face **faces,
+                                                size_t *count);
+ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_prepare_face *faces,
+                                                 size_t count);
+
+/* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */
+ERN_NODISCARD ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t total);
+
+/* Adds a reason to the step's verdict, which gets the worse of its grade and this one. The words name what was found,
+ * what was expected, and what helps. */
+void ern_prepare_judge(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...) ERN_PRINTF(3, 4);
+/* A number for prepare.json and the report. */
+void ern_prepare_figure(struct ern_prepare_job *job, const char *name, double value);
+
+/* The steps. Each reads what the ones before it left in the folder, and gives its verdict; it replaces its own files
+ * alone. */
+ern_status ern_prepare_face(struct ern_prepare_job *job);      /* video -> ori_imgs/ID.jpg, aud.wav, faces.csv */
+ern_status ern_prepare_pose(struct ern_prepare_job *job);      /* -> transforms_*.json */
+ern_status ern_prepare_landmarks(struct ern_prepare_job *job); /* -> ori_imgs/ID.lms */
+ern_status ern_prepare_layers(struct ern_prepare_job *job);    /* -> parsing, bc.jpg, torso_imgs, gt_imgs */
+ern_status ern_prepare_eyes(struct ern_prepare_job *job);      /* -> au.csv */
+ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are brought */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: MIT
+ * Head poses as transforms_train.json and transforms_val.json (docs/formats.md). */
+#include <stdio.h>
+#include <string.h>
+
+#include "io/file.h"
+#include "prepare/prepare_job.h"
+
+/* The first ten elevenths are for training; each part has a frame at least. */
+static size_t training_frames(size_t frames) {
+  const size_t validation = frames / 11 > 0 ? frames / 11 : 1;
+  return frames - validation;
+}
+
+/* transform_matrix is the way back: [R^T | -R^T t]. */
+static void to_matrix(const struct ern_head_pose *pose, double m[4][4]) {
+  for (int i = 0; i < 3; i++) {
+    m[i][3] = 0;
+    for (int k = 0; k < 3; k++) {
+      m[i][k] = pose->rotation[k][i];
+      m[i][3] -= pose->rotation[k][i] * pose->translation[k];
+    }
+    m[3][i] = 0;
+  }
+  m[3][3] = 1;
+}
+
+static void from_matrix(const float m[16], struct ern_head_pose *pose) {
+  for (int i = 0; i < 3; i++) {
+    pose->translation[i] = 0;
+    for (int k = 0; k < 3; k++) {
+      pose->rotation[i][k] = (double)m[4 * k + i];
+      pose->translation[i] -= (double)m[4 * k + i] * (double)m[4 * k + 3];
+    }
+  }
+}
+
+static ern_status write_part(struct ern_prepare_job *job, const char *name, const struct ern_head_pose *poses,
+                             size_t begin, size_t end) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH], line[1024];
+  struct ern_file_writer file = {0};
+  const double centre = 0.5 * job->side;
+  ERN_TRY(ern_prepare_path(job, path, "%s", name));
+  ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
+  int length = snprintf(line, sizeof line,
+                        "{\"focal_len\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d, \"frames\": [",
+                        job->focal, centre, centre, job->side, job->side);
+  ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
+  for (size_t i = begin; i < end; i++) {
+    double m[4][4];
+    to_matrix(&poses[i], m);
+    length = snprintf(line, sizeof line, "%s\n{\"img_id\": %zu, \"aud_id\": %zu, \"transform_matrix\": [",
+                      i > begin ? "," : "", i, i);
+    for (int r = 0; r < 4; r++)
+      length += snprintf(line + length, sizeof line - (size_t)length, "%s[%.9g, %.9g, %.9g, %.9g]", r > 0 ? ", " : "",
+                         m[r][0], m[r][1], m[r][2], m[r][3]);
+    length += snprintf(line + length, sizeof line - (size_t)length, "]}");
+    ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
+  }
+  ERN_TRY(ern_file_writer_write(&file, "\n]}\n", 4));
+  return ern_file_writer_commit(&file);
+fail:
+  ern_file_writer_abandon(&file);
+  return status;
+}
+
+ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
+  const size_t middle = training_frames(job->frames);
+  const ern_status status = write_part(job, "transforms_val.json", poses, middle, job->frames);
+  return status == ERN_OK ? write_part(job, "transforms_train.json", poses, 0, middle) : status;
+}
+
+/* Takes the poses of a file by img_id; seen[frames] says which frames have one. */
+static ern_status read_part(struct ern_prepare_job *job, const char *name, struct ern_head_pose *poses, bool *seen) {
+  char path[ERN_PREPARE_PATH];
+  ern_pose_list list = {0};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_prepare_path(job, path, "%s", name));
+  ERN_TRY(ern_pose_list_load(job->context, path, &list));
+  for (size_t i = 0; i < list.count; i++) {
+    const size_t frame = (size_t)list.poses[i].img_id;
+    if (frame >= job->frames)
+      ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH, "%s: img_id %zu is no frame of the clip, expected 0 to %zu", path,
+                       frame, job->frames - 1));
+    from_matrix(list.poses[i].matrix, &poses[frame]);
+    seen[frame] = true;
+  }
+  job->focal = list.focal;
+fail:
+  ern_pose_list_free(job->context, &list);
+  return status;
+}
+
+ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses) {
+  ern_status status = ERN_OK;
+  bool *seen = NULL;
+  ERN_TRY(ERN_NEW(job->context, job->frames, &seen));
+  ERN_TRY(read_part(job, "transforms_train.json", poses, seen));
+  ERN_TRY(read_part(job, "transforms_val.json", poses, seen));
+  for (size_t i = 0; i < job->frames; i++)
+    if (!seen[i])
+      ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: transforms_*.json have no pose of frame %zu of %zu",
+                       job->folder, i, job->frames));
+fail:
+  ern_release(job->context, seen);
+  return status;
+}

@@ -1,0 +1,144 @@
+/* SPDX-License-Identifier: MIT */
+#include "prepare/prepare_record.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "io/file.h"
+#include "io/json.h"
+
+enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28, VERSION = 1 };
+static const char *const grades[] = {"good", "doubtful", "refused"};
+
+static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
+  DIR *list = opendir(job->folder);
+  *empty = true;
+  if (list == NULL) return ern_file_refused(job->context, job->folder, "open");
+  for (struct dirent *entry = readdir(list); entry != NULL && *empty; entry = readdir(list))
+    *empty = strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0;
+  closedir(list);
+  return ERN_OK;
+}
+
+/* What must be the same for the frames of an earlier call to be those of this one. */
+static json_t *source(const struct ern_prepare_job *job, const struct stat *video) {
+  return json_pack("{s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
+                   (json_int_t)video->st_mtime, "from", job->options->from, "to", job->options->to, "side", job->side);
+}
+
+static ern_status begin_record(struct ern_prepare_job *job, json_t *about) {
+  json_t *name = json_string(job->video); /* NULL where it is no UTF-8 */
+  json_decref(job->record);
+  job->record = json_pack("{s:i, s:o, s:O, s:{}}", "version", VERSION, "video", name != NULL ? name : json_string(""),
+                          "source", about, "steps");
+  return job->record != NULL ? ERN_OK : ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
+}
+
+static ern_status read_record(struct ern_prepare_job *job, const char *path) {
+  ern_status status = ERN_OK;
+  uint8_t *text = NULL;
+  size_t length = 0;
+  ERN_TRY(ern_file_read(job->context, path, RECORD_LIMIT, &text, &length));
+  ERN_TRY(ern_json_parse(job->context, path, "", (const char *)text, length, JSON_LIMIT, &job->record));
+  if (json_integer_value(json_object_get(job->record, "version")) != VERSION ||
+      !json_is_object(json_object_get(job->record, "steps")) || !json_is_object(json_object_get(job->record, "source")))
+    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: is no record of ernerf prepare, version %d", path, VERSION));
+fail:
+  ern_release(job->context, text);
+  return status;
+}
+
+static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  bool empty = false;
+  ERN_TRY(ern_prepare_path(job, path, "prepare.json"));
+  if (access(path, F_OK) != 0) {
+    ERN_TRY(is_empty(job, &empty));
+    if (!empty)
+      ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
+                       "%s: holds files that ernerf prepare did not make, expected a new or an empty folder",
+                       job->folder));
+    return begin_record(job, about);
+  }
+  ERN_TRY(read_record(job, path));
+  if (json_equal(json_object_get(job->record, "source"), about)) return ERN_OK;
+  if (!job->options->anew)
+    ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
+                     "%s: was prepared from another video, or with another --from, --to or --size; expected a new "
+                     "folder, or --overwrite to replace it",
+                     job->folder));
+  return begin_record(job, about);
+fail:
+  return status;
+}
+
+ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  struct stat video;
+  json_t *about = NULL;
+  *lock = -1;
+  if (stat(job->video, &video) != 0) ERN_TRY(ern_file_refused(job->context, job->video, "open"));
+  ERN_TRY(ern_folder_make(job->context, job->folder));
+  about = source(job, &video);
+  if (about == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder));
+  *lock = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (*lock < 0) ERN_TRY(ern_file_refused(job->context, job->folder, "open"));
+  if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
+    ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
+  ERN_TRY(open_record(job, about));
+  ERN_TRY(ern_prepare_path(job, path, "prepare"));
+fail:
+  json_decref(about);
+  return status;
+}
+
+ern_status ern_prepare_record_save(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH], *text = NULL;
+  ERN_TRY(ern_prepare_path(job, path, "prepare.json"));
+  text = json_dumps(job->record, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
+  if (text == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for it", path));
+  status = ern_file_write(job->context, path, text, strlen(text), ERN_EXISTING_REPLACE);
+fail:
+  free(text);
+  return status;
+}
+
+bool ern_prepare_record_has(const struct ern_prepare_job *job, const char *step, const char *settings,
+                            ern_prepare_verdict *verdict) {
+  const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
+  const char *with = json_string_value(json_object_get(done, "settings"));
+  const char *grade = json_string_value(json_object_get(done, "verdict"));
+  const char *words = json_string_value(json_object_get(done, "words"));
+  if (with == NULL || grade == NULL || words == NULL || strcmp(with, settings) != 0) return false;
+  for (int i = 0; i < ERN_PREPARE_REFUSED; i++) {
+    if (strcmp(grade, grades[i]) != 0) continue;
+    verdict->grade = (ern_prepare_grade)i;
+    snprintf(verdict->words, sizeof verdict->words, "%s", words);
+    return true;
+  }
+  return false;
+}
+
+ern_status ern_prepare_record_enter(struct ern_prepare_job *job, const char *settings, const char *const *stale,
+                                    size_t count) {
+  json_t *steps = json_object_get(job->record, "steps");
+  const ern_prepare_verdict *verdict = job->verdict;
+  json_t *words = json_string(verdict->words);
+  if (words == NULL) words = json_string("");
+  for (size_t i = 0; i < count; i++) (void)json_object_del(steps, stale[i]);
+  json_t *entry = json_pack("{s:s, s:o, s:s, s:O}", "verdict", grades[verdict->grade], "words", words, "settings",
+                            settings, "figures", job->figures);
+  if (entry == NULL || json_object_set_new(steps, verdict->step, entry) != 0)
+    return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder);
+  return ern_prepare_record_save(job);
+}

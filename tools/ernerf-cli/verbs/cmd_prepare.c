@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf prepare: from a video to a clip. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "output/progress.h"
+#include "session/prepare_library.h"
+#include "verbs.h"
+
+struct prepare_job {
+  struct session session;
+  struct progress progress;
+  const char *step; /* whose progress is shown */
+  ern_prepare_options options;
+  float from, to, focal; /* as the command line has them */
+  int only;
+  const char *video, *folder;
+};
+
+static const char only_choices[] = "face|pose|landmarks|layers|eyes|features";
+static const char *const steps[ERN_PREPARE_STEPS] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
+
+static int say_progress(void *user, const char *step, size_t done, size_t total) {
+  struct prepare_job *job = user;
+  if (job->step == NULL || strcmp(job->step, step) != 0) {
+    if (job->step != NULL) progress_end(&job->progress);
+    job->step = step;
+    progress_begin(&job->progress, &job->session, step, "frames");
+  }
+  progress_at(&job->progress, done, total, "");
+  return session_interrupted();
+}
+
+/* Says each verdict, and hands them over for --json; NULL without memory. */
+static json_t *tell(struct session *session, const ern_prepare_result *result) {
+  static const char *const grades[] = {"good", "doubtful", "refused"};
+  json_t *list = json_array();
+  for (int i = 0; i < ERN_PREPARE_STEPS; i++) {
+    const ern_prepare_verdict *verdict = &result->verdicts[i];
+    if (verdict->step == NULL) continue;
+    const char *grade = grades[verdict->grade];
+    if (verdict->grade == ERN_PREPARE_DOUBTFUL)
+      session_warn(session, "%s: %s: %s", verdict->step, grade, verdict->words);
+    else if (verdict->grade == ERN_PREPARE_GOOD)
+      session_note(session, "%s: %s%s%s", verdict->step, grade, verdict->words[0] != 0 ? ": " : "", verdict->words);
+    json_array_append_new(list, json_pack("{s:s, s:s, s:o}", "step", verdict->step, "verdict", grade, "words",
+                                          session_text(verdict->words)));
+  }
+  return list;
+}
+
+static int make(struct prepare_job *job) {
+  struct session *session = &job->session;
+  struct prepare_library library = {0};
+  ern_prepare_result result = {0};
+  const double began = session_seconds();
+  if (prepare_library_load(&library, session) != 0) return EXIT_FAILURE;
+  const uint32_t cookie = library.options.cookie, size = library.options.size;
+  ern_prepare_options *options = &job->options;
+  options->cookie = cookie;
+  options->size = size;
+  options->from = (double)job->from;
+  options->to = (double)job->to;
+  options->focal = (double)job->focal;
+  options->only = job->only >= 0 ? steps[job->only] : NULL;
+  options->anew = session->overwrite;
+  options->progress = say_progress;
+  options->user = job;
+  const ern_status status = library.run(session->context, job->video, job->folder, options, &result, sizeof result);
+  if (job->step != NULL) progress_end(&job->progress);
+  json_t *verdicts = tell(session, &result);
+  if (status == ERN_E_CANCELLED && session_interrupted()) {
+    json_decref(verdicts);
+    return session_stop_with(session, "stopped; the same command goes on from here");
+  }
+  if (status != ERN_OK) {
+    json_decref(verdicts);
+    return session_fail(session);
+  }
+  session_note(session, "%s: %zu frames of %d x %d; next: ernerf train %s -o head.safetensors", job->folder,
+               result.frames, options->side, options->side, job->folder);
+  return session_report(session,
+                        json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
+                                  session_text(job->folder), "frames", (json_int_t)result.frames, "size", options->side,
+                                  "verdicts", verdicts, "seconds", session_number(session_seconds() - began)));
+}
+
+int cmd_prepare(int argc, char **argv) {
+  struct prepare_job job = {.options = {.side = 512}, .only = -1};
+  ern_prepare_options *o = &job.options;
+  struct option own[] = {{.name = "o",
+                          .alias = "output",
+                          .kind = OPTION_TEXT,
+                          .target = &job.folder,
+                          .choices = "CLIP",
+                          .help = "folder of the clip: new, empty, or of an earlier call, which goes on"},
+                         {.name = "from",
+                          .kind = OPTION_FLOAT,
+                          .target = &job.from,
+                          .low = 0,
+                          .high = 1e6,
+                          .choices = "SECONDS",
+                          .help = "where in the video to begin"},
+                         {.name = "to",
+                          .kind = OPTION_FLOAT,
+                          .target = &job.to,
+                          .low = 0,
+                          .high = 1e6,
+                          .choices = "SECONDS",
+                          .help = "where to end (default: the end of the video)"},
+                         {.name = "size",
+                          .kind = OPTION_INT,
+                          .target = &o->side,
+                          .low = 128,
+                          .high = 1024,
+                          .choices = "S",
+                          .help = "pixels a side of the clip's pictures"},
+                         {.name = "focal",
+                          .kind = OPTION_FLOAT,
+                          .target = &job.focal,
+                          .low = 0,
+                          .high = 1e5,
+                          .choices = "PIXELS",
+                          .help = "focal length in pixels of the clip (default 1100/450 of its side)"},
+                         {.name = "head-only",
+                          .kind = OPTION_FLAG,
+                          .target = &o->head_only,
+                          .help = "a head without shoulders: for footage whose shoulders are not seen"},
+                         {.name = "only",
+                          .kind = OPTION_CHOICE,
+                          .target = &job.only,
+                          .choices = only_choices,
+                          .help = "this step alone, also where it was done already"}};
+  struct option brought[] = {
+      {.name = "landmarks",
+       .kind = OPTION_TEXT,
+       .target = &o->landmarks,
+       .choices = "DIR|FILE.onnx",
+       .help = "68 points of each frame: ID.lms files, or a network"},
+      {.name = "poses",
+       .kind = OPTION_TEXT,
+       .target = &o->poses,
+       .choices = "FILE.json",
+       .help = "head poses of all frames, as transforms_*.json"},
+      {.name = "masks",
+       .kind = OPTION_TEXT,
+       .target = &o->masks,
+       .choices = "DIR|FILE.onnx",
+       .help = "head, neck and torso: ID.png in the colours of AD-NeRF's parsing, or a network that finds the person"},
+      {.name = "background",
+       .kind = OPTION_TEXT,
+       .target = &o->background,
+       .choices = "FILE|key",
+       .help = "a picture of the place without the person, or: the person stands before a screen of one colour"},
+      {.name = "au",
+       .kind = OPTION_TEXT,
+       .target = &o->au,
+       .choices = "FILE.csv",
+       .help = "how far the eyes are closed: a table with AU45_r, as of OpenFace"},
+      {.name = "features",
+       .kind = OPTION_TEXT,
+       .target = &o->features,
+       .choices = "FILE.npy",
+       .help = "speech features, in place of those that are made of the sound"}};
+  struct option output[SESSION_OUTPUT_OPTIONS];
+  struct word words[] = {{"VIDEO", &job.video, "one person who speaks to a camera that stands still"}};
+  struct args args = {.verb = "prepare",
+                      .summary = "Makes a clip, which a training takes, of the video of a person.",
+                      .usage = "prepare VIDEO -o CLIP",
+                      .notes =
+                          "Each step gives a verdict: good, doubtful with the reason and what helps, or refused, "
+                          "which ends the\nwork. A second call does what is left to do.",
+                      .words = words,
+                      .word_count = 1,
+                      .groups = {{"The clip:", own, sizeof own / sizeof *own},
+                                 {"In place of a step's own work:", brought, sizeof brought / sizeof *brought},
+                                 {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  session_output_options(&job.session, output);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o CLIP is missing");
+  if (status < 0 && job.to > 0 && job.to <= job.from)
+    status = args_refuse(&args, "--from %g is not before --to %g", (double)job.from, (double)job.to);
+  job.session.inputs[0] = job.video;
+  const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features};
+  for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++) job.session.inputs[1 + i] = inputs[i];
+  job.session.rewrites = true;
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = make(&job);
+  session_close(&job.session);
+  return status;
+}
