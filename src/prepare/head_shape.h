@@ -4,6 +4,10 @@
 #ifndef ERN_PREPARE_HEAD_SHAPE_H
 #define ERN_PREPARE_HEAD_SHAPE_H
 
+#include <stdbool.h>
+
+#include "prepare/prepare_job.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -16,6 +20,18 @@ extern "C" {
 /* Middle of the eyes. */
 #define ERN_HEAD_EYES_Y 0.030
 #define ERN_HEAD_EYES_Z 0.085
+
+/* Pixels of a point of the head; false where it is behind the camera. `centre`: pixels, half of a side. */
+bool ern_head_project(const struct ern_head_pose *pose, double focal, double centre, const double point[3],
+                      double pixel[2]);
+/* Where the line of sight through a pixel meets the ellipsoid first, or with `nose` the face on it; false where it
+ * passes by. */
+bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
+                   double point[3]);
+/* The box around the projected ellipsoid: least x, least y, greatest x, greatest y, pixels. */
+void ern_head_box(const struct ern_head_pose *pose, double focal, double centre, double box[4]);
+/* The pose of a head that looks into the camera, from the eyes' middles in the picture, the left one first. */
+void ern_head_pose_of_eyes(const float eyes[2][2], double focal, double centre, struct ern_head_pose *pose);
 
 #ifdef __cplusplus
 }

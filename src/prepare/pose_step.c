@@ -1,5 +1,438 @@
-/* SPDX-License-Identifier: MIT */
+/* SPDX-License-Identifier: MIT
+ * The step "pose": where the head is in every frame, without a face model. Points are followed from reference frames
+ * (flow_tracks.h) and held together by bundle adjustment with a generic head as prior (bundle.h). */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "prepare/bundle.h"
+#include "prepare/flow_tracks.h"
+#include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
+
+enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3 };
+/* A frame whose head is turned further than this from every reference's asks for one of its own, degrees. */
+static const double reference_turn = 12;
+
+/* What the step works on. */
+struct tracking {
+  struct ern_prepare_job *job;
+  double centre;
+  struct ern_head_pose *poses;     /* [frames] */
+  struct ern_bundle_pose *bundled; /* [frames] */
+  uint8_t *grey;                   /* [side][side] */
+  size_t count;                    /* of references */
+  size_t at[REFERENCES];           /* their frames */
+  struct ern_flow_reference *references[REFERENCES];
+  size_t first[REFERENCES + 1]; /* their first points */
+  float (*seen)[2];             /* [frames][points] */
+  float *weights;               /* [points] */
+  double (*prior)[3], (*shape)[3];
+};
+
+static struct ern_bundle bundle_of(struct tracking *t) {
+  return (struct ern_bundle){.context = t->job->context,
+                             .focal = t->job->focal,
+                             .centre = t->centre,
+                             .frames = t->job->frames,
+                             .points = t->first[t->count],
+                             .seen = (const float(*)[2])t->seen,
+                             .weights = t->weights,
+                             .prior = (const double(*)[3])t->prior,
+                             .shape = t->shape,
+                             .poses = t->bundled};
+}
+
+static ern_status read_grey(struct tracking *t, size_t frame) {
+  char name[64];
+  ern_image image = {0};
+  snprintf(name, sizeof name, "ori_imgs/%zu.jpg", frame);
+  const ern_status status = ern_prepare_picture(t->job, name, 3, &image);
+  if (status != ERN_OK) return status;
+  const size_t count = (size_t)image.width * (size_t)image.height;
+  for (size_t i = 0; i < count; i++) { /* BT.601 */
+    const uint8_t *p = image.data + 3 * i;
+    t->grey[i] = (uint8_t)((77 * p[0] + 150 * p[1] + 29 * p[2] + 128) >> 8);
+  }
+  ern_image_free(t->job->context, &image);
+  return ERN_OK;
+}
+
+/* Whether a point of the reference frame is one of the rigid head: on its ellipsoid, not at the rim, and neither eye
+ * nor mouth nor chin. */
+struct wanted {
+  const struct tracking *tracking;
+  struct ern_head_pose pose;
+};
+
+static bool is_rigid(const void *user, float x, float y) {
+  const struct wanted *wanted = user;
+  const struct tracking *t = wanted->tracking;
+  const double pixel[2] = {(double)x, (double)y};
+  double p[3];
+  if (!ern_head_meet(&wanted->pose, t->job->focal, t->centre, pixel, false, p)) return false;
+  const double out[3] = {p[0] / (ERN_HEAD_WIDE * ERN_HEAD_WIDE), p[1] / (ERN_HEAD_TALL * ERN_HEAD_TALL),
+                         p[2] / (ERN_HEAD_DEEP * ERN_HEAD_DEEP)}; /* along the normal */
+  const double *back = wanted->pose.rotation[2];
+  const double facing = (back[0] * out[0] + back[1] * out[1] + back[2] * out[2]) /
+                        sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
+  const bool eye = fabs(fabs(p[0]) - 0.5 * ERN_HEAD_EYES) < 0.020 && fabs(p[1] - ERN_HEAD_EYES_Y) < 0.013;
+  const bool mouth = p[1] < ERN_HEAD_EYES_Y - 0.052 && fabs(p[0]) < 0.045;
+  return facing > 0.25 && !eye && !mouth && p[1] > -0.095;
+}
+
+static ern_status add_reference(struct tracking *t, size_t frame) {
+  struct wanted wanted = {.tracking = t, .pose = t->poses[frame]};
+  double box[4];
+  ern_status status = ERN_OK;
+  ERN_TRY(read_grey(t, frame));
+  ern_head_box(&wanted.pose, t->job->focal, t->centre, box);
+  const struct ern_flow_region region = {(float)box[0], (float)box[1], (float)(box[2] - box[0]),
+                                         (float)(box[3] - box[1])};
+  ERN_TRY(ern_flow_reference_make(t->job->context, t->grey, t->job->side, region, is_rigid, &wanted,
+                                  &t->references[t->count]));
+  const float(*points)[2] = NULL;
+  t->at[t->count] = frame;
+  t->first[t->count + 1] = t->first[t->count] + ern_flow_reference_points(t->references[t->count], &points);
+  t->count++;
+fail:
+  return status;
+}
+
+/* Memory for the points there are, and the priors of the last reference's. */
+static ern_status lay_out(struct tracking *t, size_t before) {
+  ern_context *context = t->job->context;
+  const size_t points = t->first[t->count], old = t->first[before];
+  size_t all = 0;
+  ern_status status = ERN_OK;
+  double(*prior)[3] = NULL, (*shape)[3] = NULL;
+  float *weights = NULL;
+  if (!ern_size_multiply(t->job->frames, points, &all))
+    ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: too many frames", t->job->folder));
+  ern_release(context, t->seen);
+  t->seen = NULL;
+  ERN_TRY(ERN_NEW(context, all, &t->seen));
+  for (size_t i = 0; i < all; i++) t->seen[i][0] = t->seen[i][1] = NAN;
+  ERN_TRY(ERN_NEW(context, points, &prior));
+  ERN_TRY(ERN_NEW(context, points, &shape));
+  ERN_TRY(ERN_NEW(context, points, &weights));
+  if (old > 0) {
+    memcpy(prior, t->prior, old * sizeof *prior);
+    memcpy(shape, t->shape, old * sizeof *shape);
+    memcpy(weights, t->weights, old * sizeof *weights);
+  }
+  for (size_t r = before; r < t->count; r++) {
+    const float(*at)[2] = NULL;
+    const size_t count = ern_flow_reference_points(t->references[r], &at);
+    for (size_t k = 0; k < count; k++) {
+      const double pixel[2] = {(double)at[k][0], (double)at[k][1]};
+      const size_t to = t->first[r] + k;
+      (void)ern_head_meet(&t->poses[t->at[r]], t->job->focal, t->centre, pixel, true, prior[to]);
+      memcpy(shape[to], prior[to], sizeof shape[to]);
+      weights[to] = 1;
+    }
+  }
+  ern_release(context, t->prior);
+  ern_release(context, t->shape);
+  ern_release(context, t->weights);
+  t->prior = prior;
+  t->shape = shape;
+  t->weights = weights;
+  return ERN_OK;
+fail:
+  ern_release(context, prior);
+  ern_release(context, shape);
+  ern_release(context, weights);
+  return status;
+}
+
+/* The similarity that brings the reference's head to where the frame's pose has it: the bridge of the nose, scale and
+ * roll. */
+static void warp_of(const struct tracking *t, size_t reference, size_t frame, double warp[4]) {
+  static const double bridge[3] = {0, ERN_HEAD_EYES_Y - 0.02, 0.09};
+  const struct ern_head_pose *a = &t->poses[t->at[reference]], *b = &t->poses[frame];
+  double from[2] = {0, 0}, to[2] = {0, 0};
+  (void)ern_head_project(a, t->job->focal, t->centre, bridge, from);
+  (void)ern_head_project(b, t->job->focal, t->centre, bridge, to);
+  const double turn = atan2(b->rotation[1][0], b->rotation[0][0]) - atan2(a->rotation[1][0], a->rotation[0][0]);
+  const double scale = a->translation[2] / b->translation[2];
+  warp[0] = scale * cos(turn);
+  warp[1] = -scale * sin(turn); /* y is down in the picture */
+  warp[2] = to[0] - (warp[0] * from[0] - warp[1] * from[1]);
+  warp[3] = to[1] - (warp[1] * from[0] + warp[0] * from[1]);
+}
+
+/* Degrees between the directions in which two heads face, roll left out. */
+static double turn_between(const struct ern_head_pose *a, const struct ern_head_pose *b) {
+  double dot = 0;
+  for (int i = 0; i < 3; i++) dot += a->rotation[i][2] * b->rotation[i][2];
+  return acos(fmin(fmax(dot, -1), 1)) * 57.29577951308232;
+}
+
+static ern_status find_points(struct tracking *t, size_t reference, size_t frame, double warp[4]) {
+  return ern_flow_reference_find(t->references[reference], t->grey, warp,
+                                 t->seen + frame * t->first[t->count] + t->first[reference]);
+}
+
+/* One frame of the first pass: its points from where the neighbour's were, its pose from the neighbour's. */
+static ern_status follow(struct tracking *t, size_t frame, size_t neighbour, double warp[4]) {
+  ern_status status = ERN_OK;
+  size_t seen = 0;
+  struct ern_bundle bundle = bundle_of(t);
+  ERN_TRY(read_grey(t, frame));
+  ERN_TRY(find_points(t, 0, frame, warp));
+  t->bundled[frame] = t->bundled[neighbour];
+  ERN_TRY(ern_bundle_one(&bundle, frame, &seen));
+  ern_bundle_pose_to(&t->bundled[frame], &t->poses[frame]);
+fail:
+  return status;
+}
+
+/* From the first reference to both ends of the video. */
+static ern_status follow_all(struct tracking *t) {
+  const double none[4] = {1, 0, 0, 0};
+  const size_t reference = t->at[0], frames = t->job->frames;
+  ern_status status = ERN_OK;
+  double warp[4];
+  size_t done = 0;
+  memcpy(warp, none, sizeof warp);
+  for (size_t i = reference; i < frames; i++) {
+    ERN_TRY(follow(t, i, i > reference ? i - 1 : reference, warp));
+    ERN_TRY(ern_prepare_progress(t->job, ++done, 2 * frames));
+  }
+  memcpy(warp, none, sizeof warp);
+  for (size_t i = reference; i-- > 0;) {
+    ERN_TRY(follow(t, i, i + 1, warp));
+    ERN_TRY(ern_prepare_progress(t->job, ++done, 2 * frames));
+  }
+fail:
+  return status;
+}
+
+/* Every frame again, from all references that are near it; poses are known roughly. */
+static ern_status find_all(struct tracking *t) {
+  ern_status status = ERN_OK;
+  const size_t frames = t->job->frames;
+  for (size_t i = 0; i < frames; i++) {
+    ERN_TRY(read_grey(t, i));
+    for (size_t r = 0; r < t->count; r++) {
+      double warp[4];
+      if (turn_between(&t->poses[i], &t->poses[t->at[r]]) > 2 * reference_turn) continue;
+      warp_of(t, r, i, warp);
+      ERN_TRY(find_points(t, r, i, warp));
+    }
+    ERN_TRY(ern_prepare_progress(t->job, frames + i + 1, 2 * frames));
+  }
+fail:
+  return status;
+}
+
+static int compare(const void *a, const void *b) {
+  const float x = *(const float *)a, y = *(const float *)b;
+  return (x > y) - (x < y);
+}
+static float median(float *values, size_t count) { /* sorts them */
+  if (count == 0) return NAN;
+  qsort(values, count, sizeof *values, compare);
+  return values[count / 2];
+}
+
+/* Points that do not move with the others, as cheeks and jaw do in speech, lose their weight: 1 / (1 + (r / 1.5 m)^4),
+ * r being the point's median residual over frames and m that of all points. */
+static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) {
+  ern_status status = ERN_OK;
+  ern_context *context = t->job->context;
+  struct ern_bundle bundle = bundle_of(t);
+  float *values = NULL, *medians = NULL, *sorted = NULL;
+  size_t known = 0;
+  ERN_TRY(ERN_NEW(context, count, &values));
+  ERN_TRY(ERN_NEW(context, bundle.points, &medians));
+  ERN_TRY(ERN_NEW(context, bundle.points, &sorted));
+  for (size_t k = 0; k < bundle.points; k++) {
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++)
+      if (!isnan(bundle.seen[chosen[i] * bundle.points + k][0]))
+        values[n++] = (float)ern_bundle_residual(&bundle, chosen[i], k);
+    medians[k] = n >= 3 && 20 * n >= count ? median(values, n) : NAN;
+    if (!isnan(medians[k])) sorted[known++] = medians[k];
+  }
+  const float middle = fmaxf(median(sorted, known), 0.05f);
+  for (size_t k = 0; k < bundle.points; k++) {
+    const float ratio = medians[k] / (1.5f * middle);
+    t->weights[k] = isnan(ratio) ? 0 : 1 / (1 + ratio * ratio * ratio * ratio);
+  }
+fail:
+  ern_release(context, values);
+  ern_release(context, medians);
+  ern_release(context, sorted);
+  return status;
+}
+
+/* Shape and poses of frames across the video, by turns with the points' weights. */
+static ern_status adjust(struct tracking *t, int rounds) {
+  const size_t frames = t->job->frames, count = frames < CHOSEN ? frames : CHOSEN;
+  size_t chosen[CHOSEN + REFERENCES], seen = 0;
+  struct ern_bundle bundle = bundle_of(t);
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < count; i++) chosen[i] = i * frames / count;
+  size_t nearest = 0; /* the first reference takes the place of the frame next to it */
+  for (size_t i = 0; i < count; i++)
+    if (llabs((long long)chosen[i] - (long long)t->at[0]) < llabs((long long)chosen[nearest] - (long long)t->at[0]))
+      nearest = i;
+  chosen[nearest] = t->at[0];
+  for (int round = 0; round < rounds; round++) {
+    ERN_TRY(ern_bundle_adjust(&bundle, chosen, count, t->at[0]));
+    ERN_TRY(weigh(t, chosen, count));
+  }
+  for (size_t i = 0; i < frames; i++) ERN_TRY(ern_bundle_one(&bundle, i, &seen));
+  for (size_t i = 0; i < frames; i++) ern_bundle_pose_to(&t->bundled[i], &t->poses[i]);
+fail:
+  return status;
+}
+
+/* The whole path, smoothed as much as the pictures leave open. */
+static ern_status smooth(struct tracking *t) {
+  struct ern_bundle bundle = bundle_of(t);
+  const size_t frames = t->job->frames;
+  ern_status status = ERN_OK;
+  for (size_t begin = 0; begin < frames; begin += WINDOW) {
+    const size_t end = begin + WINDOW + OVERLAP < frames ? begin + WINDOW + OVERLAP : frames;
+    ERN_TRY(ern_bundle_path(&bundle, begin, end));
+    if (end == frames) break;
+  }
+  for (size_t i = 0; i < frames; i++) ern_bundle_pose_to(&t->bundled[i], &t->poses[i]);
+fail:
+  return status;
+}
+
+/* More references, until each frame has one that its head is not turned far from. */
+static ern_status add_references(struct tracking *t) {
+  ern_status status = ERN_OK;
+  const size_t before = t->count;
+  while (t->count < REFERENCES) {
+    double worst = 0;
+    size_t frame = 0;
+    for (size_t i = 0; i < t->job->frames; i++) {
+      double least = HUGE_VAL;
+      for (size_t r = 0; r < t->count; r++) least = fmin(least, turn_between(&t->poses[i], &t->poses[t->at[r]]));
+      if (least > worst) {
+        worst = least;
+        frame = i;
+      }
+    }
+    if (worst <= reference_turn) break;
+    ERN_TRY(add_reference(t, frame));
+  }
+  ERN_TRY(lay_out(t, before));
+fail:
+  return status;
+}
+
+/* The frame whose eyes are level, midway in the face's box, and at their median distance. */
+static bool choose_reference(struct tracking *t, const struct ern_prepare_face *faces, size_t count, float *distances,
+                             size_t *chosen) {
+  size_t n = 0;
+  double best = HUGE_VAL;
+  for (size_t i = 0; i < count; i++)
+    if (faces[i].has_eyes)
+      distances[n++] = hypotf(faces[i].eyes[1][0] - faces[i].eyes[0][0], faces[i].eyes[1][1] - faces[i].eyes[0][1]);
+  if (n == 0) return false;
+  const double middle = (double)median(distances, n);
+  for (size_t i = 0; i < count; i++) {
+    const struct ern_prepare_face *f = &faces[i];
+    if (!f->has_eyes) continue;
+    const double dx = (double)(f->eyes[1][0] - f->eyes[0][0]), dy = (double)(f->eyes[1][1] - f->eyes[0][1]);
+    const double aside = (double)(0.5f * (f->eyes[0][0] + f->eyes[1][0]) - (f->x + 0.5f * f->width)) / middle;
+    const double cost = fabs(hypot(dx, dy) / middle - 1) + 2 * fabs(aside) + fabs(dy) / middle +
+                        0.1 * fabs((double)f->frame / (double)t->job->frames - 0.5);
+    if (cost < best) {
+      best = cost;
+      *chosen = i;
+    }
+  }
+  return true;
+}
+
+static ern_status track(struct tracking *t, const struct ern_prepare_face *face) {
+  ern_status status = ERN_OK;
+  ern_head_pose_of_eyes(face->eyes, t->job->focal, t->centre, &t->poses[face->frame]);
+  ern_bundle_pose_from(&t->poses[face->frame], &t->bundled[face->frame]);
+  ERN_TRY(add_reference(t, face->frame));
+  ERN_TRY(lay_out(t, 0));
+  ERN_TRY(follow_all(t));
+  ERN_TRY(adjust(t, ROUNDS));
+  ERN_TRY(add_references(t));
+  ERN_TRY(find_all(t));
+  ERN_TRY(adjust(t, ROUNDS));
+  ERN_TRY(smooth(t));
+fail:
+  return status;
+}
+
+/* Residuals and points seen, for the verdict. */
+static ern_status judge(struct tracking *t) {
+  ern_status status = ERN_OK;
+  struct ern_bundle bundle = bundle_of(t);
+  float *values = NULL, *shares = NULL;
+  size_t n = 0;
+  ERN_TRY(ERN_NEW(t->job->context, bundle.points, &values));
+  ERN_TRY(ERN_NEW(t->job->context, bundle.frames, &shares));
+  double sum = 0;
+  size_t held = 0;
+  double most = 0;
+  for (size_t i = 0; i < bundle.frames; i++) {
+    n = 0;
+    for (size_t k = 0; k < bundle.points; k++)
+      if (bundle.weights[k] > 0.3f && !isnan(bundle.seen[i * bundle.points + k][0]))
+        values[n++] = (float)ern_bundle_residual(&bundle, i, k);
+    if (n > 0) shares[held++] = median(values, n);
+    sum += (double)n / (double)bundle.points;
+    most = fmax(most, turn_between(&t->poses[i], &t->poses[t->at[0]]));
+  }
+  ern_prepare_figure(t->job, "reprojection", (double)median(shares, held));
+  ern_prepare_figure(t->job, "points", (double)bundle.points);
+  ern_prepare_figure(t->job, "seen", sum / (double)bundle.frames);
+  ern_prepare_figure(t->job, "references", (double)t->count);
+  ern_prepare_figure(t->job, "turn", most);
+fail:
+  ern_release(t->job->context, values);
+  ern_release(t->job->context, shares);
+  return status;
+}
+
 ern_status ern_prepare_pose(struct ern_prepare_job *job) {
-  return ern_fail(job->context, ERN_E_UNSUPPORTED, "pose: not there yet");
+  ern_context *context = job->context;
+  struct tracking t = {.job = job, .centre = 0.5 * job->side};
+  struct ern_prepare_face *faces = NULL;
+  float *distances = NULL;
+  size_t count = 0, chosen = 0;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_prepare_faces_read(job, &faces, &count));
+  ERN_TRY(ERN_NEW(context, count, &distances));
+  ERN_TRY(ERN_NEW(context, (size_t)job->side * (size_t)job->side, &t.grey));
+  ERN_TRY(ERN_NEW(context, job->frames, &t.poses));
+  ERN_TRY(ERN_NEW(context, job->frames, &t.bundled));
+  if (choose_reference(&t, faces, count, distances, &chosen)) {
+    ERN_TRY(track(&t, &faces[chosen]));
+    ERN_TRY(judge(&t));
+    ERN_TRY(ern_prepare_poses_write(job, t.poses));
+  } else {
+    ern_prepare_judge(
+        job, ERN_PREPARE_REFUSED,
+        "no frame shows a face with both eyes open, expected one that looks into the camera now and then; "
+        "--poses FILE brings poses made elsewhere");
+  }
+fail:
+  for (size_t r = 0; r < t.count; r++) ern_flow_reference_free(&t.references[r]);
+  ern_release(context, faces);
+  ern_release(context, distances);
+  ern_release(context, t.grey);
+  ern_release(context, t.poses);
+  ern_release(context, t.bundled);
+  ern_release(context, t.seen);
+  ern_release(context, t.weights);
+  ern_release(context, t.prior);
+  ern_release(context, t.shape);
+  return status;
 }

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT
+ * Bundle adjustment of a rigid head (Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000): poses and points
+ * that explain where the points are seen. */
+#ifndef ERN_PREPARE_BUNDLE_H
+#define ERN_PREPARE_BUNDLE_H
+
+#include "prepare/prepare_job.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A head pose as bundle adjustment moves it: rotation vector (radians; its norm is the angle) and translation, metres,
+ * of X_camera = R X_head + t (prepare_job.h). */
+struct ern_bundle_pose {
+  double values[6];
+};
+void ern_bundle_pose_from(const struct ern_head_pose *pose, struct ern_bundle_pose *bundle);
+void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_pose *pose);
+
+struct ern_bundle {
+  ern_context *context;
+  double focal, centre; /* pixels */
+  size_t frames, points;
+  const float (*seen)[2];        /* [frames][points], pixels; NaN: not seen */
+  const float *weights;          /* [points], 0..1: how rigid a point is */
+  const double (*prior)[3];      /* [points]: where the generic head has them, metres */
+  double (*shape)[3];            /* [points], metres */
+  struct ern_bundle_pose *poses; /* [frames] */
+};
+
+/* Pixels from where a point is seen to where the pose puts it. */
+double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, size_t point);
+
+/* Moves shape and the poses of chosen[count] frames, which rise; the first of `fixed` stays. */
+ERN_NODISCARD ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed);
+/* Moves one pose alone, from where it is; *seen is the number of points that hold it. */
+ERN_NODISCARD ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, size_t *seen);
+/* Moves the poses of frames begin to end - 1 together, each near to going on as the two before it did. The frames
+ * before `begin` stay. */
+ERN_NODISCARD ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

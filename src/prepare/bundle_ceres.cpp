@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: MIT
+ * By Ceres Solver. No exception and no type of C++ leaves this file. */
+#include <ceres/ceres.h>
+#include <ceres/rotation.h>
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <new>
+#include <vector>
+
+extern "C" {
+#include "prepare/bundle.h"
+}
+
+namespace {
+
+/* A point is seen within about half a pixel; what is off by several is no point of a rigid head. */
+constexpr double pixels = 0.5, outlier = 3.0;
+/* How far a person's head is from the generic one, metres. */
+constexpr double shape_spread = 0.008;
+/* How much of a turn (radians), of a way aside and of one in depth (metres) changes from a frame to the next: what the
+ * pictures do not say, as depth, is smoothed most. Cauchy's loss lets nods through. */
+constexpr double turn_change = 0.0025, way_change = 0.0004, depth_change = 0.0006;
+
+struct Reprojection {
+  double x, y, focal, centre, weight;
+  template <typename T>
+  bool operator()(const T *pose, const T *point, T *residual) const {
+    T p[3];
+    ceres::AngleAxisRotatePoint(pose, point, p);
+    const T depth = -(p[2] + pose[5]);
+    if (depth < T(1e-3)) return false;
+    residual[0] = weight / pixels * (centre + focal * (p[0] + pose[3]) / depth - x);
+    residual[1] = weight / pixels * (centre - focal * (p[1] + pose[4]) / depth - y);
+    return true;
+  }
+};
+
+struct KnownReprojection {
+  Reprojection seen;
+  const double *point;
+  template <typename T>
+  bool operator()(const T *pose, T *residual) const {
+    const T p[3] = {T(point[0]), T(point[1]), T(point[2])};
+    return seen(pose, p, residual);
+  }
+};
+
+struct NearPrior {
+  const double *prior;
+  template <typename T>
+  bool operator()(const T *point, T *residual) const {
+    for (int i = 0; i < 3; i++) residual[i] = (point[i] - prior[i]) / shape_spread;
+    return true;
+  }
+};
+
+/* Second difference of a path. Rotation vectors of neighbours are near each other, so they are subtracted. */
+struct Steady {
+  template <typename T>
+  bool operator()(const T *before, const T *now, const T *after, T *residual) const {
+    for (int i = 0; i < 6; i++) {
+      const double spread = i < 3 ? turn_change : i < 5 ? way_change : depth_change;
+      residual[i] = (before[i] - 2.0 * now[i] + after[i]) / spread;
+    }
+    return true;
+  }
+};
+
+bool is_seen(const struct ern_bundle &b, size_t frame, size_t point) {
+  return b.weights[point] > 0.05F && !std::isnan(b.seen[frame * b.points + point][0]);
+}
+
+Reprojection reprojection(const struct ern_bundle &b, size_t frame, size_t point) {
+  const float *at = b.seen[frame * b.points + point];
+  return {at[0], at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[point]))};
+}
+
+void add_known(ceres::Problem &problem, const struct ern_bundle &b, size_t frame, size_t every) {
+  for (size_t k = frame % every; k < b.points; k += every) {
+    if (!is_seen(b, frame, k)) continue;
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<KnownReprojection, 2, 6>(
+                                 new KnownReprojection{reprojection(b, frame, k), b.shape[k]}),
+                             new ceres::CauchyLoss(outlier), b.poses[frame].values);
+  }
+}
+
+ern_status solve(const struct ern_bundle &b, ceres::Problem &problem, ceres::LinearSolverType type, int rounds) {
+  ceres::Solver::Options options;
+  ceres::Solver::Summary summary;
+  options.linear_solver_type = type;
+  options.max_num_iterations = rounds;
+  options.num_threads = 2;
+  options.function_tolerance = 1e-5;
+  options.logging_type = ceres::SILENT;
+  if (problem.NumResidualBlocks() == 0) return ERN_OK;
+  ceres::Solve(options, &problem, &summary);
+  if (summary.IsSolutionUsable()) return ERN_OK;
+  return ern_fail(b.context, ERN_E_NONFINITE, "bundle adjustment: %s", summary.message.c_str());
+}
+
+template <typename Work>
+ern_status guarded(ern_context *context, Work work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc &) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "bundle adjustment: no memory");
+  } catch (const std::exception &error) {
+    return ern_fail(context, ERN_E_MEDIA, "bundle adjustment: %s", error.what());
+  }
+}
+
+}  // namespace
+
+extern "C" void ern_bundle_pose_from(const struct ern_head_pose *pose, struct ern_bundle_pose *bundle) {
+  double columns[9]; /* Ceres has matrices by column */
+  for (int i = 0; i < 9; i++) columns[i] = pose->rotation[i % 3][i / 3];
+  ceres::RotationMatrixToAngleAxis(columns, bundle->values);
+  std::copy_n(pose->translation, 3, bundle->values + 3);
+}
+
+extern "C" void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_pose *pose) {
+  double columns[9];
+  ceres::AngleAxisToRotationMatrix(bundle->values, columns);
+  for (int i = 0; i < 9; i++) pose->rotation[i % 3][i / 3] = columns[i];
+  std::copy_n(bundle->values + 3, 3, pose->translation);
+}
+
+extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, size_t point) {
+  double residual[2];
+  Reprojection seen = reprojection(*bundle, frame, point);
+  seen.weight = pixels;
+  if (!seen(bundle->poses[frame].values, bundle->shape[point], residual)) return HUGE_VAL;
+  return std::hypot(residual[0], residual[1]);
+}
+
+extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed) {
+  return guarded(bundle->context, [&] {
+    const struct ern_bundle &b = *bundle;
+    ceres::Problem problem;
+    std::vector<bool> used(b.points, false);
+    for (size_t i = 0; i < count; i++)
+      for (size_t k = 0; k < b.points; k++) {
+        if (!is_seen(b, chosen[i], k)) continue;
+        used[k] = true;
+        problem.AddResidualBlock(
+            new ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3>(new Reprojection(reprojection(b, chosen[i], k))),
+            new ceres::CauchyLoss(outlier), b.poses[chosen[i]].values, b.shape[k]);
+      }
+    for (size_t k = 0; k < b.points; k++)
+      if (used[k])
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<NearPrior, 3, 3>(new NearPrior{b.prior[k]}), nullptr,
+                                 b.shape[k]);
+    if (problem.HasParameterBlock(b.poses[fixed].values)) problem.SetParameterBlockConstant(b.poses[fixed].values);
+    return solve(b, problem, ceres::DENSE_SCHUR, 12);
+  });
+}
+
+extern "C" ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, size_t *seen) {
+  return guarded(bundle->context, [&] {
+    ceres::Problem problem;
+    add_known(problem, *bundle, frame, 1);
+    *seen = static_cast<size_t>(problem.NumResidualBlocks());
+    return *seen >= 6 ? solve(*bundle, problem, ceres::DENSE_QR, 15) : ERN_OK;
+  });
+}
+
+extern "C" ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end) {
+  return guarded(bundle->context, [&] {
+    const struct ern_bundle &b = *bundle;
+    ceres::Problem problem;
+    for (size_t i = begin; i < end; i++) {
+      problem.AddParameterBlock(b.poses[i].values, 6);
+      add_known(problem, b, i, 1);
+      if (i >= 1 && i + 1 < end)
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<Steady, 6, 6, 6, 6>(new Steady()),
+                                 new ceres::CauchyLoss(3.0), b.poses[i - 1].values, b.poses[i].values,
+                                 b.poses[i + 1].values);
+    }
+    for (size_t i = begin > 0 ? begin - 1 : 0; i < begin; i++)
+      if (problem.HasParameterBlock(b.poses[i].values)) problem.SetParameterBlockConstant(b.poses[i].values);
+    return solve(b, problem, ceres::SPARSE_NORMAL_CHOLESKY, 15);
+  });
+}

@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT */
+#include "prepare/head_shape.h"
+
+#include <math.h>
+
+bool ern_head_project(const struct ern_head_pose *pose, double focal, double centre, const double point[3],
+                      double pixel[2]) {
+  double seen[3];
+  for (int i = 0; i < 3; i++) {
+    seen[i] = pose->translation[i];
+    for (int k = 0; k < 3; k++) seen[i] += pose->rotation[i][k] * point[k];
+  }
+  if (seen[2] > -1e-3) return false;
+  pixel[0] = centre + focal * seen[0] / -seen[2];
+  pixel[1] = centre - focal * seen[1] / -seen[2];
+  return true;
+}
+
+/* The nose stands 24 mm out of the ellipsoid at its tip, 43 mm under the eyes, and runs out to the bridge between them:
+ * height over the ellipsoid, metres. */
+static double nose_height(double x, double y) {
+  const double below = ERN_HEAD_EYES_Y - y; /* 0 at the bridge, 0.043 at the tip */
+  const double along = below < 0.043 ? below / 0.043 : (0.060 - below) / 0.017;
+  if (along <= 0) return 0;
+  const double half = 0.007 + 0.006 * along;
+  return 0.024 * along * exp(-0.5 * x * x / (half * half));
+}
+
+bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
+                   double point[3]) {
+  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
+  const double way[3] = {(pixel[0] - centre) / focal, (centre - pixel[1]) / focal, -1};
+  double o[3], d[3]; /* of the line of sight, in the ellipsoid's axes */
+  double dd = 0, od = 0, oo = 0;
+  for (int i = 0; i < 3; i++) {
+    o[i] = d[i] = 0;
+    for (int k = 0; k < 3; k++) {
+      o[i] -= pose->rotation[k][i] * pose->translation[k];
+      d[i] += pose->rotation[k][i] * way[k];
+    }
+    dd += d[i] * d[i] / (axes[i] * axes[i]);
+    od += o[i] * d[i] / (axes[i] * axes[i]);
+    oo += o[i] * o[i] / (axes[i] * axes[i]);
+  }
+  const double inside = od * od - dd * (oo - 1);
+  if (inside < 0) return false;
+  const double along = (-od - sqrt(inside)) / dd;
+  for (int i = 0; i < 3; i++) point[i] = o[i] + along * d[i];
+  /* the nose's height is along z; one step along the line of sight is near enough where that is nearly z */
+  if (nose && point[2] > 0 && fabs(d[2]) > 0.5) {
+    const double step = nose_height(point[0], point[1]) / fabs(d[2]);
+    for (int i = 0; i < 3; i++) point[i] -= step * d[i];
+  }
+  return true;
+}
+
+void ern_head_box(const struct ern_head_pose *pose, double focal, double centre, double box[4]) {
+  enum { ROUND = 24, HIGH = 12 };
+  box[0] = box[1] = HUGE_VAL;
+  box[2] = box[3] = -HUGE_VAL;
+  for (int i = 0; i < ROUND; i++)
+    for (int k = 0; k <= HIGH; k++) {
+      const double a = 6.283185307179586 * i / ROUND, b = 3.141592653589793 * ((double)k / HIGH - 0.5);
+      const double point[3] = {ERN_HEAD_WIDE * cos(b) * cos(a), ERN_HEAD_TALL * sin(b), ERN_HEAD_DEEP * cos(b) * sin(a)};
+      double pixel[2];
+      if (!ern_head_project(pose, focal, centre, point, pixel)) continue;
+      for (int c = 0; c < 2; c++) {
+        box[c] = fmin(box[c], pixel[c]);
+        box[2 + c] = fmax(box[2 + c], pixel[c]);
+      }
+    }
+}
+
+void ern_head_pose_of_eyes(const float eyes[2][2], double focal, double centre, struct ern_head_pose *pose) {
+  const double dx = (double)eyes[1][0] - (double)eyes[0][0], dy = (double)eyes[1][1] - (double)eyes[0][1];
+  const double distance = fmax(hypot(dx, dy), 1.0), depth = focal * ERN_HEAD_EYES / distance;
+  const double c = dx / distance, s = -dy / distance; /* y is up in space, down in the picture */
+  const double rotation[3][3] = {{c, -s, 0}, {s, c, 0}, {0, 0, 1}}, middle[3] = {0, ERN_HEAD_EYES_Y, ERN_HEAD_EYES_Z};
+  const double at[3] = {(0.5 * ((double)eyes[0][0] + (double)eyes[1][0]) - centre) / focal * depth,
+                        (centre - 0.5 * ((double)eyes[0][1] + (double)eyes[1][1])) / focal * depth, -depth};
+  for (int i = 0; i < 3; i++) {
+    pose->translation[i] = at[i];
+    for (int k = 0; k < 3; k++) {
+      pose->rotation[i][k] = rotation[i][k];
+      pose->translation[i] -= rotation[i][k] * middle[k];
+    }
+  }
+}
