@@ -4,7 +4,7 @@ include(CMakePackageConfigHelpers)
 # Which symbols are exported, under which version (docs/abi.md).
 if(BUILD_SHARED_LIBS)
   configure_file(${CMAKE_CURRENT_LIST_DIR}/libernerf.map.in ${PROJECT_BINARY_DIR}/libernerf.map @ONLY)
-  configure_file(${CMAKE_CURRENT_LIST_DIR}/libernerf-media.map ${PROJECT_BINARY_DIR}/libernerf-media.map COPYONLY)
+  configure_file(${CMAKE_CURRENT_LIST_DIR}/libernerf-media.map.in ${PROJECT_BINARY_DIR}/libernerf-media.map @ONLY)
   foreach(library ernerf ernerf-media)
     target_link_options(${library} PRIVATE -Wl,--version-script=${PROJECT_BINARY_DIR}/lib${library}.map)
     set_property(TARGET ${library} APPEND PROPERTY LINK_DEPENDS ${PROJECT_BINARY_DIR}/lib${library}.map)

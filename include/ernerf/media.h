@@ -103,6 +103,8 @@ typedef struct ern_video_info {
   bool has_sound;
   int sound_rate, sound_channels;
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
+  double pixel_aspect;                                     /* width of a pixel over its height, as it is shown */
+  double start; /* seconds at which the first of the file's streams begins: second 0 of its sound */
 } ern_video_info;
 
 /* One thread at a time uses a reader. */
@@ -113,8 +115,8 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB in `image` (its buffer is reused when it fits) and its time in seconds; *end is set, and the
- * image left alone, when there is none. */
+/* The next frame as RGB in `image` (its buffer is reused when it fits), upright as the file says that it is shown, and
+ * its time in seconds; *end is set, and the image left alone, when there is none. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * Video files, frame by frame, as RGB. */
+#include <libavutil/display.h>
 #include <libavutil/opt.h>
 #include <libavutil/pixdesc.h>
 #include <libswscale/swscale.h>
+#include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
@@ -18,11 +21,22 @@ struct ern_video_reader {
   ern_video_info info;
   struct SwsContext *convert; /* for frames of this form: */
   int width, height, format;
+  int quarters;    /* turns of 90 degrees, clockwise, that the file asks for: 0..3 */
+  ern_image lying; /* the frame before them */
   enum AVColorSpace space;
   enum AVColorRange range;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
+
+/* How a telephone was held: the display matrix of the stream, of which whole quarters are taken. */
+static int quarters_of(const AVStream *stream) {
+  size_t bytes = 0;
+  const uint8_t *matrix = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
+  if (matrix == NULL || bytes < 9 * sizeof(int32_t)) return 0;
+  const double degrees = -av_display_rotation_get((const int32_t *)(const void *)matrix);
+  return isfinite(degrees) ? (int)lround(degrees / 90) & 3 : 0;
+}
 
 static void describe(ern_video_reader *reader) {
   AVFormatContext *container = reader->decoder.container;
@@ -31,6 +45,15 @@ static void describe(ern_video_reader *reader) {
   const AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
   *info = (ern_video_info){
       .width = codec->width, .height = codec->height, .rate_numerator = rate.num, .rate_denominator = rate.den};
+  reader->quarters = quarters_of(reader->decoder.stream);
+  if (reader->quarters % 2 != 0) {
+    info->width = codec->height;
+    info->height = codec->width;
+  }
+  const AVRational aspect = av_guess_sample_aspect_ratio(container, reader->decoder.stream, NULL);
+  info->pixel_aspect = aspect.num > 0 && aspect.den > 0 ? av_q2d(aspect) : 1;
+  if (reader->quarters % 2 != 0) info->pixel_aspect = 1 / info->pixel_aspect;
+  if (container->start_time != AV_NOPTS_VALUE) info->start = (double)container->start_time / AV_TIME_BASE;
   if (container->duration != AV_NOPTS_VALUE) info->duration = (double)container->duration / AV_TIME_BASE;
   copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
   copy_name(info->pixel_format, av_get_pix_fmt_name(codec->pix_fmt));
@@ -141,6 +164,24 @@ static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
   return ERN_OK;
 }
 
+/* to = from, turned clockwise by quarters. */
+static void turn(const ern_image *from, int quarters, ern_image *to) {
+  for (int y = 0; y < to->height; y++)
+    for (int x = 0; x < to->width; x++) {
+      const int u = quarters == 1 ? y : quarters == 2 ? from->width - 1 - x : from->width - 1 - y;
+      const int v = quarters == 1 ? from->height - 1 - x : quarters == 2 ? from->height - 1 - y : x;
+      memcpy(to->data + 3 * ((size_t)y * (size_t)to->width + (size_t)x),
+             from->data + 3 * ((size_t)v * (size_t)from->width + (size_t)u), 3);
+    }
+}
+
+/* Makes *image of that size where it is of another. */
+static ern_status fit(const ern_video_reader *reader, int width, int height, ern_image *image) {
+  if (image->data != NULL && image->width == width && image->height == height && image->channels == 3) return ERN_OK;
+  ern_image_free(reader->context, image);
+  return ern_image_make(reader->context, reader->decoder.path, width, height, 3, image);
+}
+
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, reader);
@@ -155,15 +196,16 @@ ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, do
   if (*end) return ERN_OK;
   ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
   ERN_TRY(prepare(reader, frame));
-  if (image->data == NULL || image->width != frame->width || image->height != frame->height || image->channels != 3) {
-    ern_image_free(context, image);
-    ERN_TRY(ern_image_make(context, path, frame->width, frame->height, 3, image));
-  }
-  uint8_t *const to[4] = {image->data};
+  const bool upright = reader->quarters % 2 == 0;
+  ERN_TRY(fit(reader, upright ? frame->width : frame->height, upright ? frame->height : frame->width, image));
+  if (reader->quarters != 0) ERN_TRY(fit(reader, frame->width, frame->height, &reader->lying));
+  const ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
+  uint8_t *const to[4] = {straight->data};
   const int to_bytes[4] = {frame->width * 3};
   const int error =
       sws_scale(reader->convert, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height, to, to_bytes);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "convert the colours", error));
+  if (reader->quarters != 0) turn(straight, reader->quarters, image);
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
   }
@@ -179,6 +221,7 @@ void ern_video_reader_free(ern_video_reader **reader) {
   ern_context *context = dying->context;
   *reader = NULL;
   sws_freeContext(dying->convert);
+  ern_image_free(context, &dying->lying);
   ern_decoder_close(&dying->decoder);
   ern_release(context, dying);
 }

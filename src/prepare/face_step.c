@@ -1,5 +1,357 @@
-/* SPDX-License-Identifier: MIT */
-#include "prepare/prepare_job.h"
+/* SPDX-License-Identifier: MIT
+ * The step "face": looks for the face in the whole video, cuts one fixed square around all its places, and writes the
+ * frames and the sound of it. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/file.h"
+#include "media/speech_network.h"
+#include "prepare/face_detector.h"
+#include "prepare/footage.h"
+
+enum {
+  EVERY = 5,                                /* frames between looks */
+  FACES = 8,                                /* most that are told apart in a look */
+  THUMB = 32,                               /* pixels a side of what is compared from frame to frame */
+  QUALITY = 98,                             /* of ori_imgs */
+  SOUND_RATE = 16000,                       /* samples a second of aud.wav */
+  MOST_FRAMES = 30 * 60 * ERN_PREPARE_RATE, /* of a clip */
+  PATIENCE = 60 * ERN_PREPARE_RATE,         /* frames without a face before it is given up */
+  FEWEST_FRAMES = ERN_PREPARE_RATE,         /* to learn anything of */
+  FEW_FRAMES = 10 * ERN_PREPARE_RATE        /* to learn little of */
+};
+
+struct scan {
+  struct ern_prepare_job *job;
+  struct ern_face_detector *detector;
+  struct ern_found_face *faces; /* [looks]: the main one of each look; width 0: none */
+  size_t looks, room, found, with_others;
+  float thumb[THUMB * THUMB], change, most_change; /* of the last frame; grey levels, mean over it */
+  float usual;                                     /* running mean of the change */
+  size_t cut;                                      /* frame of a cut; 0: none */
+  size_t frames;
+  int width, height;
+  double aspect;
+};
+
+/* Means of blocks of the grey picture. */
+static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
+  for (int v = 0; v < THUMB; v++)
+    for (int u = 0; u < THUMB; u++) {
+      const int x0 = u * image->width / THUMB, x1 = (u + 1) * image->width / THUMB;
+      const int y0 = v * image->height / THUMB, y1 = (v + 1) * image->height / THUMB;
+      const int sx = x1 - x0 > 16 ? (x1 - x0) / 8 : 1, sy = y1 - y0 > 16 ? (y1 - y0) / 8 : 1;
+      double sum = 0;
+      int count = 0;
+      for (int y = y0; y < y1; y += sy)
+        for (int x = x0; x < x1; x += sx, count++) {
+          const uint8_t *p = image->data + 3 * ((size_t)y * (size_t)image->width + (size_t)x);
+          sum += 0.3 * p[0] + 0.59 * p[1] + 0.11 * p[2];
+        }
+      thumb[v * THUMB + u] = count > 0 ? (float)(sum / count) : 0;
+    }
+}
+
+/* A cut changes the picture by far more than a moving person does. */
+static void compare(struct scan *s, const ern_image *image) {
+  float thumb[THUMB * THUMB];
+  double sum = 0;
+  shrink(image, thumb);
+  for (int i = 0; i < THUMB * THUMB; i++) sum += fabs((double)thumb[i] - (double)s->thumb[i]);
+  memcpy(s->thumb, thumb, sizeof thumb);
+  if (s->frames == 0) return;
+  s->change = (float)(sum / (THUMB * THUMB));
+  if (s->change > s->most_change) s->most_change = s->change;
+  if (s->cut == 0 && s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f)) s->cut = s->frames;
+  s->usual += 0.1f * (fminf(s->change, 10) - s->usual);
+}
+
+/* The largest face, or one that is nearly as large and nearer to where the last one was. */
+static const struct ern_found_face *choose(const struct scan *s, const struct ern_found_face *faces, size_t count) {
+  const struct ern_found_face *last = s->looks > 0 ? &s->faces[s->looks - 1] : NULL, *best = &faces[0];
+  double least = HUGE_VAL;
+  if (last == NULL || last->width <= 0) return best;
+  for (size_t i = 0; i < count; i++) {
+    const double away = hypot((double)(faces[i].x + 0.5f * faces[i].width - last->x - 0.5f * last->width),
+                              (double)(faces[i].y + 0.5f * faces[i].height - last->y - 0.5f * last->height));
+    if (faces[i].width < 0.6f * faces[0].width || away >= least) continue;
+    least = away;
+    best = &faces[i];
+  }
+  return best;
+}
+
+static ern_status look(struct scan *s, const ern_image *image) {
+  ern_status status = ERN_OK;
+  struct ern_found_face found[FACES], *larger = NULL;
+  size_t count = 0;
+  if (s->looks == s->room) {
+    const size_t room = 2 * s->room + 256;
+    ERN_TRY(ERN_NEW(s->job->context, room, &larger));
+    if (s->looks > 0) memcpy(larger, s->faces, s->looks * sizeof *larger);
+    ern_release(s->job->context, s->faces);
+    s->faces = larger;
+    s->room = room;
+  }
+  ERN_TRY(ern_face_detector_find(s->detector, image, found, FACES, &count));
+  struct ern_found_face face = {0};
+  if (count > 0) {
+    face = *choose(s, found, count);
+    s->found++;
+    size_t others = 0; /* with eyes: what has none is often no face */
+    for (size_t i = 0; i < count; i++) others += found[i].has_eyes && found[i].width > 0.5f * face.width;
+    s->with_others += others > 1;
+  }
+  face.frame = s->frames;
+  s->faces[s->looks++] = face;
+fail:
+  return status;
+}
+
+static ern_status scan_video(struct scan *s) {
+  ern_status status = ERN_OK;
+  struct ern_footage footage = {0};
+  const ern_image *image = NULL;
+  ERN_TRY(ern_footage_open(s->job, &footage));
+  s->width = footage.info.width;
+  s->height = footage.info.height;
+  s->aspect = footage.info.pixel_aspect;
+  const size_t expected = 2 * ern_footage_expected(&footage);
+  for (;; s->frames++) {
+    ERN_TRY(ern_footage_next(&footage, &image));
+    if (image == NULL) break;
+    if (s->frames == MOST_FRAMES)
+      ERN_TRY(ern_fail(s->job->context, ERN_E_SHAPE,
+                       "%s: is longer than %d minutes, expected a part of it: --from SECONDS --to SECONDS",
+                       s->job->video, MOST_FRAMES / ERN_PREPARE_RATE / 60));
+    if (image->width != s->width || image->height != s->height)
+      ERN_TRY(ern_fail(s->job->context, ERN_E_UNSUPPORTED, "%s: frame %zu is %d x %d, expected %d x %d as the first",
+                       s->job->video, s->frames, image->width, image->height, s->width, s->height));
+    compare(s, image);
+    if (s->frames % EVERY == 0) ERN_TRY(look(s, image));
+    if (s->found == 0 && s->frames >= PATIENCE) break;
+    ERN_TRY(ern_prepare_progress(s->job, s->frames, s->frames < expected ? expected : 2 * s->frames));
+  }
+fail:
+  ern_footage_close(&footage);
+  return status;
+}
+
+static int rising(const void *a, const void *b) {
+  const float x = *(const float *)a, y = *(const float *)b;
+  return (x > y) - (x < y);
+}
+
+/* Takes away what the cascades found elsewhere than the face mostly is. */
+static ern_status drop_strays(struct scan *s, double *width) {
+  ern_status status = ERN_OK;
+  float *values = NULL, middle[3] = {0, 0, 0};
+  ERN_TRY(ERN_NEW(s->job->context, s->looks, &values));
+  for (int c = 0; c < 3; c++) {
+    size_t n = 0;
+    for (size_t i = 0; i < s->looks; i++) {
+      const struct ern_found_face *f = &s->faces[i];
+      if (f->width > 0) values[n++] = c == 0 ? f->width : c == 1 ? f->x + 0.5f * f->width : f->y + 0.5f * f->height;
+    }
+    qsort(values, n, sizeof *values, rising);
+    middle[c] = values[n / 2];
+  }
+  for (size_t i = 0; i < s->looks; i++) {
+    struct ern_found_face *f = &s->faces[i];
+    const bool same = fabsf(f->width / middle[0] - 1) < 0.4f &&
+                      hypotf(f->x + 0.5f * f->width - middle[1], f->y + 0.5f * f->height - middle[2]) < 2 * middle[0];
+    if (f->width > 0 && !same) f->width = 0, s->found--;
+  }
+  *width = (double)middle[0];
+fail:
+  ern_release(s->job->context, values);
+  return status;
+}
+
+/* region: x, y, width, height of the square, pixels of the video (width differs where its pixels are no squares). */
+static void place_crop(struct scan *s, double face, double region[4]) {
+  double box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL}; /* of the head in all looks */
+  for (size_t i = 0; i < s->looks; i++) {
+    const struct ern_found_face *f = &s->faces[i];
+    if (f->width <= 0) continue;
+    box[0] = fmin(box[0], (double)(f->x - 0.25f * f->width));
+    box[1] = fmin(box[1], (double)(f->y - 0.45f * f->height));
+    box[2] = fmax(box[2], (double)(f->x + 1.25f * f->width));
+    box[3] = fmax(box[3], (double)(f->y + 1.25f * f->height));
+  }
+  const double wide = s->width * s->aspect, most = fmin(wide, s->height); /* in heights of a pixel */
+  double side = fmax(fmax((box[2] - box[0]) * s->aspect * 1.1, (box[3] - box[1]) * 1.1), 2.4 * face * s->aspect);
+  if (side > 0.85 * most) side = most;
+  side = floor(side);
+  const double x = 0.5 * (box[0] + box[2]) * s->aspect - 0.5 * side, y = 0.5 * (box[1] + box[3]) - 0.46 * side;
+  region[0] = round(fmin(fmax(x, 0), wide - side) / s->aspect);
+  region[1] = round(fmin(fmax(y, 0), s->height - side));
+  region[2] = round(side / s->aspect);
+  region[3] = side;
+}
+
+/* Faces in pixels of the clip; those that the square leaves out are none. */
+static size_t take_faces(struct scan *s, const double region[4]) {
+  const double sx = s->job->side / region[2], sy = s->job->side / region[3];
+  size_t count = 0;
+  for (size_t i = 0; i < s->looks; i++) {
+    struct ern_found_face f = s->faces[i];
+    if (f.width <= 0) continue;
+    f.x = (float)(((double)f.x - region[0]) * sx);
+    f.y = (float)(((double)f.y - region[1]) * sy);
+    f.width *= (float)sx;
+    f.height *= (float)sy;
+    for (int e = 0; e < 2 && f.has_eyes; e++) {
+      f.eyes[e][0] = (float)(((double)f.eyes[e][0] - region[0]) * sx);
+      f.eyes[e][1] = (float)(((double)f.eyes[e][1] - region[1]) * sy);
+    }
+    if (f.has_eyes && (f.eyes[0][0] < 0 || f.eyes[1][0] < 0)) f.has_eyes = false;
+    s->faces[count++] = f;
+  }
+  return count;
+}
+
+static ern_status write_frames(struct scan *s, const double region[4]) {
+  ern_status status = ERN_OK;
+  struct ern_prepare_job *job = s->job;
+  struct ern_footage footage = {0};
+  const ern_image *image = NULL;
+  ern_image crop = {0};
+  char path[ERN_PREPARE_PATH];
+  ERN_TRY(ern_prepare_path(job, path, "ori_imgs"));
+  ERN_TRY(ern_folder_make(job->context, path));
+  ERN_TRY(ern_footage_open(job, &footage));
+  for (size_t i = 0; i < s->frames; i++) {
+    ERN_TRY(ern_footage_next(&footage, &image));
+    if (image == NULL) ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: changed while it was read", job->video));
+    ERN_TRY(ern_picture_crop(job->context, image, region, job->side, &crop));
+    ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.jpg", i));
+    ERN_TRY(ern_image_write(job->context, path, &crop, QUALITY));
+    ern_image_free(job->context, &crop);
+    ERN_TRY(ern_prepare_progress(job, s->frames + i + 1, 2 * s->frames));
+  }
+fail:
+  ern_image_free(job->context, &crop);
+  ern_footage_close(&footage);
+  return status;
+}
+
+/* aud.wav: the sound beside the frames, one channel; none where the video has none. */
+static ern_status write_sound(struct scan *s) {
+  ern_status status = ERN_OK;
+  struct ern_prepare_job *job = s->job;
+  struct ern_footage footage = {0};
+  float *samples = NULL;
+  int16_t *data = NULL;
+  size_t count = 0;
+  char path[ERN_PREPARE_PATH];
+  ERN_TRY(ern_footage_open(job, &footage));
+  if (!footage.info.has_sound) goto fail;
+  ERN_TRY(ern_speech_wave(job->context, job->video, SOUND_RATE, &samples, &count));
+  const double begin = footage.first - footage.info.start + job->options->from;
+  const long long first = llround(begin * SOUND_RATE);
+  const size_t length = s->frames * (SOUND_RATE / ERN_PREPARE_RATE);
+  ERN_TRY(ERN_NEW(job->context, length, &data));
+  for (size_t i = 0; i < length; i++) {
+    const long long at = first + (long long)i;
+    const float value = at >= 0 && (size_t)at < count ? samples[at] : 0;
+    data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
+  }
+  const ern_sound sound = {.rate = SOUND_RATE, .channels = 1, .frames = length, .data = data};
+  ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
+  ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
+fail:
+  ern_release(job->context, samples);
+  ern_release(job->context, data);
+  ern_footage_close(&footage);
+  return status;
+}
+
+/* What can be said before a crop; true where it is to go on. */
+static bool judge_scan(struct scan *s) {
+  struct ern_prepare_job *job = s->job;
+  const double share = s->looks > 0 ? (double)s->found / (double)s->looks : 0;
+  const double seconds = (double)s->frames / ERN_PREPARE_RATE;
+  ern_prepare_figure(job, "frames", (double)s->frames);
+  ern_prepare_figure(job, "faces", share);
+  if (s->frames < FEWEST_FRAMES)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part is %.2f s long, expected at least 1 s, and minutes at best",
+                      seconds);
+  else if (s->found == 0)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "no face was found in %.0f s, expected a person who looks into the camera, the face at least a "
+                      "ninth of the picture's shorter side",
+                      seconds);
+  else if (s->cut > 0)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "the picture changes at once at %.2f s, as at a cut; expected one camera that stands still: "
+                      "--from and --to choose a part without cuts",
+                      job->options->from + (double)s->cut / ERN_PREPARE_RATE);
+  else if (s->most_change < 0.3f)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the picture never changes, expected a person who speaks and moves");
+  else if (share < 0.5)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "a face that looks into the camera was found in %.0f %% of the frames, expected at least 50 %%; "
+                      "--from and --to choose a part without profile views",
+                      100 * share);
+  if (job->verdict->grade == ERN_PREPARE_REFUSED) return false;
+  if (share < 0.8)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "a face that looks into the camera was found in %.0f %% of the frames, expected at least 80 %%",
+                      100 * share);
+  if (s->frames < FEW_FRAMES)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the part is %.1f s long; a mouth needs more to learn from, 60 s or more", seconds);
+  if (4 * s->with_others > s->looks)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "more than one face was found in %.0f %% of the frames; the largest that stays in its place is "
+                      "taken",
+                      100.0 * (double)s->with_others / (double)s->looks);
+  return true;
+}
+
+static void judge_crop(struct scan *s, double face, const double region[4]) {
+  struct ern_prepare_job *job = s->job;
+  size_t out = 0;
+  for (size_t i = 0; i < s->looks; i++) {
+    const struct ern_found_face *f = &s->faces[i];
+    out += f->width > 0 &&
+           ((double)f->x < region[0] || (double)f->y < region[1] + 0.02 * region[3] ||
+            (double)(f->x + f->width) > region[0] + region[2] || (double)(f->y + f->height) > region[1] + region[3]);
+  }
+  const double share = (double)out / (double)s->found, large = face / region[2] * job->side;
+  ern_prepare_figure(job, "face_pixels", large);
+  if (share > 0.02)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the face touches the picture's edge in %.0f %% of the frames",
+                      100 * share);
+  if (region[3] * 1.6 < job->side)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the head is small: %.0f pixels of the video become %d; --size %.0f takes it as it is", region[3],
+                      job->side, fmax(128, region[3]));
+}
+
 ern_status ern_prepare_face(struct ern_prepare_job *job) {
-  return ern_fail(job->context, ERN_E_UNSUPPORTED, "face: not there yet");
+  ern_status status = ERN_OK;
+  struct scan scan = {.job = job};
+  double face = 0, region[4] = {0};
+  ERN_TRY(ern_face_detector_make(job->context, &scan.detector));
+  ERN_TRY(scan_video(&scan));
+  if (!judge_scan(&scan)) goto fail;
+  ERN_TRY(drop_strays(&scan, &face));
+  place_crop(&scan, face, region);
+  judge_crop(&scan, face, region);
+  ERN_TRY(write_frames(&scan, region));
+  ERN_TRY(write_sound(&scan));
+  job->frames = scan.frames;
+  ERN_TRY(ern_prepare_faces_write(job, scan.faces, take_faces(&scan, region)));
+  json_t *crop =
+      json_pack("{s:f, s:f, s:f, s:i}", "x", region[0], "y", region[1], "side", region[3], "size", job->side);
+  if (crop == NULL || json_object_set_new(job->record, "crop", crop) != 0)
+    ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
+fail:
+  ern_face_detector_free(&scan.detector);
+  ern_release(job->context, scan.faces);
+  return status;
 }

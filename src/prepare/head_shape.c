@@ -61,7 +61,8 @@ void ern_head_box(const struct ern_head_pose *pose, double focal, double centre,
   for (int i = 0; i < ROUND; i++)
     for (int k = 0; k <= HIGH; k++) {
       const double a = 6.283185307179586 * i / ROUND, b = 3.141592653589793 * ((double)k / HIGH - 0.5);
-      const double point[3] = {ERN_HEAD_WIDE * cos(b) * cos(a), ERN_HEAD_TALL * sin(b), ERN_HEAD_DEEP * cos(b) * sin(a)};
+      const double point[3] = {ERN_HEAD_WIDE * cos(b) * cos(a), ERN_HEAD_TALL * sin(b),
+                               ERN_HEAD_DEEP * cos(b) * sin(a)};
       double pixel[2];
       if (!ern_head_project(pose, focal, centre, point, pixel)) continue;
       for (int c = 0; c < 2; c++) {

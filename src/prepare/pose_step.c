@@ -330,7 +330,7 @@ fail:
 }
 
 /* The frame whose eyes are level, midway in the face's box, and at their median distance. */
-static bool choose_reference(struct tracking *t, const struct ern_prepare_face *faces, size_t count, float *distances,
+static bool choose_reference(struct tracking *t, const struct ern_found_face *faces, size_t count, float *distances,
                              size_t *chosen) {
   size_t n = 0;
   double best = HUGE_VAL;
@@ -340,7 +340,7 @@ static bool choose_reference(struct tracking *t, const struct ern_prepare_face *
   if (n == 0) return false;
   const double middle = (double)median(distances, n);
   for (size_t i = 0; i < count; i++) {
-    const struct ern_prepare_face *f = &faces[i];
+    const struct ern_found_face *f = &faces[i];
     if (!f->has_eyes) continue;
     const double dx = (double)(f->eyes[1][0] - f->eyes[0][0]), dy = (double)(f->eyes[1][1] - f->eyes[0][1]);
     const double aside = (double)(0.5f * (f->eyes[0][0] + f->eyes[1][0]) - (f->x + 0.5f * f->width)) / middle;
@@ -354,7 +354,7 @@ static bool choose_reference(struct tracking *t, const struct ern_prepare_face *
   return true;
 }
 
-static ern_status track(struct tracking *t, const struct ern_prepare_face *face) {
+static ern_status track(struct tracking *t, const struct ern_found_face *face) {
   ern_status status = ERN_OK;
   ern_head_pose_of_eyes(face->eyes, t->job->focal, t->centre, &t->poses[face->frame]);
   ern_bundle_pose_from(&t->poses[face->frame], &t->bundled[face->frame]);
@@ -404,7 +404,7 @@ fail:
 ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   ern_context *context = job->context;
   struct tracking t = {.job = job, .centre = 0.5 * job->side};
-  struct ern_prepare_face *faces = NULL;
+  struct ern_found_face *faces = NULL;
   float *distances = NULL;
   size_t count = 0, chosen = 0;
   ern_status status = ERN_OK;

@@ -86,9 +86,9 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
   ern_status status = ERN_OK;
   for (size_t i = 0; i < ERN_PREPARE_STEPS; i++) {
     job->verdict = &result->verdicts[i];
-    *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
     settings_of(job, i, settings);
     const bool done = ern_prepare_record_has(job, steps[i].name, settings, job->verdict);
+    if (done) job->verdict->step = steps[i].name;
     if (only < ERN_PREPARE_STEPS ? i != only : done) {
       if (done || i > only) continue;
       ERN_TRY(ern_fail(job->context, ERN_E_STATE,
@@ -96,10 +96,11 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
                        "needs it; expected a call without --only first",
                        job->folder, steps[i].name, steps[only].name));
     }
-    job->verdict->grade = ERN_PREPARE_GOOD;
-    job->verdict->words[0] = 0;
-    ERN_TRY(run_step(job, i, settings));
+    *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
+    status = run_step(job, i, settings);
+    if (status != ERN_OK && job->verdict->grade != ERN_PREPARE_REFUSED) *job->verdict = (ern_prepare_verdict){0};
     result->frames = job->frames;
+    ERN_TRY(status);
   }
 fail:
   return status;

@@ -12,7 +12,7 @@ enum { COLUMNS = 9 };
 static const char *const columns[COLUMNS] = {"frame",      "x",          "y",           "width",      "height",
                                              "left_eye_x", "left_eye_y", "right_eye_x", "right_eye_y"};
 
-ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_prepare_face *faces, size_t count) {
+ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces, size_t count) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], line[256];
   struct ern_file_writer file = {0};
@@ -25,7 +25,7 @@ ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }
   for (size_t i = 0; i < count; i++) {
-    const struct ern_prepare_face *f = &faces[i];
+    const struct ern_found_face *f = &faces[i];
     static const float none[2] = {-1, -1};
     const float *left = f->has_eyes ? f->eyes[0] : none, *right = f->has_eyes ? f->eyes[1] : none;
     const int length = snprintf(line, sizeof line, "%zu,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f\n", f->frame,
@@ -39,11 +39,11 @@ fail:
   return status;
 }
 
-ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_prepare_face **faces, size_t *count) {
+ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_face **faces, size_t *count) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   float *values[COLUMNS] = {NULL};
-  struct ern_prepare_face *made = NULL;
+  struct ern_found_face *made = NULL;
   *faces = NULL;
   *count = 0;
   ERN_TRY(ern_prepare_path(job, path, "prepare/faces.csv"));
@@ -54,13 +54,13 @@ ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_prepar
     if (!(values[0][i] >= 0) || !(values[0][i] < (float)job->frames) || (i > 0 && values[0][i] <= values[0][i - 1]))
       ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: row %zu: frame is %g, expected frames of 0 to %zu that rise",
                        path, i + 1, (double)values[0][i], job->frames - 1));
-    made[i] = (struct ern_prepare_face){.frame = (size_t)values[0][i],
-                                        .x = values[1][i],
-                                        .y = values[2][i],
-                                        .width = values[3][i],
-                                        .height = values[4][i],
-                                        .has_eyes = values[5][i] >= 0 && values[7][i] >= 0,
-                                        .eyes = {{values[5][i], values[6][i]}, {values[7][i], values[8][i]}}};
+    made[i] = (struct ern_found_face){.frame = (size_t)values[0][i],
+                                      .x = values[1][i],
+                                      .y = values[2][i],
+                                      .width = values[3][i],
+                                      .height = values[4][i],
+                                      .has_eyes = values[5][i] >= 0 && values[7][i] >= 0,
+                                      .eyes = {{values[5][i], values[6][i]}, {values[7][i], values[8][i]}}};
   }
   *faces = made;
   *count = rows;

@@ -41,7 +41,7 @@ struct ern_head_pose {
 };
 
 /* A face as the cascades found it, pixels of the clip. */
-struct ern_prepare_face {
+struct ern_found_face {
   size_t frame;
   float x, y, width, height;
   bool has_eyes;
@@ -60,9 +60,9 @@ ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, str
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). */
-ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_prepare_face **faces,
+ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_face **faces,
                                                 size_t *count);
-ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_prepare_face *faces,
+ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,
                                                  size_t count);
 
 /* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */

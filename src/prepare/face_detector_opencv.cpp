@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: MIT
+ * No exception and no type of C++ leaves this file. */
+#include <algorithm>
+#include <cstdlib>
+#include <exception>
+#include <new>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/objdetect.hpp>
+#include <string>
+#include <vector>
+
+extern "C" {
+#include "prepare/face_detector.h"
+}
+
+struct ern_face_detector {
+  ern_context *context;
+  cv::CascadeClassifier face, eye;
+};
+
+namespace {
+
+/* The cascades look at pictures of at most so many pixels a side: a face that is smaller there is too small to learn.
+ */
+constexpr int most_side = 640;
+
+template <typename Work>
+ern_status guarded(ern_context *context, Work work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc &) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "faces: no memory");
+  } catch (const std::exception &error) {
+    return ern_fail(context, ERN_E_MEDIA, "faces: OpenCV: %s", error.what());
+  }
+}
+
+ern_status load(ern_context *context, const std::string &folder, const char *name, cv::CascadeClassifier &cascade) {
+  const std::string path = folder + "/" + name;
+  if (cascade.load(path)) return ERN_OK;
+  return ern_fail(context, ERN_E_MISSING,
+                  "%s: no such cascade, expected those of OpenCV (Debian's opencv-data); ERNERF_CASCADES names their "
+                  "folder",
+                  path.c_str());
+}
+
+/* The candidate nearest to where an eye is expected, in its half of the face. */
+bool nearest(const std::vector<cv::Rect> &found, const cv::Rect &face, double share, cv::Point2d &eye) {
+  double least = 0.18 * face.width;
+  bool any = false;
+  for (const cv::Rect &r : found) {
+    const cv::Point2d centre(face.x + r.x + 0.5 * r.width, face.y + r.y + 0.5 * r.height);
+    const double away = std::hypot(centre.x - (face.x + share * face.width), centre.y - (face.y + 0.38 * face.height));
+    if (away >= least) continue;
+    least = away;
+    eye = centre;
+    any = true;
+  }
+  return any;
+}
+
+void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect &face, double scale,
+               struct ern_found_face *found) {
+  std::vector<cv::Rect> eyes;
+  cv::Point2d left, right;
+  const cv::Rect upper(face.x, face.y, face.width, face.height * 6 / 10);
+  d->eye.detectMultiScale(grey(upper), eyes, 1.05, 4, 0, cv::Size(face.width / 8, face.width / 8),
+                          cv::Size(face.width / 3, face.width / 3));
+  found->has_eyes = nearest(eyes, face, 0.30, left) && nearest(eyes, face, 0.70, right);
+  if (!found->has_eyes) return;
+  const cv::Point2d both[2] = {left, right};
+  for (int i = 0; i < 2; i++) {
+    found->eyes[i][0] = static_cast<float>(both[i].x / scale);
+    found->eyes[i][1] = static_cast<float>(both[i].y / scale);
+  }
+}
+
+}  // namespace
+
+extern "C" ern_status ern_face_detector_make(ern_context *context, struct ern_face_detector **detector) {
+  *detector = nullptr;
+  return guarded(context, [&] {
+    const char *other = std::getenv("ERNERF_CASCADES");
+    const std::string folder = other != nullptr && other[0] != 0 ? other : ERN_CASCADES;
+    auto *made = new ern_face_detector{};
+    *detector = made;
+    made->context = context;
+    const ern_status status = load(context, folder, "haarcascade_frontalface_default.xml", made->face);
+    return status == ERN_OK ? load(context, folder, "haarcascade_eye.xml", made->eye) : status;
+  });
+}
+
+extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,
+                                             struct ern_found_face *faces, size_t room, size_t *count) {
+  *count = 0;
+  return guarded(detector->context, [&] {
+    const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
+    cv::Mat grey;
+    std::vector<cv::Rect> found;
+    cv::cvtColor(whole, grey, cv::COLOR_RGB2GRAY);
+    const double scale = std::min(1.0, static_cast<double>(most_side) / std::max(grey.cols, grey.rows));
+    if (scale < 1) cv::resize(grey, grey, cv::Size(), scale, scale, cv::INTER_AREA);
+    const int least = std::min(grey.cols, grey.rows) / 9;
+    if (least < 20) return ERN_OK;
+    detector->face.detectMultiScale(grey, found, 1.1, 5, 0, cv::Size(least, least));
+    std::sort(found.begin(), found.end(), [](const cv::Rect &a, const cv::Rect &b) { return a.width > b.width; });
+    for (const cv::Rect &r : found) {
+      if (*count == room) break;
+      struct ern_found_face *face = &faces[(*count)++];
+      *face = ern_found_face{};
+      face->x = static_cast<float>(r.x / scale);
+      face->y = static_cast<float>(r.y / scale);
+      face->width = static_cast<float>(r.width / scale);
+      face->height = static_cast<float>(r.height / scale);
+      find_eyes(detector, grey, r, scale, face);
+    }
+    return ERN_OK;
+  });
+}
+
+extern "C" ern_status ern_picture_crop(ern_context *context, const ern_image *picture, const double region[4], int side,
+                                       ern_image *crop) {
+  *crop = ern_image{};
+  return guarded(context, [&] {
+    const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
+    const cv::Rect inside = cv::Rect(cvRound(region[0]), cvRound(region[1]), std::max(cvRound(region[2]), 1),
+                                     std::max(cvRound(region[3]), 1)) &
+                            cv::Rect(0, 0, whole.cols, whole.rows);
+    const size_t bytes = 3 * static_cast<size_t>(side) * static_cast<size_t>(side);
+    crop->data = static_cast<uint8_t *>(ern_allocate(context, bytes, 1));
+    if (crop->data == nullptr) return ERN_E_NO_MEMORY;
+    crop->width = crop->height = side;
+    crop->channels = 3;
+    cv::Mat to(side, side, CV_8UC3, crop->data);
+    const bool smaller = inside.width > side;
+    cv::resize(whole(inside), to, to.size(), 0, 0, smaller ? cv::INTER_AREA : cv::INTER_CUBIC);
+    return ERN_OK;
+  });
+}
+
+extern "C" void ern_face_detector_free(struct ern_face_detector **detector) {
+  if (detector == nullptr) return;
+  delete *detector;
+  *detector = nullptr;
+}

@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: MIT */
+#include "prepare/footage.h"
+
+#include <math.h>
+
+static ern_status advance(struct ern_footage *f) {
+  ern_status status = ERN_OK;
+  bool end = false;
+  const ern_image free_one = f->now;
+  if (f->has_now && f->has_next) f->between = f->next_at - f->now_at;
+  f->now = f->next;
+  f->now_at = f->next_at;
+  f->has_now = f->has_next;
+  f->next = free_one;
+  status = ern_video_reader_frame(f->reader, &f->next, &f->next_at, &end);
+  f->has_next = status == ERN_OK && !end;
+  return status;
+}
+
+ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage) {
+  ern_status status = ERN_OK;
+  *footage = (struct ern_footage){.job = job, .between = 1.0 / ERN_PREPARE_RATE};
+  ERN_TRY(ern_video_reader_open(job->context, job->video, &footage->reader));
+  ern_video_reader_info(footage->reader, &footage->info);
+  ERN_TRY(advance(footage));
+  if (!footage->has_next)
+    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: has no frame, expected a video of a person", job->video));
+  footage->first = footage->next_at;
+  ERN_TRY(advance(footage));
+  return ERN_OK;
+fail:
+  ern_footage_close(footage);
+  return status;
+}
+
+ern_status ern_footage_next(struct ern_footage *f, const ern_image **frame) {
+  const ern_prepare_options *options = f->job->options;
+  const double since = options->from + (double)f->frame / ERN_PREPARE_RATE, at = f->first + since;
+  *frame = NULL;
+  if (options->to > 0 && since > options->to - 0.5 / ERN_PREPARE_RATE) return ERN_OK;
+  while (f->has_next && fabs(f->next_at - at) <= fabs(f->now_at - at)) {
+    const ern_status status = advance(f);
+    if (status != ERN_OK) return status;
+  }
+  /* a frame is shown until the next one is due */
+  if (!f->has_next && at > f->now_at + fmin(fmax(f->between, 0.001), 0.5) - 1e-4) return ERN_OK;
+  f->frame++;
+  *frame = &f->now;
+  return ERN_OK;
+}
+
+size_t ern_footage_expected(const struct ern_footage *footage) {
+  const ern_prepare_options *options = footage->job->options;
+  const double end = options->to > 0 ? options->to : footage->info.duration;
+  const double frames = (end - options->from) * ERN_PREPARE_RATE;
+  return frames >= 1 && frames < 1e7 ? (size_t)frames : 1;
+}
+
+void ern_footage_close(struct ern_footage *footage) {
+  if (footage->job == NULL) return;
+  ern_video_reader_free(&footage->reader);
+  ern_image_free(footage->job->context, &footage->now);
+  ern_image_free(footage->job->context, &footage->next);
+  footage->job = NULL;
+}
