@@ -26,6 +26,11 @@ static double nose_height(double x, double y) {
   return 0.024 * along * exp(-0.5 * x * x / (half * half));
 }
 
+double ern_head_surface(double x, double y) {
+  const double a = x / ERN_HEAD_WIDE, b = y / ERN_HEAD_TALL, inside = 1 - a * a - b * b;
+  return inside > 0 ? ERN_HEAD_DEEP * sqrt(inside) + nose_height(x, y) : 0;
+}
+
 bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
                    double point[3]) {
   static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};

@@ -28,6 +28,8 @@ bool ern_head_project(const struct ern_head_pose *pose, double focal, double cen
  * passes by. */
 bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
                    double point[3]);
+/* z of the face (ellipsoid and nose) over x, y; 0 past the ellipsoid's outline. */
+double ern_head_surface(double x, double y);
 /* The box around the projected ellipsoid: least x, least y, greatest x, greatest y, pixels. */
 void ern_head_box(const struct ern_head_pose *pose, double focal, double centre, double box[4]);
 /* The pose of a head that looks into the camera, from the eyes' middles in the picture, the left one first. */

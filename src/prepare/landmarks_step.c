@@ -1,5 +1,260 @@
-/* SPDX-License-Identifier: MIT */
-#include "prepare/prepare_job.h"
+/* SPDX-License-Identifier: MIT
+ * The step "landmarks": 68 points of every frame. Without a network they are a template, laid onto the eyes that the
+ * cascades found and onto the mouth, which is where the still face changes most; jaw and lower lip follow the chin. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/file.h"
+#include "prepare/head_shape.h"
+#include "prepare/landmarks_template.h"
+#include "prepare/still_crop.h"
+
+enum { LOOKS = 240, LOWER_COLUMNS = 45, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
+static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
+
+struct fit {
+  struct ern_prepare_job *job;
+  struct ern_head_pose *poses; /* [frames] */
+  uint8_t *grey;               /* [side][side] */
+  double middle_x, eyes_y;     /* of the eyes, metres in the head's frame */
+  double wide;                 /* this face over the template: across */
+  double mouth;                /* metres under the eyes */
+  float *opening;              /* [frames]: how far the jaw is down, metres */
+};
+
+/* Middle and half distance of the eyes in the head's frame: medians of where the lines of sight meet the face. */
+static ern_status fit_eyes(struct fit *fit) {
+  ern_status status = ERN_OK;
+  struct ern_found_face *faces = NULL;
+  float *values[3] = {NULL};
+  size_t count = 0, n = 0;
+  ERN_TRY(ern_prepare_faces_read(fit->job, &faces, &count));
+  for (int i = 0; i < 3; i++) ERN_TRY(ERN_NEW(fit->job->context, count, &values[i]));
+  for (size_t i = 0; i < count; i++) {
+    double at[2][3];
+    bool both = faces[i].has_eyes;
+    for (int e = 0; e < 2 && both; e++) {
+      const double pixel[2] = {(double)faces[i].eyes[e][0], (double)faces[i].eyes[e][1]};
+      both = ern_head_meet(&fit->poses[faces[i].frame], fit->job->focal, 0.5 * fit->job->side, pixel, false, at[e]);
+    }
+    if (!both) continue;
+    values[0][n] = (float)(0.5 * (at[0][0] + at[1][0]));
+    values[1][n] = (float)(0.5 * (at[0][1] + at[1][1]));
+    values[2][n++] = (float)(at[1][0] - at[0][0]);
+  }
+  fit->middle_x = n > 0 ? (double)ern_quantile(values[0], n, 0.5) : 0;
+  fit->eyes_y = n > 0 ? (double)ern_quantile(values[1], n, 0.5) : ERN_HEAD_EYES_Y;
+  const double distance = n > 0 ? (double)ern_quantile(values[2], n, 0.5) : ERN_HEAD_EYES;
+  fit->wide = fmin(fmax(distance / ERN_HEAD_EYES, 0.8), 1.2);
+fail:
+  for (int i = 0; i < 3; i++) ern_release(fit->job->context, values[i]);
+  ern_release(fit->job->context, faces);
+  return status;
+}
+
+/* variance[rows]: of the grey levels over time, mean over the row. */
+static ern_status row_variance(struct fit *fit, const struct ern_still_crop *crop, double *variance) {
+  ern_status status = ERN_OK;
+  const size_t pixels = (size_t)crop->rows * (size_t)crop->columns, frames = fit->job->frames;
+  const size_t looks = frames < LOOKS ? frames : LOOKS;
+  float *values = NULL;
+  double *sums = NULL;
+  ERN_TRY(ERN_NEW(fit->job->context, pixels, &values));
+  ERN_TRY(ERN_NEW(fit->job->context, 2 * pixels, &sums));
+  for (size_t i = 0; i < looks; i++) {
+    const size_t frame = i * frames / looks;
+    double mean = 0;
+    ERN_TRY(ern_frame_grey(fit->job, frame, fit->grey));
+    ern_still_crop_take(crop, &fit->poses[frame], fit->job, fit->grey, values);
+    for (size_t k = 0; k < pixels; k++) mean += (double)values[k] / (double)pixels;
+    for (size_t k = 0; k < pixels; k++) {
+      const double v = (double)values[k] - mean; /* the light may change */
+      sums[k] += v;
+      sums[pixels + k] += v * v;
+    }
+    ERN_TRY(ern_prepare_progress(fit->job, i / 2, looks + frames));
+  }
+  for (int r = 0; r < crop->rows; r++) {
+    variance[r] = 0;
+    for (int c = 0; c < crop->columns; c++) {
+      const double mean = sums[r * crop->columns + c] / (double)looks;
+      const double square = sums[pixels + (size_t)(r * crop->columns + c)] / (double)looks;
+      variance[r] += fmax(square - mean * mean, 0) / crop->columns;
+    }
+  }
+fail:
+  ern_release(fit->job->context, values);
+  ern_release(fit->job->context, sums);
+  return status;
+}
+
+/* The mouth is the middle of the band of rows that change more than half as much as the row that changes most. */
+static ern_status fit_mouth(struct fit *fit) {
+  const struct ern_still_crop crop = {
+      .x = fit->middle_x, .y = fit->eyes_y - 0.070, .step = lower_step, .columns = LOWER_COLUMNS, .rows = LOWER_ROWS};
+  double variance[LOWER_ROWS], smooth[LOWER_ROWS], most = 0, sum = 0, weight = 0;
+  float sorted[LOWER_ROWS];
+  int peak = LOWER_ROWS / 2;
+  const ern_status status = row_variance(fit, &crop, variance);
+  if (status != ERN_OK) return status;
+  for (int r = 0; r < LOWER_ROWS; r++) {
+    smooth[r] = 0;
+    for (int k = -4; k <= 4; k++) {
+      const int at = r + k < 0 ? 0 : r + k >= LOWER_ROWS ? LOWER_ROWS - 1 : r + k;
+      smooth[r] += variance[at] / 9;
+    }
+    sorted[r] = (float)smooth[r];
+    /* 50 to 90 mm under the eyes: not the collar, not the nose */
+    const double under = 0.070 + (r - 0.5 * (LOWER_ROWS - 1)) * lower_step;
+    if (under > 0.050 && under < 0.090 && smooth[r] > most) {
+      most = smooth[r];
+      peak = r;
+    }
+  }
+  for (int r = peak; r >= 0 && smooth[r] > 0.5 * most; r--) sum += r * smooth[r], weight += smooth[r];
+  for (int r = peak + 1; r < LOWER_ROWS && smooth[r] > 0.5 * most; r++) sum += r * smooth[r], weight += smooth[r];
+  const double row = weight > 0 ? sum / weight : peak;
+  fit->mouth = fmin(fmax(0.070 + (row - 0.5 * (LOWER_ROWS - 1)) * lower_step, 0.055), 0.085);
+  const double contrast = most / fmax((double)ern_quantile(sorted, LOWER_ROWS, 0.25), 1);
+  ern_prepare_figure(fit->job, "mouth_mm", 1000 * fit->mouth);
+  ern_prepare_figure(fit->job, "mouth_contrast", contrast);
+  if (contrast < 2)
+    ern_prepare_judge(fit->job, ERN_PREPARE_DOUBTFUL,
+                      "the mouth changes %.1f times as much as the rest of the lower face, expected 2 or more of a "
+                      "person who speaks; --landmarks brings points made elsewhere",
+                      contrast);
+  return ERN_OK;
+}
+
+/* Metres that the chin is lower in a crop than in the crop at rest: median of the flow under the lower lip. */
+static ern_status chin_drop(struct fit *fit, const uint8_t *rest, const uint8_t *crop, float *flow, float *values,
+                            float *drop) {
+  size_t n = 0;
+  const ern_status status = ern_optical_flow(fit->job->context, rest, crop, CHIN_COLUMNS, CHIN_ROWS, flow);
+  for (int r = 0; r < CHIN_ROWS; r++)
+    for (int c = 0; c < CHIN_COLUMNS; c++) {
+      const double under = (r - 0.5 * (CHIN_ROWS - 1)) * chin_step + 0.010; /* the mouth's line */
+      const double aside = fabs(c - 0.5 * (CHIN_COLUMNS - 1)) * chin_step;
+      if (under > 0.012 && under < 0.028 && aside < 0.014) values[n++] = flow[2 * (r * CHIN_COLUMNS + c) + 1];
+    }
+  *drop = ern_quantile(values, n, 0.5) * (float)chin_step;
+  return status;
+}
+
+static void take_chin(struct fit *fit, size_t frame, float *values, uint8_t *crop) {
+  const struct ern_still_crop chin = {.x = fit->middle_x,
+                                      .y = fit->eyes_y - fit->mouth - 0.010,
+                                      .step = chin_step,
+                                      .columns = CHIN_COLUMNS,
+                                      .rows = CHIN_ROWS};
+  ern_still_crop_take(&chin, &fit->poses[frame], fit->job, fit->grey, values);
+  for (int i = 0; i < CHIN_COLUMNS * CHIN_ROWS; i++) crop[i] = (uint8_t)lrintf(fminf(fmaxf(values[i], 0), 255));
+}
+
+/* Openings of all frames, from the lowest tenth of them, which is taken as a closed mouth. */
+static ern_status follow_chin(struct fit *fit) {
+  enum { PIXELS = CHIN_COLUMNS * CHIN_ROWS };
+  ern_status status = ERN_OK;
+  ern_context *context = fit->job->context;
+  const size_t frames = fit->job->frames;
+  uint8_t *rest = NULL, *crop = NULL;
+  float *values = NULL, *flow = NULL, *sorted = NULL;
+  ERN_TRY(ERN_NEW(context, PIXELS, &rest));
+  ERN_TRY(ERN_NEW(context, PIXELS, &crop));
+  ERN_TRY(ERN_NEW(context, PIXELS, &values));
+  ERN_TRY(ERN_NEW(context, 2 * PIXELS, &flow));
+  ERN_TRY(ERN_NEW(context, frames, &sorted));
+  ERN_TRY(ern_frame_grey(fit->job, frames / 2, fit->grey));
+  take_chin(fit, frames / 2, values, rest);
+  for (size_t i = 0; i < frames; i++) {
+    ERN_TRY(ern_frame_grey(fit->job, i, fit->grey));
+    take_chin(fit, i, values, crop);
+    ERN_TRY(chin_drop(fit, rest, crop, flow, values, &fit->opening[i]));
+    sorted[i] = fit->opening[i];
+    ERN_TRY(ern_prepare_progress(fit->job, LOOKS / 2 + i, LOOKS + frames));
+  }
+  const float closed = ern_quantile(sorted, frames, 0.1), wide = ern_quantile(sorted, frames, 0.95);
+  for (size_t i = 0; i < frames; i++) fit->opening[i] = fminf(fmaxf(fit->opening[i] - closed, 0), 0.03f);
+  ern_prepare_figure(fit->job, "opening_mm", 1000 * (double)(wide - closed));
+fail:
+  ern_release(context, rest);
+  ern_release(context, crop);
+  ern_release(context, values);
+  ern_release(context, flow);
+  ern_release(context, sorted);
+  return status;
+}
+
+/* How much of the jaw's way a landmark goes. */
+static double follows_jaw(int point) {
+  static const double jaw[] = {0.3, 0.6, 0.85, 0.95, 1, 0.95, 0.85, 0.6, 0.3}; /* 4..12 */
+  if (point >= 4 && point <= 12) return jaw[point - 4];
+  if ((point >= 55 && point <= 59) || point >= 65) return 1;
+  return point == 48 || point == 54 || point == 60 || point == 64 ? 0.3 : 0;
+}
+
+static ern_status write_frame(struct fit *fit, size_t frame) {
+  char path[ERN_PREPARE_PATH], text[ERN_LANDMARKS * 32];
+  size_t length = 0;
+  for (int i = 0; i < ERN_LANDMARKS; i++) {
+    const double *t = ern_landmarks_template[i];
+    /* below the eyes the template is stretched, so that its mouth is where this one is */
+    const double y = t[1] < -10 ? -10 + (t[1] + 10) * (1000 * fit->mouth - 10) / (ERN_TEMPLATE_MOUTH - 10) : t[1];
+    const double point[3] = {fit->middle_x + 0.001 * t[0] * fit->wide,
+                             fit->eyes_y + 0.001 * y - follows_jaw(i) * (double)fit->opening[frame],
+                             ERN_HEAD_EYES_Z + 0.001 * t[2]};
+    double pixel[2] = {0, 0};
+    (void)ern_head_project(&fit->poses[frame], fit->job->focal, 0.5 * fit->job->side, point, pixel);
+    const int count = snprintf(text + length, sizeof text - length, "%.2f %.2f\n", fmin(fmax(pixel[0], -9999), 9999),
+                               fmin(fmax(pixel[1], -9999), 9999));
+    length += (size_t)count;
+  }
+  const ern_status status = ern_prepare_path(fit->job, path, "ori_imgs/%zu.lms", frame);
+  return status == ERN_OK ? ern_file_write(fit->job->context, path, text, length, ERN_EXISTING_REPLACE) : status;
+}
+
+static ern_status from_template(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  struct fit fit = {.job = job};
+  ERN_TRY(ERN_NEW(job->context, job->frames, &fit.poses));
+  ERN_TRY(ERN_NEW(job->context, job->frames, &fit.opening));
+  ERN_TRY(ERN_NEW(job->context, (size_t)job->side * (size_t)job->side, &fit.grey));
+  ERN_TRY(ern_prepare_poses_read(job, fit.poses));
+  ERN_TRY(fit_eyes(&fit));
+  ERN_TRY(fit_mouth(&fit));
+  ERN_TRY(follow_chin(&fit));
+  for (size_t i = 0; i < job->frames; i++) ERN_TRY(write_frame(&fit, i));
+fail:
+  ern_release(job->context, fit.poses);
+  ern_release(job->context, fit.opening);
+  ern_release(job->context, fit.grey);
+  return status;
+}
+
+/* The user's own: each is read, checked, and written as ours are. */
+static ern_status from_folder(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH], text[ERN_LANDMARKS * 32];
+  for (size_t i = 0; i < job->frames; i++) {
+    float points[ERN_LANDMARKS][2];
+    size_t length = 0;
+    if (snprintf(path, sizeof path, "%s/%zu.lms", job->options->landmarks, i) >= (int)sizeof path)
+      ERN_TRY(ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long", job->options->landmarks));
+    ERN_TRY(ern_landmarks_read(job->context, path, points));
+    for (int k = 0; k < ERN_LANDMARKS; k++)
+      length += (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
+                                 fmin(fmax((double)points[k][0], -9999), 9999),
+                                 fmin(fmax((double)points[k][1], -9999), 9999));
+    ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.lms", i));
+    ERN_TRY(ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE));
+    ERN_TRY(ern_prepare_progress(job, i + 1, job->frames));
+  }
+fail:
+  return status;
+}
+
 ern_status ern_prepare_landmarks(struct ern_prepare_job *job) {
-  return ern_fail(job->context, ERN_E_UNSUPPORTED, "landmarks: not there yet");
+  return job->options->landmarks != NULL ? from_folder(job) : from_template(job);
 }

@@ -10,6 +10,7 @@
 #include "prepare/flow_tracks.h"
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
+#include "prepare/still_crop.h"
 
 enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3 };
 /* A frame whose head is turned further than this from every reference's asks for one of its own, degrees. */
@@ -44,21 +45,6 @@ static struct ern_bundle bundle_of(struct tracking *t) {
                              .poses = t->bundled};
 }
 
-static ern_status read_grey(struct tracking *t, size_t frame) {
-  char name[64];
-  ern_image image = {0};
-  snprintf(name, sizeof name, "ori_imgs/%zu.jpg", frame);
-  const ern_status status = ern_prepare_picture(t->job, name, 3, &image);
-  if (status != ERN_OK) return status;
-  const size_t count = (size_t)image.width * (size_t)image.height;
-  for (size_t i = 0; i < count; i++) { /* BT.601 */
-    const uint8_t *p = image.data + 3 * i;
-    t->grey[i] = (uint8_t)((77 * p[0] + 150 * p[1] + 29 * p[2] + 128) >> 8);
-  }
-  ern_image_free(t->job->context, &image);
-  return ERN_OK;
-}
-
 /* Whether a point of the reference frame is one of the rigid head: on its ellipsoid, not at the rim, and neither eye
  * nor mouth nor chin. */
 struct wanted {
@@ -86,7 +72,7 @@ static ern_status add_reference(struct tracking *t, size_t frame) {
   struct wanted wanted = {.tracking = t, .pose = t->poses[frame]};
   double box[4];
   ern_status status = ERN_OK;
-  ERN_TRY(read_grey(t, frame));
+  ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
   ern_head_box(&wanted.pose, t->job->focal, t->centre, box);
   const struct ern_flow_region region = {(float)box[0], (float)box[1], (float)(box[2] - box[0]),
                                          (float)(box[3] - box[1])};
@@ -180,7 +166,7 @@ static ern_status follow(struct tracking *t, size_t frame, size_t neighbour, dou
   ern_status status = ERN_OK;
   size_t seen = 0;
   struct ern_bundle bundle = bundle_of(t);
-  ERN_TRY(read_grey(t, frame));
+  ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
   ERN_TRY(find_points(t, 0, frame, warp));
   t->bundled[frame] = t->bundled[neighbour];
   ERN_TRY(ern_bundle_one(&bundle, frame, &seen));
@@ -215,7 +201,7 @@ static ern_status find_all(struct tracking *t) {
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
   for (size_t i = 0; i < frames; i++) {
-    ERN_TRY(read_grey(t, i));
+    ERN_TRY(ern_frame_grey(t->job, i, t->grey));
     for (size_t r = 0; r < t->count; r++) {
       double warp[4];
       if (turn_between(&t->poses[i], &t->poses[t->at[r]]) > 2 * reference_turn) continue;
@@ -226,16 +212,6 @@ static ern_status find_all(struct tracking *t) {
   }
 fail:
   return status;
-}
-
-static int compare(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-static float median(float *values, size_t count) { /* sorts them */
-  if (count == 0) return NAN;
-  qsort(values, count, sizeof *values, compare);
-  return values[count / 2];
 }
 
 /* Points that do not move with the others, as cheeks and jaw do in speech, lose their weight: 1 / (1 + (r / 1.5 m)^4),
@@ -254,10 +230,10 @@ static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) 
     for (size_t i = 0; i < count; i++)
       if (!isnan(bundle.seen[chosen[i] * bundle.points + k][0]))
         values[n++] = (float)ern_bundle_residual(&bundle, chosen[i], k);
-    medians[k] = n >= 3 && 20 * n >= count ? median(values, n) : NAN;
+    medians[k] = n >= 3 && 20 * n >= count ? ern_quantile(values, n, 0.5) : NAN;
     if (!isnan(medians[k])) sorted[known++] = medians[k];
   }
-  const float middle = fmaxf(median(sorted, known), 0.05f);
+  const float middle = fmaxf(ern_quantile(sorted, known, 0.5), 0.05f);
   for (size_t k = 0; k < bundle.points; k++) {
     const float ratio = medians[k] / (1.5f * middle);
     t->weights[k] = isnan(ratio) ? 0 : 1 / (1 + ratio * ratio * ratio * ratio);
@@ -338,7 +314,7 @@ static bool choose_reference(struct tracking *t, const struct ern_found_face *fa
     if (faces[i].has_eyes)
       distances[n++] = hypotf(faces[i].eyes[1][0] - faces[i].eyes[0][0], faces[i].eyes[1][1] - faces[i].eyes[0][1]);
   if (n == 0) return false;
-  const double middle = (double)median(distances, n);
+  const double middle = (double)ern_quantile(distances, n, 0.5);
   for (size_t i = 0; i < count; i++) {
     const struct ern_found_face *f = &faces[i];
     if (!f->has_eyes) continue;
@@ -386,11 +362,11 @@ static ern_status judge(struct tracking *t) {
     for (size_t k = 0; k < bundle.points; k++)
       if (bundle.weights[k] > 0.3f && !isnan(bundle.seen[i * bundle.points + k][0]))
         values[n++] = (float)ern_bundle_residual(&bundle, i, k);
-    if (n > 0) shares[held++] = median(values, n);
+    if (n > 0) shares[held++] = ern_quantile(values, n, 0.5);
     sum += (double)n / (double)bundle.points;
     most = fmax(most, turn_between(&t->poses[i], &t->poses[t->at[0]]));
   }
-  ern_prepare_figure(t->job, "reprojection", (double)median(shares, held));
+  ern_prepare_figure(t->job, "reprojection", (double)ern_quantile(shares, held, 0.5));
   ern_prepare_figure(t->job, "points", (double)bundle.points);
   ern_prepare_figure(t->job, "seen", sum / (double)bundle.frames);
   ern_prepare_figure(t->job, "references", (double)t->count);
