@@ -11,7 +11,7 @@
 #include "prepare/landmarks_template.h"
 #include "prepare/still_crop.h"
 
-enum { LOOKS = 240, LOWER_COLUMNS = 45, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
+enum { LOOKS = 240, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
 static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
 
 struct fit {
@@ -21,6 +21,7 @@ struct fit {
   double middle_x, eyes_y;     /* of the eyes, metres in the head's frame */
   double wide;                 /* this face over the template: across */
   double mouth;                /* metres under the eyes */
+  double mouth_x;              /* metres from middle_x */
   float *opening;              /* [frames]: how far the jaw is down, metres */
 };
 
@@ -54,8 +55,8 @@ fail:
   return status;
 }
 
-/* variance[rows]: of the grey levels over time, mean over the row. */
-static ern_status row_variance(struct fit *fit, const struct ern_still_crop *crop, double *variance) {
+/* variance[rows][columns]: of the grey levels over time. */
+static ern_status variance_of(struct fit *fit, const struct ern_still_crop *crop, double *variance) {
   ern_status status = ERN_OK;
   const size_t pixels = (size_t)crop->rows * (size_t)crop->columns, frames = fit->job->frames;
   const size_t looks = frames < LOOKS ? frames : LOOKS;
@@ -76,13 +77,9 @@ static ern_status row_variance(struct fit *fit, const struct ern_still_crop *cro
     }
     ERN_TRY(ern_prepare_progress(fit->job, i / 2, looks + frames));
   }
-  for (int r = 0; r < crop->rows; r++) {
-    variance[r] = 0;
-    for (int c = 0; c < crop->columns; c++) {
-      const double mean = sums[r * crop->columns + c] / (double)looks;
-      const double square = sums[pixels + (size_t)(r * crop->columns + c)] / (double)looks;
-      variance[r] += fmax(square - mean * mean, 0) / crop->columns;
-    }
+  for (size_t k = 0; k < pixels; k++) {
+    const double mean = sums[k] / (double)looks;
+    variance[k] = fmax(sums[pixels + k] / (double)looks - mean * mean, 0);
   }
 fail:
   ern_release(fit->job->context, values);
@@ -94,16 +91,21 @@ fail:
 static ern_status fit_mouth(struct fit *fit) {
   const struct ern_still_crop crop = {
       .x = fit->middle_x, .y = fit->eyes_y - 0.070, .step = lower_step, .columns = LOWER_COLUMNS, .rows = LOWER_ROWS};
-  double variance[LOWER_ROWS], smooth[LOWER_ROWS], most = 0, sum = 0, weight = 0;
+  static const int half = LOWER_COLUMNS / 2;
+  double rows[LOWER_ROWS] = {0}, smooth[LOWER_ROWS], most = 0, sum = 0, weight = 0, aside = 0;
+  double(*variance)[LOWER_COLUMNS] = NULL;
   float sorted[LOWER_ROWS];
   int peak = LOWER_ROWS / 2;
-  const ern_status status = row_variance(fit, &crop, variance);
-  if (status != ERN_OK) return status;
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(fit->job->context, LOWER_ROWS, &variance));
+  ERN_TRY(variance_of(fit, &crop, variance[0]));
+  for (int r = 0; r < LOWER_ROWS; r++)
+    for (int c = half - 22; c <= half + 22; c++) rows[r] += variance[r][c] / 45;
   for (int r = 0; r < LOWER_ROWS; r++) {
     smooth[r] = 0;
     for (int k = -4; k <= 4; k++) {
       const int at = r + k < 0 ? 0 : r + k >= LOWER_ROWS ? LOWER_ROWS - 1 : r + k;
-      smooth[r] += variance[at] / 9;
+      smooth[r] += rows[at] / 9;
     }
     sorted[r] = (float)smooth[r];
     /* 50 to 90 mm under the eyes: not the collar, not the nose */
@@ -113,10 +115,18 @@ static ern_status fit_mouth(struct fit *fit) {
       peak = r;
     }
   }
-  for (int r = peak; r >= 0 && smooth[r] > 0.5 * most; r--) sum += r * smooth[r], weight += smooth[r];
-  for (int r = peak + 1; r < LOWER_ROWS && smooth[r] > 0.5 * most; r++) sum += r * smooth[r], weight += smooth[r];
+  int begin = peak, end = peak + 1;
+  while (begin > 0 && smooth[begin - 1] > 0.5 * most) begin--;
+  while (end < LOWER_ROWS && smooth[end] > 0.5 * most) end++;
+  for (int r = begin; r < end; r++)
+    for (int c = 0; c < LOWER_COLUMNS; c++) {
+      sum += r * variance[r][c];
+      aside += (c - half) * variance[r][c];
+      weight += variance[r][c];
+    }
   const double row = weight > 0 ? sum / weight : peak;
   fit->mouth = fmin(fmax(0.070 + (row - 0.5 * (LOWER_ROWS - 1)) * lower_step, 0.055), 0.085);
+  fit->mouth_x = weight > 0 ? fmin(fmax(aside / weight * lower_step, -0.01), 0.01) : 0;
   const double contrast = most / fmax((double)ern_quantile(sorted, LOWER_ROWS, 0.25), 1);
   ern_prepare_figure(fit->job, "mouth_mm", 1000 * fit->mouth);
   ern_prepare_figure(fit->job, "mouth_contrast", contrast);
@@ -125,7 +135,9 @@ static ern_status fit_mouth(struct fit *fit) {
                       "the mouth changes %.1f times as much as the rest of the lower face, expected 2 or more of a "
                       "person who speaks; --landmarks brings points made elsewhere",
                       contrast);
-  return ERN_OK;
+fail:
+  ern_release(fit->job->context, variance);
+  return status;
 }
 
 /* Metres that the chin is lower in a crop than in the crop at rest: median of the flow under the lower lip. */
@@ -144,7 +156,7 @@ static ern_status chin_drop(struct fit *fit, const uint8_t *rest, const uint8_t 
 }
 
 static void take_chin(struct fit *fit, size_t frame, float *values, uint8_t *crop) {
-  const struct ern_still_crop chin = {.x = fit->middle_x,
+  const struct ern_still_crop chin = {.x = fit->middle_x + fit->mouth_x,
                                       .y = fit->eyes_y - fit->mouth - 0.010,
                                       .step = chin_step,
                                       .columns = CHIN_COLUMNS,
@@ -202,7 +214,8 @@ static ern_status write_frame(struct fit *fit, size_t frame) {
     const double *t = ern_landmarks_template[i];
     /* below the eyes the template is stretched, so that its mouth is where this one is */
     const double y = t[1] < -10 ? -10 + (t[1] + 10) * (1000 * fit->mouth - 10) / (ERN_TEMPLATE_MOUTH - 10) : t[1];
-    const double point[3] = {fit->middle_x + 0.001 * t[0] * fit->wide,
+    const double lower = t[1] < 0 ? fmin(-t[1] / ERN_TEMPLATE_MOUTH, 1) : 0; /* share of the mouth's way aside */
+    const double point[3] = {fit->middle_x + 0.001 * t[0] * fit->wide + lower * fit->mouth_x,
                              fit->eyes_y + 0.001 * y - follows_jaw(i) * (double)fit->opening[frame],
                              ERN_HEAD_EYES_Z + 0.001 * t[2]};
     double pixel[2] = {0, 0};
