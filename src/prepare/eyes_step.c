@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The step "eyes": how far the lids are closed, as au.csv with AU45_r of OpenFace's scale, 0 to 5. Crops of both eyes
- * are held still by the pose. A blink is what both differ by from their own median over two seconds, for less than half
- * a second, along the direction in which such differences mostly go: their first principal component. */
+ * are held still by the pose. A blink is what both differ by from their own median over 0.7 s, for less than half of
+ * that, along the direction in which such differences mostly go: their first principal component. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,10 +16,10 @@
 
 enum {
   COLUMNS = 18,
-  ROWS = 10,
+  ROWS = 8,
   PIXELS = COLUMNS * ROWS,
   BOTH = 2 * PIXELS,
-  AROUND = 25, /* frames before and after, of the running median */
+  AROUND = 8, /* frames before and after, of the running median */
   POWER = 30   /* iterations */
 };
 static const double step = 0.0016; /* metres between pixels */
