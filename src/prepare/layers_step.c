@@ -1,5 +1,248 @@
-/* SPDX-License-Identifier: MIT */
-#include "prepare/prepare_job.h"
+/* SPDX-License-Identifier: MIT
+ * The step "layers": person, head, neck and torso of every frame, and the background. The first pass learns from some
+ * frames of the whole clip, the second writes the pictures of every frame. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "io/file.h"
+#include "prepare/layers.h"
+
+enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
+
+struct voter { /* a frame whose mask is found, and whose neighbours' may not be yet */
+  size_t frame;
+  ern_image image;
+  uint8_t *mask, *parts; /* [work][work], [side][side] */
+  bool has_parts;
+};
+
+struct layers {
+  struct ern_prepare_job *job;
+  struct ern_layer_face *faces; /* [job->frames] */
+  struct ern_brought_masks *brought;
+  struct ern_person_model *model;
+  struct ern_person_found found;
+  struct voter ring[VOTES]; /* frame f is at f % VOTES */
+  uint8_t *mask, *voted, *alpha, *behind, *parts, *rgba;
+  /* of the frames so far */
+  size_t border[16];
+  double covered, areas[3]; /* shares of the picture: the mean, and the last three frames' */
+  float *trembles;          /* [job->frames]: second differences of the area, over the area */
+};
+
+static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  const size_t pixels = (size_t)job->side * (size_t)job->side;
+  const size_t work = (size_t)ern_person_work(job->side) * (size_t)ern_person_work(job->side);
+  char path[ERN_PREPARE_PATH];
+  l->job = job;
+  static const char *const folders[] = {"parsing", "torso_imgs", "gt_imgs"};
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+    ERN_TRY(ern_prepare_path(job, path, "%s", folders[i]));
+    ERN_TRY(ern_folder_make(job->context, path));
+  }
+  ERN_TRY(ERN_NEW(job->context, job->frames, &l->faces));
+  ERN_TRY(ERN_NEW(job->context, job->frames, &l->trembles));
+  ERN_TRY(ERN_NEW(job->context, pixels, &l->mask));
+  ERN_TRY(ERN_NEW(job->context, pixels, &l->alpha));
+  ERN_TRY(ERN_NEW(job->context, pixels, &l->parts));
+  ERN_TRY(ERN_NEW(job->context, 3 * pixels, &l->behind));
+  ERN_TRY(ERN_NEW(job->context, 4 * pixels, &l->rgba));
+  ERN_TRY(ERN_NEW(job->context, work, &l->voted));
+  for (int i = 0; i < VOTES; i++) {
+    ERN_TRY(ERN_NEW(job->context, work, &l->ring[i].mask));
+    ERN_TRY(ERN_NEW(job->context, pixels, &l->ring[i].parts));
+  }
+  ERN_TRY(ern_layer_faces_read(job, l->faces));
+  ERN_TRY(ern_person_model_make(job->context, job->side, &l->model));
+  if (job->options->masks != NULL) ERN_TRY(ern_brought_masks_open(job, &l->brought));
+fail:
+  return status;
+}
+
+static void close_layers(struct layers *l) {
+  ern_context *context = l->job->context;
+  ern_person_model_free(l->model);
+  ern_brought_masks_free(l->brought);
+  for (int i = 0; i < VOTES; i++) {
+    ern_image_free(context, &l->ring[i].image);
+    ern_release(context, l->ring[i].mask);
+    ern_release(context, l->ring[i].parts);
+  }
+  ern_release(context, l->faces);
+  ern_release(context, l->trembles);
+  ern_release(context, l->mask);
+  ern_release(context, l->alpha);
+  ern_release(context, l->parts);
+  ern_release(context, l->behind);
+  ern_release(context, l->rgba);
+  ern_release(context, l->voted);
+}
+
+static ern_status read_frame(const struct ern_prepare_job *job, size_t frame, ern_image *image) {
+  char name[64];
+  snprintf(name, sizeof name, "ori_imgs/%zu.jpg", frame);
+  return ern_prepare_picture(job, name, 3, image);
+}
+
+/* The square of a picture of the whole place that the clip shows, at the clip's side. */
+static ern_status read_background(const struct ern_prepare_job *job, ern_image *background) {
+  ern_status status = ERN_OK;
+  ern_image whole = {0}, square = {0};
+  const char *path = job->options->background;
+  int x = 0, y = 0, side = 0, width = 0, height = 0;
+  const json_t *crop = json_object_get(job->record, "crop"), *size = json_object_get(crop, "size");
+  ERN_TRY(ern_image_read(job->context, path, 3, &whole));
+  (void)json_unpack((json_t *)crop, "{s:i, s:i, s:i}", "x", &x, "y", &y, "side", &side);
+  if (json_unpack((json_t *)size, "[i, i]", &width, &height) == 0 && whole.width == width && whole.height == height &&
+      side > 0 && side <= 1 << 14) {
+    ERN_TRY(ERN_NEW(job->context, 3 * (size_t)side * (size_t)side, &square.data));
+    square.width = square.height = side;
+    square.channels = 3;
+    for (int v = 0; v < side; v++)
+      for (int u = 0; u < side; u++) { /* outside the video its edge goes on */
+        const int at_x = x + u < 0 ? 0 : x + u >= width ? width - 1 : x + u;
+        const int at_y = y + v < 0 ? 0 : y + v >= height ? height - 1 : y + v;
+        memcpy(square.data + 3 * ((size_t)v * (size_t)side + (size_t)u),
+               whole.data + 3 * ((size_t)at_y * (size_t)width + (size_t)at_x), 3);
+      }
+    ERN_TRY(ern_image_resize(job->context, &square, job->side, job->side, background));
+  } else {
+    ERN_TRY(ern_image_resize(job->context, &whole, job->side, job->side, background));
+  }
+fail:
+  ern_image_free(job->context, &whole);
+  ern_image_free(job->context, &square);
+  return status;
+}
+
+/* The first pass. */
+static ern_status learn(struct layers *l, size_t total) {
+  struct ern_prepare_job *job = l->job;
+  ern_status status = ERN_OK;
+  ern_image image = {0}, background = {0};
+  const size_t count = job->frames < EXAMPLES ? job->frames : EXAMPLES;
+  const char *place = job->options->background;
+  const bool key = place != NULL && strcmp(place, "key") == 0;
+  if (place != NULL && !key) ERN_TRY(read_background(job, &background));
+  for (size_t i = 0; i < count; i++) {
+    const size_t frame = count > 1 ? i * (job->frames - 1) / (count - 1) : 0;
+    bool has_parts = false;
+    ERN_TRY(read_frame(job, frame, &image));
+    if (l->brought != NULL)
+      ERN_TRY(ern_brought_mask(l->brought, frame, image.data, &l->faces[frame], l->mask, l->parts, &has_parts));
+    ERN_TRY(ern_person_model_add(l->model, image.data, &l->faces[frame], l->brought != NULL ? l->mask : NULL));
+    ern_image_free(job->context, &image);
+    ERN_TRY(ern_prepare_progress(job, i + 1, total));
+  }
+  ERN_TRY(ern_person_model_learn(l->model, background.data, key, &l->found));
+fail:
+  ern_image_free(job->context, &image);
+  ern_image_free(job->context, &background);
+  return status;
+}
+
+static ern_status write_picture(struct layers *l, const char *folder, size_t frame, const char *ending, int channels) {
+  char path[ERN_PREPARE_PATH];
+  const ern_image image = {.width = l->job->side, .height = l->job->side, .channels = channels, .data = l->rgba};
+  ern_status status = ern_prepare_path(l->job, path, "%s/%zu.%s", folder, frame, ending);
+  if (status == ERN_OK) status = ern_image_write(l->job->context, path, &image, QUALITY);
+  return status;
+}
+
+static ern_status write_parsing(struct layers *l, size_t frame) {
+  static const uint8_t colours[4][3] = {{255, 255, 255}, {0, 0, 255}, {0, 255, 0}, {255, 0, 0}};
+  const size_t pixels = (size_t)l->job->side * (size_t)l->job->side;
+  for (size_t k = 0; k < pixels; k++) memcpy(l->rgba + 3 * k, colours[l->parts[k]], 3);
+  return write_picture(l, "parsing", frame, "png", 3);
+}
+
+/* Shares of the picture, and how the person's area trembles. */
+static void measure(struct layers *l, size_t frame) {
+  const size_t pixels = (size_t)l->job->side * (size_t)l->job->side;
+  double area = 0;
+  for (size_t k = 0; k < pixels; k++) area += l->parts[k] != ERN_PART_BACKGROUND ? 1 : 0;
+  area /= (double)pixels;
+  l->covered += area / (double)l->job->frames;
+  l->areas[frame % 3] = area;
+  if (frame >= 2 && area > 0)
+    l->trembles[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
+}
+
+/* The pictures of a frame whose neighbours' masks are in the ring. */
+static ern_status finish(struct layers *l, size_t frame, size_t last) {
+  struct ern_prepare_job *job = l->job;
+  ern_status status = ERN_OK;
+  const uint8_t *masks[VOTES];
+  const struct ern_layer_face *faces[VOTES];
+  size_t count = 0, which = 0;
+  struct voter *own = &l->ring[frame % VOTES];
+  for (size_t f = frame > VOTES / 2 ? frame - VOTES / 2 : 0; f <= last; f++) {
+    if (f == frame) which = count;
+    masks[count] = l->ring[f % VOTES].mask;
+    faces[count++] = &l->faces[f];
+  }
+  const uint8_t *rgb = own->image.data, *background = ern_person_model_background(l->model);
+  ERN_TRY(ern_person_vote(l->model, masks, faces, count, which, l->voted));
+  ERN_TRY(ern_person_edge(l->model, rgb, l->voted, l->alpha, l->behind, l->border));
+  if (own->has_parts) {
+    memcpy(l->parts, own->parts, (size_t)job->side * (size_t)job->side);
+    for (size_t k = 0; k < (size_t)job->side * (size_t)job->side; k++)
+      l->alpha[k] = l->parts[k] == ERN_PART_BACKGROUND ? l->alpha[k] & 127 : l->alpha[k] | 128;
+  } else {
+    ERN_TRY(ern_head_parts(job->context, rgb, l->alpha, &l->faces[frame], job->side, l->parts));
+  }
+  measure(l, frame);
+  ERN_TRY(write_parsing(l, frame));
+  ern_layer_frame(rgb, l->alpha, l->behind, l->parts, background, job->options->head_only, job->side, l->rgba);
+  ERN_TRY(write_picture(l, "gt_imgs", frame, "jpg", 3));
+  if (job->options->head_only)
+    memset(l->rgba, 0, 4 * (size_t)job->side * (size_t)job->side);
+  else
+    ERN_TRY(ern_layer_torso(job->context, rgb, l->alpha, l->behind, l->parts, job->side, l->rgba));
+  ERN_TRY(write_picture(l, "torso_imgs", frame, "png", 4));
+fail:
+  return status;
+}
+
+/* The second pass. */
+static ern_status cut_out(struct layers *l, size_t done, size_t total) {
+  struct ern_prepare_job *job = l->job;
+  ern_status status = ERN_OK;
+  for (size_t f = 0; f < job->frames + VOTES / 2; f++) {
+    if (f < job->frames) {
+      struct voter *own = &l->ring[f % VOTES];
+      ern_image_free(job->context, &own->image);
+      ERN_TRY(read_frame(job, f, &own->image));
+      if (l->brought != NULL)
+        ERN_TRY(ern_brought_mask(l->brought, f, own->image.data, &l->faces[f], l->mask, own->parts, &own->has_parts));
+      ERN_TRY(ern_person_mask(l->model, own->image.data, &l->faces[f], l->brought != NULL ? l->mask : NULL, own->mask));
+    }
+    if (f < VOTES / 2) continue;
+    const size_t frame = f - VOTES / 2, last = f < job->frames ? f : job->frames - 1;
+    if (frame >= job->frames) break;
+    ERN_TRY(finish(l, frame, last));
+    ERN_TRY(ern_prepare_progress(job, done + frame + 1, total));
+  }
+fail:
+  return status;
+}
+
 ern_status ern_prepare_layers(struct ern_prepare_job *job) {
-  return ern_fail(job->context, ERN_E_UNSUPPORTED, "layers: not there yet");
+  ern_status status = ERN_OK;
+  struct layers l = {.job = job};
+  const size_t examples = job->frames < EXAMPLES ? job->frames : EXAMPLES, total = examples + job->frames;
+  char path[ERN_PREPARE_PATH];
+  ERN_TRY(open_layers(&l, job));
+  ERN_TRY(learn(&l, total));
+  ERN_TRY(cut_out(&l, examples, total));
+  memcpy(l.rgba, ern_person_model_background(l.model), 3 * (size_t)job->side * (size_t)job->side);
+  const ern_image background = {.width = job->side, .height = job->side, .channels = 3, .data = l.rgba};
+  ERN_TRY(ern_prepare_path(job, path, "bc.jpg"));
+  ERN_TRY(ern_image_write(job->context, path, &background, QUALITY));
+  ern_layers_judge(job, &l.found, l.covered, l.trembles, l.border);
+fail:
+  close_layers(&l);
+  return status;
 }

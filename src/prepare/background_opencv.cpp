@@ -1,0 +1,200 @@
+/* SPDX-License-Identifier: MIT
+ * The place behind the person, from frames in which the person stands elsewhere. */
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/video.hpp>
+
+#include "prepare/layers_opencv.h"
+
+namespace {
+
+constexpr float NOISE_LEAST = 4, NOISE_MOST = 25; /* grey values, of video after compression */
+
+/* The mask at the clip's side, wider by `margin` pixels. */
+cv::Mat covered(const ern_person_model &model, const cv::Mat &mask, int margin) {
+  cv::Mat whole;
+  cv::resize(mask, whole, cv::Size(model.side, model.side), 0, 0, cv::INTER_LINEAR);
+  whole = whole >= 64;
+  cv::dilate(whole, whole, cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * margin + 1, 2 * margin + 1)));
+  return whole;
+}
+
+uint8_t median_of(std::vector<uint8_t> &values) {
+  const auto middle = values.begin() + long(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/* Median and noise (1.48 times the median absolute deviation, of the channel with the most) of each pixel over the
+ * examples that see it. */
+void medians(ern_person_model *model, cv::Mat &noise) {
+  const int n = model->side, margin = std::max(2, n / 64);
+  std::vector<cv::Mat> masks;
+  for (const ern_person_example &example : model->examples) masks.push_back(covered(*model, example.mask, margin));
+  model->background.create(n, n, CV_8UC3);
+  model->background.setTo(cv::Scalar::all(0));
+  model->seen.create(n, n, CV_8U);
+  noise.create(n, n, CV_32F);
+  noise.setTo(NOISE_LEAST);
+  std::vector<uint8_t> values;
+  for (int y = 0; y < n; y++)
+    for (int x = 0; x < n; x++) {
+      cv::Vec3b &b = model->background.at<cv::Vec3b>(y, x);
+      float most = NOISE_LEAST;
+      size_t count = 0;
+      for (int i = 0; i < 3; i++) {
+        values.clear();
+        for (size_t k = 0; k < masks.size(); k++)
+          if (masks[k].at<uchar>(y, x) == 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
+        count = values.size();
+        if (count == 0) break;
+        b[i] = median_of(values);
+        for (uint8_t &v : values) v = uint8_t(std::abs(int(v) - int(b[i])));
+        most = std::max(most, 1.48F * float(median_of(values)));
+      }
+      model->seen.at<uchar>(y, x) = count > 0 ? 255 : 0;
+      noise.at<float>(y, x) = std::min(most, NOISE_MOST);
+    }
+}
+
+/* Fills what `known` lacks with means of ever wider surroundings. */
+cv::Mat filled(const cv::Mat &picture, const cv::Mat &known) {
+  std::vector<cv::Mat> colours(1), weights(1);
+  picture.convertTo(colours[0], CV_32FC3);
+  known.convertTo(weights[0], CV_32F, 1.0 / 255);
+  cv::Mat three;
+  cv::merge(std::vector<cv::Mat>(3, weights[0]), three);
+  colours[0] = colours[0].mul(three);
+  while (weights.back().rows > 1) {
+    cv::Mat colour, weight;
+    cv::pyrDown(colours.back(), colour);
+    cv::pyrDown(weights.back(), weight);
+    colours.push_back(colour);
+    weights.push_back(weight);
+  }
+  cv::Mat below;
+  for (size_t level = weights.size(); level-- > 0;) {
+    cv::Mat up, result(weights[level].size(), CV_32FC3);
+    if (!below.empty()) cv::resize(below, up, result.size(), 0, 0, cv::INTER_LINEAR);
+    for (int y = 0; y < result.rows; y++)
+      for (int x = 0; x < result.cols; x++) {
+        const float w = weights[level].at<float>(y, x), part = std::min(1.0F, w / 0.25F);
+        const cv::Vec3f under = up.empty() ? cv::Vec3f(128, 128, 128) : up.at<cv::Vec3f>(y, x);
+        const cv::Vec3f own = w > 1e-6F ? colours[level].at<cv::Vec3f>(y, x) / w : under;
+        result.at<cv::Vec3f>(y, x) = own * part + under * (1 - part);
+      }
+    below = result;
+  }
+  below.convertTo(below, CV_8UC3);
+  return below;
+}
+
+/* The colour of a screen: the median of the border above the shoulders, where the person is not. */
+cv::Vec3b screen_colour(const ern_person_model &model) {
+  const int n = model.side, strip = std::max(1, n / 20);
+  cv::Vec3b colour(0, 0, 0);
+  for (int i = 0; i < 3; i++) {
+    std::vector<uint8_t> values;
+    for (const ern_person_example &example : model.examples)
+      for (int y = 0; y < n / 2; y++)
+        for (int x = 0; x < n; x += y < strip || x + 1 < strip || x >= n - strip ? 1 : n - 2 * strip)
+          values.push_back(example.frame.at<cv::Vec3b>(y, x)[i]);
+    colour[i] = median_of(values);
+  }
+  return colour;
+}
+
+double difference(const cv::Vec3b &a, const cv::Vec3b &b) {
+  return std::sqrt(std::pow(double(a[0]) - b[0], 2) + std::pow(double(a[1]) - b[1], 2) +
+                   std::pow(double(a[2]) - b[2], 2));
+}
+
+/* How the picture that was brought differs from what was seen, and how the frames differ from the background. */
+void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &brought, ern_person_found *found) {
+  const int n = model.side, margin = std::max(2, n / 64);
+  double sum = 0;
+  size_t seen = 0, outside = 0, unlike = 0, behind = 0;
+  for (int y = 0; y < n; y++)
+    for (int x = 0; x < n; x++) {
+      if (model.seen.at<uchar>(y, x) == 0) {
+        behind++;
+      } else if (!brought.empty()) {
+        sum += difference(model.background.at<cv::Vec3b>(y, x), brought.at<cv::Vec3b>(y, x));
+        seen++;
+      }
+    }
+  for (const ern_person_example &example : model.examples) {
+    const cv::Mat mask = covered(model, example.mask, margin);
+    for (int y = 0; y < n; y += 2)
+      for (int x = 0; x < n; x += 2) {
+        if (mask.at<uchar>(y, x) != 0) continue;
+        outside++;
+        unlike += difference(model.background.at<cv::Vec3b>(y, x), example.frame.at<cv::Vec3b>(y, x)) >
+                  20 + 4 * double(noise.at<float>(y, x));
+      }
+  }
+  found->never_seen = double(behind) / (double(n) * n);
+  found->unlike = outside > 0 ? double(unlike) / double(outside) : 0;
+  found->brought_difference = seen > 0 ? sum / double(seen) : 0;
+}
+
+}  // namespace
+
+void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found) {
+  const int n = model->side;
+  const cv::Size small(model->work, model->work);
+  cv::Mat noise, brought;
+  medians(model, noise);
+  if (background != nullptr) brought = cv::Mat(n, n, CV_8UC3, const_cast<uint8_t *>(background)).clone();
+  if (key) {
+    const cv::Vec3b colour = screen_colour(*model);
+    brought = cv::Mat(n, n, CV_8UC3, cv::Scalar(colour[0], colour[1], colour[2]));
+  }
+  measure(*model, noise, brought, found);
+  if (brought.empty()) {
+    model->background = filled(model->background, model->seen);
+    model->shown = model->background;
+  } else {
+    brought.copyTo(model->background, model->seen == 0);
+    model->seen.setTo(255);
+    model->shown = brought;
+  }
+  cv::Mat area;
+  cv::resize(model->background, area, small, 0, 0, cv::INTER_AREA);
+  area.convertTo(model->small_background, CV_32FC3);
+  cv::resize(noise, model->small_noise, small, 0, 0, cv::INTER_AREA);
+  cv::resize(model->seen, area, small, 0, 0, cv::INTER_AREA);
+  model->small_seen = area == 255;
+}
+
+void ern_person_place_moves(const ern_person_model &model, ern_person_found *found) {
+  const size_t count = model.examples.size(), middle = count / 2;
+  const ern_person_example &home = model.examples[middle];
+  cv::Mat before, after, free = covered(model, home.mask, std::max(4, model.side / 20)) == 0;
+  std::vector<cv::Point2f> points, moved;
+  std::vector<uchar> found_there;
+  std::vector<double> shifts;
+  cv::cvtColor(home.frame, before, cv::COLOR_RGB2GRAY);
+  cv::goodFeaturesToTrack(before, points, 200, 0.02, model.side / 60.0, free);
+  for (size_t k = 0; k < count && points.size() >= 12; k++) {
+    if (k == middle) continue;
+    cv::cvtColor(model.examples[k].frame, after, cv::COLOR_RGB2GRAY);
+    cv::calcOpticalFlowPyrLK(before, after, points, moved, found_there, cv::noArray());
+    std::vector<cv::Point2f> a, b;
+    for (size_t i = 0; i < points.size(); i++)
+      if (found_there[i] != 0) a.push_back(points[i]), b.push_back(moved[i]);
+    if (a.size() < 12) continue;
+    std::vector<uchar> inliers;
+    const cv::Mat motion = cv::estimateAffinePartial2D(a, b, inliers, cv::RANSAC, 1.5);
+    if (motion.empty() || cv::countNonZero(inliers) * 2 < int(a.size())) continue;
+    const double *m = motion.ptr<double>(0), *q = motion.ptr<double>(1);
+    double sum = 0;
+    for (const cv::Point2f &p : a)
+      sum += std::hypot(m[0] * p.x + m[1] * p.y + m[2] - p.x, q[0] * p.x + q[1] * p.y + q[2] - p.y);
+    shifts.push_back(sum / double(a.size()));
+  }
+  std::sort(shifts.begin(), shifts.end());
+  found->shift = shifts.empty() ? 0 : shifts[shifts.size() * 9 / 10];
+  found->shifted = count > 1 ? double(shifts.size()) / double(count - 1) : 0;
+}

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: MIT
+ * Head, neck and torso: the jaw's landmarks end the head, skin below it is the neck. */
+#include <algorithm>
+#include <cmath>
+
+#include "prepare/layers_opencv.h"
+
+namespace {
+
+struct Skin {
+  float red, green, sigma, bright; /* chromaticities R/(R+G+B), G/(R+G+B); their spread; R+G+B */
+  bool is(const cv::Vec3b &c) const {
+    const float sum = float(c[0]) + c[1] + c[2] + 1;
+    const float d = std::hypot(c[0] / sum - red, c[1] / sum - green);
+    return d < 3 * sigma && sum > 0.3F * bright && sum < 1.6F * bright;
+  }
+};
+
+float median_of(std::vector<float> &values) {
+  const auto middle = values.begin() + long(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+cv::Point at(const ern_layer_face &face, int k) { return {cvRound(face.points[k][0]), cvRound(face.points[k][1])}; }
+
+/* Of the cheeks, between jaw, eyes, nose and mouth. */
+Skin skin_of(const cv::Mat &frame, const ern_layer_face &face) {
+  cv::Mat cheeks(frame.size(), CV_8U, cv::Scalar(0));
+  cv::fillPoly(
+      cheeks, std::vector<std::vector<cv::Point>>{{at(face, 1), at(face, 41), at(face, 31), at(face, 48), at(face, 4)}},
+      255);
+  cv::fillPoly(
+      cheeks,
+      std::vector<std::vector<cv::Point>>{{at(face, 15), at(face, 46), at(face, 35), at(face, 54), at(face, 12)}}, 255);
+  std::vector<float> red, green, sums;
+  for (int y = 0; y < frame.rows; y++)
+    for (int x = 0; x < frame.cols; x++) {
+      if (cheeks.at<uchar>(y, x) == 0) continue;
+      const cv::Vec3b c = frame.at<cv::Vec3b>(y, x);
+      const float sum = float(c[0]) + c[1] + c[2] + 1;
+      red.push_back(c[0] / sum), green.push_back(c[1] / sum), sums.push_back(sum);
+    }
+  if (sums.empty()) return Skin{0.42F, 0.31F, 0.03F, 450}; /* the face is not in the picture */
+  Skin skin{median_of(red), median_of(green), 0, median_of(sums)};
+  for (float &v : red) v = std::fabs(v - skin.red);
+  skin.sigma = std::max(0.012F, std::min(0.03F, 1.48F * median_of(red)));
+  return skin;
+}
+
+/* What lies above the jaw; beside the face the line goes on along the head's own level from landmarks `from` and 16 -
+ * `from`. */
+cv::Mat above_jaw(const cv::Size &size, const ern_layer_face &face, int from) {
+  const cv::Point2d left(face.points[0][0], face.points[0][1]), right(face.points[16][0], face.points[16][1]);
+  cv::Point2d level = right - left;
+  const double length = std::max(1.0, std::hypot(level.x, level.y)), far = 4.0 * size.width;
+  level = level.x > 0.3 * length ? level * (far / length) : cv::Point2d(far, 0);
+  const cv::Point out(cvRound(level.x), cvRound(level.y)), up(cvRound(level.y), cvRound(-level.x));
+  std::vector<cv::Point> line{at(face, from) - out + up, at(face, from) - out};
+  for (int k = from; k <= 16 - from; k++) line.push_back(at(face, k));
+  line.push_back(at(face, 16 - from) + out);
+  line.push_back(at(face, 16 - from) + out + up);
+  cv::Mat above(size, CV_8U, cv::Scalar(0));
+  cv::fillPoly(above, std::vector<std::vector<cv::Point>>{line}, 255);
+  return above;
+}
+
+/* The parts of `mask` that hang together with `seed`. */
+cv::Mat connected(const cv::Mat &mask, const cv::Mat &seed) {
+  cv::Mat labels;
+  const int count = cv::connectedComponents(mask, labels, 4);
+  std::vector<uchar> keep(size_t(count), 0);
+  cv::Mat kept(mask.size(), CV_8U, cv::Scalar(0));
+  for (int y = 0; y < mask.rows; y++)
+    for (int x = 0; x < mask.cols; x++)
+      if (mask.at<uchar>(y, x) != 0 && seed.at<uchar>(y, x) != 0) keep[size_t(labels.at<int>(y, x))] = 255;
+  for (int y = 0; y < mask.rows; y++)
+    for (int x = 0; x < mask.cols; x++) kept.at<uchar>(y, x) = keep[size_t(labels.at<int>(y, x))];
+  return kept;
+}
+
+cv::Mat disk(double radius) {
+  const int r = std::max(1, cvRound(radius));
+  return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * r + 1, 2 * r + 1));
+}
+
+}  // namespace
+
+ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_t *alpha, const ern_layer_face *face,
+                          int side, uint8_t *parts) {
+  return ern_layers_guarded(context, [&] {
+    const cv::Mat frame(side, side, CV_8UC3, const_cast<uint8_t *>(rgb));
+    const cv::Mat person = cv::Mat(side, side, CV_8U, const_cast<uint8_t *>(alpha)) >= 128;
+    const double tall =
+        std::hypot(double(face->points[8][0]) - face->points[27][0], double(face->points[8][1]) - face->points[27][1]);
+    const Skin skin = skin_of(frame, *face);
+    cv::Mat skins(side, side, CV_8U, cv::Scalar(0));
+    cv::Mat bright(side, side, CV_8U, cv::Scalar(0)); /* too bright for hair in the shade */
+    for (int y = 0; y < side; y++)
+      for (int x = 0; x < side; x++) {
+        if (person.at<uchar>(y, x) == 0) continue;
+        const cv::Vec3b c = frame.at<cv::Vec3b>(y, x);
+        skins.at<uchar>(y, x) = skin.is(c) ? 255 : 0;
+        bright.at<uchar>(y, x) = float(c[0]) + c[1] + c[2] > 0.6F * skin.bright ? 255 : 0;
+      }
+    cv::medianBlur(skins, skins, 5);
+    skins &= person;
+    const cv::Mat ears = above_jaw(frame.size(), *face, 3), jaw = above_jaw(frame.size(), *face, 4);
+    cv::Mat head = person & (ears | (jaw & ~skins)), below;
+    /* Cloth that is over the jaw's line, as a collar, is no head. */
+    cv::erode(head, below, disk(0.10 * tall));
+    cv::Mat band = head & ~below, cloth = person & ~skins & bright;
+    cv::Mat face_mask(frame.size(), CV_8U, cv::Scalar(0));
+    cv::fillPoly(
+        face_mask,
+        std::vector<std::vector<cv::Point>>{{at(*face, 2), at(*face, 14), at(*face, 54), at(*face, 57), at(*face, 48)}},
+        255);
+    cv::dilate(face_mask, face_mask, disk(0.03 * tall));
+    cloth &= (band & jaw & ~face_mask) | (person & ~head);
+    head &= ~connected(cloth, person & ~head & ~skins);
+    cv::morphologyEx(head, head, cv::MORPH_OPEN, disk(side / 256.0));
+    /* Skin below the jaw that hangs together with it. */
+    cv::Mat near, reach(frame.size(), CV_8U, cv::Scalar(0));
+    const int left = std::min(at(*face, 3).x, at(*face, 13).x), right = std::max(at(*face, 3).x, at(*face, 13).x);
+    const int out = cvRound(0.15 * tall);
+    cv::rectangle(reach, cv::Point(left - out, 0), cv::Point(right + out, at(*face, 8).y + cvRound(0.8 * tall)), 255,
+                  -1);
+    cv::dilate(head, near, disk(0.06 * tall));
+    cv::Mat neck = connected(person & ~head & skins & reach, near);
+    cv::morphologyEx(neck, neck, cv::MORPH_CLOSE, disk(0.03 * tall));
+    neck &= person & ~head & reach;
+    cv::Mat out_parts(side, side, CV_8U, parts);
+    out_parts.setTo(ERN_PART_BACKGROUND);
+    out_parts.setTo(ERN_PART_TORSO, person);
+    out_parts.setTo(ERN_PART_NECK, neck);
+    out_parts.setTo(ERN_PART_HEAD, head);
+    return ERN_OK;
+  });
+}

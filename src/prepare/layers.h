@@ -1,0 +1,102 @@
+/* SPDX-License-Identifier: MIT
+ * What the files of the step "layers" share. A mask of the person is found on pictures of `work` pixels a side (about
+ * half of the clip's) and then brought to the clip's side. */
+#ifndef ERN_PREPARE_LAYERS_H
+#define ERN_PREPARE_LAYERS_H
+
+#include "prepare/prepare_job.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { ERN_LAYER_POINTS = 68, ERN_LAYER_OUTLINE = 24 };
+enum ern_layer_part { ERN_PART_BACKGROUND = 0, ERN_PART_HEAD = 1, ERN_PART_NECK = 2, ERN_PART_TORSO = 3 };
+
+/* Where the head is in a frame, pixels of the clip. */
+struct ern_layer_face {
+  float points[ERN_LAYER_POINTS][2];   /* landmarks, smoothed in time */
+  float outline[ERN_LAYER_OUTLINE][2]; /* of the projected ellipsoid of head_shape.h */
+  float centre[2];                     /* of the outline */
+};
+
+/* faces[job->frames] of ori_imgs/ID.lms and the poses. */
+ERN_NODISCARD ern_status ern_layer_faces_read(struct ern_prepare_job *job, struct ern_layer_face *faces);
+
+/* What is known of the person and of the place: made from some frames of the whole clip, then asked for each frame in
+ * order. Pictures are RGB of side x side, masks a byte a pixel. */
+struct ern_person_model;
+/* The side of the small masks. */
+int ern_person_work(int side);
+ERN_NODISCARD ern_status ern_person_model_make(ern_context *context, int side, struct ern_person_model **model);
+void ern_person_model_free(struct ern_person_model *model); /* accepts NULL */
+/* Takes a frame as an example. `brought` is a mask of the person, side x side, 0..255; NULL: it is looked for. */
+ERN_NODISCARD ern_status ern_person_model_add(struct ern_person_model *model, const uint8_t *rgb,
+                                              const struct ern_layer_face *face, const uint8_t *brought);
+
+/* What learning found. */
+struct ern_person_found {
+  double never_seen; /* share of the background's pixels that the person always covers */
+  double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
+  double shifted;    /* share of the examples in which the background's motion could be told */
+  double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
+  double brought_difference; /* mean difference of the picture that was brought from what was seen; 0 without one */
+};
+/* Learns colours, places and the background from the examples. `background`: side x side RGB of the place behind the
+ * person, or NULL; `key`: the background has one colour. */
+ERN_NODISCARD ern_status ern_person_model_learn(struct ern_person_model *model, const uint8_t *background, bool key,
+                                                struct ern_person_found *found);
+/* The background for the clip, side x side RGB; lies in the model. */
+const uint8_t *ern_person_model_background(const struct ern_person_model *model);
+
+/* mask[work][work] 0 or 255 of the next frame; `brought` as above. */
+ERN_NODISCARD ern_status ern_person_mask(struct ern_person_model *model, const uint8_t *rgb,
+                                         const struct ern_layer_face *face, const uint8_t *brought, uint8_t *mask);
+/* Mean of the masks of neighbouring frames, carried along with the head to frame `which` of them: voted[work][work]
+ * 0..255. */
+ERN_NODISCARD ern_status ern_person_vote(struct ern_person_model *model, const uint8_t *const *masks,
+                                         const struct ern_layer_face *const *faces, size_t count, size_t which,
+                                         uint8_t *voted);
+/* The mask at the clip's side: alpha[side][side] 0..255, and what lies behind the person, behind[side][side][3]. Adds
+ * the colour distances along the border to border[16], bins of 16. */
+ERN_NODISCARD ern_status ern_person_edge(const struct ern_person_model *model, const uint8_t *rgb, const uint8_t *voted,
+                                         uint8_t *alpha, uint8_t *behind, size_t border[16]);
+
+/* parts[side][side] of enum ern_layer_part, where alpha is 128 or more. */
+ERN_NODISCARD ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_t *alpha,
+                                        const struct ern_layer_face *face, int side, uint8_t *parts);
+
+/* torso[side][side][4]: the person without the head, with what the head hides filled in. */
+ERN_NODISCARD ern_status ern_layer_torso(ern_context *context, const uint8_t *rgb, const uint8_t *alpha,
+                                         const uint8_t *behind, const uint8_t *parts, int side, uint8_t *torso);
+/* frame[side][side][3]: the person, or the head alone, over the background. */
+void ern_layer_frame(const uint8_t *rgb, const uint8_t *alpha, const uint8_t *behind, const uint8_t *parts,
+                     const uint8_t *background, bool head_only, int side, uint8_t *frame);
+
+/* A network that finds a person: one picture of three channels in (NCHW), one or two channels out. */
+struct ern_person_network;
+ERN_NODISCARD ern_status ern_person_network_open(ern_context *context, const char *path,
+                                                 struct ern_person_network **network);
+void ern_person_network_free(struct ern_person_network *network); /* accepts NULL */
+/* mask[side][side] 0..255. The first call finds out how the network wants its colours. */
+ERN_NODISCARD ern_status ern_person_network_run(struct ern_person_network *network, const uint8_t *rgb,
+                                                const struct ern_layer_face *face, int side, uint8_t *mask);
+
+/* The masks that the user brought: a folder, or a network. */
+struct ern_brought_masks;
+ERN_NODISCARD ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brought_masks **masks);
+void ern_brought_masks_free(struct ern_brought_masks *masks); /* accepts NULL */
+/* mask[side][side] 0..255 of the person; parts[side][side] where *has_parts. */
+ERN_NODISCARD ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const uint8_t *rgb,
+                                          const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts,
+                                          bool *has_parts);
+
+/* Figures and verdict. covered: mean share of the picture that the person takes; trembles[job->frames], which is
+ * sorted; border: colour distances along the border, bins of 16. */
+void ern_layers_judge(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
+                      float *trembles, const size_t border[16]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: MIT
+ * For the C++ files of the step "layers": no exception leaves them. */
+#ifndef ERN_PREPARE_LAYERS_OPENCV_H
+#define ERN_PREPARE_LAYERS_OPENCV_H
+
+#include <exception>
+#include <new>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+#include "ernerf/base.h"
+
+extern "C" { /* C headers */
+#include "core/memory.h"
+#include "core/status.h"
+}
+
+#include "prepare/layers.h"
+
+struct ern_person_example {
+  cv::Mat frame, small, mask; /* RGB of side and of work; mask of work, 0 or 255 */
+  ern_layer_face face;
+};
+
+struct ern_person_model {
+  ern_context *context;
+  int side, work;
+  std::vector<ern_person_example> examples;
+  bool brought; /* the examples' masks are the user's */
+  /* Of the place: background and what was seen of it (255) of side; small ones of work: CV_32FC3, noise CV_32F in grey
+   * values. `shown` is what the clip gets. */
+  cv::Mat background, seen, shown, small_background, small_noise, small_seen;
+  /* log densities of colours, 16 x 16 x 16 */
+  std::vector<float> person, place;
+  /* log odds of the person, work x work, where the head is at `home` */
+  cv::Mat prior;
+  ern_layer_face home;
+  cv::Mat last; /* mask of the frame before */
+  ern_layer_face last_face;
+};
+
+template <typename Work>
+ern_status ern_layers_guarded(ern_context *context, Work work) {
+  const auto before = cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ern_status status = ERN_OK;
+  try {
+    status = work();
+  } catch (const std::bad_alloc &) {
+    status = ern_fail(context, ERN_E_NO_MEMORY, "layers: no memory");
+  } catch (const cv::Exception &error) {
+    status = ern_fail(context, error.code == cv::Error::StsNoMem ? ERN_E_NO_MEMORY : ERN_E_UNSUPPORTED,
+                      "layers: OpenCV says: %.400s", error.what());
+  } catch (const std::exception &error) {
+    status = ern_fail(context, ERN_E_UNSUPPORTED, "layers: %.400s", error.what());
+  } catch (...) {
+    status = ern_fail(context, ERN_E_UNSUPPORTED, "layers: it failed without a reason");
+  }
+  cv::utils::logging::setLogLevel(before);
+  return status;
+}
+
+/* mask, of work, as it is where the head is at `to` in place of `from`: rows of the head move with it, rows at the
+ * bottom of the picture by a third. `outside` stands where nothing is known. */
+cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
+                         const ern_layer_face &to);
+/* Finds the background in the examples by their masks. */
+void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
+/* How far the place moves between the examples. */
+void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
+/* The points of a closed line, times `scale` about their centre, moved by none. */
+std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale, double grow);
+
+#endif

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: MIT
+ * Masks that the user brought: DIR/ID.png in AD-NeRF's colours or grey, or a network. */
+#include <stdio.h>
+#include <string.h>
+
+#include "prepare/layers.h"
+
+struct ern_brought_masks {
+  const struct ern_prepare_job *job;
+  struct ern_person_network *network; /* NULL: a folder */
+};
+
+ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brought_masks **masks) {
+  ern_status status = ERN_OK;
+  const char *path = job->options->masks;
+  const size_t length = strlen(path);
+  ERN_TRY(ERN_NEW(job->context, 1, masks));
+  (*masks)->job = job;
+  if (length > 5 && strcmp(path + length - 5, ".onnx") == 0)
+    ERN_TRY(ern_person_network_open(job->context, path, &(*masks)->network));
+fail:
+  return status;
+}
+
+void ern_brought_masks_free(struct ern_brought_masks *masks) {
+  if (masks == NULL) return;
+  ern_person_network_free(masks->network);
+  ern_release(masks->job->context, masks);
+}
+
+/* The part of a colour of AD-NeRF's parsing, -1 for any other colour. */
+static int part_of(const uint8_t *rgb) {
+  const int code = (rgb[0] == 255) + 2 * (rgb[1] == 255) + 4 * (rgb[2] == 255);
+  if (rgb[0] % 255 != 0 || rgb[1] % 255 != 0 || rgb[2] % 255 != 0) return -1;
+  switch (code) {
+    case 1: return ERN_PART_TORSO;
+    case 2: return ERN_PART_NECK;
+    case 4: return ERN_PART_HEAD;
+    case 7: return ERN_PART_BACKGROUND;
+    default: return -1;
+  }
+}
+
+static ern_status read_mask(const struct ern_prepare_job *job, size_t frame, uint8_t *mask, uint8_t *parts,
+                            bool *has_parts) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  ern_image image = {0};
+  const size_t pixels = (size_t)job->side * (size_t)job->side;
+  bool grey = true, coloured = true;
+  const int length = snprintf(path, sizeof path, "%s/%zu.png", job->options->masks, frame);
+  if (length < 0 || length >= ERN_PREPARE_PATH)
+    ERN_TRY(ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long", job->options->masks));
+  ERN_TRY(ern_image_read(job->context, path, 3, &image));
+  if (image.width != job->side || image.height != job->side)
+    ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: the mask is %d x %d, expected %d x %d as the clip's pictures",
+                     path, image.width, image.height, job->side, job->side));
+  for (size_t k = 0; k < pixels; k++) {
+    const uint8_t *c = image.data + 3 * k;
+    const int part = part_of(c);
+    grey = grey && c[0] == c[1] && c[0] == c[2];
+    coloured = coloured && part >= 0;
+    parts[k] = (uint8_t)(part > 0 ? part : 0);
+    mask[k] = part > 0 ? 255 : 0;
+  }
+  if (!grey && !coloured)
+    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT,
+                     "%s: has other colours than a mask, expected head 0 0 255, neck 0 255 0, torso 255 0 0 and "
+                     "background 255 255 255, or grey with the person above 0",
+                     path));
+  if (grey)
+    for (size_t k = 0; k < pixels; k++) mask[k] = image.data[3 * k] > 0 ? 255 : 0;
+  *has_parts = !grey;
+fail:
+  ern_image_free(job->context, &image);
+  return status;
+}
+
+ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const uint8_t *rgb,
+                            const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts, bool *has_parts) {
+  *has_parts = false;
+  if (masks->network == NULL) return read_mask(masks->job, frame, mask, parts, has_parts);
+  return ern_person_network_run(masks->network, rgb, face, masks->job->side, mask);
+}

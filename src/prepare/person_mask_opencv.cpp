@@ -1,0 +1,335 @@
+/* SPDX-License-Identifier: MIT
+ * The person in a frame, on small pictures. Examples from the whole clip are cut out by GrabCut around the projected
+ * head; what they teach (colours, places, background) decides every frame by one graph cut. */
+#include "prepare/layers_opencv.h"
+
+#include <algorithm>
+#include <climits>
+#include <cmath>
+#include <cstring>
+
+#include <opencv2/imgproc/detail/gcgraph.hpp> /* needs those above */
+
+namespace {
+
+enum { BINS = 16, CUT_ROUNDS = 4 };
+constexpr float COLOUR_LIMIT = 6, PLACE_LIMIT = 2.5F, LAST_FRAME = 1, SMOOTHNESS = 5;
+
+size_t bin_of(const cv::Vec3b &c) { return ((c[0] >> 4) * BINS + (c[1] >> 4)) * size_t{BINS} + (c[2] >> 4); }
+
+cv::Mat disk(int radius) {
+  return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * radius + 1, 2 * radius + 1));
+}
+
+/* Points of the clip's pictures as a filled polygon of a small one. */
+void fill(cv::Mat &mask, std::vector<cv::Point> polygon, double shrink, int value) {
+  for (cv::Point &p : polygon) p = cv::Point(cvRound(p.x * shrink), cvRound(p.y * shrink));
+  cv::fillPoly(mask, std::vector<std::vector<cv::Point>>{polygon}, value);
+}
+
+/* The face between jaw and brows, a little smaller than it is. */
+std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
+  float points[27][2];
+  for (int k = 0; k < 17; k++) std::copy(face.points[k], face.points[k] + 2, points[k]);
+  for (int k = 0; k < 10; k++) std::copy(face.points[26 - k], face.points[26 - k] + 2, points[17 + k]);
+  return ern_layer_polygon(points, 27, scale, 0);
+}
+
+/* Where a person may be: around the head, and from the chin down. */
+cv::Mat seeds(const ern_person_model &model, const ern_layer_face &face) {
+  const int n = model.work;
+  const double shrink = double(n) / model.side;
+  const auto head = ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1, 0);
+  const cv::Rect box = cv::boundingRect(head);
+  const int chin = cvRound(face.points[8][1]), left = cvRound(face.points[4][0]), right = cvRound(face.points[12][0]);
+  cv::Mat mask(n, n, CV_8U, cv::Scalar(cv::GC_BGD));
+  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.5, 0), shrink, cv::GC_PR_BGD);
+  const int below = std::max(0, cvRound((chin - 0.15 * box.height) * shrink));
+  if (below < n) mask.rowRange(below, n).setTo(cv::GC_PR_BGD);
+  fill(mask,
+       {{left, chin - box.height / 8},
+        {right, chin - box.height / 8},
+        {right + box.width / 4, chin + box.height / 6},
+        {model.side + box.width / 4, model.side},
+        {-box.width / 4, model.side},
+        {left - box.width / 4, chin + box.height / 6}},
+       shrink, cv::GC_PR_FGD);
+  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.05, 0), shrink, cv::GC_PR_FGD);
+  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 0.75, 0), shrink, cv::GC_FGD);
+  fill(mask, face_polygon(face, 0.9), shrink, cv::GC_FGD);
+  const int quarter = (right - left) / 4; /* the neck, and the breast below it */
+  fill(mask, {{left + quarter, chin}, {right - quarter, chin}, {right, model.side}, {left, model.side}}, shrink,
+       cv::GC_FGD);
+  return mask;
+}
+
+/* Only what hangs together with the face stays, and small holes are filled. */
+void tidy(const ern_person_model &model, const ern_layer_face &face, cv::Mat &mask) {
+  const double shrink = double(model.work) / model.side;
+  cv::Mat core(mask.size(), CV_8U, cv::Scalar(0)), labels, stats, centres;
+  fill(core, face_polygon(face, 0.8), shrink, 255);
+  int count = cv::connectedComponentsWithStats(mask, labels, stats, centres, 4);
+  std::vector<int> votes(size_t(count), 0);
+  for (int y = 0; y < mask.rows; y++)
+    for (int x = 0; x < mask.cols; x++)
+      if (core.at<uchar>(y, x) != 0 && mask.at<uchar>(y, x) != 0) votes[size_t(labels.at<int>(y, x))]++;
+  const int best = int(std::max_element(votes.begin(), votes.end()) - votes.begin());
+  if (votes[size_t(best)] > 0) mask = labels == best;
+  cv::Mat outside = mask == 0;
+  count = cv::connectedComponentsWithStats(outside, labels, stats, centres, 4);
+  const int limit = mask.rows * mask.cols / 200;
+  for (int k = 1; k < count; k++) {
+    const int *s = stats.ptr<int>(k);
+    const bool at_border =
+        s[cv::CC_STAT_LEFT] == 0 || s[cv::CC_STAT_TOP] == 0 || s[cv::CC_STAT_LEFT] + s[cv::CC_STAT_WIDTH] == mask.cols;
+    if (!at_border && s[cv::CC_STAT_AREA] < limit) mask.setTo(255, labels == k);
+  }
+}
+
+cv::Mat small_of(const ern_person_model &model, const cv::Mat &frame) {
+  cv::Mat small;
+  cv::resize(frame, small, cv::Size(model.work, model.work), 0, 0, cv::INTER_AREA);
+  return small;
+}
+
+cv::Mat small_mask(const ern_person_model &model, const uint8_t *mask) {
+  cv::Mat small;
+  const cv::Mat whole(model.side, model.side, CV_8U, const_cast<uint8_t *>(mask));
+  cv::resize(whole, small, cv::Size(model.work, model.work), 0, 0, cv::INTER_AREA);
+  return small >= 128;
+}
+
+/* log density of colours in the examples, in the person or outside, away from its border. */
+std::vector<float> colours(const ern_person_model &model, bool person) {
+  std::vector<float> bins(size_t{BINS} * BINS * BINS, 0), next(bins.size());
+  double total = 0;
+  for (const ern_person_example &example : model.examples) {
+    cv::Mat part = person ? example.mask : cv::Mat(example.mask == 0);
+    cv::erode(part, part, disk(2), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(255));
+    for (int y = 0; y < part.rows; y++)
+      for (int x = 0; x < part.cols; x++)
+        if (part.at<uchar>(y, x) != 0) bins[bin_of(example.small.at<cv::Vec3b>(y, x))]++, total++;
+  }
+  for (size_t step : {size_t{1}, size_t{BINS}, size_t{BINS} * BINS}) { /* (1 2 1)/4 along each axis */
+    for (size_t i = 0; i < bins.size(); i++) {
+      const size_t at = i / step % BINS;
+      next[i] = (2 * bins[i] + bins[at > 0 ? i - step : i] + bins[at + 1 < BINS ? i + step : i]) / 4;
+    }
+    bins.swap(next);
+  }
+  const double uniform = 1.0 / double(bins.size());
+  for (float &b : bins)
+    b = float(std::log((0.98 * b / std::max(total, 1.0) + 0.02 * uniform) / 4096)); /* 16^3 values */
+  return bins;
+}
+
+/* How often the person is where, as log odds, the head being at home. */
+void learn_places(ern_person_model *model) {
+  cv::Mat sum(model->work, model->work, CV_32F, cv::Scalar(0));
+  model->home = model->examples[model->examples.size() / 2].face;
+  for (const ern_person_example &example : model->examples) {
+    cv::Mat moved;
+    ern_person_carry(*model, example.mask, example.face, model->home).convertTo(moved, CV_32F, 1.0 / 255);
+    sum += moved;
+  }
+  sum /= double(model->examples.size());
+  const int size = (model->work / 16) | 1;
+  cv::GaussianBlur(sum, sum, cv::Size(size, size), 0);
+  sum = cv::max(cv::min(sum, 0.98), 0.02);
+  cv::Mat odds = sum / (1 - sum);
+  cv::log(odds, model->prior);
+  model->prior = cv::max(cv::min(model->prior, PLACE_LIMIT), -PLACE_LIMIT);
+}
+
+/* Log odds of the person in each pixel. */
+cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
+  cv::Mat odds = ern_person_carry(model, model.prior, model.home, face);
+  for (int y = 0; y < small.rows; y++)
+    for (int x = 0; x < small.cols; x++) {
+      const cv::Vec3b c = small.at<cv::Vec3b>(y, x);
+      const size_t bin = bin_of(c);
+      double place = std::exp(double(model.place[bin]));
+      if (model.small_seen.at<uchar>(y, x) != 0) { /* a narrow density about the colour that the place has here */
+        const double sigma = model.small_noise.at<float>(y, x);
+        const cv::Vec3f b = model.small_background.at<cv::Vec3f>(y, x);
+        double d = 0;
+        for (int i = 0; i < 3; i++) d += (c[i] - b[i]) * (c[i] - b[i]);
+        place = 0.97 * std::exp(-0.5 * d / (sigma * sigma)) / (15.75 * sigma * sigma * sigma) + 0.03 * place;
+      }
+      const float colour = model.person[bin] - float(std::log(place));
+      odds.at<float>(y, x) += std::max(-COLOUR_LIMIT, std::min(COLOUR_LIMIT, colour));
+    }
+  return odds;
+}
+
+/* The labels that minimise sum of odds and, between neighbours, SMOOTHNESS exp(-beta |c - c'|^2) / distance. */
+cv::Mat cut(const cv::Mat &small, const cv::Mat &odds) {
+  static const int to[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};
+  const int n = small.rows;
+  double sum = 0;
+  for (int y = 0; y + 1 < n; y++)
+    for (int x = 0; x + 1 < n; x++)
+      for (int i = 0; i < 3; i++) {
+        const double c = small.at<cv::Vec3b>(y, x)[i];
+        sum += std::pow(c - small.at<cv::Vec3b>(y, x + 1)[i], 2) + std::pow(c - small.at<cv::Vec3b>(y + 1, x)[i], 2);
+      }
+  const double beta = sum > 0 ? double(n) * n / sum : 0;
+  cv::detail::GCGraph<float> graph(unsigned(n * n), unsigned(8 * n * n));
+  for (int k = 0; k < n * n; k++) {
+    graph.addVtx();
+    const float o = odds.at<float>(k / n, k % n);
+    graph.addTermWeights(k, std::max(o, 0.0F), std::max(-o, 0.0F));
+  }
+  for (int y = 0; y < n; y++)
+    for (int x = 0; x < n; x++)
+      for (const auto &t : to) {
+        const int u = x + t[0], v = y + t[1];
+        if (u < 0 || u >= n || v >= n) continue;
+        double d = 0;
+        for (int i = 0; i < 3; i++)
+          d += std::pow(double(small.at<cv::Vec3b>(y, x)[i]) - small.at<cv::Vec3b>(v, u)[i], 2);
+        const float w = float(SMOOTHNESS * std::exp(-beta * d) / std::sqrt(double(t[0] * t[0] + t[1] * t[1])));
+        graph.addEdges(y * n + x, v * n + u, w, w);
+      }
+  graph.maxFlow();
+  cv::Mat mask(n, n, CV_8U);
+  for (int k = 0; k < n * n; k++) mask.at<uchar>(k / n, k % n) = graph.inSourceSegment(k) ? 255 : 0;
+  return mask;
+}
+
+cv::Mat person_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
+  const double shrink = double(model.work) / model.side;
+  cv::Mat odds = odds_of(model, small, face);
+  if (!model.last.empty()) {
+    cv::Mat last;
+    ern_person_carry(model, model.last, model.last_face, face)
+        .convertTo(last, CV_32F, 2 * LAST_FRAME / 255, -LAST_FRAME);
+    cv::GaussianBlur(last, last, cv::Size(5, 5), 0);
+    odds += last;
+  }
+  cv::Mat sure(small.size(), CV_8U, cv::Scalar(0));
+  fill(sure, face_polygon(face, 0.9), shrink, 255);
+  odds.setTo(50, sure);
+  cv::Mat mask = cut(small, odds);
+  tidy(model, face, mask);
+  return mask;
+}
+
+cv::Mat rough(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
+  cv::Mat mask = seeds(model, face), person, place;
+  const int places = cv::countNonZero(mask == cv::GC_BGD) + cv::countNonZero(mask == cv::GC_PR_BGD);
+  if (places == 0 || places == model.work * model.work) /* a head that fills the picture, or is outside */
+    return cv::Mat(mask.size(), CV_8U, cv::Scalar(places == 0 ? 255 : 0));
+  cv::theRNG().state = 1; /* grabCut begins with k-means: the same frame gives the same mask */
+  cv::grabCut(small, mask, cv::Rect(), place, person, CUT_ROUNDS, cv::GC_INIT_WITH_MASK);
+  mask = (mask == cv::GC_FGD) | (mask == cv::GC_PR_FGD);
+  tidy(model, face, mask);
+  return mask;
+}
+
+}  // namespace
+
+std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale, double grow) {
+  double x = 0, y = 0;
+  for (int k = 0; k < count; k++) x += double(points[k][0]) / count, y += double(points[k][1]) / count;
+  std::vector<cv::Point> polygon;
+  for (int k = 0; k < count; k++)
+    polygon.emplace_back(cvRound(x + scale * (points[k][0] - x)), cvRound(y + scale * (points[k][1] - y) - grow));
+  return polygon;
+}
+
+cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
+                         const ern_layer_face &to) {
+  const float shrink = float(model.work) / float(model.side);
+  const float dx = (to.centre[0] - from.centre[0]) * shrink, dy = (to.centre[1] - from.centre[1]) * shrink;
+  if (std::fabs(dx) < 0.05F && std::fabs(dy) < 0.05F) return mask.clone();
+  const float chin = to.points[8][1] * shrink, n = float(model.work);
+  cv::Mat x(mask.size(), CV_32F), y(mask.size(), CV_32F), moved;
+  for (int v = 0; v < mask.rows; v++) {
+    const float down = chin < n - 1 ? std::max(0.0F, std::min(1.0F, (float(v) - chin) / (n - chin))) : 0;
+    const float part = 1 - down * 2 / 3;
+    for (int u = 0; u < mask.cols; u++) {
+      x.at<float>(v, u) = float(u) - part * dx;
+      y.at<float>(v, u) = std::min(float(v) - part * dy, n - 1);
+    }
+  }
+  cv::remap(mask, moved, x, y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return moved;
+}
+
+int ern_person_work(int side) { return side / std::max(1, (side + 128) / 256); }
+
+ern_status ern_person_model_make(ern_context *context, int side, ern_person_model **model) {
+  *model = nullptr;
+  return ern_layers_guarded(context, [&] {
+    *model = new ern_person_model{};
+    (*model)->context = context;
+    (*model)->side = side;
+    (*model)->work = ern_person_work(side);
+    return ERN_OK;
+  });
+}
+
+void ern_person_model_free(ern_person_model *model) { delete model; }
+
+ern_status ern_person_model_add(ern_person_model *model, const uint8_t *rgb, const ern_layer_face *face,
+                                const uint8_t *brought) {
+  return ern_layers_guarded(model->context, [&] {
+    ern_person_example example;
+    example.frame = cv::Mat(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb)).clone();
+    example.small = small_of(*model, example.frame);
+    example.face = *face;
+    example.mask = brought != nullptr ? small_mask(*model, brought) : rough(*model, example.small, *face);
+    model->brought = brought != nullptr;
+    model->examples.push_back(example);
+    return ERN_OK;
+  });
+}
+
+ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *background, bool key,
+                                  ern_person_found *found) {
+  *found = ern_person_found{};
+  if (model->examples.empty()) return ern_fail(model->context, ERN_E_STATE, "layers: no frame to learn from");
+  return ern_layers_guarded(model->context, [&] {
+    ern_person_place_moves(*model, found);
+    for (int round = 0;; round++) {
+      ern_person_background(model, background, key, found);
+      model->person = colours(*model, true);
+      model->place = colours(*model, false);
+      learn_places(model);
+      if (round == 2 || model->brought) break;
+      for (ern_person_example &example : model->examples) example.mask = person_of(*model, example.small, example.face);
+    }
+    model->examples.clear();
+    return ERN_OK;
+  });
+}
+
+const uint8_t *ern_person_model_background(const ern_person_model *model) { return model->shown.ptr<uint8_t>(); }
+
+ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const ern_layer_face *face,
+                           const uint8_t *brought, uint8_t *mask) {
+  return ern_layers_guarded(model->context, [&] {
+    const cv::Mat frame(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb));
+    model->last = brought != nullptr ? small_mask(*model, brought) : person_of(*model, small_of(*model, frame), *face);
+    model->last_face = *face;
+    model->last.copyTo(cv::Mat(model->work, model->work, CV_8U, mask));
+    return ERN_OK;
+  });
+}
+
+ern_status ern_person_vote(ern_person_model *model, const uint8_t *const *masks, const ern_layer_face *const *faces,
+                           size_t count, size_t which, uint8_t *voted) {
+  return ern_layers_guarded(model->context, [&] {
+    const int n = model->work;
+    cv::Mat sum(n, n, CV_16U, cv::Scalar(0)), wide;
+    for (size_t k = 0; k < count; k++) {
+      const cv::Mat mask(n, n, CV_8U, const_cast<uint8_t *>(masks[k]));
+      ern_person_carry(*model, mask, *faces[k], *faces[which]).convertTo(wide, CV_16U);
+      sum += wide;
+    }
+    cv::Mat out(n, n, CV_8U, voted);
+    sum.convertTo(out, CV_8U, 1.0 / double(count));
+    return ERN_OK;
+  });
+}
