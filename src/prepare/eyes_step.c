@@ -20,7 +20,7 @@ enum {
   PIXELS = COLUMNS * ROWS,
   BOTH = 2 * PIXELS,
   AROUND = 8, /* frames before and after, of the running median */
-  POWER = 30   /* iterations */
+  POWER = 30  /* iterations */
 };
 static const double step = 0.0016; /* metres between pixels */
 /* AU45_r of a blink of middling strength: what a model takes for closed eyes is 2 (docs/formats.md). */

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "io/file.h"
 #include "prepare/bundle.h"
 #include "prepare/flow_tracks.h"
 #include "prepare/head_shape.h"
@@ -346,38 +347,131 @@ fail:
   return status;
 }
 
-/* Residuals and points seen, for the verdict. */
-static ern_status judge(struct tracking *t) {
-  ern_status status = ERN_OK;
+/* What a frame's points say of its pose. */
+struct support {
+  float residual; /* median, pixels of a picture of 512 a side; NaN without points */
+  size_t seen;
+};
+
+static ern_status measure(struct tracking *t, struct support *support) {
   struct ern_bundle bundle = bundle_of(t);
-  float *values = NULL, *shares = NULL;
-  size_t n = 0;
-  ERN_TRY(ERN_NEW(t->job->context, bundle.points, &values));
-  ERN_TRY(ERN_NEW(t->job->context, bundle.frames, &shares));
-  double sum = 0;
-  size_t held = 0;
-  double most = 0;
-  for (size_t i = 0; i < bundle.frames; i++) {
-    n = 0;
+  float *values = NULL;
+  const ern_status status = ERN_NEW(t->job->context, bundle.points, &values);
+  for (size_t i = 0; i < bundle.frames && status == ERN_OK; i++) {
+    size_t n = 0;
     for (size_t k = 0; k < bundle.points; k++)
       if (bundle.weights[k] > 0.3f && !isnan(bundle.seen[i * bundle.points + k][0]))
-        values[n++] = (float)ern_bundle_residual(&bundle, i, k);
-    if (n > 0) shares[held++] = ern_quantile(values, n, 0.5);
-    sum += (double)n / (double)bundle.points;
-    most = fmax(most, turn_between(&t->poses[i], &t->poses[t->at[0]]));
+        values[n++] = (float)ern_bundle_residual(&bundle, i, k) * 512 / (float)t->job->side;
+    support[i] = (struct support){ern_quantile(values, n, 0.5), n};
   }
-  ern_prepare_figure(t->job, "reprojection", (double)ern_quantile(shares, held, 0.5));
-  ern_prepare_figure(t->job, "points", (double)bundle.points);
-  ern_prepare_figure(t->job, "seen", sum / (double)bundle.frames);
-  ern_prepare_figure(t->job, "references", (double)t->count);
-  ern_prepare_figure(t->job, "turn", most);
-fail:
   ern_release(t->job->context, values);
-  ern_release(t->job->context, shares);
+  return status;
+}
+
+/* prepare/pose.csv, which the report draws. */
+static ern_status write_support(struct tracking *t, const struct support *support) {
+  static const char head[] = "frame,residual,points\n";
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH], line[128];
+  struct ern_file_writer file = {0};
+  ERN_TRY(ern_prepare_path(t->job, path, "prepare/pose.csv"));
+  ERN_TRY(ern_file_writer_open(t->job->context, path, ERN_EXISTING_REPLACE, &file));
+  ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
+  for (size_t i = 0; i < t->job->frames; i++) {
+    const float residual = isnan(support[i].residual) ? 99 : support[i].residual;
+    const int length = snprintf(line, sizeof line, "%zu,%.3f,%zu\n", i, (double)residual, support[i].seen);
+    ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
+  }
+  return ern_file_writer_commit(&file);
+fail:
+  ern_file_writer_abandon(&file);
+  return status;
+}
+
+/* Mean change, in degrees, of how far the head turns from a frame to the next. */
+static double tremble_of(const struct tracking *t) {
+  double sum = 0;
+  for (size_t i = 1; i + 1 < t->job->frames; i++) {
+    double square = 0;
+    for (int c = 0; c < 3; c++) {
+      const double change = t->bundled[i - 1].values[c] - 2 * t->bundled[i].values[c] + t->bundled[i + 1].values[c];
+      square += change * change;
+    }
+    sum += sqrt(square) * 57.29577951308232;
+  }
+  return t->job->frames > 2 ? sum / (double)(t->job->frames - 2) : 0;
+}
+
+static void give_verdict(struct ern_prepare_job *job, double residual, double lost, double tremble, double turn) {
+  static const char help[] = "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part";
+  if (residual > 4 || lost > 0.3)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "the head could not be followed: its points are %.1f pixels off (expected 1 at most) and too few "
+                      "are seen in %.0f %% of the frames; %s",
+                      residual, 100 * lost, help);
+  else if (residual > 1 || lost > 0.02)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the head's points are %.1f pixels off (expected 1 at most), and too few are seen in %.1f %% of "
+                      "the frames (expected 2 %% at most), as with hands or hair before the face; %s",
+                      residual, 100 * lost, help);
+  if (tremble > 0.6)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the head's turning changes by %.2f degrees from frame to frame, expected 0.6 at most; %s",
+                      tremble, help);
+  if (turn < 1)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the head turns by %.1f degrees in all; how deep it is cannot be told, expected 1 degree or more",
+                      turn);
+  if (turn > 45)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 45 at most; %s", turn, help);
+}
+
+static ern_status judge(struct tracking *t) {
+  enum { FEW = 25 }; /* points that hardly hold a pose */
+  ern_status status = ERN_OK;
+  const size_t frames = t->job->frames;
+  struct support *support = NULL;
+  float *residuals = NULL;
+  size_t held = 0, lost = 0;
+  double turn = 0, seen = 0;
+  ERN_TRY(ERN_NEW(t->job->context, frames, &support));
+  ERN_TRY(ERN_NEW(t->job->context, frames, &residuals));
+  ERN_TRY(measure(t, support));
+  ERN_TRY(write_support(t, support));
+  for (size_t i = 0; i < frames; i++) {
+    if (support[i].seen > 0) residuals[held++] = support[i].residual;
+    lost += support[i].seen < FEW;
+    seen += (double)support[i].seen / (double)frames;
+    turn = fmax(turn, turn_between(&t->poses[i], &t->poses[t->at[0]]));
+  }
+  const double residual = held > 0 ? (double)ern_quantile(residuals, held, 0.5) : 99, tremble = tremble_of(t);
+  ern_prepare_figure(t->job, "reprojection", residual);
+  ern_prepare_figure(t->job, "points", (double)t->first[t->count]);
+  ern_prepare_figure(t->job, "seen", seen);
+  ern_prepare_figure(t->job, "lost", (double)lost / (double)frames);
+  ern_prepare_figure(t->job, "references", (double)t->count);
+  ern_prepare_figure(t->job, "turn", turn);
+  ern_prepare_figure(t->job, "tremble", tremble);
+  give_verdict(t->job, residual, (double)lost / (double)frames, tremble, turn);
+fail:
+  ern_release(t->job->context, support);
+  ern_release(t->job->context, residuals);
+  return status;
+}
+
+static ern_status bring(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  struct ern_head_pose *poses = NULL;
+  ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
+  ERN_TRY(ern_prepare_poses_bring(job, poses));
+  ERN_TRY(ern_prepare_poses_write(job, poses));
+fail:
+  ern_release(job->context, poses);
   return status;
 }
 
 ern_status ern_prepare_pose(struct ern_prepare_job *job) {
+  if (job->options->poses != NULL) return bring(job);
   ern_context *context = job->context;
   struct tracking t = {.job = job, .centre = 0.5 * job->side};
   struct ern_found_face *faces = NULL;

@@ -9,6 +9,7 @@
 #include "core/sized.h"
 #include "prepare/prepare_job.h"
 #include "prepare/prepare_record.h"
+#include "prepare/report.h"
 
 enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 8192 };
 
@@ -106,6 +107,21 @@ fail:
   return status;
 }
 
+/* The page, also of a refusal, whose error stays; the video where every step was done. */
+static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *result, ern_status outcome) {
+  char kept[ERN_ERROR_BYTES];
+  ern_error_keep(job->context, kept);
+  ern_status status = ern_report_write(job, result);
+  if (status == ERN_OK && outcome == ERN_OK && result->verdicts[ERN_PREPARE_STEPS - 1].step != NULL) {
+    ern_prepare_verdict overlay = {.step = "overlay"};
+    job->verdict = &overlay;
+    status = ern_report_overlay(job);
+  }
+  if (outcome == ERN_OK) return status;
+  ern_error_restore(job->context, kept);
+  return outcome;
+}
+
 ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                              const ern_prepare_options *options, ern_prepare_result *result, size_t bytes) {
   ERN_PLAIN_FLOATS;
@@ -127,7 +143,8 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   ERN_TRY(ern_prepare_record_open(&job, &lock));
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;
-  ERN_TRY(run_steps(&job, only, &found));
+  status = run_steps(&job, only, &found);
+  if (status == ERN_OK || status == ERN_E_UNSUPPORTED) ERN_TRY(report(&job, &found, status));
 fail:
   if (lock >= 0) close(lock);
   json_decref(job.record);

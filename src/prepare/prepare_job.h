@@ -57,6 +57,8 @@ ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, 
 
 /* poses[job->frames] from and to transforms_train.json (the first ten elevenths) and transforms_val.json. */
 ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses);
+/* The same from the file that options->poses names. */
+ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Head poses as transforms_train.json and transforms_val.json (docs/formats.md). */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -72,12 +73,15 @@ ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern
 }
 
 /* Takes the poses of a file by img_id; seen[frames] says which frames have one. */
-static ern_status read_part(struct ern_prepare_job *job, const char *name, struct ern_head_pose *poses, bool *seen) {
-  char path[ERN_PREPARE_PATH];
+static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen) {
   ern_pose_list list = {0};
   ern_status status = ERN_OK;
-  ERN_TRY(ern_prepare_path(job, path, "%s", name));
   ERN_TRY(ern_pose_list_load(job->context, path, &list));
+  if (list.width != job->side || list.height != job->side || fabs(list.cx - 0.5 * job->side) > 0.51 ||
+      fabs(list.cy - 0.5 * job->side) > 0.51)
+    ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH,
+                     "%s: is for pictures of %d x %d with the middle at %g, %g; expected %d x %d with the middle at %g",
+                     path, list.width, list.height, list.cx, list.cy, job->side, job->side, 0.5 * job->side));
   for (size_t i = 0; i < list.count; i++) {
     const size_t frame = (size_t)list.poses[i].img_id;
     if (frame >= job->frames)
@@ -92,17 +96,31 @@ fail:
   return status;
 }
 
-ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses) {
+/* From one file, or with NULL from the clip's two. */
+static ern_status read_poses(struct ern_prepare_job *job, const char *brought, struct ern_head_pose *poses) {
+  static const char *const parts[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
   bool *seen = NULL;
   ERN_TRY(ERN_NEW(job->context, job->frames, &seen));
-  ERN_TRY(read_part(job, "transforms_train.json", poses, seen));
-  ERN_TRY(read_part(job, "transforms_val.json", poses, seen));
+  if (brought != NULL) ERN_TRY(read_file(job, brought, poses, seen));
+  for (int i = 0; i < 2 && brought == NULL; i++) {
+    ERN_TRY(ern_prepare_path(job, path, "%s", parts[i]));
+    ERN_TRY(read_file(job, path, poses, seen));
+  }
   for (size_t i = 0; i < job->frames; i++)
     if (!seen[i])
-      ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: transforms_*.json have no pose of frame %zu of %zu",
-                       job->folder, i, job->frames));
+      ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: has no pose of frame %zu, expected all of 0 to %zu",
+                       brought != NULL ? brought : job->folder, i, job->frames - 1));
 fail:
   ern_release(job->context, seen);
   return status;
+}
+
+ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses) {
+  return read_poses(job, NULL, poses);
+}
+
+ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses) {
+  return read_poses(job, job->options->poses, poses);
 }
