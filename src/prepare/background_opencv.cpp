@@ -11,13 +11,11 @@ namespace {
 
 constexpr float NOISE_LEAST = 4, NOISE_MOST = 25; /* grey values, of video after compression */
 
-/* The mask at the clip's side, wider by `margin` pixels. */
-cv::Mat covered(const ern_person_model &model, const cv::Mat &mask, int margin) {
+/* Where the place is seen in an example, at the clip's side. */
+cv::Mat free_of(const ern_person_model &model, const ern_person_example &example) {
   cv::Mat whole;
-  cv::resize(mask, whole, cv::Size(model.side, model.side), 0, 0, cv::INTER_LINEAR);
-  whole = whole >= 64;
-  cv::dilate(whole, whole, cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * margin + 1, 2 * margin + 1)));
-  return whole;
+  cv::resize(example.place, whole, cv::Size(model.side, model.side), 0, 0, cv::INTER_LINEAR);
+  return whole == 255;
 }
 
 uint8_t median_of(std::vector<uint8_t> &values) {
@@ -29,9 +27,9 @@ uint8_t median_of(std::vector<uint8_t> &values) {
 /* Median and noise (1.48 times the median absolute deviation, of the channel with the most) of each pixel over the
  * examples that see it. */
 void medians(ern_person_model *model, cv::Mat &noise) {
-  const int n = model->side, margin = std::max(2, n / 64);
-  std::vector<cv::Mat> masks;
-  for (const ern_person_example &example : model->examples) masks.push_back(covered(*model, example.mask, margin));
+  const int n = model->side;
+  std::vector<cv::Mat> places;
+  for (const ern_person_example &example : model->examples) places.push_back(free_of(*model, example));
   model->background.create(n, n, CV_8UC3);
   model->background.setTo(cv::Scalar::all(0));
   model->seen.create(n, n, CV_8U);
@@ -45,8 +43,8 @@ void medians(ern_person_model *model, cv::Mat &noise) {
       size_t count = 0;
       for (int i = 0; i < 3; i++) {
         values.clear();
-        for (size_t k = 0; k < masks.size(); k++)
-          if (masks[k].at<uchar>(y, x) == 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
+        for (size_t k = 0; k < places.size(); k++)
+          if (places[k].at<uchar>(y, x) != 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
         count = values.size();
         if (count == 0) break;
         b[i] = median_of(values);
@@ -112,7 +110,7 @@ double difference(const cv::Vec3b &a, const cv::Vec3b &b) {
 
 /* How the picture that was brought differs from what was seen, and how the frames differ from the background. */
 void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &brought, ern_person_found *found) {
-  const int n = model.side, margin = std::max(2, n / 64);
+  const int n = model.side;
   double sum = 0;
   size_t seen = 0, outside = 0, unlike = 0, behind = 0;
   for (int y = 0; y < n; y++)
@@ -125,10 +123,10 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
       }
     }
   for (const ern_person_example &example : model.examples) {
-    const cv::Mat mask = covered(model, example.mask, margin);
+    const cv::Mat place = free_of(model, example);
     for (int y = 0; y < n; y += 2)
       for (int x = 0; x < n; x += 2) {
-        if (mask.at<uchar>(y, x) != 0) continue;
+        if (place.at<uchar>(y, x) == 0) continue;
         outside++;
         unlike += difference(model.background.at<cv::Vec3b>(y, x), example.frame.at<cv::Vec3b>(y, x)) >
                   20 + 4 * double(noise.at<float>(y, x));
@@ -164,14 +162,19 @@ void ern_person_background(ern_person_model *model, const uint8_t *background, b
   cv::resize(model->background, area, small, 0, 0, cv::INTER_AREA);
   area.convertTo(model->small_background, CV_32FC3);
   cv::resize(noise, model->small_noise, small, 0, 0, cv::INTER_AREA);
+  /* A colour that was filled in is the less to be trusted the farther it comes from. */
   cv::resize(model->seen, area, small, 0, 0, cv::INTER_AREA);
-  model->small_seen = area == 255;
+  area = area < 255;
+  cv::distanceTransform(area, model->small_trust, cv::DIST_L2, 3);
+  model->small_noise += model->small_trust;
+  model->small_trust *= -8.0 / model->work;
+  cv::exp(model->small_trust, model->small_trust);
 }
 
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found) {
   const size_t count = model.examples.size(), middle = count / 2;
   const ern_person_example &home = model.examples[middle];
-  cv::Mat before, after, free = covered(model, home.mask, std::max(4, model.side / 20)) == 0;
+  cv::Mat before, after, free = free_of(model, home);
   std::vector<cv::Point2f> points, moved;
   std::vector<uchar> found_there;
   std::vector<double> shifts;

@@ -106,19 +106,21 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::medianBlur(skins, skins, 5);
     skins &= person;
     const cv::Mat ears = above_jaw(frame.size(), *face, 3), jaw = above_jaw(frame.size(), *face, 4);
-    cv::Mat head = person & (ears | (jaw & ~skins)), below;
+    cv::Mat head = person & (ears | (jaw & ~skins));
     /* Cloth that is over the jaw's line, as a collar, is no head. */
-    cv::erode(head, below, disk(0.10 * tall));
-    cv::Mat band = head & ~below, cloth = person & ~skins & bright;
-    cv::Mat face_mask(frame.size(), CV_8U, cv::Scalar(0));
-    cv::fillPoly(
-        face_mask,
-        std::vector<std::vector<cv::Point>>{{at(*face, 2), at(*face, 14), at(*face, 54), at(*face, 57), at(*face, 48)}},
-        255);
-    cv::dilate(face_mask, face_mask, disk(0.03 * tall));
-    cloth &= (band & jaw & ~face_mask) | (person & ~head);
+    cv::Mat band(frame.size(), CV_8U, cv::Scalar(0));
+    std::vector<cv::Point> line;
+    for (int k = 4; k <= 12; k++) line.push_back(at(*face, k));
+    cv::polylines(band, std::vector<std::vector<cv::Point>>{line}, false, 255, std::max(1, cvRound(0.16 * tall)));
+    const cv::Mat cloth = ~skins & bright & ((band & head) | (person & ~head));
     head &= ~connected(cloth, person & ~head & ~skins);
     cv::morphologyEx(head, head, cv::MORPH_OPEN, disk(side / 256.0));
+    /* Slivers beside the face, where the jaw's line lies inside it, belong to it. */
+    cv::Mat rest = person & ~head, wide;
+    cv::morphologyEx(rest, wide, cv::MORPH_OPEN, disk(0.06 * tall));
+    rest &= ~wide;
+    rest.rowRange(std::max(0, std::min(side, at(*face, 8).y)), side).setTo(0);
+    head |= rest;
     /* Skin below the jaw that hangs together with it. */
     cv::Mat near, reach(frame.size(), CV_8U, cv::Scalar(0));
     const int left = std::min(at(*face, 3).x, at(*face, 13).x), right = std::max(at(*face, 3).x, at(*face, 13).x);

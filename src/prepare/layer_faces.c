@@ -6,7 +6,10 @@
 #include "prepare/head_shape.h"
 #include "prepare/layers.h"
 
-static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
+/* The head with its skull: the top of a head lies 115 mm above the eyes, the chin as far below as head_shape.h has it.
+ */
+static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL + 0.012, ERN_HEAD_DEEP};
+static const double middle[3] = {0, 0.012, 0};
 
 static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
@@ -14,13 +17,14 @@ static void cross_of(const double a[3], const double b[3], double c[3]) {
   for (int i = 0; i < 3; i++) c[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
-/* The outline of the unit sphere u = X_head / axes seen from e = eye / axes: the circle u.e = 1, |u| = 1. */
+/* The outline of the unit sphere u = (X_head - middle) / axes seen from the eye's place e: the circle u.e = 1, |u| = 1.
+ */
 static bool outline_of(const struct ern_prepare_job *job, const struct ern_head_pose *pose,
                        struct ern_layer_face *face) {
   double e[3] = {0}, p[3], q[3], side[3] = {0};
   for (int i = 0; i < 3; i++) {
     for (int k = 0; k < 3; k++) e[i] -= pose->rotation[k][i] * pose->translation[k];
-    e[i] /= axes[i];
+    e[i] = (e[i] - middle[i]) / axes[i];
   }
   const double far = length_of(e);
   if (!(far > 1.01)) return false;
@@ -35,8 +39,9 @@ static bool outline_of(const struct ern_prepare_job *job, const struct ern_head_
     for (int i = 0; i < 3; i++) {
       x[i] = pose->translation[i];
       for (int j = 0; j < 3; j++)
-        x[i] += pose->rotation[i][j] * axes[j] *
-                (e[j] / (far * far) + radius * (cos(angle) * p[j] / lp + sin(angle) * q[j] / lq));
+        x[i] +=
+            pose->rotation[i][j] *
+            (middle[j] + axes[j] * (e[j] / (far * far) + radius * (cos(angle) * p[j] / lp + sin(angle) * q[j] / lq)));
     }
     if (!(x[2] < -1e-3)) return false;
     face->outline[k][0] = (float)(c - job->focal * x[0] / x[2]);

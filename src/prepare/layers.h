@@ -16,7 +16,7 @@ enum ern_layer_part { ERN_PART_BACKGROUND = 0, ERN_PART_HEAD = 1, ERN_PART_NECK 
 /* Where the head is in a frame, pixels of the clip. */
 struct ern_layer_face {
   float points[ERN_LAYER_POINTS][2];   /* landmarks, smoothed in time */
-  float outline[ERN_LAYER_OUTLINE][2]; /* of the projected ellipsoid of head_shape.h */
+  float outline[ERN_LAYER_OUTLINE][2]; /* of the projected head, an ellipsoid without hair and ears */
   float centre[2];                     /* of the outline */
 };
 

@@ -20,7 +20,9 @@ extern "C" { /* C headers */
 #include "prepare/layers.h"
 
 struct ern_person_example {
-  cv::Mat frame, small, mask; /* RGB of side and of work; mask of work, 0 or 255 */
+  cv::Mat frame, small; /* RGB of side and of work */
+  /* of work, 255 where the person, and where the place behind it, is taken to be; both 0 where nothing is known */
+  cv::Mat mask, place;
   ern_layer_face face;
 };
 
@@ -30,8 +32,8 @@ struct ern_person_model {
   std::vector<ern_person_example> examples;
   bool brought; /* the examples' masks are the user's */
   /* Of the place: background and what was seen of it (255) of side; small ones of work: CV_32FC3, noise CV_32F in grey
-   * values. `shown` is what the clip gets. */
-  cv::Mat background, seen, shown, small_background, small_noise, small_seen;
+   * values, and how far they are to be trusted, 0..1. `shown` is what the clip gets. */
+  cv::Mat background, seen, shown, small_background, small_noise, small_trust;
   /* log densities of colours, 16 x 16 x 16 */
   std::vector<float> person, place;
   /* log odds of the person, work x work, where the head is at `home` */
@@ -69,7 +71,7 @@ cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, con
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
 /* How far the place moves between the examples. */
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
-/* The points of a closed line, times `scale` about their centre, moved by none. */
-std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale, double grow);
+/* The points of a closed line, times `scale` about their centre. */
+std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale);
 
 #endif

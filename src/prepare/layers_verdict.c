@@ -11,7 +11,7 @@ static int rising(const void *a, const void *b) {
 
 static void judge_place(struct ern_prepare_job *job, const struct ern_person_found *found) {
   const double shift = found->shift * 512 / job->side;
-  if (found->shifted >= 0.3 && shift > 1.5)
+  if (found->shifted >= 0.5 && shift > 1.5)
     ern_prepare_judge(job, shift > 12 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
                       "the camera moves: what is behind the person shifts by %.1f pixels of %d, expected a camera that "
                       "stands still (1.5 at most); footage from a tripod helps, or a stretch of it (--from, --to)",

@@ -12,8 +12,9 @@
 
 namespace {
 
-enum { BINS = 16, CUT_ROUNDS = 4 };
-constexpr float COLOUR_LIMIT = 6, PLACE_LIMIT = 2.5F, LAST_FRAME = 1, SMOOTHNESS = 5;
+enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
+constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
+constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5;
 
 size_t bin_of(const cv::Vec3b &c) { return ((c[0] >> 4) * BINS + (c[1] >> 4)) * size_t{BINS} + (c[2] >> 4); }
 
@@ -32,35 +33,57 @@ std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
   float points[27][2];
   for (int k = 0; k < 17; k++) std::copy(face.points[k], face.points[k] + 2, points[k]);
   for (int k = 0; k < 10; k++) std::copy(face.points[26 - k], face.points[26 - k] + 2, points[17 + k]);
-  return ern_layer_polygon(points, 27, scale, 0);
+  return ern_layer_polygon(points, 27, scale);
 }
 
-/* Where a person may be: around the head, and from the chin down. */
-cv::Mat seeds(const ern_person_model &model, const ern_layer_face &face) {
+std::vector<cv::Point> head_of(const ern_layer_face &face, double scale) {
+  return ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, scale);
+}
+
+/* Both sides of the neck: a line from `out` beside the middle, `down` below the chin, that falls by `slope` to the
+ * side; what lies above it, or below. Lengths in widths and heights of the head. */
+std::vector<cv::Point> shoulders(const ern_layer_face &face, double out, double down, double slope, bool above) {
+  const cv::Rect head = cv::boundingRect(head_of(face, 1));
+  const int middle = head.x + head.width / 2, step = cvRound(out * head.width), far = 8 * head.width;
+  const int high = cvRound(face.points[8][1] + down * head.height), low = high + cvRound(slope * far);
+  const int end = above ? -2 * far : low + 2 * far;
+  return {{middle - step - far, end}, {middle + step + far, end}, {middle + step + far, low},
+          {middle + step, high},      {middle - step, high},      {middle - step - far, low}};
+}
+
+/* What is sure before any colour is known: skull, face and the breast below it, and the place above the shoulders and
+ * away from the head. */
+void seed(const ern_person_model &model, ern_person_example &example) {
   const int n = model.work;
   const double shrink = double(n) / model.side;
-  const auto head = ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1, 0);
-  const cv::Rect box = cv::boundingRect(head);
-  const int chin = cvRound(face.points[8][1]), left = cvRound(face.points[4][0]), right = cvRound(face.points[12][0]);
-  cv::Mat mask(n, n, CV_8U, cv::Scalar(cv::GC_BGD));
-  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.5, 0), shrink, cv::GC_PR_BGD);
-  const int below = std::max(0, cvRound((chin - 0.15 * box.height) * shrink));
-  if (below < n) mask.rowRange(below, n).setTo(cv::GC_PR_BGD);
-  fill(mask,
-       {{left, chin - box.height / 8},
-        {right, chin - box.height / 8},
-        {right + box.width / 4, chin + box.height / 6},
-        {model.side + box.width / 4, model.side},
-        {-box.width / 4, model.side},
-        {left - box.width / 4, chin + box.height / 6}},
-       shrink, cv::GC_PR_FGD);
-  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.05, 0), shrink, cv::GC_PR_FGD);
-  fill(mask, ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 0.75, 0), shrink, cv::GC_FGD);
-  fill(mask, face_polygon(face, 0.9), shrink, cv::GC_FGD);
-  const int quarter = (right - left) / 4; /* the neck, and the breast below it */
-  fill(mask, {{left + quarter, chin}, {right - quarter, chin}, {right, model.side}, {left, model.side}}, shrink,
-       cv::GC_FGD);
-  return mask;
+  example.mask = cv::Mat(n, n, CV_8U, cv::Scalar(0));
+  fill(example.mask, head_of(example.face, SKULL), shrink, 255);
+  fill(example.mask, face_polygon(example.face, 0.95), shrink, 255);
+  fill(example.mask, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
+  example.place = cv::Mat(n, n, CV_8U, cv::Scalar(0));
+  fill(example.place, shoulders(example.face, 0.9, -0.12, 0.25, true), shrink, 255);
+  fill(example.place, head_of(example.face, HAIR), shrink, 0);
+}
+
+/* How likely a pixel is the person's, in percent, by where the head is alone. */
+cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
+  const double shrink = double(model.work) / model.side;
+  cv::Mat percent(model.work, model.work, CV_8U, cv::Scalar(3));
+  fill(percent, shoulders(face, 0.9, -0.12, 0.25, false), shrink, 20);
+  fill(percent, head_of(face, HAIR), shrink, 10);
+  fill(percent, head_of(face, 1.25), shrink, 30);
+  fill(percent, shoulders(face, 0.45, -0.05, 0.4, false), shrink, 70);
+  fill(percent, head_of(face, 1.1), shrink, 70);
+  fill(percent, shoulders(face, 0.25, 0.1, 1.4, false), shrink, 97);
+  fill(percent, head_of(face, SKULL), shrink, 97);
+  return percent;
+}
+
+/* What a mask teaches of the place: all but the person, and `margin` pixels around it. */
+cv::Mat around(const cv::Mat &mask, int margin) {
+  cv::Mat wide;
+  cv::dilate(mask, wide, disk(margin));
+  return wide == 0;
 }
 
 /* Only what hangs together with the face stays, and small holes are filled. */
@@ -99,13 +122,16 @@ cv::Mat small_mask(const ern_person_model &model, const uint8_t *mask) {
   return small >= 128;
 }
 
-/* log density of colours in the examples, in the person or outside, away from its border. */
+/* log density of colours in the examples, in the person or outside. */
 std::vector<float> colours(const ern_person_model &model, bool person) {
   std::vector<float> bins(size_t{BINS} * BINS * BINS, 0), next(bins.size());
   double total = 0;
   for (const ern_person_example &example : model.examples) {
-    cv::Mat part = person ? example.mask : cv::Mat(example.mask == 0);
-    cv::erode(part, part, disk(2), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(255));
+    cv::Mat part;
+    if (person)
+      cv::erode(example.mask, part, disk(1), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(255));
+    else
+      part = example.place;
     for (int y = 0; y < part.rows; y++)
       for (int x = 0; x < part.cols; x++)
         if (part.at<uchar>(y, x) != 0) bins[bin_of(example.small.at<cv::Vec3b>(y, x))]++, total++;
@@ -123,22 +149,20 @@ std::vector<float> colours(const ern_person_model &model, bool person) {
   return bins;
 }
 
-/* How often the person is where, as log odds, the head being at home. */
-void learn_places(ern_person_model *model) {
-  cv::Mat sum(model->work, model->work, CV_32F, cv::Scalar(0));
+/* How often the person is where, as log odds, the head being at home; half of it by what the head tells alone. */
+void learn_places(ern_person_model *model, bool first) {
+  cv::Mat sum(model->work, model->work, CV_32F, cv::Scalar(0)), odds, moved;
   model->home = model->examples[model->examples.size() / 2].face;
   for (const ern_person_example &example : model->examples) {
-    cv::Mat moved;
     ern_person_carry(*model, example.mask, example.face, model->home).convertTo(moved, CV_32F, 1.0 / 255);
-    sum += moved;
+    sum += moved / double(model->examples.size());
   }
-  sum /= double(model->examples.size());
+  likely(*model, model->home).convertTo(moved, CV_32F, 0.01);
+  sum = first ? moved : cv::Mat(0.5 * sum + 0.5 * moved);
   const int size = (model->work / 16) | 1;
   cv::GaussianBlur(sum, sum, cv::Size(size, size), 0);
-  sum = cv::max(cv::min(sum, 0.98), 0.02);
-  cv::Mat odds = sum / (1 - sum);
+  odds = sum / (1 - sum);
   cv::log(odds, model->prior);
-  model->prior = cv::max(cv::min(model->prior, PLACE_LIMIT), -PLACE_LIMIT);
 }
 
 /* Log odds of the person in each pixel. */
@@ -149,12 +173,13 @@ cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_l
       const cv::Vec3b c = small.at<cv::Vec3b>(y, x);
       const size_t bin = bin_of(c);
       double place = std::exp(double(model.place[bin]));
-      if (model.small_seen.at<uchar>(y, x) != 0) { /* a narrow density about the colour that the place has here */
+      const double trust = 0.97 * model.small_trust.at<float>(y, x);
+      if (trust > 0.01) { /* a narrow density about the colour that the place has here */
         const double sigma = model.small_noise.at<float>(y, x);
         const cv::Vec3f b = model.small_background.at<cv::Vec3f>(y, x);
         double d = 0;
         for (int i = 0; i < 3; i++) d += (c[i] - b[i]) * (c[i] - b[i]);
-        place = 0.97 * std::exp(-0.5 * d / (sigma * sigma)) / (15.75 * sigma * sigma * sigma) + 0.03 * place;
+        place = trust * std::exp(-0.5 * d / (sigma * sigma)) / (15.75 * sigma * sigma * sigma) + (1 - trust) * place;
       }
       const float colour = model.person[bin] - float(std::log(place));
       odds.at<float>(y, x) += std::max(-COLOUR_LIMIT, std::min(COLOUR_LIMIT, colour));
@@ -215,26 +240,14 @@ cv::Mat person_of(const ern_person_model &model, const cv::Mat &small, const ern
   return mask;
 }
 
-cv::Mat rough(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
-  cv::Mat mask = seeds(model, face), person, place;
-  const int places = cv::countNonZero(mask == cv::GC_BGD) + cv::countNonZero(mask == cv::GC_PR_BGD);
-  if (places == 0 || places == model.work * model.work) /* a head that fills the picture, or is outside */
-    return cv::Mat(mask.size(), CV_8U, cv::Scalar(places == 0 ? 255 : 0));
-  cv::theRNG().state = 1; /* grabCut begins with k-means: the same frame gives the same mask */
-  cv::grabCut(small, mask, cv::Rect(), place, person, CUT_ROUNDS, cv::GC_INIT_WITH_MASK);
-  mask = (mask == cv::GC_FGD) | (mask == cv::GC_PR_FGD);
-  tidy(model, face, mask);
-  return mask;
-}
-
 }  // namespace
 
-std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale, double grow) {
+std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale) {
   double x = 0, y = 0;
   for (int k = 0; k < count; k++) x += double(points[k][0]) / count, y += double(points[k][1]) / count;
   std::vector<cv::Point> polygon;
   for (int k = 0; k < count; k++)
-    polygon.emplace_back(cvRound(x + scale * (points[k][0] - x)), cvRound(y + scale * (points[k][1] - y) - grow));
+    polygon.emplace_back(cvRound(x + scale * (points[k][0] - x)), cvRound(y + scale * (points[k][1] - y)));
   return polygon;
 }
 
@@ -279,7 +292,12 @@ ern_status ern_person_model_add(ern_person_model *model, const uint8_t *rgb, con
     example.frame = cv::Mat(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb)).clone();
     example.small = small_of(*model, example.frame);
     example.face = *face;
-    example.mask = brought != nullptr ? small_mask(*model, brought) : rough(*model, example.small, *face);
+    if (brought == nullptr) {
+      seed(*model, example);
+    } else {
+      example.mask = small_mask(*model, brought);
+      example.place = around(example.mask, NEAR);
+    }
     model->brought = brought != nullptr;
     model->examples.push_back(example);
     return ERN_OK;
@@ -296,9 +314,12 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
       ern_person_background(model, background, key, found);
       model->person = colours(*model, true);
       model->place = colours(*model, false);
-      learn_places(model);
-      if (round == 2 || model->brought) break;
-      for (ern_person_example &example : model->examples) example.mask = person_of(*model, example.small, example.face);
+      learn_places(model, round == 0);
+      if (round == ROUNDS || model->brought) break;
+      for (ern_person_example &example : model->examples) {
+        example.mask = person_of(*model, example.small, example.face);
+        example.place = around(example.mask, round + 1 < ROUNDS ? 2 * NEAR : NEAR);
+      }
     }
     model->examples.clear();
     return ERN_OK;

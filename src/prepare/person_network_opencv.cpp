@@ -83,9 +83,8 @@ double tells(const cv::Mat &mask, const ern_layer_face &face, int side) {
   cv::Mat whole, head(side, side, CV_8U, cv::Scalar(0)), far(side, side, CV_8U, cv::Scalar(255));
   cv::resize(mask, whole, cv::Size(side, side), 0, 0, cv::INTER_LINEAR);
   const int chin = std::max(0, std::min(side, cvRound(face.points[8][1])));
-  cv::fillPoly(head, std::vector<std::vector<cv::Point>>{ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 0.8, 0)},
-               255);
-  cv::fillPoly(far, std::vector<std::vector<cv::Point>>{ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.6, 0)}, 0);
+  cv::fillPoly(head, std::vector<std::vector<cv::Point>>{ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 0.8)}, 255);
+  cv::fillPoly(far, std::vector<std::vector<cv::Point>>{ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, 1.6)}, 0);
   far.rowRange(chin, side).setTo(0);
   return cv::mean(whole, head)[0] - cv::mean(whole, far)[0];
 }
