@@ -24,8 +24,25 @@ float median_of(std::vector<float> &values) {
 
 cv::Point at(const ern_layer_face &face, int k) { return {cvRound(face.points[k][0]), cvRound(face.points[k][1])}; }
 
-/* Of the cheeks, between jaw, eyes, nose and mouth. */
-Skin skin_of(const cv::Mat &frame, const ern_layer_face &face) {
+/* Of the pixels where `mask` is. */
+Skin skin_in(const cv::Mat &frame, const cv::Mat &mask) {
+  std::vector<float> red, green, sums;
+  for (int y = 0; y < frame.rows; y++)
+    for (int x = 0; x < frame.cols; x++) {
+      if (mask.at<uchar>(y, x) == 0) continue;
+      const cv::Vec3b c = frame.at<cv::Vec3b>(y, x);
+      const float sum = float(c[0]) + c[1] + c[2] + 1;
+      red.push_back(c[0] / sum), green.push_back(c[1] / sum), sums.push_back(sum);
+    }
+  if (sums.empty()) return Skin{0.42F, 0.31F, 0.02F, 450}; /* the face is not in the picture */
+  Skin skin{median_of(red), median_of(green), 0, median_of(sums)};
+  for (float &v : red) v = std::fabs(v - skin.red);
+  skin.sigma = std::max(0.01F, std::min(0.02F, 1.48F * median_of(red)));
+  return skin;
+}
+
+/* Between jaw, eyes, nose and mouth. */
+cv::Mat cheeks_of(const cv::Mat &frame, const ern_layer_face &face) {
   cv::Mat cheeks(frame.size(), CV_8U, cv::Scalar(0));
   cv::fillPoly(
       cheeks, std::vector<std::vector<cv::Point>>{{at(face, 1), at(face, 41), at(face, 31), at(face, 48), at(face, 4)}},
@@ -33,19 +50,7 @@ Skin skin_of(const cv::Mat &frame, const ern_layer_face &face) {
   cv::fillPoly(
       cheeks,
       std::vector<std::vector<cv::Point>>{{at(face, 15), at(face, 46), at(face, 35), at(face, 54), at(face, 12)}}, 255);
-  std::vector<float> red, green, sums;
-  for (int y = 0; y < frame.rows; y++)
-    for (int x = 0; x < frame.cols; x++) {
-      if (cheeks.at<uchar>(y, x) == 0) continue;
-      const cv::Vec3b c = frame.at<cv::Vec3b>(y, x);
-      const float sum = float(c[0]) + c[1] + c[2] + 1;
-      red.push_back(c[0] / sum), green.push_back(c[1] / sum), sums.push_back(sum);
-    }
-  if (sums.empty()) return Skin{0.42F, 0.31F, 0.03F, 450}; /* the face is not in the picture */
-  Skin skin{median_of(red), median_of(green), 0, median_of(sums)};
-  for (float &v : red) v = std::fabs(v - skin.red);
-  skin.sigma = std::max(0.012F, std::min(0.03F, 1.48F * median_of(red)));
-  return skin;
+  return cheeks;
 }
 
 /* What lies above the jaw; beside the face the line goes on along the head's own level from landmarks `from` and 16 -
@@ -93,7 +98,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     const cv::Mat person = cv::Mat(side, side, CV_8U, const_cast<uint8_t *>(alpha)) >= 128;
     const double tall =
         std::hypot(double(face->points[8][0]) - face->points[27][0], double(face->points[8][1]) - face->points[27][1]);
-    const Skin skin = skin_of(frame, *face);
+    const Skin skin = skin_in(frame, cheeks_of(frame, *face));
     cv::Mat skins(side, side, CV_8U, cv::Scalar(0));
     cv::Mat bright(side, side, CV_8U, cv::Scalar(0)); /* too bright for hair in the shade */
     for (int y = 0; y < side; y++)
@@ -128,7 +133,16 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::rectangle(reach, cv::Point(left - out, 0), cv::Point(right + out, at(*face, 8).y + cvRound(0.8 * tall)), 255,
                   -1);
     cv::dilate(head, near, disk(0.06 * tall));
-    cv::Mat neck = connected(person & ~head & skins & reach, near);
+    /* The neck lies in the shade of the head: its own colour is that of the skin close to the jaw. */
+    const cv::Mat close = person & ~head & skins & reach & near;
+    const Skin shaded = skin_in(frame, close);
+    cv::Mat neck = close.clone();
+    for (int y = 0; y < side; y++)
+      for (int x = 0; x < side; x++)
+        if (reach.at<uchar>(y, x) != 0 && skins.at<uchar>(y, x) != 0 && shaded.is(frame.at<cv::Vec3b>(y, x)))
+          neck.at<uchar>(y, x) = 255;
+    cv::morphologyEx(neck, neck, cv::MORPH_OPEN, disk(0.02 * tall));
+    neck = connected(neck & person & ~head, close);
     cv::morphologyEx(neck, neck, cv::MORPH_CLOSE, disk(0.03 * tall));
     neck &= person & ~head & reach;
     cv::Mat out_parts(side, side, CV_8U, parts);

@@ -16,7 +16,18 @@ enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
 constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5;
 
-size_t bin_of(const cv::Vec3b &c) { return ((c[0] >> 4) * BINS + (c[1] >> 4)) * size_t{BINS} + (c[2] >> 4); }
+/* Dark colours lie closer: the bins are equal in the root of a value. */
+size_t bin_of(const cv::Vec3b &c) {
+  size_t bin = 0;
+  for (int i = 0; i < 3; i++) bin = bin * BINS + std::min(size_t{BINS - 1}, size_t(std::sqrt(float(c[i]) + 0.5F)));
+  return bin;
+}
+/* How many colours a bin holds: that of root r has 2 r + 1 values along each axis. */
+double colours_of(size_t bin) {
+  double count = 1;
+  for (int i = 0; i < 3; i++, bin /= BINS) count *= 2 * double(bin % BINS) + 1;
+  return count;
+}
 
 cv::Mat disk(int radius) {
   return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * radius + 1, 2 * radius + 1));
@@ -79,10 +90,14 @@ cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   return percent;
 }
 
-/* What a mask teaches of the place: all but the person, and `margin` pixels around it. */
-cv::Mat around(const cv::Mat &mask, int margin) {
+/* What a mask teaches of the place: all but the person and `margin` pixels around it; never what lies close to head and
+ * neck, so that a part of the person that was missed is not learnt as the place. */
+cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &face, int margin) {
+  const double shrink = double(model.work) / model.side;
   cv::Mat wide;
   cv::dilate(mask, wide, disk(margin));
+  fill(wide, head_of(face, 1.2), shrink, 255);
+  fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
   return wide == 0;
 }
 
@@ -143,9 +158,8 @@ std::vector<float> colours(const ern_person_model &model, bool person) {
     }
     bins.swap(next);
   }
-  const double uniform = 1.0 / double(bins.size());
-  for (float &b : bins)
-    b = float(std::log((0.98 * b / std::max(total, 1.0) + 0.02 * uniform) / 4096)); /* 16^3 values */
+  for (size_t i = 0; i < bins.size(); i++)
+    bins[i] = float(std::log(0.98 * bins[i] / std::max(total, 1.0) / colours_of(i) + 0.02 / (256.0 * 256 * 256)));
   return bins;
 }
 
@@ -296,7 +310,7 @@ ern_status ern_person_model_add(ern_person_model *model, const uint8_t *rgb, con
       seed(*model, example);
     } else {
       example.mask = small_mask(*model, brought);
-      example.place = around(example.mask, NEAR);
+      example.place = around(*model, example.mask, example.face, NEAR);
     }
     model->brought = brought != nullptr;
     model->examples.push_back(example);
@@ -318,7 +332,7 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
       if (round == ROUNDS || model->brought) break;
       for (ern_person_example &example : model->examples) {
         example.mask = person_of(*model, example.small, example.face);
-        example.place = around(example.mask, round + 1 < ROUNDS ? 2 * NEAR : NEAR);
+        example.place = around(*model, example.mask, example.face, round + 1 < ROUNDS ? 2 * NEAR : NEAR);
       }
     }
     model->examples.clear();
