@@ -7,18 +7,21 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "output/progress.h"
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 1 };
+enum { OWN_OPTIONS = 2 };
 
 struct eval_job {
   struct session session;
   struct portrait portrait;
   struct evaluation evaluation;
   struct measures measures;
+  const char *video; /* NULL: none */
+  struct comparison comparison;
   struct evaluated sum; /* over all frames */
   size_t heads, mouths; /* frames that have the region */
   json_t *frames;
@@ -134,7 +137,9 @@ static int open_all(struct eval_job *job, const struct args *args) {
   if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
   status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
-  return status != 0 ? status : portrait_thin(portrait, session, &job->evaluation.frame_source, features);
+  if (status == 0) status = portrait_thin(portrait, session, &job->evaluation.frame_source, features);
+  if (status != 0 || job->video == NULL) return status;
+  return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
 }
 
 static int evaluate_all(struct eval_job *job) {
@@ -149,9 +154,11 @@ static int evaluate_all(struct eval_job *job) {
     if (evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, &evaluated) != 0)
       return EXIT_FAILURE;
     take_figures(job, &frame_source->source_frame[k], &evaluated);
+    if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, k) != 0) return EXIT_FAILURE;
     progress_at(&progress, k + 1, frame_source->count, "");
   }
   progress_end(&progress);
+  if (job->video != NULL && comparison_finish(&job->comparison) != 0) return EXIT_FAILURE;
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
   if (!session_json_on_stdout(session)) print_table(job, model_bytes);
   return session_report(session, report(job, model_bytes));
@@ -159,6 +166,7 @@ static int evaluate_all(struct eval_job *job) {
 
 static void close_all(struct eval_job *job) {
   json_decref(job->frames);
+  comparison_close(&job->comparison);
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
   portrait_close(&job->portrait);
@@ -167,12 +175,17 @@ static void close_all(struct eval_job *job) {
 
 int cmd_eval(int argc, char **argv) {
   struct eval_job job = {0};
-  struct option own[OWN_OPTIONS] = {{.name = "audio",
-                                     .alias = "aud",
-                                     .kind = OPTION_TEXT,
-                                     .target = &job.portrait.source.features,
-                                     .help = "the clip's speech as another sound, or its features (.npy), instead of "
-                                             "the clip's own"}};
+  struct option own[OWN_OPTIONS] = {
+      {.name = "audio",
+       .alias = "aud",
+       .kind = OPTION_TEXT,
+       .target = &job.portrait.source.features,
+       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
+      {.name = "video",
+       .kind = OPTION_TEXT,
+       .target = &job.video,
+       .choices = "FILE.mp4",
+       .help = "the frames beside the truth, with the clip's sound"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
@@ -204,7 +217,8 @@ int cmd_eval(int argc, char **argv) {
   job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  status = open_all(&job, &args);
+  if (job.video != NULL) status = session_check_output(&job.session, job.video);
+  if (status <= 0) status = open_all(&job, &args);
   if (status == 0) status = evaluate_all(&job);
   close_all(&job);
   return status;
