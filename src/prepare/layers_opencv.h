@@ -34,7 +34,7 @@ struct ern_person_model {
   /* Of the place: background and what was seen of it (255) of side; small ones of work: CV_32FC3, noise CV_32F in grey
    * values, and how far they are to be trusted, 0..1. `shown` is what the clip gets. */
   cv::Mat background, seen, shown, small_background, small_noise, small_trust;
-  /* log densities of colours, 16 x 16 x 16 */
+  /* log densities of colours, 2 zones x 16 x 16 x 16 */
   std::vector<float> person, place;
   /* log odds of the person, work x work, where the head is at `home` */
   cv::Mat prior;

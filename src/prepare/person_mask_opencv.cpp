@@ -14,7 +14,7 @@ namespace {
 
 enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
-constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5;
+constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F;
 
 /* Dark colours lie closer: the bins are equal in the root of a value. */
 size_t bin_of(const cv::Vec3b &c) {
@@ -47,8 +47,21 @@ std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
   return ern_layer_polygon(points, 27, scale);
 }
 
+/* The outline of the head, times `scale`: the projected one above the ears, the jaw's landmarks below. */
 std::vector<cv::Point> head_of(const ern_layer_face &face, double scale) {
-  return ern_layer_polygon(face.outline, ERN_LAYER_OUTLINE, scale);
+  float points[ERN_LAYER_OUTLINE + 15][2];
+  const float *left = face.points[1], *right = face.points[15];
+  int count = 0;
+  for (const float(&p)[2] : face.outline)
+    if ((right[0] - left[0]) * (p[1] - left[1]) < (right[1] - left[1]) * (p[0] - left[0]))
+      std::copy(p, p + 2, points[count++]);
+  for (int k = 1; k <= 15; k++) std::copy(face.points[k], face.points[k] + 2, points[count++]);
+  std::vector<cv::Point> polygon, hull;
+  for (int k = 0; k < count; k++)
+    polygon.emplace_back(cvRound(face.centre[0] + scale * (points[k][0] - face.centre[0])),
+                         cvRound(face.centre[1] + scale * (points[k][1] - face.centre[1])));
+  cv::convexHull(polygon, hull);
+  return hull;
 }
 
 /* Both sides of the neck: a line from `out` beside the middle, `down` below the chin, that falls by `slope` to the
@@ -82,7 +95,7 @@ cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   cv::Mat percent(model.work, model.work, CV_8U, cv::Scalar(3));
   fill(percent, shoulders(face, 0.9, -0.12, 0.25, false), shrink, 20);
   fill(percent, head_of(face, HAIR), shrink, 10);
-  fill(percent, head_of(face, 1.25), shrink, 30);
+  fill(percent, head_of(face, 1.3), shrink, 35);
   fill(percent, shoulders(face, 0.45, -0.05, 0.4, false), shrink, 70);
   fill(percent, head_of(face, 1.1), shrink, 70);
   fill(percent, shoulders(face, 0.25, 0.1, 1.4, false), shrink, 97);
@@ -96,7 +109,7 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   const double shrink = double(model.work) / model.side;
   cv::Mat wide;
   cv::dilate(mask, wide, disk(margin));
-  fill(wide, head_of(face, 1.2), shrink, 255);
+  fill(wide, head_of(face, 1.3), shrink, 255);
   fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
   return wide == 0;
 }
@@ -137,8 +150,13 @@ cv::Mat small_mask(const ern_person_model &model, const uint8_t *mask) {
   return small >= 128;
 }
 
-/* log density of colours in the examples, in the person or outside. */
-std::vector<float> colours(const ern_person_model &model, bool person) {
+/* Above the chin and below it a picture has other colours: zone 0 or 1 of a row. */
+int zone_of(const ern_person_model &model, const ern_layer_face &face, int row) {
+  return row * double(model.side) / model.work > face.points[8][1] ? 1 : 0;
+}
+
+/* log density of colours in the examples, in the person or outside, of a zone and, by OTHER, of the other one. */
+void colours(const ern_person_model &model, bool person, int zone, std::vector<float> &logs) {
   std::vector<float> bins(size_t{BINS} * BINS * BINS, 0), next(bins.size());
   double total = 0;
   for (const ern_person_example &example : model.examples) {
@@ -147,9 +165,11 @@ std::vector<float> colours(const ern_person_model &model, bool person) {
       cv::erode(example.mask, part, disk(1), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(255));
     else
       part = example.place;
-    for (int y = 0; y < part.rows; y++)
+    for (int y = 0; y < part.rows; y++) {
+      const float weight = zone_of(model, example.face, y) == zone ? 1 : OTHER;
       for (int x = 0; x < part.cols; x++)
-        if (part.at<uchar>(y, x) != 0) bins[bin_of(example.small.at<cv::Vec3b>(y, x))]++, total++;
+        if (part.at<uchar>(y, x) != 0) bins[bin_of(example.small.at<cv::Vec3b>(y, x))] += weight, total += weight;
+    }
   }
   for (size_t step : {size_t{1}, size_t{BINS}, size_t{BINS} * BINS}) { /* (1 2 1)/4 along each axis */
     for (size_t i = 0; i < bins.size(); i++) {
@@ -159,8 +179,7 @@ std::vector<float> colours(const ern_person_model &model, bool person) {
     bins.swap(next);
   }
   for (size_t i = 0; i < bins.size(); i++)
-    bins[i] = float(std::log(0.98 * bins[i] / std::max(total, 1.0) / colours_of(i) + 0.02 / (256.0 * 256 * 256)));
-  return bins;
+    logs.push_back(float(std::log(0.98 * bins[i] / std::max(total, 1.0) / colours_of(i) + 0.02 / (256.0 * 256 * 256))));
 }
 
 /* How often the person is where, as log odds, the head being at home; half of it by what the head tells alone. */
@@ -182,10 +201,11 @@ void learn_places(ern_person_model *model, bool first) {
 /* Log odds of the person in each pixel. */
 cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
   cv::Mat odds = ern_person_carry(model, model.prior, model.home, face);
-  for (int y = 0; y < small.rows; y++)
+  for (int y = 0; y < small.rows; y++) {
+    const size_t zone = size_t(zone_of(model, face, y)) * BINS * BINS * BINS;
     for (int x = 0; x < small.cols; x++) {
       const cv::Vec3b c = small.at<cv::Vec3b>(y, x);
-      const size_t bin = bin_of(c);
+      const size_t bin = zone + bin_of(c);
       double place = std::exp(double(model.place[bin]));
       const double trust = 0.97 * model.small_trust.at<float>(y, x);
       if (trust > 0.01) { /* a narrow density about the colour that the place has here */
@@ -198,6 +218,7 @@ cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_l
       const float colour = model.person[bin] - float(std::log(place));
       odds.at<float>(y, x) += std::max(-COLOUR_LIMIT, std::min(COLOUR_LIMIT, colour));
     }
+  }
   return odds;
 }
 
@@ -326,8 +347,12 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
     ern_person_place_moves(*model, found);
     for (int round = 0;; round++) {
       ern_person_background(model, background, key, found);
-      model->person = colours(*model, true);
-      model->place = colours(*model, false);
+      model->person.clear();
+      model->place.clear();
+      for (int zone = 0; zone < 2; zone++) {
+        colours(*model, true, zone, model->person);
+        colours(*model, false, zone, model->place);
+      }
       learn_places(model, round == 0);
       if (round == ROUNDS || model->brought) break;
       for (ern_person_example &example : model->examples) {
