@@ -47,8 +47,8 @@ std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
   return ern_layer_polygon(points, 27, scale);
 }
 
-/* The outline of the head, times `scale`: the projected one above the ears, the jaw's landmarks below. */
-std::vector<cv::Point> head_of(const ern_layer_face &face, double scale) {
+/* The outline of the head: the projected one times `scale` above the ears, the jaw's landmarks times `jaw` below. */
+std::vector<cv::Point> head_of(const ern_layer_face &face, double scale, double jaw) {
   float points[ERN_LAYER_OUTLINE + 15][2];
   const float *left = face.points[1], *right = face.points[15];
   int count = 0;
@@ -57,9 +57,11 @@ std::vector<cv::Point> head_of(const ern_layer_face &face, double scale) {
       std::copy(p, p + 2, points[count++]);
   for (int k = 1; k <= 15; k++) std::copy(face.points[k], face.points[k] + 2, points[count++]);
   std::vector<cv::Point> polygon, hull;
-  for (int k = 0; k < count; k++)
-    polygon.emplace_back(cvRound(face.centre[0] + scale * (points[k][0] - face.centre[0])),
-                         cvRound(face.centre[1] + scale * (points[k][1] - face.centre[1])));
+  for (int k = 0; k < count; k++) {
+    const double s = k < count - 15 ? scale : jaw;
+    polygon.emplace_back(cvRound(face.centre[0] + s * (points[k][0] - face.centre[0])),
+                         cvRound(face.centre[1] + s * (points[k][1] - face.centre[1])));
+  }
   cv::convexHull(polygon, hull);
   return hull;
 }
@@ -67,7 +69,7 @@ std::vector<cv::Point> head_of(const ern_layer_face &face, double scale) {
 /* Both sides of the neck: a line from `out` beside the middle, `down` below the chin, that falls by `slope` to the
  * side; what lies above it, or below. Lengths in widths and heights of the head. */
 std::vector<cv::Point> shoulders(const ern_layer_face &face, double out, double down, double slope, bool above) {
-  const cv::Rect head = cv::boundingRect(head_of(face, 1));
+  const cv::Rect head = cv::boundingRect(head_of(face, 1, 1));
   const int middle = head.x + head.width / 2, step = cvRound(out * head.width), far = 8 * head.width;
   const int high = cvRound(face.points[8][1] + down * head.height), low = high + cvRound(slope * far);
   const int end = above ? -2 * far : low + 2 * far;
@@ -81,12 +83,12 @@ void seed(const ern_person_model &model, ern_person_example &example) {
   const int n = model.work;
   const double shrink = double(n) / model.side;
   example.mask = cv::Mat(n, n, CV_8U, cv::Scalar(0));
-  fill(example.mask, head_of(example.face, SKULL), shrink, 255);
+  fill(example.mask, head_of(example.face, SKULL, SKULL), shrink, 255);
   fill(example.mask, face_polygon(example.face, 0.95), shrink, 255);
   fill(example.mask, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
   example.place = cv::Mat(n, n, CV_8U, cv::Scalar(0));
   fill(example.place, shoulders(example.face, 0.9, -0.12, 0.25, true), shrink, 255);
-  fill(example.place, head_of(example.face, HAIR), shrink, 0);
+  fill(example.place, head_of(example.face, HAIR, HAIR), shrink, 0);
 }
 
 /* How likely a pixel is the person's, in percent, by where the head is alone. */
@@ -94,12 +96,12 @@ cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   const double shrink = double(model.work) / model.side;
   cv::Mat percent(model.work, model.work, CV_8U, cv::Scalar(3));
   fill(percent, shoulders(face, 0.9, -0.12, 0.25, false), shrink, 20);
-  fill(percent, head_of(face, HAIR), shrink, 10);
-  fill(percent, head_of(face, 1.3), shrink, 35);
+  fill(percent, head_of(face, HAIR, HAIR), shrink, 10);
+  fill(percent, head_of(face, 1.3, 1.1), shrink, 35);
   fill(percent, shoulders(face, 0.45, -0.05, 0.4, false), shrink, 70);
-  fill(percent, head_of(face, 1.1), shrink, 70);
+  fill(percent, head_of(face, 1.1, 1.03), shrink, 70);
   fill(percent, shoulders(face, 0.25, 0.1, 1.4, false), shrink, 97);
-  fill(percent, head_of(face, SKULL), shrink, 97);
+  fill(percent, head_of(face, SKULL, SKULL), shrink, 97);
   return percent;
 }
 
@@ -109,7 +111,7 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   const double shrink = double(model.work) / model.side;
   cv::Mat wide;
   cv::dilate(mask, wide, disk(margin));
-  fill(wide, head_of(face, 1.3), shrink, 255);
+  fill(wide, head_of(face, 1.3, 1.08), shrink, 255);
   fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
   return wide == 0;
 }
