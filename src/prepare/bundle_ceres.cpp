@@ -21,7 +21,9 @@ constexpr double pixels = 0.5, outlier = 3.0;
 constexpr double shape_spread = 0.008;
 /* How much of a turn (radians), of a way aside and of one in depth (metres) changes from a frame to the next: what the
  * pictures do not say, as depth, is smoothed most. Cauchy's loss lets nods through. */
-constexpr double turn_change = 0.0025, way_change = 0.0004, depth_change = 0.0006;
+constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0002;
+/* Errors of flow are alike over some pixels around, so a path believes so much of what the points say. */
+constexpr double believed = 0.1;
 
 struct Reprojection {
   double x, y, focal, centre, weight;
@@ -77,12 +79,13 @@ Reprojection reprojection(const struct ern_bundle &b, size_t frame, size_t point
   return {at[0], at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[point]))};
 }
 
-void add_known(ceres::Problem &problem, const struct ern_bundle &b, size_t frame, size_t every) {
-  for (size_t k = frame % every; k < b.points; k += every) {
+void add_known(ceres::Problem &problem, const struct ern_bundle &b, size_t frame, double share) {
+  for (size_t k = 0; k < b.points; k++) {
     if (!is_seen(b, frame, k)) continue;
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<KnownReprojection, 2, 6>(
                                  new KnownReprojection{reprojection(b, frame, k), b.shape[k]}),
-                             new ceres::CauchyLoss(outlier), b.poses[frame].values);
+                             new ceres::ScaledLoss(new ceres::CauchyLoss(outlier), share, ceres::TAKE_OWNERSHIP),
+                             b.poses[frame].values);
   }
 }
 
@@ -172,7 +175,7 @@ extern "C" ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, s
     ceres::Problem problem;
     for (size_t i = begin; i < end; i++) {
       problem.AddParameterBlock(b.poses[i].values, 6);
-      add_known(problem, b, i, 1);
+      add_known(problem, b, i, believed);
       if (i >= 1 && i + 1 < end)
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<Steady, 6, 6, 6, 6>(new Steady()),
                                  new ceres::CauchyLoss(3.0), b.poses[i - 1].values, b.poses[i].values,
