@@ -1,0 +1,275 @@
+/* SPDX-License-Identifier: MIT
+ * The step "layers" of prepare on a made-up clip with its true poses and landmarks: person, head and background against
+ * the truth, masks that are brought, a screen of one colour, a head alone, and pictures in which there is nothing. */
+#include "../support.h"
+
+#include <math.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "ernerf-lab/synth.h"
+#include "prepare/prepare_job.h"
+
+enum { SIDE = 256, FRAMES = 22, PIXELS = SIDE * SIDE, CALLS = 5 };
+
+struct truth {
+  ern_context *context;
+  uint8_t *person, *head; /* [FRAMES][PIXELS] */
+  ern_image background;
+};
+
+static const char *name_of(const char *folder, const char *format, int frame) {
+  static char path[4][512];
+  static int turn = 0;
+  char name[128];
+  snprintf(name, sizeof name, format, frame);
+  turn = (turn + 1) % 4;
+  snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
+  return path[turn];
+}
+
+static ern_image picture(ern_context *context, const char *path, int channels) {
+  ern_image image = {0};
+  support_ok(context, ern_image_read(context, path, channels, &image));
+  assert_int_equal(image.width, SIDE);
+  assert_int_equal(image.height, SIDE);
+  return image;
+}
+
+static int difference(const uint8_t *a, const uint8_t *b) {
+  int most = 0;
+  for (int c = 0; c < 3; c++)
+    if (abs(a[c] - b[c]) > most) most = abs(a[c] - b[c]);
+  return most;
+}
+
+/* The same clip twice, once as a head alone: what differs from the background there is the head. */
+static int make_truth(void **state) {
+  static struct truth t;
+  t.context = support_context();
+  ern_synth_options options = ern_synth_options_default();
+  options.size = SIDE;
+  options.frames = FRAMES;
+  options.seed = 3;
+  support_ok(t.context, ern_synth_write(t.context, "clip", &options));
+  options.torso = false;
+  support_ok(t.context, ern_synth_write(t.context, "alone", &options));
+  support_ok(t.context, ERN_NEW(t.context, FRAMES * PIXELS, &t.person));
+  support_ok(t.context, ERN_NEW(t.context, FRAMES * PIXELS, &t.head));
+  t.background = picture(t.context, "clip/bc.jpg", 3);
+  for (int f = 0; f < FRAMES; f++) {
+    ern_image alone = picture(t.context, name_of("alone", "gt_imgs/%d.jpg", f), 3);
+    ern_image torso = picture(t.context, name_of("clip", "torso_imgs/%d.png", f), 4);
+    for (int k = 0; k < PIXELS; k++) {
+      const bool head = difference(alone.data + 3 * k, t.background.data + 3 * k) > 20;
+      t.head[f * PIXELS + k] = head;
+      t.person[f * PIXELS + k] = head || torso.data[4 * k + 3] >= 128;
+    }
+    ern_image_free(t.context, &alone);
+    ern_image_free(t.context, &torso);
+    assert_int_equal(rename(name_of("clip", "gt_imgs/%d.jpg", f), name_of("clip", "ori_imgs/%d.jpg", f)), 0);
+  }
+  *state = &t;
+  return 0;
+}
+
+static int free_truth(void **state) {
+  struct truth *t = *state;
+  ern_release(t->context, t->person);
+  ern_release(t->context, t->head);
+  ern_image_free(t->context, &t->background);
+  ern_context_free(&t->context);
+  return 0;
+}
+
+struct run {
+  ern_prepare_options options;
+  ern_prepare_verdict verdict;
+  struct ern_prepare_job job;
+};
+
+static ern_status run_layers(struct run *run, ern_context *context, size_t frames) {
+  run->verdict = (ern_prepare_verdict){.step = "layers"};
+  run->job = (struct ern_prepare_job){.context = context,
+                                      .video = "made up",
+                                      .folder = "clip",
+                                      .options = &run->options,
+                                      .side = SIDE,
+                                      .frames = frames,
+                                      .record = json_object(),
+                                      .verdict = &run->verdict,
+                                      .figures = json_object()};
+  const ern_status status = ern_prepare_layers(&run->job);
+  json_decref(run->job.record);
+  json_decref(run->job.figures);
+  return status;
+}
+
+static bool is_head(const uint8_t *c) { return c[0] == 0 && c[1] == 0 && c[2] == 255; }
+static bool is_person(const uint8_t *c) { return !(c[0] == 255 && c[1] == 255 && c[2] == 255); }
+
+/* Intersection over union of all frames. */
+static void overlaps(const struct truth *t, double *person, double *head) {
+  size_t both[2] = {0}, any[2] = {0};
+  for (int f = 0; f < FRAMES; f++) {
+    ern_image parsing = picture(t->context, name_of("clip", "parsing/%d.png", f), 3);
+    for (int k = 0; k < PIXELS; k++) {
+      const bool found[2] = {is_person(parsing.data + 3 * k), is_head(parsing.data + 3 * k)};
+      const bool there[2] = {t->person[f * PIXELS + k], t->head[f * PIXELS + k]};
+      for (int i = 0; i < 2; i++) {
+        both[i] += found[i] && there[i];
+        any[i] += found[i] || there[i];
+      }
+    }
+    ern_image_free(t->context, &parsing);
+  }
+  *person = (double)both[0] / (double)any[0];
+  *head = (double)both[1] / (double)any[1];
+  print_message("person %.4f head %.4f\n", *person, *head);
+}
+
+static void test_truth(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  double person, head, sum = 0;
+  size_t seen = 0;
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  if (run.verdict.grade != ERN_PREPARE_GOOD) fail_msg("the verdict is not good: %s", run.verdict.words);
+  overlaps(t, &person, &head);
+  assert_true(person >= 0.96);
+  assert_true(head >= 0.93);
+  ern_image background = picture(t->context, "clip/bc.jpg", 3);
+  for (int k = 0; k < PIXELS; k++) {
+    bool free = true;
+    for (int f = 0; f < FRAMES; f++) free = free && !t->person[f * PIXELS + k];
+    if (!free) continue;
+    sum += difference(background.data + 3 * k, t->background.data + 3 * k);
+    seen++;
+  }
+  /* Filled in along the person; elsewhere the noise of two JPEGs. */
+  assert_true(sum / (double)seen < 4);
+  for (int f = 0; f < FRAMES; f += 7) { /* the frame itself over its background */
+    ern_image frame = picture(t->context, name_of("clip", "ori_imgs/%d.jpg", f), 3);
+    ern_image shown = picture(t->context, name_of("clip", "gt_imgs/%d.jpg", f), 3);
+    ern_image torso = picture(t->context, name_of("clip", "torso_imgs/%d.png", f), 4);
+    double apart = 0;
+    size_t hidden = 0, solid = 0;
+    for (int k = 0; k < PIXELS; k++) {
+      apart += difference(frame.data + 3 * k, shown.data + 3 * k);
+      solid += torso.data[4 * k + 3] == 255;
+      hidden += torso.data[4 * k + 3] == 255 && t->head[f * PIXELS + k];
+    }
+    assert_true(apart / PIXELS < 4);
+    assert_true(hidden > 0 && solid > 4 * hidden); /* the neck goes on behind the head */
+    ern_image_free(t->context, &frame);
+    ern_image_free(t->context, &shown);
+    ern_image_free(t->context, &torso);
+  }
+  ern_image_free(t->context, &background);
+}
+
+static void test_brought(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "brought";
+  run.options.head_only = true;
+  mkdir("brought", 0755);
+  uint8_t *rgb = calloc(3, PIXELS);
+  ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = rgb};
+  for (int f = 0; f < FRAMES; f++) {
+    for (int k = 0; k < PIXELS; k++)
+      for (int c = 0; c < 3; c++) {
+        const int person = t->person[f * PIXELS + k], head = t->head[f * PIXELS + k];
+        rgb[3 * k + c] = (uint8_t)(255 * (head ? c == 2 : person ? c == 0 : 1));
+      }
+    support_ok(t->context, ern_image_write(t->context, name_of("brought", "%d.png", f), &image, 100));
+  }
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  double person, head;
+  overlaps(t, &person, &head);
+  assert_true(person == 1 && head == 1);
+  ern_image torso = picture(t->context, "clip/torso_imgs/3.png", 4);
+  ern_image shown = picture(t->context, "clip/gt_imgs/3.jpg", 3);
+  ern_image background = picture(t->context, "clip/bc.jpg", 3);
+  double apart = 0;
+  for (int k = 0; k < PIXELS; k++) assert_int_equal(torso.data[4 * k + 3], 0);
+  for (int k = PIXELS - SIDE; k < PIXELS; k++) apart += difference(shown.data + 3 * k, background.data + 3 * k);
+  assert_true(apart / SIDE < 6); /* the lowest row is all torso, and shows the background */
+  ern_image_free(t->context, &torso);
+  ern_image_free(t->context, &shown);
+  ern_image_free(t->context, &background);
+  rgb[1] = 7; /* no colour of a part */
+  support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_FORMAT, "brought/0.png", "expected", NULL);
+  image.height = SIDE / 2;
+  support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "brought/0.png", "256 x 128", NULL);
+  run.options.masks = "none";
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_MISSING, "none/0.png", NULL);
+  free(rgb);
+}
+
+static int stop(void *user, const char *step, size_t done, size_t total) {
+  assert_string_equal(step, "layers");
+  assert_true(done <= total);
+  return --*(int *)user == 0;
+}
+
+static void test_cancel(void **state) {
+  struct truth *t = *state;
+  int calls = CALLS;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.progress = stop;
+  run.options.user = &calls;
+  unlink("clip/bc.jpg");
+  assert_int_equal(run_layers(&run, t->context, FRAMES), ERN_E_CANCELLED);
+  assert_int_not_equal(access("clip/bc.jpg", F_OK), 0);
+}
+
+/* Changes the frames: what comes after uses them no more. */
+static void test_key(void **state) {
+  struct truth *t = *state;
+  static const uint8_t green[3] = {40, 190, 60};
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.background = "key";
+  for (int f = 0; f < FRAMES; f++) {
+    ern_image frame = picture(t->context, name_of("clip", "ori_imgs/%d.jpg", f), 3);
+    for (int k = 0; k < PIXELS; k++)
+      if (!t->person[f * PIXELS + k]) memcpy(frame.data + 3 * k, green, 3);
+    support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &frame, 98));
+    ern_image_free(t->context, &frame);
+  }
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  double person, head;
+  overlaps(t, &person, &head);
+  assert_true(person >= 0.96);
+  assert_true(head >= 0.93);
+  ern_image background = picture(t->context, "clip/bc.jpg", 3);
+  for (int k = 0; k < PIXELS; k++) assert_true(difference(background.data + 3 * k, green) <= 4);
+  ern_image_free(t->context, &background);
+}
+
+static void test_nothing(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  uint8_t *rgb = malloc(3 * PIXELS);
+  const ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = rgb};
+  for (int grey = 0; grey <= 255; grey += 255) { /* one colour everywhere, and frames of both */
+    memset(rgb, grey, 3 * PIXELS);
+    for (int f = 0; f < FRAMES; f++)
+      if (grey == 0 || f % 2 == 0)
+        support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &image, 98));
+    support_ok(t->context, run_layers(&run, t->context, FRAMES));
+    assert_int_not_equal(run.verdict.grade, ERN_PREPARE_GOOD);
+    assert_true(strlen(run.verdict.words) > 20);
+  }
+  free(rgb);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth), cmocka_unit_test(test_brought),
+                                     cmocka_unit_test(test_cancel), cmocka_unit_test(test_key),
+                                     cmocka_unit_test(test_nothing)};
+  return cmocka_run_group_tests(tests, make_truth, free_truth);
+}
