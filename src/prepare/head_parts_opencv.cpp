@@ -9,10 +9,11 @@ namespace {
 
 struct Skin {
   float red, green, sigma, bright; /* chromaticities R/(R+G+B), G/(R+G+B); their spread; R+G+B */
+  float least, most;               /* of R+G+B, times `bright` */
   bool is(const cv::Vec3b &c) const {
     const float sum = float(c[0]) + c[1] + c[2] + 1;
     const float d = std::hypot(c[0] / sum - red, c[1] / sum - green);
-    return d < 3 * sigma && sum > 0.3F * bright && sum < 1.6F * bright;
+    return d < 3 * sigma && sum > least * bright && sum < most * bright;
   }
 };
 
@@ -25,7 +26,7 @@ float median_of(std::vector<float> &values) {
 cv::Point at(const ern_layer_face &face, int k) { return {cvRound(face.points[k][0]), cvRound(face.points[k][1])}; }
 
 /* Of the pixels where `mask` is. */
-Skin skin_in(const cv::Mat &frame, const cv::Mat &mask) {
+Skin skin_in(const cv::Mat &frame, const cv::Mat &mask, float least, float most) {
   std::vector<float> red, green, sums;
   for (int y = 0; y < frame.rows; y++)
     for (int x = 0; x < frame.cols; x++) {
@@ -34,8 +35,8 @@ Skin skin_in(const cv::Mat &frame, const cv::Mat &mask) {
       const float sum = float(c[0]) + c[1] + c[2] + 1;
       red.push_back(c[0] / sum), green.push_back(c[1] / sum), sums.push_back(sum);
     }
-  if (sums.empty()) return Skin{0.42F, 0.31F, 0.02F, 450}; /* the face is not in the picture */
-  Skin skin{median_of(red), median_of(green), 0, median_of(sums)};
+  if (sums.empty()) return Skin{0.42F, 0.31F, 0.02F, 450, least, most}; /* the face is not in the picture */
+  Skin skin{median_of(red), median_of(green), 0, median_of(sums), least, most};
   for (float &v : red) v = std::fabs(v - skin.red);
   skin.sigma = std::max(0.01F, std::min(0.02F, 1.48F * median_of(red)));
   return skin;
@@ -98,7 +99,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     const cv::Mat person = cv::Mat(side, side, CV_8U, const_cast<uint8_t *>(alpha)) >= 128;
     const double tall =
         std::hypot(double(face->points[8][0]) - face->points[27][0], double(face->points[8][1]) - face->points[27][1]);
-    const Skin skin = skin_in(frame, cheeks_of(frame, *face));
+    const Skin skin = skin_in(frame, cheeks_of(frame, *face), 0.3F, 1.6F);
     cv::Mat skins(side, side, CV_8U, cv::Scalar(0));
     cv::Mat bright(side, side, CV_8U, cv::Scalar(0)); /* too bright for hair in the shade */
     for (int y = 0; y < side; y++)
@@ -135,7 +136,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::dilate(head, near, disk(0.06 * tall));
     /* The neck lies in the shade of the head: its own colour is that of the skin close to the jaw. */
     const cv::Mat close = person & ~head & skins & reach & near;
-    const Skin shaded = skin_in(frame, close);
+    const Skin shaded = skin_in(frame, close, 0.65F, 2.5F);
     cv::Mat neck = close.clone();
     for (int y = 0; y < side; y++)
       for (int x = 0; x < side; x++)
@@ -144,6 +145,11 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::morphologyEx(neck, neck, cv::MORPH_OPEN, disk(0.02 * tall));
     neck = connected(neck & person & ~head, close);
     cv::morphologyEx(neck, neck, cv::MORPH_CLOSE, disk(0.03 * tall));
+    /* What lies in deep shade right below the jaw, between head and neck. */
+    cv::Mat whole = neck | head;
+    cv::morphologyEx(whole, whole, cv::MORPH_CLOSE, disk(0.08 * tall));
+    cv::dilate(head, near, disk(0.12 * tall));
+    neck |= whole & near & (skins | ~bright);
     neck &= person & ~head & reach;
     cv::Mat out_parts(side, side, CV_8U, parts);
     out_parts.setTo(ERN_PART_BACKGROUND);
