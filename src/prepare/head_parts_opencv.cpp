@@ -125,7 +125,8 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::Mat rest = person & ~head, wide;
     cv::morphologyEx(rest, wide, cv::MORPH_OPEN, disk(0.06 * tall));
     rest &= ~wide;
-    rest.rowRange(std::max(0, std::min(side, at(*face, 8).y)), side).setTo(0);
+    const int level = std::max(at(*face, 5).y, at(*face, 11).y);
+    rest.rowRange(std::max(0, std::min(side, level)), side).setTo(0);
     head |= rest;
     /* Skin below the jaw that hangs together with it. */
     cv::Mat near, reach(frame.size(), CV_8U, cv::Scalar(0));

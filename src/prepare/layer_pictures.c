@@ -48,20 +48,28 @@ struct torso {
   uint8_t *rgba, *filled; /* filled[width][width]: 1 where the head hid it */
 };
 
+/* Whether the head is above that pixel, with at most `gap` pixels of torso between. */
+static bool is_below_head(const struct torso *torso, size_t x, size_t y, size_t gap) {
+  size_t at = y - 1;
+  while (at > 0 && y - 1 - at < gap && torso->parts[at * torso->width + x] == ERN_PART_TORSO) at--;
+  return torso->parts[at * torso->width + x] == ERN_PART_HEAD;
+}
+
 /* Continues the top of a column of `part` upward behind the head: from `push` pixels below its top for `count` pixels,
  * each 0.98 of the one before. */
 static void fill_up(struct torso *torso, enum ern_layer_part part, size_t push, size_t count) {
   const size_t n = torso->width;
   for (size_t x = 0; x < n; x++) {
     size_t top = 1;
-    while (top < n && !(torso->parts[top * n + x] == part && torso->parts[(top - 1) * n + x] == ERN_PART_HEAD)) top++;
+    while (top < n && !(torso->parts[top * n + x] == part && is_below_head(torso, x, top, push))) top++;
     if (top >= n) continue;
     size_t from = top;
     while (from - top < push && from + 1 < n && torso->parts[(from + 1) * n + x] == part) from++;
     float shade = 1;
     for (size_t i = 1; i <= count && i <= from; i++) {
       const size_t at = (from - i) * n + x;
-      if (torso->parts[at] != ERN_PART_HEAD && torso->parts[at] != part) break;
+      if (torso->parts[at] == ERN_PART_BACKGROUND || (part == ERN_PART_TORSO && torso->parts[at] == ERN_PART_NECK))
+        break;
       shade *= 0.98F;
       for (size_t c = 0; c < 3; c++)
         torso->rgba[4 * at + c] = byte_of(shade * (float)torso->rgba[4 * (from * n + x) + c]);

@@ -99,6 +99,7 @@ cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   fill(percent, head_of(face, HAIR, HAIR), shrink, 10);
   fill(percent, head_of(face, 1.3, 1.1), shrink, 35);
   fill(percent, shoulders(face, 0.45, -0.05, 0.4, false), shrink, 70);
+  fill(percent, shoulders(face, 0.38, 0.02, 0.9, false), shrink, 85);
   fill(percent, head_of(face, 1.1, 1.03), shrink, 70);
   fill(percent, shoulders(face, 0.25, 0.1, 1.4, false), shrink, 97);
   fill(percent, head_of(face, SKULL, SKULL), shrink, 97);
