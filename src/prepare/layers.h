@@ -91,11 +91,6 @@ ERN_NODISCARD ern_status ern_brought_mask(struct ern_brought_masks *masks, size_
                                           const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts,
                                           bool *has_parts);
 
-/* Figures and verdict. covered: mean share of the picture that the person takes; trembles[job->frames], which is
- * sorted; border: colour distances along the border, bins of 16. */
-void ern_layers_judge(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
-                      float *trembles, const size_t border[16]);
-
 #ifdef __cplusplus
 }
 #endif
