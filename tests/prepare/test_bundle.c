@@ -1,0 +1,204 @@
+/* SPDX-License-Identifier: MIT
+ * Bundle adjustment on made-up rigid heads whose poses are known, and on what holds no pose. */
+#include "prepare/bundle.h"
+#include "prepare_test.h"
+
+enum { FRAMES = 60, POINTS = 120, FIXED = FRAMES / 2 };
+
+struct head {
+  ern_context *context;
+  double truth[POINTS][3], prior[POINTS][3], shape[POINTS][3];
+  struct ern_head_pose poses[FRAMES];
+  struct ern_bundle_pose bundled[FRAMES];
+  float seen[FRAMES * POINTS][2], weights[POINTS];
+  struct ern_bundle bundle;
+};
+
+/* Points on the front of the generic head's ellipsoid; the person's differ from it by up to `spread` metres. The poses
+ * begin at the fixed one's. */
+static void make(struct head *h, double spread, double noise, double outliers) {
+  uint64_t random = 5;
+  h->context = support_context();
+  for (int k = 0; k < POINTS; k++) {
+    const double x = 0.9 * ERN_HEAD_WIDE * made_random(&random), y = 0.06 * made_random(&random);
+    const double prior[3] = {x, y, ern_head_surface(x, y)};
+    for (int c = 0; c < 3; c++) h->truth[k][c] = prior[c] + spread * made_random(&random);
+    memcpy(h->prior[k], prior, sizeof prior);
+    memcpy(h->shape[k], prior, sizeof prior);
+    h->weights[k] = 1;
+  }
+  for (int i = 0; i < FRAMES; i++) {
+    const double t = 6.283185307179586 * (i - FIXED) / FRAMES;
+    h->poses[i] =
+        made_pose(15 * sin(t), 7 * sin(2 * t), 4 * sin(3 * t), 0.02 * sin(t), 0.01 * sin(2 * t), 0.7 + 0.02 * sin(t));
+    for (int k = 0; k < POINTS; k++) {
+      double pixel[2];
+      float *at = h->seen[i * POINTS + k];
+      assert_true(ern_head_project(&h->poses[i], 1200, 256, h->truth[k], pixel));
+      const bool away = made_random(&random) < 2 * outliers - 1;
+      for (int c = 0; c < 2; c++) {
+        double normal = 0; /* of variance 1: twelve uniform in -1/2..1/2 */
+        for (int n = 0; n < 12; n++) normal += 0.5 * made_random(&random);
+        at[c] = (float)(pixel[c] + noise * normal + (away ? 40 * made_random(&random) : 0));
+      }
+    }
+    ern_bundle_pose_from(&h->poses[FIXED], &h->bundled[i]);
+  }
+  h->bundle = (struct ern_bundle){.context = h->context,
+                                  .focal = 1200,
+                                  .centre = 256,
+                                  .frames = FRAMES,
+                                  .points = POINTS,
+                                  .seen = (const float(*)[2])h->seen,
+                                  .weights = h->weights,
+                                  .prior = (const double(*)[3])h->prior,
+                                  .shape = h->shape,
+                                  .poses = h->bundled};
+}
+
+/* Greatest error of a rotation, degrees. All poses start anew where the step starts them: at their neighbour's. */
+static double adjust(struct head *h, int rounds) {
+  size_t chosen[FRAMES], seen = 0;
+  double most = 0;
+  for (size_t i = 0; i < FRAMES; i++) chosen[i] = i;
+  for (size_t i = FIXED + 1; i < FRAMES; i++) {
+    h->bundled[i] = h->bundled[i - 1];
+    support_ok(h->context, ern_bundle_one(&h->bundle, i, &seen));
+    assert_int_equal(seen, POINTS);
+  }
+  for (size_t i = FIXED; i-- > 0;) {
+    h->bundled[i] = h->bundled[i + 1];
+    support_ok(h->context, ern_bundle_one(&h->bundle, i, &seen));
+  }
+  for (int i = 0; i < rounds; i++) support_ok(h->context, ern_bundle_adjust(&h->bundle, chosen, FRAMES, FIXED));
+  for (size_t i = 0; i < FRAMES; i++) {
+    struct ern_head_pose pose;
+    ern_bundle_pose_to(&h->bundled[i], &pose);
+    most = fmax(most, made_angle((const double(*)[3])pose.rotation, (const double(*)[3])h->poses[i].rotation));
+  }
+  return most;
+}
+
+static void expect_below(double error, double limit) {
+  if (!(error < limit)) fail_msg("a rotation is %.4f degrees off, expected less than %.2f", error, limit);
+}
+
+static struct head h;
+
+static void test_known_shape(void **state) {
+  (void)state;
+  make(&h, 0, 0, 0);
+  expect_below(adjust(&h, 0), 0.05);
+  ern_context_free(&h.context);
+}
+
+/* The shape is found with the poses; what it starts from is off by 4 mm. */
+static void test_exact_points(void **state) {
+  (void)state;
+  make(&h, 0.004, 0, 0);
+  expect_below(adjust(&h, 3), 0.05);
+  ern_context_free(&h.context);
+}
+
+static void test_noise_and_outliers(void **state) {
+  (void)state;
+  make(&h, 0.004, 0.5, 0.2);
+  expect_below(adjust(&h, 3), 0.3);
+  ern_context_free(&h.context);
+}
+
+static void test_pose_round_trip(void **state) {
+  (void)state;
+  uint64_t random = 3;
+  for (int i = 0; i < 200; i++) {
+    const struct ern_head_pose pose =
+        made_pose(179 * made_random(&random), 89 * made_random(&random), 179 * made_random(&random), 0.1, -0.2, 0.7);
+    struct ern_bundle_pose bundled;
+    struct ern_head_pose again;
+    ern_bundle_pose_from(&pose, &bundled);
+    ern_bundle_pose_to(&bundled, &again);
+    assert_true(made_angle((const double(*)[3])pose.rotation, (const double(*)[3])again.rotation) < 1e-5);
+    assert_memory_equal(pose.translation, again.translation, sizeof pose.translation);
+  }
+}
+
+/* Every call on `points` points: a status, and poses that stay numbers where it is ERN_OK. */
+static void survive(struct head *head, size_t points, const char *what) {
+  size_t chosen[FRAMES], seen = 99;
+  ern_status answers[3 + FRAMES];
+  size_t count = 0;
+  for (size_t i = 0; i < FRAMES; i++) chosen[i] = i;
+  head->bundle.points = points;
+  answers[count++] = ern_bundle_adjust(&head->bundle, chosen, FRAMES, FIXED);
+  for (size_t i = 0; i < FRAMES; i++) answers[count++] = ern_bundle_one(&head->bundle, i, &seen);
+  answers[count++] = ern_bundle_path(&head->bundle, 0, FRAMES / 2);
+  answers[count++] = ern_bundle_path(&head->bundle, FRAMES / 2, FRAMES);
+  bool all = true;
+  for (size_t i = 0; i < count; i++) {
+    all = all && answers[i] == ERN_OK;
+    if (answers[i] != ERN_OK && ern_last_error(head->context)[0] == 0) fail_msg("%s: a failure without words", what);
+  }
+  for (size_t i = 0; all && i < FRAMES; i++)
+    for (int c = 0; c < 6; c++)
+      if (!isfinite(head->bundled[i].values[c])) fail_msg("%s: a pose that is no number, and no failure", what);
+  ern_context_free(&head->context);
+}
+
+static void test_degenerate(void **state) {
+  (void)state;
+  make(&h, 0.004, 0, 0);
+  survive(&h, 0, "no points");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++) memcpy(h.seen[i], h.seen[i * POINTS], sizeof *h.seen);
+  survive(&h, 1, "one point");
+  make(&h, 0, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++)
+    for (int k = 0; k < POINTS; k++) {
+      double pixel[2];
+      const double at[3] = {0.001 * (k - 60), 0, 0.1};
+      memcpy(h.truth[k], at, sizeof at);
+      memcpy(h.prior[k], at, sizeof at);
+      memcpy(h.shape[k], at, sizeof at);
+      assert_true(ern_head_project(&h.poses[i], 1200, 256, at, pixel));
+      for (int c = 0; c < 2; c++) h.seen[i * POINTS + (size_t)k][c] = (float)pixel[c];
+    }
+  survive(&h, POINTS, "all points on a line");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++) memcpy(h.seen[i * POINTS], h.seen[FIXED * POINTS], sizeof h.seen / FRAMES);
+  survive(&h, POINTS, "no parallax");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES * POINTS; i++) h.seen[i][0] = h.seen[i][1] = 256;
+  survive(&h, POINTS, "all points in one place");
+}
+
+static void test_no_numbers(void **state) {
+  (void)state;
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES * POINTS; i++) h.seen[i][0] = h.seen[i][1] = NAN;
+  survive(&h, POINTS, "nothing is seen");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i][1] = NAN;
+  survive(&h, POINTS, "y is NaN");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i][0] = INFINITY;
+  survive(&h, POINTS, "x is infinite");
+  make(&h, 0.004, 0, 0);
+  for (int k = 0; k < POINTS; k += 2) h.weights[k] = NAN;
+  survive(&h, POINTS, "weights are NaN");
+  make(&h, 0.004, 0, 0);
+  h.shape[3][1] = NAN;
+  survive(&h, POINTS, "a point of the shape is NaN");
+  make(&h, 0.004, 0, 0);
+  h.bundled[7].values[2] = NAN;
+  survive(&h, POINTS, "a pose is NaN");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++) h.bundled[i].values[5] = 0.5;
+  survive(&h, POINTS, "behind the camera");
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),        cmocka_unit_test(test_exact_points),
+                                     cmocka_unit_test(test_noise_and_outliers), cmocka_unit_test(test_pose_round_trip),
+                                     cmocka_unit_test(test_degenerate),         cmocka_unit_test(test_no_numbers)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: MIT
+ * What the steps of `prepare` hand on to each other: poses, faces, crops of the face that are held still. */
+#include "ernerf/media.h"
+#include "prepare/still_crop.h"
+#include "prepare_test.h"
+
+enum { MOST = 40, SIDE = 128 };
+
+static void poses_of(struct ern_head_pose poses[MOST], size_t count) {
+  uint64_t random = 11;
+  for (size_t i = 0; i < count; i++)
+    poses[i] = made_pose(40 * made_random(&random), 20 * made_random(&random), 20 * made_random(&random),
+                         0.1 * made_random(&random), 0.1 * made_random(&random), 0.7 + 0.1 * made_random(&random));
+}
+
+/* What is read is what was written, to the floats of the file's reader; so it is from one file that is brought. */
+static void test_poses(void **state) {
+  (void)state;
+  static const size_t counts[] = {2, 3, 11, 22, MOST};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    struct made_job m;
+    struct ern_head_pose poses[MOST], again[MOST];
+    made_job_open(&m, "clip", SIDE, counts[n]);
+    poses_of(poses, counts[n]);
+    support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
+    m.job.focal = 1;
+    support_ok(m.job.context, ern_prepare_poses_read(&m.job, again));
+    assert_true(fabs(m.job.focal - 2.4 * SIDE) < 1e-3);
+    for (size_t i = 0; i < counts[n]; i++) {
+      assert_true(made_angle((const double(*)[3])poses[i].rotation, (const double(*)[3])again[i].rotation) < 1e-4);
+      for (int c = 0; c < 3; c++) assert_true(fabs(poses[i].translation[c] - again[i].translation[c]) < 1e-6);
+    }
+    ern_pose_list train = {0}, val = {0};
+    support_ok(m.job.context, ern_pose_list_load(m.job.context, "clip/transforms_train.json", &train));
+    support_ok(m.job.context, ern_pose_list_load(m.job.context, "clip/transforms_val.json", &val));
+    assert_int_equal(train.count + val.count, counts[n]);
+    assert_int_equal(val.count, counts[n] / 11 > 0 ? counts[n] / 11 : 1);
+    ern_pose_list_free(m.job.context, &train);
+    ern_pose_list_free(m.job.context, &val);
+    made_job_close(&m);
+  }
+}
+
+static void test_poses_refused(void **state) {
+  (void)state;
+  struct made_job m;
+  struct ern_head_pose poses[MOST];
+  made_job_open(&m, "clip", SIDE, 22);
+  poses_of(poses, 22);
+  support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
+  m.options.poses = "clip/transforms_train.json"; /* not all frames */
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISSING, "transforms_train.json",
+                 "no pose of frame 20", "0 to 21", NULL);
+  m.job.frames = 20;
+  support_ok(m.job.context, ern_prepare_poses_bring(&m.job, poses));
+  m.job.frames = 19;
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISMATCH, "transforms_train.json",
+                 "img_id 19", "0 to 18", NULL);
+  m.job.frames = 20;
+  m.job.side = 2 * SIDE;
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISMATCH, "transforms_train.json",
+                 "128 x 128", "256 x 256", NULL);
+  m.job.side = SIDE;
+  m.options.poses = "nowhere.json";
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISSING, "nowhere.json", NULL);
+  remove("clip/transforms_val.json");
+  support_expect(m.job.context, ern_prepare_poses_read(&m.job, poses), ERN_E_MISSING, "transforms_val.json", NULL);
+  made_job_close(&m);
+}
+
+static void test_faces(void **state) {
+  (void)state;
+  struct made_job m;
+  struct ern_found_face faces[MOST], *again = NULL;
+  size_t count = 0;
+  uint64_t random = 2;
+  made_job_open(&m, "clip", SIDE, 5 * MOST);
+  for (size_t i = 0; i < MOST; i++) {
+    faces[i] = (struct ern_found_face){.frame = 5 * i, .x = -3.25f, .y = (float)i, .width = 50.5f, .height = 51};
+    faces[i].has_eyes = i % 3 > 0;
+    for (int k = 0; k < 4; k++) faces[i].eyes[k / 2][k % 2] = (float)(40 + 30 * made_random(&random));
+  }
+  support_ok(m.job.context, ern_prepare_faces_write(&m.job, faces, MOST));
+  support_ok(m.job.context, ern_prepare_faces_read(&m.job, &again, &count));
+  assert_int_equal(count, MOST);
+  for (size_t i = 0; i < MOST; i++) {
+    assert_int_equal(again[i].frame, faces[i].frame);
+    assert_true(again[i].has_eyes == faces[i].has_eyes);
+    const float differ[] = {again[i].x - faces[i].x, again[i].y - faces[i].y, again[i].width - faces[i].width,
+                            again[i].height - faces[i].height};
+    for (int k = 0; k < 4; k++) {
+      assert_true(fabsf(differ[k]) < 0.006f);
+      if (faces[i].has_eyes) assert_true(fabsf(again[i].eyes[k / 2][k % 2] - faces[i].eyes[k / 2][k % 2]) < 0.006f);
+    }
+  }
+  ern_release(m.job.context, again);
+  m.job.frames = 5 * MOST - 5; /* the last face's is no frame of the clip */
+  support_expect(m.job.context, ern_prepare_faces_read(&m.job, &again, &count), ERN_E_FORMAT, "faces.csv", "row 40",
+                 "frame is 195", "0 to 194", NULL);
+  assert_true(again == NULL && count == 0);
+  made_job_close(&m);
+}
+
+static void test_faces_refused(void **state) {
+  (void)state;
+  static const char head[] = "frame,x,y,width,height,left_eye_x,left_eye_y,right_eye_x,right_eye_y\n";
+  static const struct {
+    const char *rows, *word;
+  } bad[] = {{"0,1,1,9,9,2,2,5,2\n0,1,1,9,9,2,2,5,2\n", "row 2"},
+             {"5,1,1,9,9,2,2,5,2\n4,1,1,9,9,2,2,5,2\n", "row 2"},
+             {"-1,1,1,9,9,2,2,5,2\n", "row 1"},
+             {"nan,1,1,9,9,2,2,5,2\n", "faces.csv"},
+             {"0,1,1,9,9,2,2\n", "faces.csv"},
+             {"1e9,1,1,9,9,2,2,5,2\n", "row 1"}};
+  struct made_job m;
+  struct ern_found_face *faces = NULL;
+  size_t count = 0;
+  made_job_open(&m, "clip", SIDE, 50);
+  support_expect(m.job.context, ern_prepare_faces_read(&m.job, &faces, &count), ERN_E_MISSING, "faces.csv", NULL);
+  assert_int_equal(mkdir("clip/prepare", 0777), 0);
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    char text[512];
+    snprintf(text, sizeof text, "%s%s", head, bad[i].rows);
+    support_write_text("clip/prepare/faces.csv", text);
+    support_expect(m.job.context, ern_prepare_faces_read(&m.job, &faces, &count), ERN_E_FORMAT, "faces.csv",
+                   bad[i].word, NULL);
+    assert_true(faces == NULL && count == 0);
+  }
+  made_job_close(&m);
+}
+
+/* A picture whose level rises by 1 a pixel: the crop of a head that looks into the camera rises with it; that of a head
+ * outside the picture is its edge's. */
+static void test_still_crop(void **state) {
+  (void)state;
+  enum { COLUMNS = 9, ROWS = 5 };
+  struct made_job m;
+  static uint8_t grey[SIDE * SIDE], pixels[3 * SIDE * SIDE];
+  float values[ROWS * COLUMNS];
+  const struct ern_still_crop crop = {.x = 0, .y = 0.03, .step = 0.004, .columns = COLUMNS, .rows = ROWS};
+  made_job_open(&m, "clip", SIDE, 1);
+  for (int i = 0; i < SIDE * SIDE; i++) grey[i] = (uint8_t)(i % SIDE + i / SIDE / 2);
+  for (int turn = -1; turn <= 1; turn++) {
+    const struct ern_head_pose pose = made_pose(10 * turn, 5 * turn, 3 * turn, 0.01 * turn, 0, 0.7);
+    ern_still_crop_take(&crop, &pose, &m.job, grey, values);
+    for (int r = 0; r < ROWS; r++)
+      for (int c = 0; c < COLUMNS; c++) {
+        const double x = crop.x + (c - 4) * crop.step, y = crop.y - (r - 2) * crop.step;
+        const double point[3] = {x, y, ern_head_surface(x, y)};
+        double pixel[2];
+        assert_true(ern_head_project(&pose, m.job.focal, 0.5 * SIDE, point, pixel));
+        /* linear in x; each second row repeats the level, so half a level may be off */
+        assert_true(fabs((double)values[r * COLUMNS + c] - (pixel[0] - 0.5 + 0.5 * (pixel[1] - 0.5))) < 0.51);
+      }
+  }
+  const struct ern_head_pose away = made_pose(0, 0, 0, 5, -5, 0.7), behind = made_pose(0, 0, 0, 0, 0, -1);
+  ern_still_crop_take(&crop, &away, &m.job, grey, values);
+  for (int i = 0; i < ROWS * COLUMNS; i++) assert_true(fabsf(values[i] - grey[SIDE * SIDE - 1]) < 0.01f);
+  ern_still_crop_take(&crop, &behind, &m.job, grey, values);
+  for (int i = 0; i < ROWS * COLUMNS; i++) assert_true(values[i] >= 0 && values[i] <= 255);
+  /* the frame itself, in grey (BT.601), and refused in another size */
+  uint8_t read[SIDE * SIDE];
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    pixels[3 * i] = 200;
+    pixels[3 * i + 1] = 100;
+    pixels[3 * i + 2] = 50;
+  }
+  ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = pixels};
+  assert_int_equal(mkdir("clip/ori_imgs", 0777), 0);
+  support_ok(m.job.context, ern_image_write(m.job.context, "clip/ori_imgs/0.jpg", &image, 98));
+  support_ok(m.job.context, ern_frame_grey(&m.job, 0, read));
+  for (int i = 0; i < SIDE * SIDE; i++) assert_in_range(read[i], 121, 126); /* 0.299*200 + 0.587*100 + 0.114*50 = 124 */
+  image.height = SIDE / 2;
+  support_ok(m.job.context, ern_image_write(m.job.context, "clip/ori_imgs/0.jpg", &image, 98));
+  support_expect(m.job.context, ern_frame_grey(&m.job, 0, read), ERN_E_SHAPE, "ori_imgs/0.jpg", "128 x 64", "128 x 128",
+                 NULL);
+  support_expect(m.job.context, ern_frame_grey(&m.job, 1, read), ERN_E_MISSING, "ori_imgs/1.jpg", NULL);
+  made_job_close(&m);
+}
+
+static void test_quantile(void **state) {
+  (void)state;
+  float values[5] = {5, 1, 4, 2, 3};
+  assert_true(ern_quantile(values, 5, 0.5) == 3 && ern_quantile(values, 5, 0) == 1 && ern_quantile(values, 5, 1) == 5);
+  assert_true(ern_quantile(values, 1, 0.9) == 1);
+  assert_true(isnan(ern_quantile(values, 0, 0.5)));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_poses),      cmocka_unit_test(test_poses_refused),
+                                     cmocka_unit_test(test_faces),      cmocka_unit_test(test_faces_refused),
+                                     cmocka_unit_test(test_still_crop), cmocka_unit_test(test_quantile)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
