@@ -3,7 +3,7 @@
 #include "prepare/bundle.h"
 #include "prepare_test.h"
 
-enum { FRAMES = 60, POINTS = 120, FIXED = FRAMES / 2 };
+enum { FRAMES = 60, POINTS = 200, FIXED = FRAMES / 2 };
 
 struct head {
   ern_context *context;
@@ -155,7 +155,7 @@ static void test_degenerate(void **state) {
   for (size_t i = 0; i < FRAMES; i++)
     for (int k = 0; k < POINTS; k++) {
       double pixel[2];
-      const double at[3] = {0.001 * (k - 60), 0, 0.1};
+      const double at[3] = {0.0006 * (k - POINTS / 2), 0, 0.1};
       memcpy(h.truth[k], at, sizeof at);
       memcpy(h.prior[k], at, sizeof at);
       memcpy(h.shape[k], at, sizeof at);
