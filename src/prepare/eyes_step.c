@@ -232,6 +232,7 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
                         "%zu blinks in %.1f minutes are more than people make; --au FILE.csv brings OpenFace's", count,
                         minutes);
   } else {
+    ERN_TRY(ern_prepare_remove(job, "au.csv")); /* of other poses */
     ern_prepare_judge(job, ERN_PREPARE_GOOD, "no blink was found, so there is no au.csv and no blinking is learnt");
   }
 fail:

@@ -10,17 +10,17 @@
 #include "media/speech_network.h"
 #include "prepare/face_detector.h"
 #include "prepare/footage.h"
+#include "prepare/prepare_record.h"
 
 enum {
-  EVERY = 5,                                /* frames between looks */
-  FACES = 8,                                /* most that are told apart in a look */
-  THUMB = 32,                               /* pixels a side of what is compared from frame to frame */
-  QUALITY = 98,                             /* of ori_imgs */
-  SOUND_RATE = 16000,                       /* samples a second of aud.wav */
-  MOST_FRAMES = 30 * 60 * ERN_PREPARE_RATE, /* of a clip */
-  PATIENCE = 60 * ERN_PREPARE_RATE,         /* frames without a face before it is given up */
-  FEWEST_FRAMES = ERN_PREPARE_RATE,         /* to learn anything of */
-  FEW_FRAMES = 10 * ERN_PREPARE_RATE        /* to learn little of */
+  EVERY = 5,                         /* frames between looks */
+  FACES = 8,                         /* most that are told apart in a look */
+  THUMB = 32,                        /* pixels a side of what is compared from frame to frame */
+  QUALITY = 98,                      /* of ori_imgs */
+  SOUND_RATE = 16000,                /* samples a second of aud.wav */
+  PATIENCE = 60 * ERN_PREPARE_RATE,  /* frames without a face before it is given up */
+  FEWEST_FRAMES = ERN_PREPARE_RATE,  /* to learn anything of */
+  FEW_FRAMES = 10 * ERN_PREPARE_RATE /* to learn little of */
 };
 
 struct scan {
@@ -122,10 +122,10 @@ static ern_status scan_video(struct scan *s) {
   for (;; s->frames++) {
     ERN_TRY(ern_footage_next(&footage, &image));
     if (image == NULL) break;
-    if (s->frames == MOST_FRAMES)
+    if (s->frames == ERN_PREPARE_FRAMES)
       ERN_TRY(ern_fail(s->job->context, ERN_E_SHAPE,
                        "%s: is longer than %d minutes, expected a part of it: --from SECONDS --to SECONDS",
-                       s->job->video, MOST_FRAMES / ERN_PREPARE_RATE / 60));
+                       s->job->video, ERN_PREPARE_FRAMES / ERN_PREPARE_RATE / 60));
     if (image->width != s->width || image->height != s->height)
       ERN_TRY(ern_fail(s->job->context, ERN_E_UNSUPPORTED, "%s: frame %zu is %d x %d, expected %d x %d as the first",
                        s->job->video, s->frames, image->width, image->height, s->width, s->height));
@@ -211,6 +211,19 @@ static size_t take_faces(struct scan *s, const double region[4]) {
     s->faces[count++] = f;
   }
   return count;
+}
+
+/* From here on the folder is that of this video, also for a call that goes on where this one was stopped. */
+static ern_status begin_frames(struct scan *s) {
+  ern_status status = ERN_OK;
+  struct ern_prepare_job *job = s->job;
+  ERN_TRY(ern_prepare_clear(job));
+  if (json_object_set_new(job->record, "frames", json_integer((json_int_t)s->frames)) != 0 ||
+      json_object_set_new(job->record, "steps", json_object()) != 0)
+    ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
+  ERN_TRY(ern_prepare_record_save(job));
+fail:
+  return status;
 }
 
 static ern_status write_frames(struct scan *s, const double region[4]) {
@@ -338,10 +351,14 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   double face = 0, region[4] = {0};
   ERN_TRY(ern_face_detector_make(job->context, &scan.detector));
   ERN_TRY(scan_video(&scan));
-  if (!judge_scan(&scan)) goto fail;
+  if (!judge_scan(&scan)) {
+    ERN_TRY(ern_prepare_clear(job));
+    goto fail;
+  }
   ERN_TRY(drop_strays(&scan, &face));
   place_crop(&scan, face, region);
   judge_crop(&scan, face, region);
+  ERN_TRY(begin_frames(&scan));
   ERN_TRY(write_frames(&scan, region));
   ERN_TRY(write_sound(&scan));
   job->frames = scan.frames;

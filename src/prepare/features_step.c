@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The step "features": those that the user brings are checked and put into the clip; else aud.wav speaks for itself. */
 #include <stdio.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "ernerf/speech.h"
@@ -11,12 +12,15 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
   if (job->options->features == NULL) {
+    const json_t *before = json_object_get(json_object_get(job->record, "steps"), "features");
+    const char *with = json_string_value(json_object_get(before, "settings"));
+    if (with != NULL && strcmp(with, "features ") != 0) ERN_TRY(ern_prepare_remove(job, "aud.npy"));
     ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
     if (access(path, F_OK) != 0)
       ern_prepare_judge(job, ERN_PREPARE_REFUSED,
                         "the video has no sound, and a mouth cannot be learnt without; expected a video with speech, "
                         "or --features FILE.npy");
-    return ERN_OK;
+    goto fail;
   }
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);

@@ -70,12 +70,17 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
   ERN_TRY(ern_prepare_progress(job, 0, 1));
   ERN_TRY(steps[step].run(job));
-  for (size_t i = step; i < ERN_PREPARE_STEPS && step < 2; i++) stale[count++] = steps[i].name;
+  /* frames are behind all, poses and landmarks behind layers and eyes */
+  for (size_t i = step; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
-  if (job->verdict->grade == ERN_PREPARE_REFUSED)
+  if (job->verdict->grade == ERN_PREPARE_REFUSED) {
+    static const char *const poses[] = {"transforms_train.json",
+                                        "transforms_val.json"}; /* else a training takes them */
+    for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove(job, poses[i]));
     ERN_TRY(
         ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words));
+  }
 fail:
   json_decref(job->figures);
   job->figures = NULL;
@@ -146,6 +151,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   status = run_steps(&job, only, &found);
   if (status == ERN_OK || status == ERN_E_UNSUPPORTED) ERN_TRY(report(&job, &found, status));
 fail:
+  if (status != ERN_OK && job.made) (void)rmdir(folder); /* an empty one */
   if (lock >= 0) close(lock);
   json_decref(job.record);
   ern_struct_give(result, bytes, &found, sizeof found);

@@ -18,15 +18,16 @@
 extern "C" {
 #endif
 
-enum { ERN_PREPARE_PATH = 4096, ERN_PREPARE_RATE = 25 };
+enum { ERN_PREPARE_PATH = 4096, ERN_PREPARE_RATE = 25, ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE };
 
 struct ern_prepare_job {
   ern_context *context;
   const char *video, *folder;
   const ern_prepare_options *options;
+  bool made;      /* the folder is this call's: it goes where nothing came into it */
   int side;       /* pixels a side of a frame */
   double focal;   /* pixels */
-  size_t frames;  /* 0 before the step "face" */
+  size_t frames;  /* at most ERN_PREPARE_FRAMES; 0 before the step "face", or those of an earlier call */
   json_t *record; /* prepare.json */
   /* of the step that runs */
   ern_prepare_verdict *verdict;
@@ -66,6 +67,12 @@ ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, str
                                                 size_t *count);
 ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,
                                                  size_t count);
+
+/* Removes what an earlier call made of the frames 0..job->frames - 1, and the clip's other files by their names, but no
+ * link and nothing behind one; job->frames is 0 then. */
+ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
+/* Removes the file of that name right in the clip's folder, where there is one. */
+ERN_NODISCARD ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name);
 
 /* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */
 ERN_NODISCARD ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t total);

@@ -33,11 +33,12 @@ static json_t *source(const struct ern_prepare_job *job, const struct stat *vide
                    (json_int_t)video->st_mtime, "from", job->options->from, "to", job->options->to, "side", job->side);
 }
 
-static ern_status begin_record(struct ern_prepare_job *job, json_t *about) {
+/* `frames`: of the files that are there already. */
+static ern_status begin_record(struct ern_prepare_job *job, json_t *about, json_int_t frames) {
   json_t *name = json_string(job->video); /* NULL where it is no UTF-8 */
   json_decref(job->record);
-  job->record = json_pack("{s:i, s:o, s:O, s:{}}", "version", VERSION, "video", name != NULL ? name : json_string(""),
-                          "source", about, "steps");
+  job->record = json_pack("{s:i, s:o, s:O, s:I, s:{}}", "version", VERSION, "video",
+                          name != NULL ? name : json_string(""), "source", about, "frames", frames, "steps");
   return job->record != NULL ? ERN_OK : ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
 }
 
@@ -50,6 +51,11 @@ static ern_status read_record(struct ern_prepare_job *job, const char *path) {
   if (json_integer_value(json_object_get(job->record, "version")) != VERSION ||
       !json_is_object(json_object_get(job->record, "steps")) || !json_is_object(json_object_get(job->record, "source")))
     ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: is no record of ernerf prepare, version %d", path, VERSION));
+  const json_t *count = json_object_get(job->record, "frames");
+  const json_int_t frames = json_integer_value(count);
+  if ((count != NULL && !json_is_integer(count)) || frames < 0 || frames > ERN_PREPARE_FRAMES)
+    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: frames is %" JSON_INTEGER_FORMAT ", expected a count of 0 to %d",
+                     path, frames, ERN_PREPARE_FRAMES));
 fail:
   ern_release(job->context, text);
   return status;
@@ -66,7 +72,7 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
       ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
                        "%s: holds files that ernerf prepare did not make, expected a new or an empty folder",
                        job->folder));
-    return begin_record(job, about);
+    return begin_record(job, about, 0);
   }
   ERN_TRY(read_record(job, path));
   if (json_equal(json_object_get(job->record, "source"), about)) return ERN_OK;
@@ -75,18 +81,18 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
                      "%s: was prepared from another video, or with another --from, --to or --size; expected a new "
                      "folder, or --overwrite to replace it",
                      job->folder));
-  return begin_record(job, about);
+  return begin_record(job, about, json_integer_value(json_object_get(job->record, "frames")));
 fail:
   return status;
 }
 
 ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   ern_status status = ERN_OK;
-  char path[ERN_PREPARE_PATH];
   struct stat video;
   json_t *about = NULL;
   *lock = -1;
   if (stat(job->video, &video) != 0) ERN_TRY(ern_file_refused(job->context, job->video, "open"));
+  job->made = access(job->folder, F_OK) != 0;
   ERN_TRY(ern_folder_make(job->context, job->folder));
   about = source(job, &video);
   if (about == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder));
@@ -95,7 +101,6 @@ ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
   ERN_TRY(open_record(job, about));
-  ERN_TRY(ern_prepare_path(job, path, "prepare"));
 fail:
   json_decref(about);
   return status;

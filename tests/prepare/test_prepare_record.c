@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: MIT
+ * Whose folder it is: prepare.json, what an earlier call left, and what others have put there. */
+#include "prepare/prepare_record.h"
+#include "prepare_test.h"
+
+static void job_on(struct made_job *m, const char *folder) {
+  made_job_open(m, folder, 128, 0);
+  support_clear(folder);
+  json_decref(m->job.record);
+  m->job.record = NULL;
+  support_write_text("made.mp4", "bytes of a video");
+}
+
+static ern_status open_record(struct made_job *m, int *lock) {
+  json_decref(m->job.record);
+  m->job.record = NULL;
+  return ern_prepare_record_open(&m->job, lock);
+}
+
+static void shut(int *lock) {
+  if (*lock >= 0) close(*lock);
+  *lock = -1;
+}
+
+/* A step is done with the settings it was done with; what is behind it is forgotten when it is done anew. */
+static void test_steps(void **state) {
+  (void)state;
+  struct made_job m;
+  ern_prepare_verdict verdict = {0};
+  int lock = -1;
+  job_on(&m, "clip");
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_false(ern_prepare_record_has(&m.job, "pose", "focal 1", &verdict));
+  m.verdict = (ern_prepare_verdict){.step = "pose", .grade = ERN_PREPARE_DOUBTFUL, .words = "so \"so\""};
+  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "focal 1", NULL, 0));
+  m.verdict = (ern_prepare_verdict){.step = "eyes"};
+  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "au ", NULL, 0));
+  shut(&lock);
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_true(ern_prepare_record_has(&m.job, "pose", "focal 1", &verdict));
+  assert_int_equal(verdict.grade, ERN_PREPARE_DOUBTFUL);
+  assert_string_equal(verdict.words, "so \"so\"");
+  assert_false(ern_prepare_record_has(&m.job, "pose", "focal 2", &verdict));
+  assert_true(ern_prepare_record_has(&m.job, "eyes", "au ", &verdict));
+  static const char *const stale[] = {"pose", "eyes"};
+  m.verdict = (ern_prepare_verdict){.step = "pose", .grade = ERN_PREPARE_REFUSED, .words = "no"};
+  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "focal 2", stale, 2));
+  shut(&lock);
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_false(ern_prepare_record_has(&m.job, "pose", "focal 2", &verdict)); /* refused: to be tried again */
+  assert_false(ern_prepare_record_has(&m.job, "eyes", "au ", &verdict));
+  shut(&lock);
+  made_job_close(&m);
+}
+
+static void test_locked(void **state) {
+  (void)state;
+  struct made_job m, other;
+  int lock = -1, second = -1;
+  job_on(&m, "clip");
+  other = m;
+  other.job.record = NULL;
+  support_ok(m.job.context, open_record(&m, &lock));
+  support_expect(m.job.context, open_record(&other, &second), ERN_E_BUSY, "clip", "another process", NULL);
+  shut(&second);
+  shut(&lock);
+  support_ok(m.job.context, open_record(&other, &second));
+  shut(&second);
+  json_decref(other.job.record);
+  made_job_close(&m);
+}
+
+/* Another video, part or size; and the video itself, touched. */
+static void test_another_video(void **state) {
+  (void)state;
+  struct made_job m;
+  int lock = -1;
+  job_on(&m, "clip");
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(40)), 0);
+  support_ok(m.job.context, ern_prepare_record_save(&m.job));
+  shut(&lock);
+  for (int i = 0; i < 4; i++) {
+    if (i == 0) m.options.from = 1;
+    if (i == 1) m.options.to = 3;
+    if (i == 2) m.job.side = 256;
+    if (i == 3) support_write_text("made.mp4", "another video");
+    support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "clip", "another video", "--overwrite", NULL);
+    shut(&lock);
+    m.options.from = m.options.to = 0;
+    m.job.side = 128;
+  }
+  m.options.anew = true;
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_int_equal(json_integer_value(json_object_get(m.job.record, "frames")), 40); /* those to be cleared */
+  shut(&lock);
+  made_job_close(&m);
+}
+
+static void test_folders_of_others(void **state) {
+  (void)state;
+  struct made_job m;
+  int lock = -1;
+  job_on(&m, "clip");
+  assert_int_equal(mkdir("clip", 0777), 0);
+  support_ok(m.job.context, open_record(&m, &lock)); /* empty */
+  shut(&lock);
+  support_write_text("clip/thesis.txt", "mine");
+  m.options.anew = true; /* not even then */
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "clip", "did not make", NULL);
+  shut(&lock);
+  support_clear("clip");
+  support_write_text("clip", "a file");
+  assert_int_not_equal(open_record(&m, &lock), ERN_OK);
+  assert_non_null(strstr(ern_last_error(m.job.context), "clip"));
+  shut(&lock);
+  support_clear("clip");
+  remove("made.mp4");
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_MISSING, "made.mp4", NULL);
+  assert_int_not_equal(access("clip", F_OK), 0);
+  made_job_close(&m);
+}
+
+static void test_damaged(void **state) {
+  (void)state;
+  static const char *const bad[] = {"",
+                                    "{",
+                                    "[]",
+                                    "text",
+                                    "{\"version\": 1}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}}",
+                                    "{\"version\": 1, \"source\": [], \"steps\": {}}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": []}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"steps\": {}}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": -1}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": 45001}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": \"9\"}",
+                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": 1e3}"};
+  struct made_job m;
+  int lock = -1;
+  job_on(&m, "clip");
+  m.options.anew = true;
+  assert_int_equal(mkdir("clip", 0777), 0);
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    support_write_text("clip/prepare.json", bad[i]);
+    support_expect(m.job.context, open_record(&m, &lock), ERN_E_FORMAT, "clip/prepare.json", NULL);
+    shut(&lock);
+  }
+  /* steps that say nothing of use are not done */
+  static const char odd[] =
+      "{\"version\": 1, \"source\": {}, \"steps\": {\"face\": 3, \"pose\": {\"verdict\": \"good\"},"
+      " \"eyes\": {\"verdict\": \"fine\", \"words\": \"\", \"settings\": \"au \"}}}";
+  ern_prepare_verdict verdict = {0};
+  support_write_text("clip/prepare.json", odd);
+  m.options.anew = false;
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "another video", NULL);
+  shut(&lock);
+  assert_false(ern_prepare_record_has(&m.job, "face", "", &verdict));
+  assert_false(ern_prepare_record_has(&m.job, "pose", "", &verdict));
+  assert_false(ern_prepare_record_has(&m.job, "eyes", "au ", &verdict));
+  made_job_close(&m);
+}
+
+static bool there(const char *path) { return access(path, F_OK) == 0; }
+
+/* What an earlier call made goes; files of other names, later frames, links and what is behind them stay. */
+static void test_clear(void **state) {
+  (void)state;
+  struct made_job m;
+  made_job_open(&m, "clip", 128, 3);
+  static const char *const folders[] = {"ori_imgs", "gt_imgs", "torso_imgs", "prepare"};
+  char path[256];
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+    snprintf(path, sizeof path, "clip/%s", folders[i]);
+    assert_int_equal(mkdir(path, 0777), 0);
+  }
+  static const char *const goes[] = {"ori_imgs/0.jpg",   "ori_imgs/2.lms",   "gt_imgs/1.jpg",
+                                     "torso_imgs/2.png", "prepare/pose.csv", "prepare/shown_7.jpg",
+                                     "au.csv",           "aud.npy",          "aud.wav",
+                                     "bc.jpg",           "overlay.mp4",      "transforms_val.json",
+                                     "report.html",      "gt_imgs/2.jpg",    "gt_imgs/0.jpg",
+                                     "torso_imgs/0.png"};
+  static const char *const stays[] = {"ori_imgs/3.jpg", "ori_imgs/00.jpg", "prepare/notes.txt", "prepare.json",
+                                      "aud_ds.npy",     "ori_imgs/0.png",  "thesis.txt"};
+  for (size_t i = 0; i < sizeof goes / sizeof *goes; i++) {
+    snprintf(path, sizeof path, "clip/%s", goes[i]);
+    support_write_text(path, "made");
+  }
+  for (size_t i = 0; i < sizeof stays / sizeof *stays; i++) {
+    snprintf(path, sizeof path, "clip/%s", stays[i]);
+    support_write_text(path, "mine");
+  }
+  support_clear("elsewhere");
+  assert_int_equal(mkdir("elsewhere", 0777), 0);
+  support_write_text("elsewhere/0.png", "mine");
+  assert_int_equal(symlink("../elsewhere", "clip/parsing"), 0);
+  assert_int_equal(symlink("../../elsewhere/0.png", "clip/ori_imgs/1.jpg"), 0);
+  assert_int_equal(mkdir("clip/ori_imgs/2.jpg", 0777), 0);
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
+  support_ok(m.job.context, ern_prepare_clear(&m.job));
+  for (size_t i = 0; i < sizeof goes / sizeof *goes; i++) {
+    snprintf(path, sizeof path, "clip/%s", goes[i]);
+    if (there(path)) fail_msg("%s is left", path);
+  }
+  for (size_t i = 0; i < sizeof stays / sizeof *stays; i++) {
+    snprintf(path, sizeof path, "clip/%s", stays[i]);
+    if (!there(path)) fail_msg("%s is gone", path);
+  }
+  assert_true(there("elsewhere/0.png") && there("clip/parsing") && there("clip/ori_imgs/1.jpg"));
+  assert_true(there("clip/ori_imgs/2.jpg") && !there("clip/gt_imgs") && !there("clip/torso_imgs"));
+  assert_true(m.job.frames == 0 && json_object_get(m.job.record, "frames") == NULL);
+  support_ok(m.job.context, ern_prepare_clear(&m.job));
+  support_clear("elsewhere");
+  made_job_close(&m);
+}
+
+/* The public call: a step whose inputs are not there, options out of range, and a folder that nothing came into. */
+static void test_call(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_prepare_options options = ern_prepare_options_default();
+  ern_prepare_result result;
+  support_clear("clip");
+  support_write_text("made.mp4", "no video");
+  static const char *const later[] = {"pose", "landmarks", "layers", "eyes", "features"};
+  for (size_t i = 0; i < sizeof later / sizeof *later; i++) {
+    options.only = later[i];
+    support_expect(context, ern_prepare(context, "made.mp4", "clip", &options, &result), ERN_E_STATE, "clip",
+                   "\"face\"", later[i], NULL);
+    assert_false(there("clip"));
+  }
+  options.only = NULL;
+  assert_int_not_equal(ern_prepare(context, "made.mp4", "clip", &options, &result), ERN_OK);
+  assert_non_null(strstr(ern_last_error(context), "made.mp4"));
+  assert_false(there("clip"));
+  assert_int_equal(mkdir("clip", 0777), 0); /* the user's own empty one stays */
+  assert_int_not_equal(ern_prepare(context, "made.mp4", "clip", &options, &result), ERN_OK);
+  assert_true(there("clip"));
+  assert_true(result.frames == 0 && result.verdicts[0].step == NULL);
+  /* a record that claims what is not there */
+  struct stat about;
+  char text[512];
+  assert_int_equal(stat("made.mp4", &about), 0);
+  snprintf(
+      text, sizeof text,
+      "{\"version\": 1, \"source\": {\"bytes\": %lld, \"modified\": %lld, \"from\": 0.0, \"to\": 0.0, \"side\": 512},"
+      "\"frames\": 45000, \"steps\": {\"face\": {\"verdict\": \"good\", \"words\": \"\", \"settings\": \"\"}}}",
+      (long long)about.st_size, (long long)about.st_mtime);
+  support_write_text("clip/prepare.json", text);
+  support_expect(context, ern_prepare(context, "made.mp4", "clip", &options, &result), ERN_E_MISSING,
+                 "prepare/faces.csv", NULL);
+  ern_context_free(&context);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),         cmocka_unit_test(test_locked),
+                                     cmocka_unit_test(test_another_video), cmocka_unit_test(test_folders_of_others),
+                                     cmocka_unit_test(test_damaged),       cmocka_unit_test(test_clear),
+                                     cmocka_unit_test(test_call)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
