@@ -45,7 +45,8 @@ void ern_layer_frame(const uint8_t *rgb, const uint8_t *alpha, const uint8_t *be
 struct torso {
   size_t width;
   const uint8_t *parts;
-  uint8_t *rgba, *filled; /* filled[width][width]: 1 where the head hid it */
+  uint8_t *rgba, *filled;      /* filled[width][width]: 1 where the head hid it */
+  size_t neck_begin, neck_end; /* columns that the neck reaches over; skin between its sides may pass for cloth */
 };
 
 /* Whether the head is above that pixel, with at most `gap` pixels of torso between. */
@@ -56,7 +57,7 @@ static bool is_below_head(const struct torso *torso, size_t x, size_t y, size_t 
 }
 
 /* Continues the top of a column of `part` upward behind the head: from `push` pixels below its top for `count` pixels,
- * each 0.98 of the one before. */
+ * each 0.98 of the one before; amid the neck as far as the neck goes on. */
 static void fill_up(struct torso *torso, enum ern_layer_part part, size_t push, size_t count) {
   const size_t n = torso->width;
   for (size_t x = 0; x < n; x++) {
@@ -66,7 +67,8 @@ static void fill_up(struct torso *torso, enum ern_layer_part part, size_t push, 
     size_t from = top;
     while (from - top < push && from + 1 < n && torso->parts[(from + 1) * n + x] == part) from++;
     float shade = 1;
-    for (size_t i = 1; i <= count && i <= from; i++) {
+    const size_t high = x >= torso->neck_begin && x < torso->neck_end ? NECK_UP * n / 512 + 1 : count;
+    for (size_t i = 1; i <= high && i <= from; i++) {
       const size_t at = (from - i) * n + x;
       if (torso->parts[at] == ERN_PART_BACKGROUND || (part == ERN_PART_TORSO && torso->parts[at] == ERN_PART_NECK))
         break;
@@ -104,11 +106,15 @@ ern_status ern_layer_torso(ern_context *context, const uint8_t *rgb, const uint8
                            const uint8_t *parts, int side, uint8_t *rgba) {
   ern_status status = ERN_OK;
   const size_t n = (size_t)side;
-  struct torso torso = {.width = n, .parts = parts, .rgba = rgba};
+  struct torso torso = {.width = n, .parts = parts, .rgba = rgba, .neck_begin = n};
   uint8_t *before = NULL;
   ERN_TRY(ERN_NEW(context, n * n, &torso.filled));
   ERN_TRY(ERN_NEW(context, 4 * n * n, &before));
   for (size_t k = 0; k < n * n; k++) {
+    if (parts[k] == ERN_PART_NECK) {
+      torso.neck_begin = k % n < torso.neck_begin ? k % n : torso.neck_begin;
+      torso.neck_end = k % n >= torso.neck_end ? k % n + 1 : torso.neck_end;
+    }
     /* The edge of the mask is soft: a pixel outside, where the person covers less than half, goes with its side. */
     const bool soft =
         parts[k] == ERN_PART_BACKGROUND && alpha[k] > 0 &&

@@ -9,7 +9,7 @@
 
 /* Eyes that were not found are -1. */
 enum { COLUMNS = 9 };
-static const char *const columns[COLUMNS] = {"frame",      "x",          "y",           "width",      "height",
+static const char *const columns[COLUMNS] = {"img_id",     "x",          "y",           "width",      "height",
                                              "left_eye_x", "left_eye_y", "right_eye_x", "right_eye_y"};
 
 ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces, size_t count) {
@@ -52,7 +52,7 @@ ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_
   ERN_TRY(ERN_NEW(job->context, rows, &made));
   for (size_t i = 0; i < rows; i++) {
     if (!(values[0][i] >= 0) || !(values[0][i] < (float)job->frames) || (i > 0 && values[0][i] <= values[0][i - 1]))
-      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: row %zu: frame is %g, expected frames of 0 to %zu that rise",
+      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: row %zu: img_id is %g, expected frames of 0 to %zu that rise",
                        path, i + 1, (double)values[0][i], job->frames - 1));
     made[i] = (struct ern_found_face){.frame = (size_t)values[0][i],
                                       .x = values[1][i],

@@ -96,14 +96,14 @@ static void test_faces(void **state) {
   ern_release(m.job.context, again);
   m.job.frames = 5 * MOST - 5; /* the last face's is no frame of the clip */
   support_expect(m.job.context, ern_prepare_faces_read(&m.job, &again, &count), ERN_E_FORMAT, "faces.csv", "row 40",
-                 "frame is 195", "0 to 194", NULL);
+                 "img_id is 195", "0 to 194", NULL);
   assert_true(again == NULL && count == 0);
   made_job_close(&m);
 }
 
 static void test_faces_refused(void **state) {
   (void)state;
-  static const char head[] = "frame,x,y,width,height,left_eye_x,left_eye_y,right_eye_x,right_eye_y\n";
+  static const char head[] = "img_id,x,y,width,height,left_eye_x,left_eye_y,right_eye_x,right_eye_y\n";
   static const struct {
     const char *rows, *word;
   } bad[] = {{"0,1,1,9,9,2,2,5,2\n0,1,1,9,9,2,2,5,2\n", "row 2"},
