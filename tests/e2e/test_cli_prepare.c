@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: MIT
+ * A made-up video becomes a clip: all of it, again, step by step, stopped and gone on with, replaced by another part.
+ */
+#include "cli.h"
+
+#include <math.h>
+#include <time.h>
+
+#include "core/memory.h"
+#include "ernerf/data.h"
+#include "io/csv.h"
+#include "io/landmarks.h"
+
+enum { FRAMES = 60, PART = 30 };
+static struct cli cli;
+
+static int make(void **state) {
+  (void)state;
+  static const char *const old[] = {"truth", "clip", "again", "part", "mine", "m.safetensors", "m.run", "v.mp4"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  cli_run(&cli, "synth truth --size 192 --frames %d --seed 5 --turn 12 --video v.mp4 --quiet", FRAMES);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --json clip.json");
+  cli_expect(&cli, 0, "clip: 60 frames of 192 x 192", "face: doubtful: the part is 2.4 s long", NULL);
+  return 0;
+}
+
+/* No file below a folder that was being written. */
+static void expect_none_begun(const char *folder) {
+  char command[512];
+  snprintf(command, sizeof command, "test -z \"$(find %s -name '*.ernerf-tmp*')\"", folder);
+  assert_int_equal(system(command), 0);
+}
+
+static void test_whole(void **state) {
+  (void)state;
+  static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
+  static const char *const folders[] = {"clip/gt_imgs", "clip/torso_imgs", "clip/parsing"};
+  json_t *report = cli_json(&cli, "clip.json");
+  const json_t *verdicts = json_object_get(report, "verdicts");
+  assert_int_equal(json_integer_value(json_object_get(report, "frames")), FRAMES);
+  assert_int_equal(json_array_size(verdicts), sizeof steps / sizeof *steps);
+  for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+    assert_string_equal(json_string_value(json_object_get(json_array_get(verdicts, i), "step")), steps[i]);
+  json_decref(report);
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) assert_int_equal(cli_count(folders[i]), FRAMES);
+  assert_int_equal(cli_count("clip/ori_imgs"), 2 * FRAMES);
+  assert_true(cli_there("clip/report.html") && cli_there("clip/overlay.mp4") && cli_there("clip/bc.jpg"));
+  expect_none_begun(".");
+  cli_run(&cli, "check clip");
+  cli_expect_out(&cli, 0, "60", NULL);
+  cli_run(&cli, "train clip -o m.safetensors --iters 30 --rays 512 --levels 4 --validate-frames 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("m.safetensors"));
+}
+
+/* The middle of the mouth is within a tenth of the eyes' distance from the truth's (median), and each blink is one. */
+static void test_truth(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  float *truth = NULL, *found = NULL;
+  size_t rows = 0, count = 0, near = 0, blinks = 0;
+  for (int i = 0; i < FRAMES; i++) {
+    float points[2][ERN_LANDMARKS][2];
+    double mouth[2][2] = {{0}}, eyes[2][2] = {{0}};
+    char path[64];
+    for (int k = 0; k < 2; k++) {
+      snprintf(path, sizeof path, "%s/ori_imgs/%d.lms", k == 0 ? "truth" : "clip", i);
+      support_ok(context, ern_landmarks_read(context, path, points[k]));
+      for (int p = 48; p < 60; p++)
+        for (int c = 0; c < 2; c++) mouth[k][c] += (double)points[k][p][c] / 12;
+    }
+    for (int p = 36; p < 48; p++)
+      for (int c = 0; c < 2; c++) eyes[p >= 42][c] += (double)points[0][p][c] / 6;
+    const double distance = hypot(eyes[0][0] - eyes[1][0], eyes[0][1] - eyes[1][1]);
+    near += hypot(mouth[0][0] - mouth[1][0], mouth[0][1] - mouth[1][1]) < 0.1 * distance;
+  }
+  if (2 * near <= FRAMES) fail_msg("the mouth is found in %zu of %d frames", near, FRAMES);
+  support_ok(context, ern_csv_read_column(context, "truth/au.csv", "AU45_r", &truth, &rows));
+  support_ok(context, ern_csv_read_column(context, "clip/au.csv", "AU45_r", &found, &count));
+  assert_true(rows == FRAMES && count == FRAMES);
+  for (size_t i = 0; i < rows;) { /* closed for a while: in both, and never in one alone */
+    size_t end = i;
+    float most[2] = {0, 0};
+    for (; end < rows && (truth[end] > 0.2f || found[end] > 0.2f); end++) {
+      most[0] = fmaxf(most[0], truth[end]);
+      most[1] = fmaxf(most[1], found[end]);
+    }
+    if (end > i && (most[0] < 1 || most[1] < 1))
+      fail_msg("frames %zu to %zu: the lids close to %.2f, found %.2f", i, end - 1, (double)most[0], (double)most[1]);
+    blinks += end > i;
+    i = end > i ? end : i + 1;
+  }
+  assert_true(blinks >= 2);
+  ern_release(context, truth);
+  ern_release(context, found);
+  ern_context_free(&context);
+}
+
+static long long changed(const char *path) { /* nanoseconds */
+  struct stat about;
+  assert_int_equal(stat(path, &about), 0);
+  return about.st_mtim.tv_sec * 1000000000LL + about.st_mtim.tv_nsec;
+}
+
+static void test_second_call(void **state) {
+  (void)state;
+  static const char *const files[] = {"clip/transforms_train.json", "clip/ori_imgs/3.jpg", "clip/gt_imgs/3.jpg",
+                                      "clip/ori_imgs/3.lms", "clip/aud.wav"};
+  enum { COUNT = sizeof files / sizeof *files };
+  long long before[COUNT];
+  for (int i = 0; i < COUNT; i++) before[i] = changed(files[i]);
+  const long long eyes = changed("clip/au.csv");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192");
+  cli_expect(&cli, 0, "clip: 60 frames", "pose: good", NULL);
+  assert_true(changed("clip/au.csv") == eyes);
+  assert_int_equal(system("cp clip/au.csv au_first.csv"), 0);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --only eyes");
+  cli_expect(&cli, 0, NULL);
+  assert_true(changed("clip/au.csv") > eyes);
+  cli_same_bytes("clip/au.csv", "au_first.csv");
+  for (int i = 0; i < COUNT; i++)
+    if (changed(files[i]) != before[i]) fail_msg("%s was made again", files[i]);
+  /* the user's own eyes, and their own sound's features, which go where they are no longer asked for */
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --au truth/au.csv --features truth/aud_ds.npy --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("clip/aud.npy"));
+  assert_int_equal(system("cmp -s clip/au.csv au_first.csv"), 256);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_false(cli_there("clip/aud.npy"));
+  cli_same_bytes("clip/au.csv", "au_first.csv");
+  cli_run(&cli, "prepare v.mp4 -o new --size 192 --only eyes");
+  cli_expect(&cli, 1, "new", "\"face\"", "--only", NULL);
+  assert_false(cli_there("new"));
+}
+
+/* Starts, waits for a file or for words on stderr ("\"..."), and sends SIGINT. */
+static void start_and_stop(const char *sign) {
+  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o again --size 192");
+  support_clear("cli_err.txt");
+  cli_start(&cli, NULL, 0);
+  for (int i = 0; i < 6000; i++) {
+    cli_read("cli_err.txt", cli.err);
+    if (sign[0] != '"' ? cli_there(sign) : strstr(cli.err, sign + 1) != NULL) break;
+    nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+  }
+  assert_int_equal(kill(cli.pid, SIGINT), 0);
+  cli_wait(&cli);
+  cli_expect(&cli, 128 + SIGINT, "goes on from here", NULL);
+  expect_none_begun("again");
+}
+
+static void test_stopped(void **state) {
+  (void)state;
+  static const char *const same[] = {
+      "transforms_train.json", "transforms_val.json", "au.csv",          "aud.wav",       "bc.jpg",
+      "gt_imgs/7.jpg",         "torso_imgs/7.png",    "ori_imgs/59.jpg", "ori_imgs/7.lms"};
+  start_and_stop("again/ori_imgs/10.jpg");
+  assert_true(cli_there("again/prepare.json") && !cli_there("again/transforms_train.json"));
+  start_and_stop("again/prepare/faces.csv");
+  start_and_stop("again/ori_imgs/9.lms");
+  cli_run(&cli, "prepare v.mp4 -o again --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  for (size_t i = 0; i < sizeof same / sizeof *same; i++) {
+    char one[256], other[256];
+    snprintf(one, sizeof one, "again/%s", same[i]);
+    snprintf(other, sizeof other, "clip/%s", same[i]);
+    cli_same_bytes(one, other);
+  }
+}
+
+/* Another part of the video takes the clip's place only when asked to, and then nothing of the first one stays. */
+static void test_replaced(void **state) {
+  (void)state;
+  cli_run(&cli, "prepare v.mp4 -o again --size 192 --from 1.8");
+  cli_expect(&cli, 1, "again", "another video", "--overwrite", NULL);
+  assert_true(cli_there("again/gt_imgs/59.jpg"));
+  support_write_text("again/notes.txt", "mine");
+  cli_run(&cli, "prepare v.mp4 -o again --size 192 --to 1.2 -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(cli_count("again/ori_imgs"), 2 * PART);
+  assert_int_equal(cli_count("again/gt_imgs"), PART);
+  assert_int_equal(cli_count("again/torso_imgs"), PART);
+  assert_int_equal(cli_count("again/parsing"), PART);
+  assert_true(cli_there("again/notes.txt"));
+  cli_same_bytes("again/ori_imgs/7.jpg", "clip/ori_imgs/7.jpg");
+  cli_run(&cli, "check again");
+  cli_expect_out(&cli, 0, NULL);
+  /* and nothing of a clip stays where the new video is refused */
+  cli_run(&cli, "prepare v.mp4 -o again --size 192 --from 1.9 -y");
+  cli_expect(&cli, 1, "v.mp4", "0.52 s long", "at least 1 s", NULL);
+  assert_int_equal(system("test \"$(cd again && echo *)\" = 'notes.txt prepare.json report.html'"), 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole), cmocka_unit_test(test_truth),
+                                     cmocka_unit_test(test_second_call), cmocka_unit_test(test_stopped),
+                                     cmocka_unit_test(test_replaced)};
+  return cmocka_run_group_tests(tests, make, NULL);
+}

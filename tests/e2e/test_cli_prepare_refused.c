@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: MIT
+ * Videos that no clip can be made of, and folders that are not the program's: a message, exit status 1, nothing
+ * half-written. */
+#include "cli.h"
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+
+enum { FRAMES = 30, SIDE = 192 };
+static struct cli cli;
+static ern_image frames[FRAMES];
+
+/* How a made video differs from the first one. */
+enum kind { STILL, CUT, SILENT, NOBODY, TINY, SHORT, KINDS };
+static const char *const names[KINDS] = {"still.mp4", "cut.mp4", "silent.mp4", "nobody.mp4", "tiny.mp4", "short.mp4"};
+
+static void paint(enum kind kind, int k, uint8_t *rgba) {
+  const ern_image *from = &frames[kind == STILL ? 0 : k];
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    const int x = i % SIDE, y = i / SIDE;
+    const bool other = kind == CUT && k >= FRAMES / 2; /* the other half: mirrored, in other light */
+    const uint8_t *p = from->data + 3 * (other ? y * SIDE + SIDE - 1 - x : i);
+    for (int c = 0; c < 3; c++) rgba[4 * i + c] = kind == NOBODY ? 90 : (uint8_t)(other ? p[c] / 3 : p[c]);
+    rgba[4 * i + 3] = 255;
+  }
+}
+
+static void make_video(ern_context *context, enum kind kind, const ern_sound *sound) {
+  static uint8_t rgba[4 * SIDE * SIDE];
+  ern_video_options options = ern_video_options_default(kind == TINY ? 2 : SIDE, kind == TINY ? 2 : SIDE);
+  ern_video_writer *writer = NULL;
+  if (kind != SILENT) options.sound = sound;
+  support_ok(context, ern_video_writer_open(context, names[kind], &options, &writer));
+  for (int k = 0; k < (kind == SHORT ? FRAMES / 2 : FRAMES); k++) {
+    paint(kind, k, rgba);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+}
+
+static int make(void **state) {
+  (void)state;
+  support_clear("truth");
+  support_clear("v.mp4");
+  for (int i = 0; i < KINDS; i++) remove(names[i]);
+  cli_run(&cli, "synth truth --size %d --frames %d --seed 5 --turn 12 --video v.mp4 --quiet", SIDE, FRAMES);
+  cli_expect(&cli, 0, NULL);
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_sound sound = {0};
+  bool end = false;
+  double seconds = 0;
+  support_ok(context, ern_video_reader_open(context, "v.mp4", &reader));
+  for (int k = 0; k < FRAMES; k++) support_ok(context, ern_video_reader_frame(reader, &frames[k], &seconds, &end));
+  ern_video_reader_free(&reader);
+  support_ok(context, ern_sound_read(context, "v.mp4", &sound));
+  for (int i = 0; i < KINDS; i++) make_video(context, (enum kind)i, &sound);
+  ern_sound_free(context, &sound);
+  for (int k = 0; k < FRAMES; k++) ern_image_free(context, &frames[k]);
+  ern_context_free(&context);
+  size_t count = 0;
+  uint8_t *bytes = cli_bytes("v.mp4", &count);
+  support_write("half.mp4", bytes, count / 2);
+  support_write("empty.mp4", bytes, 0);
+  support_write("head.mp4", bytes, 64);
+  free(bytes);
+  support_write_text("text.mp4", "Once upon a time there was no video.\n");
+  return 0;
+}
+
+static void expect_none_begun(void) { assert_int_equal(system("test -z \"$(find . -name '*.ernerf-tmp*')\""), 0); }
+
+/* Looked at, and refused in words that name the video, what was found and what was expected. What is left is a record
+ * and a report, and no training takes it. */
+static void expect_verdict(const char *video, const char *found, const char *expected) {
+  support_clear("clip");
+  cli_run(&cli, "prepare %s -o clip --size 192", video);
+  cli_expect(&cli, 1, video, found, expected, NULL);
+  assert_true(cli_there("clip/prepare.json") && cli_there("clip/report.html"));
+  assert_false(cli_there("clip/transforms_train.json") || cli_there("clip/transforms_val.json"));
+  expect_none_begun();
+  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 1, "clip", NULL);
+  assert_false(cli_there("m.safetensors"));
+}
+
+static void test_verdicts(void **state) {
+  (void)state;
+  expect_verdict("still.mp4", "still", "expected");
+  expect_verdict("cut.mp4", "cut", "--to");
+  expect_verdict("nobody.mp4", "no face was found in 1 s", "expected a person");
+  expect_verdict("short.mp4", "0.60 s long", "expected at least 1 s");
+}
+
+/* No speech, no mouth: the last step says so, after all the others; brought features help. */
+static void test_silent(void **state) {
+  (void)state;
+  support_clear("clip");
+  cli_run(&cli, "prepare silent.mp4 -o clip --size 192");
+  cli_expect(&cli, 1, "silent.mp4", "features: the video has no sound", "--features FILE.npy", NULL);
+  assert_false(cli_there("clip/aud.wav") || cli_there("clip/aud.npy"));
+  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 1, "clip", "no speech features", NULL);
+  cli_run(&cli, "prepare silent.mp4 -o clip --size 192 --features truth/aud_ds.npy --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --validate-frames 1 --quiet");
+  cli_expect(&cli, 0, NULL);
+  support_clear("m.safetensors");
+  support_clear("m.run");
+}
+
+/* What cannot be read as a video leaves no folder behind. */
+static void test_no_videos(void **state) {
+  (void)state;
+  static const char *const bad[] = {"half.mp4",      "empty.mp4", "head.mp4", "text.mp4",
+                                    "truth/aud.wav", "tiny.mp4",  "none.mp4", "truth"};
+  support_clear("clip");
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    cli_run(&cli, "prepare %s -o clip --size 192", bad[i]);
+    cli_expect(&cli, 1, bad[i], NULL);
+    const bool read = strcmp(bad[i], "tiny.mp4") == 0; /* a video all the same */
+    if (cli_there("clip") != read) fail_msg("ernerf %s: %s", cli.line, read ? "no report" : "clip is left");
+    support_clear("clip");
+    expect_none_begun();
+  }
+}
+
+/* Somebody's own files stay as they are, whatever is asked. */
+static void test_folders(void **state) {
+  (void)state;
+  support_clear("clip");
+  support_clear("mine");
+  assert_int_equal(mkdir("mine", 0777), 0);
+  support_write_text("mine/thesis.txt", "mine");
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "prepare v.mp4 -o mine --size 192%s", i == 0 ? "" : " -y");
+    cli_expect(&cli, 1, "mine", "did not make", "empty folder", NULL);
+    assert_int_equal(cli_count("mine"), 1);
+    cli_run(&cli, "prepare v.mp4 -o mine/thesis.txt --size 192%s", i == 0 ? "" : " -y");
+    cli_expect(&cli, 1, "mine/thesis.txt", NULL);
+    cli_run(&cli, "prepare v.mp4 -o v.mp4%s", i == 0 ? "" : " -y");
+    cli_expect(&cli, 1, "v.mp4", NULL);
+    cli_run(&cli, "prepare v.mp4 -o truth%s", i == 0 ? "" : " -y"); /* a clip, but none of prepare's */
+    cli_expect(&cli, 1, "truth", "did not make", NULL);
+  }
+  assert_int_equal(system("printf mine | cmp - mine/thesis.txt"), 0);
+  support_write_text("mine/prepare.json", "{\"version\": 7}");
+  cli_run(&cli, "prepare v.mp4 -o mine -y");
+  cli_expect(&cli, 1, "mine/prepare.json", "version 1", NULL);
+  cli_run(&cli, "prepare v.mp4");
+  cli_expect(&cli, 2, "-o CLIP is missing", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --from 2 --to 1");
+  cli_expect(&cli, 2, "--from", "--to", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --from 9");
+  cli_expect(&cli, 1, "v.mp4", "0.00 s long", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 100");
+  cli_expect(&cli, 2, "--size", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --focal 7");
+  cli_expect(&cli, 1, "focal is 7", NULL);
+  support_clear("mine");
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts), cmocka_unit_test(test_silent),
+                                     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
+  return cmocka_run_group_tests(tests, make, NULL);
+}
