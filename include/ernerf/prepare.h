@@ -48,7 +48,7 @@ typedef enum ern_prepare_grade {
 
 enum { ERN_PREPARE_STEPS = 6, ERN_PREPARE_WORDS = 512 };
 
-/* Plain data, may grow. */
+/* Plain data, final. */
 typedef struct ern_prepare_verdict {
   const char *step; /* a name as in ern_prepare_options.only; NULL: the step was not reached */
   ern_prepare_grade grade;

@@ -53,7 +53,7 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
                     "prepare: only is \"%s\", expected face, pose, landmarks, layers, eyes or features", o->only);
   if (o->side < 128 || o->side > 1024)
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
-  if (!(o->from >= 0) || !(o->to >= 0) || !(o->to < 1e9) || (o->to > 0 && o->to <= o->from))
+  if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: from %g to %g, expected seconds of the video, from before to",
                     o->from, o->to);
   if (!(o->focal == 0 || (o->focal >= 0.2 * o->side && o->focal <= 20.0 * o->side)))

@@ -68,8 +68,8 @@ ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, str
 ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,
                                                  size_t count);
 
-/* Removes what an earlier call made of the frames 0..job->frames - 1, and the clip's other files by their names, but no
- * link and nothing behind one; job->frames is 0 then. */
+/* prepare_record.c. Removes what an earlier call made of the frames 0..job->frames - 1, and the clip's other files by
+ * their names, but no link and nothing behind one; job->frames is 0 then. */
 ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
 /* Removes the file of that name right in the clip's folder, where there is one. */
 ERN_NODISCARD ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name);

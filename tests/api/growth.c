@@ -4,6 +4,7 @@
  * struct that the library fills lies between guard bytes. Usage: growth CLIP FOLDER */
 #include <ernerf/ernerf.h>
 #include <ernerf/media.h>
+#include <ernerf/prepare.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -216,6 +217,20 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   UNTOUCHED(about);
 }
 
+#ifdef ERN_PREPARE
+/* The video of `render` has no face: one step, which says so. */
+static void prepare(ern_context *context, const char *video, const char *folder) {
+  GUARDED(ern_prepare_options, options);
+  GUARDED(ern_prepare_result, result);
+  ern_prepare_options_fill(&options->it, sizeof options->it);
+  options->it.side = 128;
+  const ern_status status = ern_prepare(context, video, folder, &options->it, &result->it);
+  printf("prepared: %s, %zu frames\n", ern_status_name(status), result->it.frames);
+  UNTOUCHED(options);
+  UNTOUCHED(result);
+}
+#endif
+
 int main(int count, char **words) {
   char model_path[4096], video_path[4096];
   ern_context *context = NULL;
@@ -230,6 +245,11 @@ int main(int count, char **words) {
   ern_clip *clip = open_clip(context, words[1]);
   ern_model *model = train(context, backend, clip, model_path);
   render(context, backend, model, clip, video_path);
+#ifdef ERN_PREPARE
+  char prepared_path[4096];
+  snprintf(prepared_path, sizeof prepared_path, "%s/prepared", words[2]);
+  prepare(context, video_path, prepared_path);
+#endif
   ern_model_free(&model);
   ern_clip_free(&clip);
   ern_backend_free(&backend);

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The binary interface (docs/abi.md) of the built shared libraries: which symbols they export, under which version, and
-# that the loader refuses a libernerf-media of another build.
+# The binary interface (docs/abi.md) of the built shared libraries: which symbols they export, under which version, what
+# the program loads before it is asked for a video, and that the loader refuses libraries of another build.
 # Usage: test_abi.sh SOURCE BUILD VERSION PROGRAM; skipped where the libraries are static
 set -euo pipefail
 source=$1 build=$2 version=$3 program=$4
 work=$build/tests/work/test_abi
-private=LIBERNERF_PRIVATE_$version
+private=LIBERNERF_PRIVATE_$version media_private=LIBERNERF_MEDIA_PRIVATE_$version
 fail() { echo "FAIL: $*"; exit 1; }
 [ -e "$build/lib/libernerf.so" ] || { echo "the libraries are static"; exit 77; }
 rm -rf "$work" && mkdir -p "$work/other"
@@ -18,8 +18,11 @@ at() { sed -n "s/@@*$1\$//p" | sort; }
 same() { diff "$1" "$2" >"$work/diff" || fail "$3 (< $1, > $2): $(cat "$work/diff")"; }
 
 media=("$source/include/ernerf/media.h" "$source/include/ernerf/speech.h")
+prepare=$source/include/ernerf/prepare.h
+libraries=("$build/lib/libernerf-media.so")
+[ ! -e "$build/lib/libernerf-prepare.so" ] || libraries+=("$build/lib/libernerf-prepare.so")
 for header in "$source"/include/ernerf/*.h; do
-  [[ " ${media[*]} " == *" $header "* ]] || echo "$header"
+  [[ " ${media[*]} $prepare " == *" $header "* ]] || echo "$header"
 done | xargs cat >"$work/engine.h"
 declared "$work/engine.h" >"$work/engine.declared"
 declared "${media[@]}" >"$work/media.declared"
@@ -30,12 +33,22 @@ at LIBERNERF_0 <"$work/engine.exported" >"$work/engine.public"
 at LIBERNERF_MEDIA_0 <"$work/media.exported" >"$work/media.public"
 same "$work/engine.declared" "$work/engine.public" "libernerf does not export what its headers declare"
 same "$work/media.declared" "$work/media.public" "libernerf-media does not export what media.h and speech.h declare"
-others=$(cat "$work"/*.exported | grep -vE "@@(LIBERNERF_0|LIBERNERF_MEDIA_0|$private)\$|^(LIBERNERF_0|LIBERNERF_MEDIA_0|$private)\$" || true)
+nodes="LIBERNERF_0|LIBERNERF_MEDIA_0|LIBERNERF_PREPARE_0|$private|$media_private"
+if [ "${#libraries[@]}" -eq 2 ]; then
+  declared "$prepare" >"$work/prepare.declared"
+  exported "${libraries[1]}" >"$work/prepare.exported"
+  at LIBERNERF_PREPARE_0 <"$work/prepare.exported" >"$work/prepare.public"
+  same "$work/prepare.declared" "$work/prepare.public" "libernerf-prepare does not export what prepare.h declares"
+  at "$media_private" <"$work/media.exported" >"$work/media.private"
+  nm -D --undefined-only "${libraries[1]}" | awk '{ print $2 }' | at "$media_private" >"$work/media.used"
+  same "$work/media.private" "$work/media.used" "exported internals of libernerf-media that libernerf-prepare does not use"
+fi
+others=$(cat "$work"/*.exported | grep -vE "@@($nodes)\$|^($nodes)\$" || true)
 [ -z "$others" ] || fail "symbols without a version: $others"
 
-# Internals: no more than libernerf-media and the program's laboratory use, where each instruction set and OpenCL are built.
+# Internals: no more than libernerf-media, libernerf-prepare and the program's laboratory use, where each instruction set and OpenCL are built.
 at "$private" <"$work/engine.exported" | grep -v '^ern_peak_' >"$work/private"
-for file in "$build/lib/libernerf-media.so" "$program"; do nm -D --undefined-only "$file"; done | awk '{ print $2 }' |
+for file in "${libraries[@]}" "$program"; do nm -D --undefined-only "$file"; done | awk '{ print $2 }' |
   at "$private" | grep -v '^ern_peak_' | uniq >"$work/used"
 same "$work/private" "$work/used" "exported internals that nobody uses"
 
@@ -48,4 +61,17 @@ if LD_LIBRARY_PATH=$work/other "$program" --version >"$work/version" 2>"$work/re
   fail "a libernerf-media that wants $other was loaded"
 fi
 grep -q "$other" "$work/refused" || fail "the refusal does not name $other: $(cat "$work/refused")"
+
+# The program brings Ceres Solver and OpenCV's detectors along when it prepares a video, and not before.
+needs=$(ldd "$program" "$build/lib/libernerf.so" "$build/lib/libernerf-media.so" | grep -E 'ceres|cholmod|opencv_objdetect|ernerf-prepare' || true)
+[ -z "$needs" ] || fail "the program needs $needs"
+if [ "${#libraries[@]}" -eq 2 ]; then
+  ldd "${libraries[1]}" | grep opencv_objdetect >/dev/null || fail "libernerf-prepare needs no detector: is it this library?"
+  sed "s/$private/$other/g" "${libraries[1]}" >"$work/other/libernerf-prepare.so.${version%%.*}"
+  rm "$work/other/libernerf-media.so.${version%%.*}"
+  if LD_LIBRARY_PATH=$work/other "$program" prepare "$source/README.md" -o "$work/clip" 2>"$work/refused"; then
+    fail "a libernerf-prepare that wants $other was loaded"
+  fi
+  grep -q "libernerf-prepare.*$other" "$work/refused" || fail "the refusal does not name $other: $(cat "$work/refused")"
+fi
 echo "$(wc -l <"$work/engine.public") + $(wc -l <"$work/media.public") public functions, $(wc -l <"$work/private") internals"

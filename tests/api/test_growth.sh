@@ -61,7 +61,7 @@ compile() { # headers source program flags...
 }
 sizes() { # headers: "NAME BYTES" for each
   {
-    printf '#include <ernerf/ernerf.h>\n#include <ernerf/media.h>\n#include <stdio.h>\nint main(void) {\n'
+    printf '#include <ernerf/ernerf.h>\n#include <ernerf/media.h>\n#include <ernerf/prepare.h>\n#include <stdio.h>\nint main(void) {\n'
     for name in $grows; do echo "printf(\"$name %zu\\n\", sizeof($name));"; done
     echo '}'
   } >"$work/sizes.c"
@@ -86,12 +86,15 @@ awk '{ printf "%s%s -%d", (NR > 1 ? ", " : ""), $1, $2 } END { print "" }' "$wor
 grep -vE '^(ern_dataset_frame|ern_train_hooks) ' "$work/take" >"$work/take.examples"
 older "$work/take.examples" "$source/include/ernerf" "$work/examples/ernerf"
 
+prepare=()
+[ ! -e "$build/lib/libernerf-prepare.so" ] || prepare=(-DERN_PREPARE -lernerf-prepare)
+
 for age in now before; do
   headers=$source/include examples=$source/include
   [ $age = now ] || headers=$work/include examples=$work/examples
   folder=$work/$age.run
   mkdir -p "$folder/ball" "$folder/growth"
-  compile "$headers" "$source/tests/api/growth.c" "$folder/growth_program" -lernerf-media -lernerf
+  compile "$headers" "$source/tests/api/growth.c" "$folder/growth_program" "${prepare[@]}" -lernerf-media -lernerf
   compile "$examples" "$source/examples/train_minimal.c" "$folder/train_minimal" -lernerf -lm
   compile "$examples" "$source/examples/render_minimal.c" "$folder/render_minimal" -lernerf -lm
   compile "$examples" "$source/examples/contact_sheet.c" "$folder/contact_sheet" -lernerf-media -lernerf

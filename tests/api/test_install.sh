@@ -57,6 +57,55 @@ read -ra found <<<"$(pkg-config --cflags --libs libernerf-media)"
 needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv_|OpenImageIO|ernerf-media' || true)
 [ -z "$needs" ] || fail "a program that links libernerf alone needs $needs"
 
+if [ -e "$build/lib/libernerf-prepare.so" ]; then # one library is linked, which brings the others
+  stage "libernerf-prepare"
+  mkdir "$work/prepare"
+  cat >"$work/prepare/prepare.c" <<'end'
+#include <ernerf/prepare.h>
+#include <stdio.h>
+int main(int count, char **words) {
+  ern_context *context = NULL;
+  ern_prepare_options options = ern_prepare_options_default();
+  ern_prepare_result result;
+  if (count != 3 || ern_context_create(&context, NULL) != ERN_OK) return 2;
+  const ern_status status = ern_prepare(context, words[1], words[2], &options, &result);
+  printf("%s: %s\n", ern_status_name(status), ern_last_error(context));
+  ern_context_free(&context);
+  return status == ERN_OK ? 0 : 1;
+}
+end
+  cat >"$work/prepare/CMakeLists.txt" <<'end'
+cmake_minimum_required(VERSION 3.16)
+project(prepare C)
+find_package(ernerf REQUIRED)
+add_executable(prepare_cmake prepare.c)
+target_link_libraries(prepare_cmake PRIVATE ernerf::prepare)
+end
+  {
+    "${CMAKE:-cmake}" -S "$work/prepare" -B "$work/prepare/build" -DCMAKE_PREFIX_PATH="$root" -DCMAKE_C_COMPILER="${CC:-cc}" \
+      -DCMAKE_C_FLAGS="${CFLAGS:-}" && "${CMAKE:-cmake}" --build "$work/prepare/build"
+  } >"$work/prepare.log" 2>&1 || { cat "$work/prepare.log"; fail "the project with ernerf::prepare"; }
+  read -ra found <<<"$(pkg-config --cflags --libs libernerf-prepare)"
+  "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$work/prepare/prepare.c" "${found[@]}" \
+    -Wl,-rpath,"$lib" -o "$work/prepare_plain"
+  for made in "$work/prepare_plain" "$work/prepare/build/prepare_cmake"; do
+    if "$made" "$source/README.md" "$work/clip" >"$work/prepare.log"; then fail "$made made a clip of README.md"; fi
+    grep 'README.md' "$work/prepare.log" >/dev/null || fail "$made says: $(cat "$work/prepare.log")"
+    [ ! -e "$work/clip" ] || fail "$made leaves a folder"
+  done
+  # Without the library the program says what is missing, and does all else.
+  if "$root/bin/ernerf" prepare "$source/README.md" -o "$work/clip" 2>"$work/prepare.log"; then fail "README.md was prepared"; fi
+  grep 'README.md' "$work/prepare.log" >/dev/null || fail "the installed program says: $(cat "$work/prepare.log")"
+  mkdir "$work/gone" && mv "$lib"/libernerf-prepare.so* "$work/gone"
+  if "$root/bin/ernerf" prepare "$source/README.md" -o "$work/clip" 2>"$work/prepare.log"; then
+    fail "a video was prepared without libernerf-prepare"
+  fi
+  grep 'libernerf-prepare.*ERNERF_PREPARE' "$work/prepare.log" >/dev/null || fail "not said what is missing: $(cat "$work/prepare.log")"
+  [ ! -e "$work/clip" ] || fail "a folder is left"
+  "$root/bin/ernerf" check "$source/data/tiny" >"$work/check.log" || fail "nothing works without libernerf-prepare"
+  mv "$work"/gone/* "$lib"
+fi
+
 stage "find_package"
 {
   "${CMAKE:-cmake}" -S "$source/examples" -B "$work/project" -DCMAKE_PREFIX_PATH="$root" -DCMAKE_C_COMPILER="${CC:-cc}" \
