@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The faces that the cascades found, as a table: prepare/faces.csv. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -51,9 +52,11 @@ ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_
   for (int i = 0; i < COLUMNS; i++) ERN_TRY(ern_csv_read_column(job->context, path, columns[i], &values[i], &rows));
   ERN_TRY(ERN_NEW(job->context, rows, &made));
   for (size_t i = 0; i < rows; i++) {
-    if (!(values[0][i] >= 0) || !(values[0][i] < (float)job->frames) || (i > 0 && values[0][i] <= values[0][i - 1]))
-      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: row %zu: img_id is %g, expected frames of 0 to %zu that rise",
-                       path, i + 1, (double)values[0][i], job->frames - 1));
+    if (!(values[0][i] >= 0) || !(values[0][i] < (float)job->frames) || floorf(values[0][i]) != values[0][i] ||
+        (i > 0 && values[0][i] <= values[0][i - 1]))
+      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT,
+                       "%s: row %zu: img_id is %g, expected whole numbers of 0 to %zu that rise", path, i + 1,
+                       (double)values[0][i], job->frames - 1));
     made[i] = (struct ern_found_face){.frame = (size_t)values[0][i],
                                       .x = values[1][i],
                                       .y = values[2][i],
