@@ -59,7 +59,12 @@ bool nearest(const std::vector<cv::Rect> &found, const cv::Rect &face, double sh
   return any;
 }
 
-void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect &face, double scale,
+/* Faces are looked for where pixels are squares: grey pixels a pixel of the picture. */
+struct Scale {
+  double x, y;
+};
+
+void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect &face, const Scale &scale,
                struct ern_found_face *found) {
   std::vector<cv::Rect> eyes;
   cv::Point2d left, right;
@@ -70,8 +75,8 @@ void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect 
   if (!found->has_eyes) return;
   const cv::Point2d both[2] = {left, right};
   for (int i = 0; i < 2; i++) {
-    found->eyes[i][0] = static_cast<float>(both[i].x / scale);
-    found->eyes[i][1] = static_cast<float>(both[i].y / scale);
+    found->eyes[i][0] = static_cast<float>(both[i].x / scale.x);
+    found->eyes[i][1] = static_cast<float>(both[i].y / scale.y);
   }
 }
 
@@ -91,15 +96,20 @@ extern "C" ern_status ern_face_detector_make(ern_context *context, struct ern_fa
 }
 
 extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,
-                                             struct ern_found_face *faces, size_t room, size_t *count) {
+                                             double aspect, struct ern_found_face *faces, size_t room, size_t *count) {
   *count = 0;
   return guarded(detector->context, [&] {
     const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
     cv::Mat grey;
     std::vector<cv::Rect> found;
     cv::cvtColor(whole, grey, cv::COLOR_RGB2GRAY);
-    const double scale = std::min(1.0, static_cast<double>(most_side) / std::max(grey.cols, grey.rows));
-    if (scale < 1) cv::resize(grey, grey, cv::Size(), scale, scale, cv::INTER_AREA);
+    const double wide = grey.cols * std::max(aspect, 1.0), high = grey.rows * std::max(1 / aspect, 1.0);
+    const double shrunk = std::min(1.0, most_side / std::max(wide, high));
+    const Scale scale = {shrunk * std::max(aspect, 1.0), shrunk * std::max(1 / aspect, 1.0)};
+    if (scale.x != 1 || scale.y != 1)
+      cv::resize(grey, grey,
+                 cv::Size(std::max(cvRound(grey.cols * scale.x), 1), std::max(cvRound(grey.rows * scale.y), 1)), 0, 0,
+                 shrunk < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
     const int least = std::min(grey.cols, grey.rows) / 9;
     if (least < 20) return ERN_OK;
     detector->face.detectMultiScale(grey, found, 1.1, 5, 0, cv::Size(least, least));
@@ -108,10 +118,10 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
       if (*count == room) break;
       struct ern_found_face *face = &faces[(*count)++];
       *face = ern_found_face{};
-      face->x = static_cast<float>(r.x / scale);
-      face->y = static_cast<float>(r.y / scale);
-      face->width = static_cast<float>(r.width / scale);
-      face->height = static_cast<float>(r.height / scale);
+      face->x = static_cast<float>(r.x / scale.x);
+      face->y = static_cast<float>(r.y / scale.y);
+      face->width = static_cast<float>(r.width / scale.x);
+      face->height = static_cast<float>(r.height / scale.y);
       find_eyes(detector, grey, r, scale, face);
     }
     return ERN_OK;

@@ -95,7 +95,7 @@ static ern_status look(struct scan *s, const ern_image *image) {
     s->faces = larger;
     s->room = room;
   }
-  ERN_TRY(ern_face_detector_find(s->detector, image, found, FACES, &count));
+  ERN_TRY(ern_face_detector_find(s->detector, image, s->aspect, found, FACES, &count));
   struct ern_found_face face = {0};
   if (count > 0) {
     face = *choose(s, found, count);

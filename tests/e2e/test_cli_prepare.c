@@ -159,6 +159,8 @@ static void test_stopped(void **state) {
   start_and_stop("again/ori_imgs/10.jpg");
   assert_true(cli_there("again/prepare.json") && !cli_there("again/transforms_train.json"));
   start_and_stop("again/prepare/faces.csv");
+  cli_run(&cli, "prepare v.mp4 -o again --size 192 --only face");
+  cli_expect(&cli, 0, "again: 60 frames of 192 x 192; next: ernerf prepare", "steps that are left", NULL);
   start_and_stop("again/ori_imgs/9.lms");
   cli_run(&cli, "prepare v.mp4 -o again --size 192 --quiet");
   cli_expect(&cli, 0, NULL);

@@ -78,8 +78,11 @@ static int make(struct prepare_job *job) {
     json_decref(verdicts);
     return session_fail(session);
   }
-  session_note(session, "%s: %zu frames of %d x %d; next: ernerf train %s -o head.safetensors", job->folder,
-               result.frames, options->side, options->side, job->folder);
+  bool whole = true;
+  for (int i = 0; i < ERN_PREPARE_STEPS; i++) whole = whole && result.verdicts[i].step != NULL;
+  session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s", job->folder, result.frames, options->side,
+               options->side, whole ? "train" : "prepare VIDEO -o", job->folder,
+               whole ? " -o head.safetensors" : ", for the steps that are left");
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
                                   session_text(job->folder), "frames", (json_int_t)result.frames, "size", options->side,
