@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "prepare/layers.h"
+#include "prepare/layers/layers.h"
 
 struct ern_brought_masks {
   const struct ern_prepare_job *job;

@@ -3,7 +3,7 @@
  * in, after AD-NeRF's preprocessing (numbers are pixels of a picture of 512). */
 #include <math.h>
 
-#include "prepare/layers.h"
+#include "prepare/layers/layers.h"
 
 enum { TORSO_UP = 9, NECK_UP = 53, NECK_FROM = 4 };
 

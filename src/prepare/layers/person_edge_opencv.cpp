@@ -2,7 +2,7 @@
  * The edge of the person at the clip's side: how much of a pixel the person covers, from the colours on both sides. */
 #include <cmath>
 
-#include "prepare/layers_opencv.h"
+#include "prepare/layers/layers_opencv.h"
 
 namespace {
 

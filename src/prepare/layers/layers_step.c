@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "io/file.h"
-#include "prepare/layers.h"
+#include "prepare/layers/layers.h"
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 

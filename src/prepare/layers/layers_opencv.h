@@ -17,7 +17,7 @@ extern "C" { /* C headers */
 #include "core/status.h"
 }
 
-#include "prepare/layers.h"
+#include "prepare/layers/layers.h"
 
 struct ern_person_example {
   cv::Mat frame, small; /* RGB of side and of work */

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <opencv2/dnn.hpp>
 
-#include "prepare/layers_opencv.h"
+#include "prepare/layers/layers_opencv.h"
 
 extern "C" {
 #include "io/file.h"

@@ -4,7 +4,7 @@
 
 #include "io/landmarks.h"
 #include "prepare/head_shape.h"
-#include "prepare/layers.h"
+#include "prepare/layers/layers.h"
 
 /* The head with its skull: the top of a head lies 115 mm above the eyes, the chin as far below as head_shape.h has it.
  */

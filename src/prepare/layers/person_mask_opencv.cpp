@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The person in a frame, on small pictures. Examples from the whole clip are cut out by GrabCut around the projected
  * head; what they teach (colours, places, background) decides every frame by one graph cut. */
-#include "prepare/layers_opencv.h"
+#include "prepare/layers/layers_opencv.h"
 
 #include <algorithm>
 #include <climits>

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "prepare/layers_opencv.h"
+#include "prepare/layers/layers_opencv.h"
 
 namespace {
 

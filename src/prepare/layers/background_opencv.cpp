@@ -5,7 +5,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/video.hpp>
 
-#include "prepare/layers_opencv.h"
+#include "prepare/layers/layers_opencv.h"
 
 namespace {
 
