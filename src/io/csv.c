@@ -62,15 +62,8 @@ static int find_column(struct piece header, const char *name, char listed[LISTED
   return -1;
 }
 
-static ern_status read_cell(ern_context *context, const char *path, const char *name, size_t number, struct piece line,
-                            int column, float *value) {
-  struct piece cell = {NULL, NULL};
-  int cells = 0;
-  while (cells <= column && take_cell(&line, &cell)) cells++;
-  if (cells <= column) {
-    return ern_fail(context, ERN_E_FORMAT, "%s: line %zu has %d cells, expected at least %d: column %s is missing",
-                    path, number, cells, column + 1, name);
-  }
+static ern_status read_cell(ern_context *context, const char *path, const char *name, size_t number, struct piece cell,
+                            float *value) {
   double found = 0;
   const char *at = cell.begin;
   const bool whole = ern_number_read(&at, cell.end, &found) && at == cell.end;
@@ -84,53 +77,99 @@ static ern_status read_cell(ern_context *context, const char *path, const char *
 }
 
 /* Rows stand for frames by their place. Where they are numbered too, the numbers must say the same. */
-static ern_status check_frames(ern_context *context, const char *path, size_t number, struct piece line, int column,
-                               double *frame) {
-  float found = 0;
-  const ern_status status = read_cell(context, path, "frame", number, line, column, &found);
+static ern_status check_frame(ern_context *context, const char *path, size_t number, float found, double *frame) {
   const double before = *frame;
   *frame = (double)found;
-  if (status != ERN_OK || number == 2 || *frame == before + 1) return status;
+  if (number == 2 || *frame == before + 1) return ERN_OK;
   return ern_fail(context, ERN_E_FORMAT,
                   "%s: line %zu, column frame is %.9g, expected %.9g: rows are taken one a frame", path, number, *frame,
                   before + 1);
 }
 
-ern_status ern_csv_read_column(ern_context *context, const char *path, const char *name, float **values,
-                               size_t *count) {
+/* Which columns of a file are read. */
+struct columns {
+  const char *const *names;
+  size_t count;
+  int places[ERN_CSV_COLUMNS + 1]; /* of the names, then of the column `frame`, which may be -1 */
+  int last;                        /* the greatest of them */
+};
+
+static ern_status find_columns(ern_context *context, const char *path, struct piece header, struct columns *columns) {
+  char listed[LISTED_BYTES];
+  columns->last = -1;
+  for (size_t k = 0; k <= columns->count; k++) {
+    const char *name = k < columns->count ? columns->names[k] : "frame";
+    const int place = find_column(header, name, listed);
+    columns->places[k] = place;
+    if (place > columns->last) columns->last = place;
+    if (place < 0 && k < columns->count)
+      return ern_fail(context, ERN_E_MISSING, "%s: column %s is missing, found: %s", path, name, listed);
+  }
+  return ERN_OK;
+}
+
+/* cells[last + 1] receives the pieces of the line. */
+static ern_status read_row(ern_context *context, const char *path, const struct columns *columns, struct piece line,
+                           size_t row, struct piece *cells, float **values, double *frame) {
+  ern_status status = ERN_OK;
+  int count = 0;
+  while (count <= columns->last && take_cell(&line, &cells[count])) count++;
+  for (size_t k = 0; k <= columns->count; k++) {
+    const char *name = k < columns->count ? columns->names[k] : "frame";
+    const int place = columns->places[k];
+    float value = 0;
+    if (place < 0) continue;
+    if (count <= place)
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: line %zu has %d cells, expected at least %d: column %s is missing",
+                       path, row + 2, count, place + 1, name));
+    ERN_TRY(read_cell(context, path, name, row + 2, cells[place], &value));
+    if (k < columns->count)
+      values[k][row] = value;
+    else
+      ERN_TRY(check_frame(context, path, row + 2, value, frame));
+  }
+fail:
+  return status;
+}
+
+ern_status ern_csv_read_columns(ern_context *context, const char *path, const char *const *names, size_t wanted,
+                                float **values, size_t *count) {
   ern_status status = ERN_OK;
   uint8_t *bytes = NULL;
-  float *cells = NULL;
   size_t size = 0, lines = 0;
-  char listed[LISTED_BYTES];
-  struct piece line;
+  struct piece line, *cells = NULL;
+  struct columns columns = {.names = names, .count = wanted};
   double frame = 0;
-  *values = NULL;
+  for (size_t k = 0; k < wanted; k++) values[k] = NULL;
   *count = 0;
+  if (wanted > ERN_CSV_COLUMNS)
+    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: %zu columns, expected at most %d", path, wanted, ERN_CSV_COLUMNS));
   ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
   struct piece text = {(const char *)bytes, (const char *)bytes + size};
   text.begin += ern_text_mark(bytes, size);
   while (text.end > text.begin && (is_blank(text.end[-1]) || text.end[-1] == '\n')) text.end--;
   if (!take_line(&text, &line)) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is empty, expected a header line", path));
-  const int frames = find_column(line, "frame", listed), column = find_column(line, name, listed);
-  if (column < 0) {
-    ERN_TRY(ern_fail(context, ERN_E_MISSING, "%s: column %s is missing, found: %s", path, name, listed));
-  }
+  ERN_TRY(find_columns(context, path, line, &columns));
   for (const char *at = text.begin; at < text.end; at++) lines += *at == '\n';
   if (text.begin < text.end) lines++;
   if (lines > MOST_ROWS)
     ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has %zu rows, expected at most %d", path, lines, MOST_ROWS));
-  ERN_TRY(ERN_NEW(context, lines, &cells));
-  for (size_t row = 0; take_line(&text, &line); row++) {
-    ERN_TRY(read_cell(context, path, name, row + 2, line, column, cells + row));
-    if (frames >= 0) ERN_TRY(check_frames(context, path, row + 2, line, frames, &frame));
-  }
-  ern_release(context, bytes);
-  *values = cells;
+  ERN_TRY(ERN_NEW(context, (size_t)(columns.last + 1), &cells));
+  for (size_t k = 0; k < wanted; k++) ERN_TRY(ERN_NEW(context, lines, &values[k]));
+  for (size_t row = 0; take_line(&text, &line); row++)
+    ERN_TRY(read_row(context, path, &columns, line, row, cells, values, &frame));
   *count = lines;
-  return ERN_OK;
 fail:
-  ern_release(context, bytes);
+  for (size_t k = 0; k < wanted && status != ERN_OK && wanted <= ERN_CSV_COLUMNS; k++) {
+    ern_release(context, values[k]);
+    values[k] = NULL;
+  }
   ern_release(context, cells);
+  ern_release(context, bytes);
   return status;
+}
+
+ern_status ern_csv_read_column(ern_context *context, const char *path, const char *name, float **values,
+                               size_t *count) {
+  return ern_csv_read_columns(context, path, &name, 1, values, count);
 }

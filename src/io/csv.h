@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * One numeric column of a comma-separated file with a header, such as OpenFace writes. */
+ * Numeric columns of a comma-separated file with a header, such as OpenFace writes. */
 #ifndef ERN_IO_CSV_H
 #define ERN_IO_CSV_H
 
 #include "core/status.h"
+
+enum { ERN_CSV_COLUMNS = 256 };
 
 /* *values = the column whose header, trimmed of blanks and quotes, is `name`; owned by the caller (ern_release).
  * Blank lines at the end are passed over. Where there is a column `frame` too, it counts up by 1 from row to row, else
@@ -11,5 +13,9 @@
  * a cell that is no finite number is ERN_E_FORMAT with line, found and expected. */
 ERN_NODISCARD ern_status ern_csv_read_column(ern_context *context, const char *path, const char *name, float **values,
                                              size_t *count);
+/* The same of several columns, at most ERN_CSV_COLUMNS: values[wanted][*count], each owned by the caller; all NULL
+ * where it fails. */
+ERN_NODISCARD ern_status ern_csv_read_columns(ern_context *context, const char *path, const char *const *names,
+                                              size_t wanted, float **values, size_t *count);
 
 #endif

@@ -49,7 +49,7 @@ ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_
   *count = 0;
   ERN_TRY(ern_prepare_path(job, path, "prepare/faces.csv"));
   size_t rows = 0;
-  for (int i = 0; i < COLUMNS; i++) ERN_TRY(ern_csv_read_column(job->context, path, columns[i], &values[i], &rows));
+  ERN_TRY(ern_csv_read_columns(job->context, path, columns, COLUMNS, values, &rows));
   ERN_TRY(ERN_NEW(job->context, rows, &made));
   for (size_t i = 0; i < rows; i++) {
     if (!(values[0][i] >= 0) || !(values[0][i] < (float)job->frames) || floorf(values[0][i]) != values[0][i] ||
