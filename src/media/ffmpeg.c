@@ -140,13 +140,15 @@ static uint32_t little(const uint8_t *at) {
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-/* The bytes that the chunk "data" of a WAV file claims, and those that are there. False: it is no such file. */
-static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there) {
-  uint8_t head[12];
+/* The bytes that the chunk "data" of a WAV file claims, and those that are there; *whole: the file is as long as its
+ * head says. False: it is no such file. */
+static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool *whole) {
+  uint8_t head[12] = {0};
   bool found = false;
   FILE *file = fopen(path, "rb");
   if (file == NULL) return false;
   bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
+  const uint64_t said = (uint64_t)little(head + 4) + 8;
   while (read && !found) {
     read = fread(head, 1, 8, file) == 8;
     if (!read) break;
@@ -157,7 +159,10 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there) {
   }
   const off_t begin = ftello(file);
   found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
-  if (found) *there = (uint64_t)(ftello(file) - begin);
+  if (found) {
+    *there = (uint64_t)(ftello(file) - begin);
+    *whole = (uint64_t)ftello(file) == said;
+  }
   fclose(file);
   return found;
 }
@@ -167,8 +172,12 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there) {
 static ern_status check_cut(const struct ern_decoder *decoder) {
   uint32_t claimed = 0;
   uint64_t there = 0;
-  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there))
+  bool whole = false;
+  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there, &whole))
     return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+  if (claimed == 0 && whole)
+    return ern_fail(decoder->context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it",
+                    decoder->path);
   if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
   return ern_fail(decoder->context, ERN_E_FORMAT,
                   "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32

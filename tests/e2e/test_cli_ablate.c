@@ -137,6 +137,14 @@ static void test_resume_keeps_tables(void **state) {
   cli_expect(&cli, 1, "notes: ", "no tables of an earlier ablation", "--overwrite", NULL);
   cli_run(&cli, words, clip(), "notes", "trihash-channel", "--resume --overwrite");
   cli_expect(&cli, 0, NULL);
+  /* a table that leads elsewhere, and a report into a row's state */
+  assert_int_equal(system("rm rows/ablation.md && printf mine > mine.md && ln -s ../mine.md rows/ablation.md"), 0);
+  cli_run(&cli, words, clip(), "rows", "hash3d-channel,trihash-channel", "--resume");
+  cli_expect(&cli, 1, "rows/ablation.md", "no regular file", NULL);
+  assert_int_equal(system("printf mine | cmp - mine.md"), 0);
+  assert_int_equal(symlink("rows/trihash-channel.run/state.safetensors", "link.json"), 0);
+  cli_run(&cli, words, clip(), "rows", "trihash-channel", "--json link.json -y");
+  cli_expect(&cli, 1, "link.json", "lies in rows", NULL);
 }
 
 static void test_refusals(void **state) {

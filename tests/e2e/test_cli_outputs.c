@@ -232,11 +232,13 @@ static void test_links_to_inputs(void **state) {
       {"in.json", "m.safetensors", "info m.safetensors --json in.json"},
       {"in.json", "m.safetensors", "convert m.safetensors new.pth --json in.json"},
       {"in.json", "clip/bc.jpg", "check clip --json in.json"},
+      {"in.json", "clip/aud_cep.npy", "check clip --json in.json"},
       {"in.safetensors", "clip/au.csv", "train clip -o in.safetensors --rays 32 --iters 1 --levels 2"},
       {"in.json", "clip/gt_imgs/0.jpg", "train clip -o new.safetensors --rays 32 --iters 1 --levels 2 --json in.json"}};
   size_t speech_bytes = 0;
   uint8_t *speech = cli_bytes("clip/aud_ds.npy", &speech_bytes);
   support_write("other.npy", speech, speech_bytes);
+  support_write("clip/aud_cep.npy", speech, speech_bytes);
   free(speech);
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     size_t before = 0, after = 0;
@@ -250,6 +252,7 @@ static void test_links_to_inputs(void **state) {
     free(was), free(is);
   }
   assert_false(cli_there("new.mp4") || cli_there("new.pth") || cli_there("new.run"));
+  assert_int_equal(unlink("clip/aud_cep.npy"), 0);
 }
 
 /* Two outputs of one call are two files, wherever their names lead. */

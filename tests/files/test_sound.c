@@ -327,7 +327,11 @@ static void test_sizes(void **state) {
   for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++) {
     ern_sound read = {0};
     char expected[64];
-    for (int b = 0; b < 4; b++) wav[bytes - sizeof samples - 4 + (size_t)b] = (uint8_t)(sizes[k] >> (8 * b));
+    const uint32_t whole = k < 2 ? sizes[k] : (uint32_t)bytes - 8; /* a pipe's file knows neither size */
+    for (int b = 0; b < 4; b++) {
+      wav[4 + b] = (uint8_t)(whole >> (8 * b));
+      wav[bytes - sizeof samples - 4 + (size_t)b] = (uint8_t)(sizes[k] >> (8 * b));
+    }
     support_write("sizes.wav", wav, bytes);
     const ern_status status = ern_sound_read(context, "sizes.wav", &read);
     if (k < 3) {
@@ -340,6 +344,14 @@ static void test_sizes(void **state) {
     snprintf(expected, sizeof expected, "has 10000 bytes, expected %u", (unsigned)sizes[k]);
     support_expect(context, status, ERN_E_FORMAT, "sizes.wav", "cut short", expected, NULL);
   }
+  /* no samples and another chunk, in a file as long as it says */
+  ern_sound none = {0};
+  for (int b = 0; b < 4; b++) wav[bytes - sizeof samples - 4 + (size_t)b] = 0;
+  memcpy(wav + bytes - sizeof samples, "LIST\x08\0\0\0INFOabcd", 16);
+  const size_t shorter = bytes - sizeof samples + 16;
+  for (int b = 0; b < 4; b++) wav[4 + b] = (uint8_t)((shorter - 8) >> (8 * b));
+  support_write("sizes.wav", wav, shorter);
+  support_expect(context, ern_sound_read(context, "sizes.wav", &none), ERN_E_SHAPE, "sizes.wav", "0 samples", NULL);
 }
 
 int main(void) {

@@ -133,16 +133,33 @@ static int path_of(struct ablate_job *job, const struct ablation_row *row, uint6
 }
 
 /* Nothing of an earlier ablation is replaced without --overwrite; --resume goes on with it. */
+/* The tables of an earlier call are drawn again, so they are no links to files of others, and no inputs. */
+static int check_tables(struct ablate_job *job) {
+  char path[PATH_BYTES];
+  struct stat about;
+  for (size_t i = 0; i < ABLATION_FILES; i++) {
+    if (snprintf(path, sizeof path, "%s/%s", job->folder, ablation_files[i]) >= (int)sizeof path)
+      return session_fail_with(&job->session, "%s: the name is too long", job->folder);
+    if (lstat(path, &about) == 0 && !S_ISREG(about.st_mode))
+      return session_fail_with(&job->session, "%s: is no regular file, expected a table of an earlier call, or nothing",
+                               path);
+    if (session_keep_inputs(&job->session, path) != 0 || session_distinct(&job->session, path) != 0)
+      return EXIT_FAILURE;
+  }
+  return 0;
+}
+
 static int check_outputs(struct ablate_job *job) {
   char path[PATH_BYTES];
-  if (job->resume && !job->session.overwrite) /* ablation_check_earlier */
-    return session_keep_json_out(&job->session, job->folder);
+  if (job->resume && !job->session.overwrite) /* their rows: ablation_check_earlier */
+    return check_tables(job) != 0 ? EXIT_FAILURE : session_keep_json_out(&job->session, job->folder);
   for (size_t r = 0; r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++)
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||
           session_check_outputs(&job->session, job->folder, &(const char *){path + strlen(job->folder) + 1}, 1) != 0)
         return EXIT_FAILURE;
-  return session_check_outputs(&job->session, job->folder, ablation_files, ABLATION_FILES);
+  if (session_check_outputs(&job->session, job->folder, ablation_files, ABLATION_FILES) != 0) return EXIT_FAILURE;
+  return session_keep_json_out(&job->session, job->folder);
 }
 
 static int open_all(struct ablate_job *job, const struct args *args) {

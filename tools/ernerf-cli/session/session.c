@@ -417,6 +417,7 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
                                       "aud_eo.npy",
                                       "aud_hu.npy",
                                       "aud.npy",
+                                      "aud_cep.npy",
                                       "au.csv",
                                       "aud.wav"};
   static const char *const folders[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
