@@ -27,6 +27,14 @@ void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
 
 static const char *text_of(const char *text) { return text != NULL ? text : ""; }
 
+/* JSON is UTF-8, which the name of a file need not be. */
+static void keep_text(char *text) {
+  json_t *string = json_string(text);
+  for (char *at = text; *at != 0 && string == NULL; at++)
+    if ((unsigned char)*at >= 0x80) *at = '?';
+  json_decref(string);
+}
+
 /* What a step's result depends on beside the steps before it. */
 static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
   const ern_prepare_options *o = job->options;
@@ -42,6 +50,7 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
     case 5: snprintf(settings, SETTINGS, "features %s", text_of(o->features)); break;
     default: break;
   }
+  keep_text(settings);
 }
 
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {

@@ -126,6 +126,13 @@ static void test_second_call(void **state) {
   cli_expect(&cli, 0, NULL);
   assert_true(cli_there("clip/aud.npy"));
   assert_int_equal(system("cmp -s clip/au.csv au_first.csv"), 256);
+  assert_int_equal(system("cp truth/au.csv $(printf 'au\\377.csv')"), 0); /* no UTF-8 */
+  for (int i = 0; i < 2; i++) {
+    const long long before_this = changed("clip/au.csv");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au au\377.csv --features truth/aud_ds.npy");
+    cli_expect(&cli, 0, NULL);
+    assert_true((changed("clip/au.csv") > before_this) == (i == 0));
+  }
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_false(cli_there("clip/aud.npy"));
