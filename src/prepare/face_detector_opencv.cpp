@@ -15,7 +15,7 @@ extern "C" {
 
 struct ern_face_detector {
   ern_context *context;
-  cv::CascadeClassifier face, eye;
+  cv::CascadeClassifier face, other, eye;
 };
 
 namespace {
@@ -85,13 +85,15 @@ void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect 
 extern "C" ern_status ern_face_detector_make(ern_context *context, struct ern_face_detector **detector) {
   *detector = nullptr;
   return guarded(context, [&] {
-    const char *other = std::getenv("ERNERF_CASCADES");
-    const std::string folder = other != nullptr && other[0] != 0 ? other : ERN_CASCADES;
+    const char *chosen = std::getenv("ERNERF_CASCADES");
+    const std::string folder = chosen != nullptr && chosen[0] != 0 ? chosen : ERN_CASCADES;
     auto *made = new ern_face_detector{};
     *detector = made;
     made->context = context;
     const ern_status status = load(context, folder, "haarcascade_frontalface_default.xml", made->face);
-    return status == ERN_OK ? load(context, folder, "haarcascade_eye.xml", made->eye) : status;
+    if (status != ERN_OK) return status;
+    const ern_status other = load(context, folder, "haarcascade_frontalface_alt2.xml", made->other);
+    return other == ERN_OK ? load(context, folder, "haarcascade_eye.xml", made->eye) : other;
   });
 }
 
@@ -113,6 +115,10 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
     const int least = std::min(grey.cols, grey.rows) / 9;
     if (least < 20) return ERN_OK;
     detector->face.detectMultiScale(grey, found, 1.1, 5, 0, cv::Size(least, least));
+    if (found.empty()) { /* dark skin and flat light: the first cascade passes over them more often */
+      cv::createCLAHE(3.0, cv::Size(8, 8))->apply(grey, grey);
+      detector->other.detectMultiScale(grey, found, 1.1, 3, 0, cv::Size(least, least));
+    }
     std::sort(found.begin(), found.end(), [](const cv::Rect &a, const cv::Rect &b) { return a.width > b.width; });
     for (const cv::Rect &r : found) {
       if (*count == room) break;

@@ -26,8 +26,10 @@ struct ern_flow_reference {
 
 namespace {
 
-/* A region is looked at with at most so many pixels a side: more makes flow slower and hardly better. */
-constexpr int most_side = 320;
+/* A region is looked at with so many pixels a side: more makes flow slower and hardly better. A small one is enlarged,
+ * up to 2.5 times: flow finds fractions of its pixels. */
+constexpr int wanted_side = 320;
+constexpr double most_scale = 2.5;
 /* Pixels of the region's picture between points. */
 constexpr int spacing = 6;
 /* Forward and backward flow agree, pixels of the region's picture. */
@@ -134,7 +136,7 @@ extern "C" ern_status ern_flow_reference_make(ern_context *context, const uint8_
     if (std::min(made->region.width, made->region.height) < 32)
       return ern_fail(context, ERN_E_SHAPE, "flow: the face's region is %d x %d pixels, expected at least 32 a side",
                       made->region.width, made->region.height);
-    made->scale = longer > most_side ? static_cast<double>(most_side) / longer : 1.0;
+    made->scale = std::min(static_cast<double>(wanted_side) / longer, most_scale);
     make(made, cv::Mat(side, side, CV_8UC1, const_cast<uint8_t *>(grey)), keep, user);
     return ERN_OK;
   });

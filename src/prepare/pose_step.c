@@ -402,28 +402,47 @@ static double tremble_of(const struct tracking *t) {
   return t->job->frames > 2 ? sum / (double)(t->job->frames - 2) : 0;
 }
 
-static void give_verdict(struct ern_prepare_job *job, double residual, double lost, double tremble, double turn) {
+/* What the verdict is given by. */
+struct findings {
+  double residual;      /* median, pixels of 512 */
+  double points;        /* median number that is seen */
+  double hidden;        /* share of frames that see less than 0.65 of that */
+  double lost;          /* share of frames with too few to hold a pose */
+  double tremble, turn; /* degrees */
+};
+
+static void give_verdict(struct ern_prepare_job *job, const struct findings *f) {
   static const char help[] = "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part";
-  if (residual > 4 || lost > 0.3)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "the head could not be followed: its points are %.1f pixels off (expected 1 at most) and too few "
-                      "are seen in %.0f %% of the frames; %s",
-                      residual, 100 * lost, help);
-  else if (residual > 1 || lost > 0.02)
+  if (f->residual > 4 || f->lost > 0.3 || f->tremble > 1.5)
+    ern_prepare_judge(
+        job, ERN_PREPARE_REFUSED,
+        "the head could not be followed: its points are %.1f pixels off (expected 1 at most), too few are "
+        "seen in %.0f %% of the frames, and its turning changes by %.2f degrees from frame to frame "
+        "(expected 0.6 at most); %s",
+        f->residual, 100 * f->lost, f->tremble, help);
+  else if (f->residual > 1 || f->lost > 0.02 || f->tremble > 0.6)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head's points are %.1f pixels off (expected 1 at most), and too few are seen in %.1f %% of "
-                      "the frames (expected 2 %% at most), as with hands or hair before the face; %s",
-                      residual, 100 * lost, help);
-  if (tremble > 0.6)
+                      "the head's points are %.1f pixels off (expected 1 at most), too few are seen in %.1f %% of the "
+                      "frames (expected 2 %% at most), and its turning changes by %.2f degrees from frame to frame "
+                      "(expected 0.6 at most); %s",
+                      f->residual, 100 * f->lost, f->tremble, help);
+  if (f->points < 150)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head's turning changes by %.2f degrees from frame to frame, expected 0.6 at most; %s",
-                      tremble, help);
-  if (turn < 1)
+                      "the face shows %.0f points that can be followed, expected 150 or more: it is small, smooth or "
+                      "partly hidden",
+                      f->points);
+  if (f->hidden > 0.03)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "a third of the face's points are gone in %.0f %% of the frames, as with a hand or hair before "
+                      "the face, or a profile view; %s",
+                      100 * f->hidden, help);
+  if (f->turn < 1)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "the head turns by %.1f degrees in all; how deep it is cannot be told, expected 1 degree or more",
-                      turn);
-  if (turn > 45)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 45 at most; %s", turn, help);
+                      f->turn);
+  if (f->turn > 35)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most; %s", f->turn,
+                      help);
 }
 
 static ern_status judge(struct tracking *t) {
@@ -431,31 +450,37 @@ static ern_status judge(struct tracking *t) {
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
   struct support *support = NULL;
-  float *residuals = NULL;
-  size_t held = 0, lost = 0;
-  double turn = 0, seen = 0;
+  float *residuals = NULL, *counts = NULL;
+  size_t held = 0, lost = 0, hidden = 0;
+  struct findings f = {.tremble = tremble_of(t)};
   ERN_TRY(ERN_NEW(t->job->context, frames, &support));
   ERN_TRY(ERN_NEW(t->job->context, frames, &residuals));
+  ERN_TRY(ERN_NEW(t->job->context, frames, &counts));
   ERN_TRY(measure(t, support));
   ERN_TRY(write_support(t, support));
   for (size_t i = 0; i < frames; i++) {
     if (support[i].seen > 0) residuals[held++] = support[i].residual;
+    counts[i] = (float)support[i].seen;
     lost += support[i].seen < FEW;
-    seen += (double)support[i].seen / (double)frames;
-    turn = fmax(turn, turn_between(&t->poses[i], &t->poses[t->at[0]]));
+    f.turn = fmax(f.turn, turn_between(&t->poses[i], &t->poses[t->at[0]]));
   }
-  const double residual = held > 0 ? (double)ern_quantile(residuals, held, 0.5) : 99, tremble = tremble_of(t);
-  ern_prepare_figure(t->job, "reprojection", residual);
-  ern_prepare_figure(t->job, "points", (double)t->first[t->count]);
-  ern_prepare_figure(t->job, "seen", seen);
-  ern_prepare_figure(t->job, "lost", (double)lost / (double)frames);
+  f.residual = held > 0 ? (double)ern_quantile(residuals, held, 0.5) : 99;
+  f.points = (double)ern_quantile(counts, frames, 0.5);
+  for (size_t i = 0; i < frames; i++) hidden += (double)support[i].seen < 0.65 * f.points;
+  f.hidden = (double)hidden / (double)frames;
+  f.lost = (double)lost / (double)frames;
+  ern_prepare_figure(t->job, "reprojection", f.residual);
+  ern_prepare_figure(t->job, "points", f.points);
+  ern_prepare_figure(t->job, "hidden", f.hidden);
+  ern_prepare_figure(t->job, "lost", f.lost);
   ern_prepare_figure(t->job, "references", (double)t->count);
-  ern_prepare_figure(t->job, "turn", turn);
-  ern_prepare_figure(t->job, "tremble", tremble);
-  give_verdict(t->job, residual, (double)lost / (double)frames, tremble, turn);
+  ern_prepare_figure(t->job, "turn", f.turn);
+  ern_prepare_figure(t->job, "tremble", f.tremble);
+  give_verdict(t->job, &f);
 fail:
   ern_release(t->job->context, support);
   ern_release(t->job->context, residuals);
+  ern_release(t->job->context, counts);
   return status;
 }
 
@@ -494,7 +519,7 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
         "--poses FILE brings poses made elsewhere");
   }
 fail:
-  for (size_t r = 0; r < t.count; r++) ern_flow_reference_free(&t.references[r]);
+  for (size_t r = 0; r < REFERENCES; r++) ern_flow_reference_free(&t.references[r]);
   ern_release(context, faces);
   ern_release(context, distances);
   ern_release(context, t.grey);
