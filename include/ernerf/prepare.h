@@ -21,12 +21,14 @@ typedef struct ern_prepare_options {
   const char *only;
   const char *background; /* a picture of what is behind the person, or "key": a screen of one colour. NULL: found */
   /* What the user brings in place of a step's own result, NULL: nothing. */
-  const char *landmarks; /* a folder of ID.lms (68 lines "x y", pixels of the clip), or a network, FILE.onnx */
-  const char *poses;     /* a transforms_*.json of all frames */
-  const char *masks;     /* a folder of ID.png in AD-NeRF's colours (docs/prepare.md), or a network, FILE.onnx */
-  const char *au;        /* a table with a column AU45_r, as OpenFace writes */
-  const char *features;  /* a .npy of speech features */
-  bool anew;             /* what an earlier call made in the folder is made again, from whatever video */
+  /* A folder of ID.lms (68 lines "x y", pixels of the clip); or FILE.csv, OpenFace's table of the video: x_0..x_67,
+   * y_0..y_67, timestamp, success; or a network, FILE.onnx. They place the eyes for the step "pose" too. */
+  const char *landmarks;
+  const char *poses; /* a transforms_*.json of all frames */
+  const char *masks; /* a folder of ID.png in AD-NeRF's colours (docs/prepare.md), or a network, FILE.onnx */
+  const char *au;    /* a table with a column AU45_r: a row a frame of the clip, or by timestamp, as OpenFace writes */
+  const char *features; /* a .npy of speech features */
+  bool anew;            /* what an earlier call made in the folder is made again, from whatever video */
   /* Called now and then; a non-zero answer cancels (ERN_E_CANCELLED), and what is done stays. NULL: none. */
   int (*progress)(void *user, const char *step, size_t done, size_t total);
   void *user;

@@ -8,10 +8,10 @@
 #include <string.h>
 
 #include "ernerf/data.h"
-#include "io/csv.h"
 #include "io/file.h"
 #include "io/landmarks.h"
 #include "prepare/head_shape.h"
+#include "prepare/openface.h"
 #include "prepare/still_crop.h"
 
 enum {
@@ -197,16 +197,15 @@ fail:
   return status;
 }
 
-/* The user's own table, of as many frames at least as the clip has. */
+/* The user's own table. */
 static ern_status from_table(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   float *values = NULL;
-  size_t count = 0;
-  ERN_TRY(ern_csv_read_column(job->context, job->options->au, "AU45_r", &values, &count));
-  if (count < job->frames)
-    ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH, "%s: has %zu rows, expected one for each of the clip's %zu frames",
-                     job->options->au, count, job->frames));
+  size_t held = 0;
+  ERN_TRY(ERN_NEW(job->context, job->frames, &values));
+  ERN_TRY(ern_openface_lids(job, job->options->au, values, &held));
   ERN_TRY(write_table(job, values, job->frames));
+  if (held > 0) ern_openface_judge(job, job->options->au, held);
 fail:
   ern_release(job->context, values);
   return status;

@@ -3,12 +3,13 @@
  * cascades found and onto the mouth, which is where the still face changes most; jaw and lower lip follow the chin. */
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "io/file.h"
 #include "prepare/head_shape.h"
+#include "prepare/landmark_network.h"
+#include "prepare/landmarks_brought.h"
 #include "prepare/landmarks_template.h"
+#include "prepare/openface.h"
 #include "prepare/still_crop.h"
 
 enum { LOOKS = 240, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
@@ -207,9 +208,19 @@ static double follows_jaw(int point) {
   return point == 48 || point == 54 || point == 60 || point == 64 ? 0.3 : 0;
 }
 
-static ern_status write_frame(struct fit *fit, size_t frame) {
+static ern_status write_points(struct ern_prepare_job *job, size_t frame, const float points[ERN_LANDMARKS][2]) {
   char path[ERN_PREPARE_PATH], text[ERN_LANDMARKS * 32];
   size_t length = 0;
+  for (int k = 0; k < ERN_LANDMARKS; k++)
+    length +=
+        (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
+                         fmin(fmax((double)points[k][0], -9999), 9999), fmin(fmax((double)points[k][1], -9999), 9999));
+  const ern_status status = ern_prepare_path(job, path, "ori_imgs/%zu.lms", frame);
+  return status == ERN_OK ? ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE) : status;
+}
+
+static ern_status write_frame(struct fit *fit, size_t frame) {
+  float points[ERN_LANDMARKS][2];
   for (int i = 0; i < ERN_LANDMARKS; i++) {
     const double *t = ern_landmarks_template[i];
     /* below the eyes the template is stretched, so that its mouth is where this one is */
@@ -220,12 +231,9 @@ static ern_status write_frame(struct fit *fit, size_t frame) {
                              ERN_HEAD_EYES_Z + 0.001 * t[2]};
     double pixel[2] = {0, 0};
     (void)ern_head_project(&fit->poses[frame], fit->job->focal, 0.5 * fit->job->side, point, pixel);
-    const int count = snprintf(text + length, sizeof text - length, "%.2f %.2f\n", fmin(fmax(pixel[0], -9999), 9999),
-                               fmin(fmax(pixel[1], -9999), 9999));
-    length += (size_t)count;
+    for (int c = 0; c < 2; c++) points[i][c] = (float)fmin(fmax(pixel[c], -9999), 9999);
   }
-  const ern_status status = ern_prepare_path(fit->job, path, "ori_imgs/%zu.lms", frame);
-  return status == ERN_OK ? ern_file_write(fit->job->context, path, text, length, ERN_EXISTING_REPLACE) : status;
+  return write_points(fit->job, frame, (const float(*)[2])points);
 }
 
 static ern_status from_template(struct ern_prepare_job *job) {
@@ -246,28 +254,53 @@ fail:
   return status;
 }
 
-/* The user's own: each is read, checked, and written as ours are. */
-static ern_status from_folder(struct ern_prepare_job *job) {
+/* How far what was brought lies from the heads. */
+static ern_status judge_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses,
+                                const float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
-  char path[ERN_PREPARE_PATH], text[ERN_LANDMARKS * 32];
+  float *apart = NULL, guess[ERN_LANDMARKS][2];
+  size_t astray = 0;
+  ERN_TRY(ERN_NEW(job->context, job->frames, &apart));
   for (size_t i = 0; i < job->frames; i++) {
-    float points[ERN_LANDMARKS][2];
-    size_t length = 0;
-    if (snprintf(path, sizeof path, "%s/%zu.lms", job->options->landmarks, i) >= (int)sizeof path)
-      ERN_TRY(ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long", job->options->landmarks));
-    ERN_TRY(ern_landmarks_read(job->context, path, points));
-    for (int k = 0; k < ERN_LANDMARKS; k++)
-      length += (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
-                                 fmin(fmax((double)points[k][0], -9999), 9999),
-                                 fmin(fmax((double)points[k][1], -9999), 9999));
-    ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.lms", i));
-    ERN_TRY(ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE));
-    ERN_TRY(ern_prepare_progress(job, i + 1, job->frames));
+    apart[i] = HUGE_VALF;
+    if (ern_landmarks_at_pose(job, &poses[i], guess))
+      apart[i] = (float)ern_landmarks_apart(points[i], (const float(*)[2])guess);
+    astray += apart[i] > 0.5f;
   }
+  const double share = (double)astray / (double)job->frames;
+  ern_prepare_figure(job, "apart", (double)ern_quantile(apart, job->frames, 0.5));
+  ern_prepare_figure(job, "astray", share);
+  if (share > 0.02)
+    ern_prepare_judge(
+        job, ERN_PREPARE_DOUBTFUL,
+        "the landmarks of %s lie more than half an eye distance from where the poses have the head in %.0f "
+        "%% of the frames, expected 2 %% at most; overlay.mp4 shows them",
+        job->options->landmarks, 100 * share);
 fail:
+  ern_release(job->context, apart);
+  return status;
+}
+
+/* The user's own, checked and written as ours are. */
+static ern_status from_user(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  struct ern_head_pose *poses = NULL;
+  float(*points)[ERN_LANDMARKS][2] = NULL;
+  size_t held = 0;
+  const bool files = ern_landmarks_are_files(job);
+  ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
+  ERN_TRY(ERN_NEW(job->context, job->frames, &points));
+  if (!files) ERN_TRY(ern_prepare_poses_read(job, poses));
+  ERN_TRY(ern_landmarks_bring(job, NULL, poses, job->frames, points, &held));
+  for (size_t i = 0; i < job->frames; i++) ERN_TRY(write_points(job, i, (const float(*)[2])points[i]));
+  if (held > 0) ern_openface_judge(job, job->options->landmarks, held);
+  if (!files) ERN_TRY(judge_brought(job, poses, (const float(*)[ERN_LANDMARKS][2])points));
+fail:
+  ern_release(job->context, poses);
+  ern_release(job->context, points);
   return status;
 }
 
 ern_status ern_prepare_landmarks(struct ern_prepare_job *job) {
-  return job->options->landmarks != NULL ? from_folder(job) : from_template(job);
+  return job->options->landmarks != NULL ? from_user(job) : from_template(job);
 }

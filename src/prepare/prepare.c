@@ -40,7 +40,11 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
   const ern_prepare_options *o = job->options;
   settings[0] = 0;
   switch (step) {
-    case 1: snprintf(settings, SETTINGS, "focal %.9g poses %s", o->focal, text_of(o->poses)); break;
+    case 1: /* landmarks place the eyes from which tracking begins */
+      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, text_of(o->poses),
+               o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
+               o->poses == NULL ? text_of(o->landmarks) : "");
+      break;
     case 2: snprintf(settings, SETTINGS, "landmarks %s", text_of(o->landmarks)); break;
     case 3:
       snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "", text_of(o->masks),

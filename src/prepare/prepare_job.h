@@ -24,10 +24,12 @@ struct ern_prepare_job {
   ern_context *context;
   const char *video, *folder;
   const ern_prepare_options *options;
-  bool made;      /* the folder is this call's: it goes where nothing came into it */
-  int side;       /* pixels a side of a frame */
-  double focal;   /* pixels */
-  size_t frames;  /* at most ERN_PREPARE_FRAMES; 0 before the step "face", or those of an earlier call */
+  bool made;     /* the folder is this call's: it goes where nothing came into it */
+  int side;      /* pixels a side of a frame */
+  double focal;  /* pixels */
+  size_t frames; /* at most ERN_PREPARE_FRAMES; 0 before the step "face", or those of an earlier call */
+  /* Seconds after options->from: the stretch of the video that is taken; [1] 0: all of it. */
+  double segment[2];
   json_t *record; /* prepare.json */
   /* of the step that runs */
   ern_prepare_verdict *verdict;
@@ -52,6 +54,8 @@ struct ern_found_face {
 /* FOLDER/ and the rest by printf; ERN_E_ARGUMENT where that is too long. */
 ERN_NODISCARD ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH],
                                           const char *format, ...) ERN_PRINTF(3, 4);
+/* The part of the video that the clip is, seconds after its first frame; *to 0: up to its end. */
+void ern_prepare_part(const struct ern_prepare_job *job, double *from, double *to);
 /* A picture of the clip by that name with `channels` 3 or 4, which has the clip's size. */
 ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, const char *name, int channels,
                                              ern_image *image);
@@ -62,7 +66,8 @@ ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, str
 ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
 
-/* *faces[*count] in the order of frames; the caller owns it (ern_release). */
+/* *faces[*count] in the order of frames; the caller owns it (ern_release). The eyes are where the landmarks of
+ * options->landmarks have them, if the user brought any. */
 ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_face **faces,
                                                 size_t *count);
 ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,

@@ -1,25 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * A person's mask by a network that the user brings as an ONNX file, on OpenCV's DNN module. */
 #include <cmath>
-#include <opencv2/dnn.hpp>
 
 #include "prepare/layers/layers_opencv.h"
-
-extern "C" {
-#include "io/file.h"
-#include "io/onnx.h"
-}
+#include "prepare/onnx_network_opencv.h"
 
 namespace {
 
-enum { FILE_LIMIT = 1 << 29, SIDE_LIMIT = 2048 };
-
-/* How networks are known to want colours of 0..255: (c - mean) / deviation. */
-struct Colours {
-  bool bgr;
-  double mean[3], deviation[3]; /* in the network's order of channels */
-};
-const Colours ways[] = {
+const ern_network_colours ways[] = {
     {false, {0, 0, 0}, {255, 255, 255}},
     {false, {127.5, 127.5, 127.5}, {127.5, 127.5, 127.5}},
     {false, {123.675, 116.28, 103.53}, {58.395, 57.12, 57.375}},             /* ImageNet */
@@ -43,18 +31,11 @@ struct ern_person_network {
 namespace {
 
 /* Probability of the person by one way; CV_32F of the network's size. */
-cv::Mat run(ern_person_network &network, const cv::Mat &frame, const Colours &way) {
-  const int size[] = {1, 3, network.look.shape[2], network.look.shape[3]};
-  cv::Mat small, in(4, size, CV_32F), wide;
+cv::Mat run(ern_person_network &network, const cv::Mat &frame, const ern_network_colours &way) {
+  const int *size = network.look.shape;
+  cv::Mat small;
   cv::resize(frame, small, cv::Size(size[3], size[2]), 0, 0, cv::INTER_AREA);
-  small.convertTo(wide, CV_32FC3);
-  for (int c = 0; c < 3; c++) {
-    cv::Mat plane(size[2], size[3], CV_32F, in.ptr<float>(0, c)), channel;
-    cv::extractChannel(wide, channel, way.bgr ? 2 - c : c);
-    channel = (channel - way.mean[c]) / way.deviation[c];
-    channel.copyTo(plane);
-  }
-  network.net.setInput(in);
+  network.net.setInput(ern_network_input(small, way));
   cv::Mat out = network.net.forward(network.look.output[0]);
   if (!out.isContinuous()) out = out.clone();
   if (out.type() != CV_32F || out.dims < 3 || out.dims > 4 || (out.dims == 4 && out.size[0] != 1))
@@ -109,34 +90,10 @@ ern_status choose(ern_person_network &network, const cv::Mat &frame, const ern_l
 
 ern_status ern_person_network_open(ern_context *context, const char *path, ern_person_network **network) {
   *network = nullptr;
-  uint8_t *bytes = nullptr;
-  size_t count = 0;
-  ern_onnx look = {};
-  ern_status status = ern_file_read(context, path, FILE_LIMIT, &bytes, &count);
-  if (status == ERN_OK) status = ern_onnx_look(context, path, bytes, count, &look);
-  if (status == ERN_OK && (look.dims != 4 || look.shape[0] != 1 || look.shape[1] != 3 || look.shape[2] < 16 ||
-                           look.shape[2] > SIDE_LIMIT || look.shape[3] < 16 || look.shape[3] > SIDE_LIMIT))
-    status =
-        ern_fail(context, ERN_E_UNSUPPORTED,
-                 "%s: the input \"%s\" has %d sizes, [%d, %d, %d, %d], expected [1, 3, height, width] of at most %d",
-                 path, look.input, look.dims, look.shape[0], look.shape[1], look.shape[2], look.shape[3], SIDE_LIMIT);
-  if (status == ERN_OK) {
-    std::string why;
-    status = ern_layers_guarded(context, [&] {
-      *network = new ern_person_network{context, path, {}, look, -1, false};
-      try {
-        (*network)->net = cv::dnn::readNetFromONNX(reinterpret_cast<const char *>(bytes), count);
-      } catch (const cv::Exception &error) {
-        return ern_fail(context, ERN_E_UNSUPPORTED, "%s: OpenCV %s does not read the network: %.300s", path, CV_VERSION,
-                        error.err.c_str());
-      }
-      (*network)->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
-      (*network)->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
-      return ERN_OK;
-    });
-  }
-  ern_release(context, bytes);
-  return status;
+  return ern_layers_guarded(context, [&] {
+    *network = new ern_person_network{context, path, {}, {}, -1, false};
+    return ern_network_open(context, path, &(*network)->look, &(*network)->net);
+  });
 }
 
 void ern_person_network_free(ern_person_network *network) { delete network; }

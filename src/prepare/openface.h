@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ * What OpenFace (Baltrusaitis et al., "OpenFace 2.0", FG 2018) wrote of the video that a clip is made of: a table with
+ * a row for each frame of the video. */
+#ifndef ERN_PREPARE_OPENFACE_H
+#define ERN_PREPARE_OPENFACE_H
+
+#include "io/landmarks.h"
+#include "prepare/prepare_job.h"
+
+/* points[job->frames], pixels of the clip: columns x_0..x_67 and y_0..y_67, pixels of the video as it is shown, of the
+ * row nearest in time (column timestamp). A frame whose row has no success holds the last points that have;
+ * *held counts such frames. */
+ERN_NODISCARD ern_status ern_openface_landmarks(struct ern_prepare_job *job, const char *path,
+                                                float (*points)[ERN_LANDMARKS][2], size_t *held);
+/* values[job->frames]: column AU45_r. A table of as many rows as the clip has frames, or without a column timestamp,
+ * has a row for each frame of the clip, in order; any other is taken by time. Where there is a column success, frames
+ * hold as above. */
+ERN_NODISCARD ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held);
+/* The verdict's words where many frames are held. */
+void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t held);
+
+#endif
