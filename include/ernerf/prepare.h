@@ -32,6 +32,9 @@ typedef struct ern_prepare_options {
   /* Called now and then; a non-zero answer cancels (ERN_E_CANCELLED), and what is done stays. NULL: none. */
   int (*progress)(void *user, const char *step, size_t done, size_t total);
   void *user;
+  /* The best stretch of a long video, by the face's places and the sound: "auto": 180 s of a part that is longer than
+   * 300 s, or the seconds that are wanted, "1" to "7200". NULL: the whole part. */
+  const char *segment;
 } ern_prepare_options;
 
 ERN_API void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes);

@@ -11,6 +11,7 @@
 #include "prepare/face_detector.h"
 #include "prepare/footage.h"
 #include "prepare/prepare_record.h"
+#include "prepare/segment.h"
 
 enum {
   EVERY = 5,                         /* frames between looks */
@@ -19,6 +20,7 @@ enum {
   QUALITY = 98,                      /* of ori_imgs */
   SOUND_RATE = 16000,                /* samples a second of aud.wav */
   PATIENCE = 60 * ERN_PREPARE_RATE,  /* frames without a face before it is given up */
+  SEARCHED = 4 * ERN_PREPARE_FRAMES, /* frames among which a stretch may be looked for */
   FEWEST_FRAMES = ERN_PREPARE_RATE,  /* to learn anything of */
   FEW_FRAMES = 10 * ERN_PREPARE_RATE /* to learn little of */
 };
@@ -32,6 +34,7 @@ struct scan {
   float usual;                                     /* running mean of the change */
   size_t cut;                                      /* frame of a cut; 0: none */
   size_t frames;
+  struct ern_segment_search *search; /* NULL where no stretch is looked for */
   int width, height;
   double aspect;
 };
@@ -64,7 +67,10 @@ static void compare(struct scan *s, const ern_image *image) {
   if (s->frames == 0) return;
   s->change = (float)(sum / (THUMB * THUMB));
   if (s->change > s->most_change) s->most_change = s->change;
-  if (s->cut == 0 && s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f)) s->cut = s->frames;
+  if (s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f)) {
+    if (s->cut == 0) s->cut = s->frames;
+    if (s->search != NULL) s->search->cut = true;
+  }
   s->usual += 0.1f * (fminf(s->change, 10) - s->usual);
 }
 
@@ -106,6 +112,7 @@ static ern_status look(struct scan *s, const ern_image *image) {
   }
   face.frame = s->frames;
   s->faces[s->looks++] = face;
+  if (s->search != NULL) ERN_TRY(ern_segment_add(s->job->context, s->search, &face));
 fail:
   return status;
 }
@@ -119,13 +126,14 @@ static ern_status scan_video(struct scan *s) {
   s->height = footage.info.height;
   s->aspect = footage.info.pixel_aspect;
   const size_t expected = 2 * ern_footage_expected(&footage);
+  const size_t most = s->search != NULL ? SEARCHED : ERN_PREPARE_FRAMES;
   for (;; s->frames++) {
     ERN_TRY(ern_footage_next(&footage, &image));
     if (image == NULL) break;
-    if (s->frames == ERN_PREPARE_FRAMES)
+    if (s->frames == most)
       ERN_TRY(ern_fail(s->job->context, ERN_E_SHAPE,
-                       "%s: is longer than %d minutes, expected a part of it: --from SECONDS --to SECONDS",
-                       s->job->video, ERN_PREPARE_FRAMES / ERN_PREPARE_RATE / 60));
+                       "%s: is longer than %zu minutes, expected a part of it: --from SECONDS --to SECONDS%s",
+                       s->job->video, most / ERN_PREPARE_RATE / 60, s->search == NULL ? ", or --segment auto" : ""));
     if (image->width != s->width || image->height != s->height)
       ERN_TRY(ern_fail(s->job->context, ERN_E_UNSUPPORTED, "%s: frame %zu is %d x %d, expected %d x %d as the first",
                        s->job->video, s->frames, image->width, image->height, s->width, s->height));
@@ -213,13 +221,45 @@ static size_t take_faces(struct scan *s, const double region[4]) {
   return count;
 }
 
+/* The video from beginning to end, or the stretch of options->segment; false where there is none without a cut. */
+static ern_status scan_part(struct scan *s, bool *found) {
+  ern_status status = ERN_OK;
+  struct ern_prepare_job *job = s->job;
+  struct ern_segment_search search = {0};
+  double length = 0, longer_than = 0;
+  *found = true;
+  s->search = job->options->segment != NULL && job->segment[1] <= 0 ? &search : NULL;
+  ERN_TRY(scan_video(s));
+  if (s->search == NULL) goto fail;
+  ERN_TRY(ern_segment_read(job->context, job->options->segment, &length, &longer_than));
+  if (s->found == 0 || (double)s->frames <= longer_than * ERN_PREPARE_RATE) goto fail;
+  ERN_TRY(ern_segment_choose(job, &search, EVERY, length, found));
+  if (!*found) {
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "no stretch of %g s is without a cut, expected one camera that stands still; --segment SECONDS "
+                      "asks for fewer, --from and --to choose a part",
+                      length);
+    goto fail;
+  }
+  ern_release(job->context, s->faces);
+  *s = (struct scan){.job = job, .detector = s->detector};
+  ERN_TRY(scan_video(s));
+fail:
+  s->search = NULL;
+  ern_segment_free(job->context, &search);
+  return status;
+}
+
 /* From here on the folder is that of this video, also for a call that goes on where this one was stopped. */
 static ern_status begin_frames(struct scan *s) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = s->job;
   ERN_TRY(ern_prepare_clear(job));
   if (json_object_set_new(job->record, "frames", json_integer((json_int_t)s->frames)) != 0 ||
-      json_object_set_new(job->record, "steps", json_object()) != 0)
+      json_object_set_new(job->record, "steps", json_object()) != 0 ||
+      (job->segment[1] > 0 &&
+       json_object_set_new(job->record, "segment",
+                           json_pack("{s:f, s:f}", "from", job->segment[0], "to", job->segment[1])) != 0))
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
   ERN_TRY(ern_prepare_record_save(job));
 fail:
@@ -263,7 +303,7 @@ static ern_status write_sound(struct scan *s) {
   ERN_TRY(ern_footage_open(job, &footage));
   if (!footage.info.has_sound) goto fail;
   ERN_TRY(ern_speech_wave(job->context, job->video, SOUND_RATE, &samples, &count));
-  const double begin = footage.first - footage.info.start + job->options->from;
+  const double begin = footage.first - footage.info.start + footage.from;
   const long long first = llround(begin * SOUND_RATE);
   const size_t length = s->frames * (SOUND_RATE / ERN_PREPARE_RATE);
   ERN_TRY(ERN_NEW(job->context, length, &data));
@@ -287,6 +327,8 @@ static bool judge_scan(struct scan *s) {
   struct ern_prepare_job *job = s->job;
   const double share = s->looks > 0 ? (double)s->found / (double)s->looks : 0;
   const double seconds = (double)s->frames / ERN_PREPARE_RATE;
+  double from = 0, to = 0;
+  ern_prepare_part(job, &from, &to);
   ern_prepare_figure(job, "frames", (double)s->frames);
   ern_prepare_figure(job, "faces", share);
   if (s->frames < FEWEST_FRAMES)
@@ -301,7 +343,7 @@ static bool judge_scan(struct scan *s) {
     ern_prepare_judge(job, ERN_PREPARE_REFUSED,
                       "the picture changes at once at %.2f s, as at a cut; expected one camera that stands still: "
                       "--from and --to choose a part without cuts",
-                      job->options->from + (double)s->cut / ERN_PREPARE_RATE);
+                      from + (double)s->cut / ERN_PREPARE_RATE);
   else if (s->most_change < 0.3f)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the picture never changes, expected a person who speaks and moves");
   else if (share < 0.5)
@@ -349,9 +391,10 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct scan scan = {.job = job};
   double face = 0, region[4] = {0};
+  bool found = false;
   ERN_TRY(ern_face_detector_make(job->context, &scan.detector));
-  ERN_TRY(scan_video(&scan));
-  if (!judge_scan(&scan)) {
+  ERN_TRY(scan_part(&scan, &found));
+  if (!found || !judge_scan(&scan)) {
     ERN_TRY(ern_prepare_clear(job));
     goto fail;
   }

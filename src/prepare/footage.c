@@ -20,6 +20,7 @@ static ern_status advance(struct ern_footage *f) {
 ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage) {
   ern_status status = ERN_OK;
   *footage = (struct ern_footage){.job = job, .between = 1.0 / ERN_PREPARE_RATE};
+  ern_prepare_part(job, &footage->from, &footage->to);
   ERN_TRY(ern_video_reader_open(job->context, job->video, &footage->reader));
   ern_video_reader_info(footage->reader, &footage->info);
   ERN_TRY(advance(footage));
@@ -34,10 +35,9 @@ fail:
 }
 
 ern_status ern_footage_next(struct ern_footage *f, const ern_image **frame) {
-  const ern_prepare_options *options = f->job->options;
-  const double since = options->from + (double)f->frame / ERN_PREPARE_RATE, at = f->first + since;
+  const double since = f->from + (double)f->frame / ERN_PREPARE_RATE, at = f->first + since;
   *frame = NULL;
-  if (options->to > 0 && since > options->to - 0.5 / ERN_PREPARE_RATE) return ERN_OK;
+  if (f->to > 0 && since > f->to - 0.5 / ERN_PREPARE_RATE) return ERN_OK;
   while (f->has_next && fabs(f->next_at - at) <= fabs(f->now_at - at)) {
     const ern_status status = advance(f);
     if (status != ERN_OK) return status;
@@ -50,9 +50,8 @@ ern_status ern_footage_next(struct ern_footage *f, const ern_image **frame) {
 }
 
 size_t ern_footage_expected(const struct ern_footage *footage) {
-  const ern_prepare_options *options = footage->job->options;
-  const double end = options->to > 0 ? options->to : footage->info.duration;
-  const double frames = (end - options->from) * ERN_PREPARE_RATE;
+  const double end = footage->to > 0 ? footage->to : footage->info.duration;
+  const double frames = (end - footage->from) * ERN_PREPARE_RATE;
   return frames >= 1 && frames < 1e7 ? (size_t)frames : 1;
 }
 

@@ -12,8 +12,9 @@ struct ern_footage {
   ern_image now, next; /* the video's own frames around the wanted time */
   double now_at, next_at, between;
   bool has_now, has_next;
-  double first; /* seconds of the video's first frame */
-  size_t frame; /* the next one of the clip */
+  double first;    /* seconds of the video's first frame */
+  double from, to; /* the part, seconds after it; to 0: the end */
+  size_t frame;    /* the next one of the clip */
 };
 
 ERN_NODISCARD ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage);

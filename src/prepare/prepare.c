@@ -10,6 +10,7 @@
 #include "prepare/prepare_job.h"
 #include "prepare/prepare_record.h"
 #include "prepare/report.h"
+#include "prepare/segment.h"
 
 enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 8192 };
 
@@ -64,6 +65,9 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   if (o->only != NULL && *only == ERN_PREPARE_STEPS)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "prepare: only is \"%s\", expected face, pose, landmarks, layers, eyes or features", o->only);
+  double length = 0, longer_than = 0;
+  const ern_status status = o->segment != NULL ? ern_segment_read(context, o->segment, &length, &longer_than) : ERN_OK;
+  if (status != ERN_OK) return status;
   if (o->side < 128 || o->side > 1024)
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
   if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))

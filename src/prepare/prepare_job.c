@@ -21,8 +21,8 @@ ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PRE
 }
 
 void ern_prepare_part(const struct ern_prepare_job *job, double *from, double *to) {
-  *from = job->options->from + job->segment[0];
-  *to = job->segment[1] > 0 ? job->options->from + job->segment[1] : job->options->to;
+  *from = job->segment[1] > 0 ? job->segment[0] : job->options->from;
+  *to = job->segment[1] > 0 ? job->segment[1] : job->options->to;
 }
 
 ern_status ern_prepare_picture(const struct ern_prepare_job *job, const char *name, int channels, ern_image *image) {

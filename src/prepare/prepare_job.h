@@ -28,7 +28,7 @@ struct ern_prepare_job {
   int side;      /* pixels a side of a frame */
   double focal;  /* pixels */
   size_t frames; /* at most ERN_PREPARE_FRAMES; 0 before the step "face", or those of an earlier call */
-  /* Seconds after options->from: the stretch of the video that is taken; [1] 0: all of it. */
+  /* Seconds of the video: the stretch that was chosen for options->segment; [1] 0: none. */
   double segment[2];
   json_t *record; /* prepare.json */
   /* of the step that runs */

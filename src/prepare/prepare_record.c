@@ -29,8 +29,14 @@ static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
 
 /* What must be the same for the frames of an earlier call to be those of this one. */
 static json_t *source(const struct ern_prepare_job *job, const struct stat *video) {
-  return json_pack("{s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
-                   (json_int_t)video->st_mtime, "from", job->options->from, "to", job->options->to, "side", job->side);
+  json_t *about =
+      json_pack("{s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
+                (json_int_t)video->st_mtime, "from", job->options->from, "to", job->options->to, "side", job->side);
+  if (about == NULL || job->options->segment == NULL ||
+      json_object_set_new(about, "segment", json_string(job->options->segment)) == 0)
+    return about;
+  json_decref(about);
+  return NULL;
 }
 
 /* `frames`: of the files that are there already. */
@@ -61,6 +67,19 @@ fail:
   return status;
 }
 
+/* The stretch that an earlier call chose. */
+static ern_status read_segment(struct ern_prepare_job *job, const char *path) {
+  json_t *segment = json_object_get(job->record, "segment");
+  double from = 0, to = 0;
+  if (segment == NULL) return ERN_OK;
+  if (json_unpack(segment, "{s:F, s:F}", "from", &from, "to", &to) != 0 || !(from >= 0) || !(to > from) || !(to < 1e9))
+    return ern_fail(job->context, ERN_E_FORMAT, "%s: segment is from %g to %g, expected seconds of the video", path,
+                    from, to);
+  job->segment[0] = from;
+  job->segment[1] = to;
+  return ERN_OK;
+}
+
 static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
@@ -75,12 +94,13 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
     return begin_record(job, about, 0);
   }
   ERN_TRY(read_record(job, path));
-  if (json_equal(json_object_get(job->record, "source"), about)) return ERN_OK;
+  if (json_equal(json_object_get(job->record, "source"), about)) return read_segment(job, path);
   if (!job->options->anew)
-    ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
-                     "%s: was prepared from another video, or with another --from, --to or --size; expected a new "
-                     "folder, or --overwrite to replace it",
-                     job->folder));
+    ERN_TRY(ern_fail(
+        job->context, ERN_E_EXISTS,
+        "%s: was prepared from another video, or with another --from, --to, --size or --segment; expected a new "
+        "folder, or --overwrite to replace it",
+        job->folder));
   return begin_record(job, about, json_integer_value(json_object_get(job->record, "frames")));
 fail:
   return status;

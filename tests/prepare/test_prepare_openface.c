@@ -68,7 +68,7 @@ static void test_landmarks(void **state) {
   }
 }
 
-/* A stretch of the video: its second of it counts from `from`. */
+/* A stretch of the video, whose seconds count from the video's first frame. */
 static void test_segment(void **state) {
   (void)state;
   struct made_job m;
@@ -76,8 +76,8 @@ static void test_segment(void **state) {
   size_t held = 0;
   open_clip(&m);
   m.options.from = 1;
-  m.job.segment[0] = 2;
-  m.job.segment[1] = 2.8;
+  m.job.segment[0] = 3;
+  m.job.segment[1] = 3.8;
   write_table("video.csv", 200, 25, 0, 0);
   support_ok(m.job.context, ern_openface_landmarks(&m.job, "video.csv", points, &held));
   for (size_t i = 0; i < FRAMES; i++) expect_points((const float(*)[POINTS][2])points, i, 3 + (double)i / 25);
