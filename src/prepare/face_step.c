@@ -34,6 +34,7 @@ struct scan {
   float usual;                                     /* running mean of the change */
   size_t cut;                                      /* frame of a cut; 0: none */
   size_t frames;
+  bool has_sound;
   struct ern_segment_search *search; /* NULL where no stretch is looked for */
   int width, height;
   double aspect;
@@ -125,6 +126,7 @@ static ern_status scan_video(struct scan *s) {
   s->width = footage.info.width;
   s->height = footage.info.height;
   s->aspect = footage.info.pixel_aspect;
+  s->has_sound = footage.info.has_sound;
   const size_t expected = 2 * ern_footage_expected(&footage);
   const size_t most = s->search != NULL ? SEARCHED : ERN_PREPARE_FRAMES;
   for (;; s->frames++) {
@@ -334,6 +336,10 @@ static bool judge_scan(struct scan *s) {
   if (s->frames < FEWEST_FRAMES)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part is %.2f s long, expected at least 1 s, and minutes at best",
                       seconds);
+  else if (!s->has_sound && job->options->features == NULL)
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
+                      "the video has no sound, and a mouth cannot be learnt without; expected a video with speech, or "
+                      "--features FILE.npy");
   else if (s->found == 0)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED,
                       "no face was found in %.0f s, expected a person who looks into the camera, the face at least a "

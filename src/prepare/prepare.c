@@ -92,9 +92,10 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
   if (job->verdict->grade == ERN_PREPARE_REFUSED) {
-    static const char *const poses[] = {"transforms_train.json",
-                                        "transforms_val.json"}; /* else a training takes them */
+    /* else a training takes what is there */
+    static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
     for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove(job, poses[i]));
+    if (step == 3) ERN_TRY(ern_prepare_remove(job, "bc.jpg"));
     ERN_TRY(
         ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words));
   }

