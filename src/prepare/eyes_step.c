@@ -11,7 +11,7 @@
 #include "io/file.h"
 #include "io/landmarks.h"
 #include "prepare/head_shape.h"
-#include "prepare/openface.h"
+#include "prepare/landmarks/openface.h"
 #include "prepare/still_crop.h"
 
 enum {

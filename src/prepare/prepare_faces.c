@@ -6,7 +6,7 @@
 
 #include "io/csv.h"
 #include "io/file.h"
-#include "prepare/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_brought.h"
 #include "prepare/prepare_job.h"
 
 /* Eyes that were not found are -1. */

@@ -2,7 +2,7 @@
  * Landmarks and lids out of tables as OpenFace writes them: pixels and rows of the video become those of the clip. */
 #include "io/csv.h"
 #include "io/landmarks.h"
-#include "prepare/openface.h"
+#include "prepare/landmarks/openface.h"
 #include "prepare_test.h"
 
 enum { SIDE = 256, FRAMES = 20, POINTS = ERN_LANDMARKS };

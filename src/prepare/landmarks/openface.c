@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "prepare/openface.h"
+#include "prepare/landmarks/openface.h"
 
 #include <math.h>
 #include <stdio.h>

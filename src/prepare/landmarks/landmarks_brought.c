@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT */
-#include "prepare/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_brought.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "prepare/head_shape.h"
-#include "prepare/landmark_network.h"
-#include "prepare/landmarks_template.h"
-#include "prepare/openface.h"
+#include "prepare/landmarks/landmark_network.h"
+#include "prepare/landmarks/landmarks_template.h"
+#include "prepare/landmarks/openface.h"
 
 enum { EXAMPLES = 6, MOUTH = 48 };
 

@@ -6,10 +6,10 @@
 
 #include "io/file.h"
 #include "prepare/head_shape.h"
-#include "prepare/landmark_network.h"
-#include "prepare/landmarks_brought.h"
-#include "prepare/landmarks_template.h"
-#include "prepare/openface.h"
+#include "prepare/landmarks/landmark_network.h"
+#include "prepare/landmarks/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_template.h"
+#include "prepare/landmarks/openface.h"
 #include "prepare/still_crop.h"
 
 enum { LOOKS = 240, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };

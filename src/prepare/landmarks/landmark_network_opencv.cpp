@@ -9,7 +9,7 @@ extern "C" { /* C headers */
 #include "io/landmarks.h"
 }
 
-#include "prepare/landmark_network.h"
+#include "prepare/landmarks/landmark_network.h"
 #include "prepare/onnx_network_opencv.h"
 
 namespace {
