@@ -70,7 +70,7 @@ static void compare(struct scan *s, const ern_image *image) {
   if (s->change > s->most_change) s->most_change = s->change;
   if (s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f)) {
     if (s->cut == 0) s->cut = s->frames;
-    if (s->search != NULL) s->search->cut = true;
+    if (s->search != NULL && s->search->cut == 0) s->search->cut = s->frames;
   }
   s->usual += 0.1f * (fminf(s->change, 10) - s->usual);
 }

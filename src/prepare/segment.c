@@ -9,12 +9,13 @@
 #include "prepare/footage.h"
 #include "prepare/still_crop.h"
 
-enum { SOUND_RATE = 16000, STEP = 5 /* looks between the stretches that are tried */ };
+enum { SOUND_RATE = 16000, TRIED = 100 /* places in the length of a stretch at which one may begin */ };
 static const double auto_length = 180, auto_longer = 300, shortest = 1, longest = 7200; /* seconds */
 
 struct ern_segment_look {
   float place[3]; /* middle x, y and log of the width, in widths */
-  bool face, cut, loud;
+  bool face, loud;
+  bool cut, cut_before; /* after the look before and up to this one; of these, before this one's frame */
 };
 
 ern_status ern_segment_read(ern_context *context, const char *text, double *length, double *longer_than) {
@@ -41,14 +42,15 @@ ern_status ern_segment_add(ern_context *context, struct ern_segment_search *sear
     search->looks = larger;
     search->room = room;
   }
-  struct ern_segment_look look = {.face = face->width > 0, .cut = search->cut};
+  struct ern_segment_look look = {
+      .face = face->width > 0, .cut = search->cut > 0, .cut_before = search->cut > 0 && search->cut < face->frame};
   if (look.face) {
     look.place[0] = face->x / face->width + 0.5f;
     look.place[1] = (face->y + 0.5f * face->height) / face->width;
     look.place[2] = logf(face->width);
   }
   search->looks[search->count++] = look;
-  search->cut = false;
+  search->cut = 0;
 fail:
   return status;
 }
@@ -119,11 +121,12 @@ ern_status ern_segment_choose(struct ern_prepare_job *job, const struct ern_segm
   float *values = NULL;
   const size_t wanted = (size_t)llround(length * ERN_PREPARE_RATE / (double)every);
   const size_t span = wanted < search->count ? wanted : search->count;
+  const size_t step = span > TRIED ? span / TRIED : 1;
   double best = -1;
   ERN_TRY(hear(job, search->looks, search->count, every));
   ERN_TRY(ERN_NEW(job->context, span, &values));
-  for (size_t begin = 0; begin + span <= search->count; begin += STEP) {
-    const bool cut = begin + span < search->count ? search->looks[begin + span].cut : search->cut;
+  for (size_t begin = 0; begin + span <= search->count; begin += step) {
+    const bool cut = begin + span < search->count ? search->looks[begin + span].cut_before : search->cut > 0;
     const double value = worth(search->looks + begin, span, cut, values);
     if (value <= best) continue;
     best = value;

@@ -14,7 +14,7 @@ ERN_NODISCARD ern_status ern_segment_read(ern_context *context, const char *text
 struct ern_segment_search {
   struct ern_segment_look *looks;
   size_t count, room;
-  bool cut; /* since the last look */
+  size_t cut; /* frame that the first cut since the last look leads to, 0: none */
 };
 
 /* The face's frame is that of the look; its width is 0 where none was found. Takes and clears search->cut. */
