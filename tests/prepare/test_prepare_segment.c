@@ -202,6 +202,7 @@ static void test_face_step(void **state) {
   support_ok(context, ern_video_writer_close(&writer));
   options.side = HEAD;
   options.only = "face";
+  options.features = "truth/aud_ds.npy"; /* the video has no sound */
   support_expect(context, ern_prepare(context, "head.mp4", "clip", &options, &result), ERN_E_UNSUPPORTED, "cut", NULL);
   support_clear("clip");
   options.segment = "2";

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "io/file.h"
+#include "prepare/face_detector.h"
 #include "prepare/layers/layers.h"
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
@@ -90,31 +91,21 @@ static ern_status read_frame(const struct ern_prepare_job *job, size_t frame, er
 /* The square of a picture of the whole place that the clip shows, at the clip's side. */
 static ern_status read_background(const struct ern_prepare_job *job, ern_image *background) {
   ern_status status = ERN_OK;
-  ern_image whole = {0}, square = {0};
-  const char *path = job->options->background;
-  int x = 0, y = 0, side = 0, width = 0, height = 0;
-  const json_t *crop = json_object_get(job->record, "crop"), *size = json_object_get(crop, "size");
-  ERN_TRY(ern_image_read(job->context, path, 3, &whole));
-  (void)json_unpack((json_t *)crop, "{s:i, s:i, s:i}", "x", &x, "y", &y, "side", &side);
-  if (json_unpack((json_t *)size, "[i, i]", &width, &height) == 0 && whole.width == width && whole.height == height &&
-      side > 0 && side <= 1 << 14) {
-    ERN_TRY(ERN_NEW(job->context, 3 * (size_t)side * (size_t)side, &square.data));
-    square.width = square.height = side;
-    square.channels = 3;
-    for (int v = 0; v < side; v++)
-      for (int u = 0; u < side; u++) { /* outside the video its edge goes on */
-        const int at_x = x + u < 0 ? 0 : x + u >= width ? width - 1 : x + u;
-        const int at_y = y + v < 0 ? 0 : y + v >= height ? height - 1 : y + v;
-        memcpy(square.data + 3 * ((size_t)v * (size_t)side + (size_t)u),
-               whole.data + 3 * ((size_t)at_y * (size_t)width + (size_t)at_x), 3);
-      }
-    ERN_TRY(ern_image_resize(job->context, &square, job->side, job->side, background));
-  } else {
+  ern_image whole = {0};
+  const json_t *crop = json_object_get(job->record, "crop");
+  const double region[4] = {
+      json_number_value(json_object_get(crop, "x")), json_number_value(json_object_get(crop, "y")),
+      json_number_value(json_object_get(crop, "width")), json_number_value(json_object_get(crop, "side"))};
+  ERN_TRY(ern_image_read(job->context, job->options->background, 3, &whole));
+  const bool of_video = whole.width == json_integer_value(json_object_get(crop, "video_width")) &&
+                        whole.height == json_integer_value(json_object_get(crop, "video_height"));
+  if (of_video && region[0] >= 0 && region[1] >= 0 && region[2] >= 1 && region[3] >= 1 &&
+      region[0] + region[2] <= whole.width && region[1] + region[3] <= whole.height)
+    ERN_TRY(ern_picture_crop(job->context, &whole, region, job->side, background));
+  else
     ERN_TRY(ern_image_resize(job->context, &whole, job->side, job->side, background));
-  }
 fail:
   ern_image_free(job->context, &whole);
-  ern_image_free(job->context, &square);
   return status;
 }
 
