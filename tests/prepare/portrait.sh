@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# tools/portrait from a made-up video to a portrait: what it makes, that it goes on where it was stopped, and what it refuses.
+# Usage: portrait.sh ERNERF PORTRAIT FOLDER
+set -euo pipefail
+export ERNERF=$1
+portrait=$2 folder=$3
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+fail() { echo "portrait.sh: $1" >&2; exit 1; }
+
+"$ERNERF" synth truth --size 192 --frames 50 --seed 3 --video person.mp4 --quiet
+timeout -s INT 8 bash "$portrait" person.mp4 --minutes 0.05 --size 192 > stopped.log 2>&1 && fail "it ended within 8 s"
+bash "$portrait" person.mp4 --minutes 0.05 --size 192 > first.log 2>&1 || { tail -n 5 first.log; fail "it failed"; }
+for file in clip/report.html clip/overlay.mp4 head.safetensors portrait.safetensors unseen.mp4 eval.json; do
+  [ -s "person/$file" ] || fail "person/$file is not there"
+done
+grep -q '"psnr"' person/eval.json || fail "eval.json has no PSNR"
+[ -z "$(find person -name '*.ernerf-tmp' -o -name 'tmp.*')" ] || fail "leftovers: $(find person -name '*.ernerf-tmp' -o -name 'tmp.*')"
+
+# again: nothing is learnt twice
+before=$(stat -c %Y.%i person/portrait.safetensors)
+bash "$portrait" person.mp4 --minutes 0.05 --size 192 > second.log 2>&1 || fail "a second call failed"
+[ "$before" = "$(stat -c %Y.%i person/portrait.safetensors)" ] || fail "a second call learnt again"
+
+bash "$portrait" person.mp4 -o bare --minutes 0.05 --size 192 --head-only > bare.log 2>&1 || fail "--head-only failed"
+[ -s bare/head.safetensors ] && [ ! -e bare/portrait.safetensors ] || fail "--head-only made a torso"
+
+echo text > text.mp4
+bash "$portrait" text.mp4 -o none > none.log 2>&1 && fail "a text was taken for a video"
+bash "$portrait" person.mp4 --minutes x > none.log 2>&1 && fail "--minutes x was taken"
+bash "$portrait" > none.log 2>&1 && fail "a call without a video was taken"
+echo "portrait.sh: all is there"
