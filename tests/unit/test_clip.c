@@ -516,7 +516,7 @@ static void test_check_suspicious(void **state) {
     write_landmarks(in_folder("judged", name), 68, 1);
   }
   write_transforms("judged/transforms_train.json", 0, MANY, 100);
-  write_blink("judged/au.csv", "AU45_r, frame", MANY);
+  write_blink("judged/au.csv", "AU45_r, AU46_r", MANY);
   write_features(context, "judged/aud_ds.npy", MANY * 25 / 30, 16, 29); /* a video of 30 frames a second */
   check_again(context, ERN_OK, &said);
   expect_said(&said, "oaud_ds.npy: 100 windows, but frames up to aud_id 119", "30 frames a second");
