@@ -12,9 +12,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
   if (job->options->features == NULL) {
-    const json_t *before = json_object_get(json_object_get(job->record, "steps"), "features");
-    const char *with = json_string_value(json_object_get(before, "settings"));
-    if (with != NULL && strcmp(with, "features ") != 0) ERN_TRY(ern_prepare_remove(job, "aud.npy"));
+    if (job->again) ERN_TRY(ern_prepare_remove(job, "aud.npy"));
     ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
     if (access(path, F_OK) != 0)
       ern_prepare_judge(job, ERN_PREPARE_REFUSED,

@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * From a video to a clip, step by step. */
+#define _XOPEN_SOURCE 700 /* realpath */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "core/floats.h"
@@ -12,7 +15,7 @@
 #include "prepare/report.h"
 #include "prepare/segment.h"
 
-enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 8192 };
+enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 9000, MARK = 4200 };
 
 static const struct step {
   const char *name;
@@ -26,8 +29,6 @@ void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
   ern_config_give(options, bytes, &own, sizeof own);
 }
 
-static const char *text_of(const char *text) { return text != NULL ? text : ""; }
-
 /* JSON is UTF-8, which the name of a file need not be. */
 static void keep_text(char *text) {
   json_t *string = json_string(text);
@@ -36,26 +37,75 @@ static void keep_text(char *text) {
   json_decref(string);
 }
 
+/* A brought file by its path, bytes and time, so that another content is another setting. */
+static const char *mark_of(const char *path, char mark[MARK]) {
+  struct stat about;
+  mark[0] = 0;
+  if (path != NULL && stat(path, &about) == 0)
+    snprintf(mark, MARK, "%s %lld %lld", path, (long long)about.st_size, (long long)about.st_mtime);
+  else if (path != NULL)
+    snprintf(mark, MARK, "%s", path);
+  return mark;
+}
+
 /* What a step's result depends on beside the steps before it. */
 static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
   const ern_prepare_options *o = job->options;
+  char a[MARK], b[MARK];
   settings[0] = 0;
   switch (step) {
     case 1: /* landmarks place the eyes from which tracking begins */
-      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, text_of(o->poses),
+      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, mark_of(o->poses, a),
                o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
-               o->poses == NULL ? text_of(o->landmarks) : "");
+               o->poses == NULL ? mark_of(o->landmarks, b) : "");
       break;
-    case 2: snprintf(settings, SETTINGS, "landmarks %s", text_of(o->landmarks)); break;
+    case 2: snprintf(settings, SETTINGS, "landmarks %s", mark_of(o->landmarks, a)); break;
     case 3:
-      snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "", text_of(o->masks),
-               text_of(o->background));
+      snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "", mark_of(o->masks, a),
+               mark_of(o->background, b));
       break;
-    case 4: snprintf(settings, SETTINGS, "au %s", text_of(o->au)); break;
-    case 5: snprintf(settings, SETTINGS, "features %s", text_of(o->features)); break;
+    case 4: snprintf(settings, SETTINGS, "au %s", mark_of(o->au, a)); break;
+    case 5: snprintf(settings, SETTINGS, "features %s", mark_of(o->features, a)); break;
     default: break;
   }
   keep_text(settings);
+}
+
+/* Whether what a step writes is still there: its first and its last file. */
+static bool is_there(const struct ern_prepare_job *job, size_t step) {
+  static const char *const first[ERN_PREPARE_STEPS] = {
+      "ori_imgs/0.jpg", "transforms_train.json", "ori_imgs/0.lms", "bc.jpg", NULL, NULL};
+  static const char *const folder[ERN_PREPARE_STEPS] = {"ori_imgs", "", "ori_imgs", "gt_imgs", NULL, NULL};
+  char path[ERN_PREPARE_PATH], name[64] = "transforms_val.json";
+  if (first[step] == NULL) return true;
+  if (step != 1)
+    snprintf(name, sizeof name, "%s/%zu.%s", folder[step], job->frames > 0 ? job->frames - 1 : 0,
+             step == 2 ? "lms" : "jpg");
+  const char *const names[] = {first[step], name};
+  for (int i = 0; i < 2; i++)
+    if (snprintf(path, sizeof path, "%s/%s", job->folder, names[i]) >= (int)sizeof path || access(path, F_OK) != 0)
+      return false;
+  return true;
+}
+
+/* The video and what is brought may not lie where the clip's files are written and removed. */
+static ern_status keep_inputs(const struct ern_prepare_job *job) {
+  const ern_prepare_options *o = job->options;
+  const char *const inputs[] = {job->video, o->background, o->landmarks, o->poses, o->masks, o->au, o->features};
+  char *folder = realpath(job->folder, NULL);
+  ern_status status = ERN_OK;
+  if (folder == NULL) return ERN_OK; /* it is not there yet */
+  const size_t length = strlen(folder);
+  for (size_t i = 0; i < sizeof inputs / sizeof *inputs && status == ERN_OK; i++) {
+    char *place = inputs[i] != NULL ? realpath(inputs[i], NULL) : NULL;
+    if (place != NULL && strncmp(place, folder, length) == 0 && (place[length] == '/' || place[length] == 0))
+      status = ern_fail(job->context, ERN_E_ARGUMENT,
+                        "%s: is an input, and lies in %s, whose files are written; expected it elsewhere", inputs[i],
+                        job->folder);
+    free(place);
+  }
+  free(folder);
+  return status;
 }
 
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
@@ -86,9 +136,14 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   job->figures = json_object();
   if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
   ERN_TRY(ern_prepare_progress(job, 0, 1));
-  ERN_TRY(steps[step].run(job));
+  const char *with = json_string_value(
+      json_object_get(json_object_get(json_object_get(job->record, "steps"), steps[step].name), "settings"));
+  job->again = with != NULL && with[0] != 0 && with[strlen(with) - 1] != ' ';
   /* frames are behind all, poses and landmarks behind layers and eyes */
-  for (size_t i = step; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
+  stale[count++] = steps[step].name;
+  for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
+  if (step > 0) ERN_TRY(ern_prepare_record_strike(job, stale, count)); /* else a step that is stopped counts as done */
+  ERN_TRY(steps[step].run(job));
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
   if (job->verdict->grade == ERN_PREPARE_REFUSED) {
@@ -111,7 +166,7 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
   for (size_t i = 0; i < ERN_PREPARE_STEPS; i++) {
     job->verdict = &result->verdicts[i];
     settings_of(job, i, settings);
-    const bool done = ern_prepare_record_has(job, steps[i].name, settings, job->verdict);
+    const bool done = ern_prepare_record_has(job, steps[i].name, settings, job->verdict) && is_there(job, i);
     if (done) job->verdict->step = steps[i].name;
     if (only < ERN_PREPARE_STEPS ? i != only : done) {
       if (done || i > only) continue;
@@ -163,6 +218,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   ERN_TRY(check_options(context, &own, &only));
   job.side = own.side;
   job.focal = own.focal > 0 ? own.focal : 1100.0 / 450.0 * own.side;
+  ERN_TRY(keep_inputs(&job));
   ERN_TRY(ern_prepare_record_open(&job, &lock));
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;

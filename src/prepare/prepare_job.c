@@ -5,6 +5,20 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
+
+/* Neither a file of the clip nor the folder that it lies in is a symbolic link: what a link leads to is somebody's. */
+static ern_status refuse_links(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH], size_t begin) {
+  struct stat about;
+  for (char *slash = strchr(path + begin, '/');; slash = NULL) {
+    if (slash != NULL) *slash = 0;
+    if (lstat(path, &about) == 0 && S_ISLNK(about.st_mode))
+      return ern_fail(job->context, ERN_E_EXISTS, "%s: is a symbolic link, expected a file or folder of the clip",
+                      path);
+    if (slash == NULL) return ERN_OK;
+    *slash = '/';
+  }
+}
 
 ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH], const char *format, ...) {
   const int before = snprintf(path, ERN_PREPARE_PATH, "%s/", job->folder);
@@ -15,7 +29,7 @@ ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PRE
     after = vsnprintf(path + before, (size_t)(ERN_PREPARE_PATH - before), format, list);
     va_end(list);
   }
-  if (after >= 0 && after < ERN_PREPARE_PATH - before) return ERN_OK;
+  if (after >= 0 && after < ERN_PREPARE_PATH - before) return refuse_links(job, path, (size_t)before);
   return ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long, expected at most %d bytes", job->folder,
                   ERN_PREPARE_PATH - 64);
 }

@@ -33,6 +33,7 @@ struct ern_prepare_job {
   json_t *record; /* prepare.json */
   /* of the step that runs */
   ern_prepare_verdict *verdict;
+  bool again;      /* an earlier call did it with something that the user brought */
   json_t *figures; /* an object of numbers for prepare.json and the report */
 };
 

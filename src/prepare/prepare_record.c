@@ -154,6 +154,11 @@ bool ern_prepare_record_has(const struct ern_prepare_job *job, const char *step,
   return false;
 }
 
+ern_status ern_prepare_record_strike(struct ern_prepare_job *job, const char *const *stale, size_t count) {
+  for (size_t i = 0; i < count; i++) (void)json_object_del(json_object_get(job->record, "steps"), stale[i]);
+  return ern_prepare_record_save(job);
+}
+
 ern_status ern_prepare_record_enter(struct ern_prepare_job *job, const char *settings, const char *const *stale,
                                     size_t count) {
   json_t *steps = json_object_get(job->record, "steps");
@@ -198,12 +203,19 @@ static ern_status take_away(struct ern_prepare_job *job, int folder, const char 
   return status == ERN_OK ? ern_file_refused(job->context, path, "remove") : status;
 }
 
+/* Whether aud.npy is what this program made of --features, and not the user's; -y asks for all of an earlier clip. */
+static bool made_features(const struct ern_prepare_job *job) {
+  const json_t *step = json_object_get(json_object_get(job->record, "steps"), "features");
+  const char *with = json_string_value(json_object_get(step, "settings"));
+  return job->options->anew || (with != NULL && strcmp(with, "features ") != 0);
+}
+
 static ern_status clear_folder(struct ern_prepare_job *job, size_t which) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], name[64];
   const char *inside = made[which].folder;
   int folder = -1;
-  ERN_TRY(ern_prepare_path(job, path, "%s", inside));
+  if (snprintf(path, sizeof path, "%s/%s", job->folder, inside) >= (int)sizeof path) return ERN_OK;
   folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
   if (folder < 0) return ERN_OK; /* there is none, or it is a link */
   for (size_t k = 0; k < 2 && made[which].numbered[k] != NULL; k++)
@@ -212,7 +224,8 @@ static ern_status clear_folder(struct ern_prepare_job *job, size_t which) {
       ERN_TRY(take_away(job, folder, inside, name));
     }
   for (size_t k = 0; k < sizeof made[which].names / sizeof *made[which].names && made[which].names[k] != NULL; k++)
-    ERN_TRY(take_away(job, folder, inside, made[which].names[k]));
+    if (strcmp(made[which].names[k], "aud.npy") != 0 || made_features(job))
+      ERN_TRY(take_away(job, folder, inside, made[which].names[k]));
   if (inside[0] != 0) (void)rmdir(path); /* where nothing else is in it */
 fail:
   if (folder >= 0) close(folder);

@@ -15,6 +15,8 @@ ERN_NODISCARD ern_status ern_prepare_record_save(struct ern_prepare_job *job);
 /* Whether the step was done and not refused, with these settings; *verdict is then what it said. */
 bool ern_prepare_record_has(const struct ern_prepare_job *job, const char *step, const char *settings,
                             ern_prepare_verdict *verdict);
+/* Forgets the steps named in `stale[count]`, before their files change. */
+ERN_NODISCARD ern_status ern_prepare_record_strike(struct ern_prepare_job *job, const char *const *stale, size_t count);
 /* Enters what the step said, and forgets the steps named in `stale[count]`. */
 ERN_NODISCARD ern_status ern_prepare_record_enter(struct ern_prepare_job *job, const char *settings,
                                                   const char *const *stale, size_t count);

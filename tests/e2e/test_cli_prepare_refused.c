@@ -92,6 +92,31 @@ static void test_verdicts(void **state) {
   expect_verdict("short.mp4", "0.60 s long", "expected at least 1 s");
 }
 
+/* What is read may not lie where the clip is written, a link of the clip is not written through, and --json is no file
+ * of the clip. */
+static void test_inputs_and_links(void **state) {
+  (void)state;
+  support_clear("clip");
+  assert_int_equal(mkdir("clip", 0777), 0);
+  assert_int_equal(system("cp cut.mp4 clip/own.mp4 && cp cut.mp4 was.mp4 && ln -sf clip/own.mp4 link.mp4"), 0);
+  static const char *const videos[] = {"clip/own.mp4", "link.mp4"};
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "prepare %s -o clip --size 192 -y", videos[i]);
+    cli_expect(&cli, 1, videos[i], "is an input, and lies in clip", NULL);
+    assert_int_equal(system("cmp was.mp4 clip/own.mp4"), 0);
+  }
+  support_clear("clip");
+  cli_run(&cli, "prepare cut.mp4 -o clip --size 192");
+  cli_expect(&cli, 1, "cut", NULL);
+  support_write_text("mine.html", "mine");
+  assert_int_equal(system("rm clip/report.html && ln -s ../mine.html clip/report.html"), 0);
+  cli_run(&cli, "prepare cut.mp4 -o clip --size 192");
+  cli_expect(&cli, 1, NULL);
+  assert_int_equal(system("printf mine | cmp - mine.html"), 0);
+  cli_run(&cli, "prepare cut.mp4 -o clip --size 192 --json clip/prepare.json -y");
+  cli_expect(&cli, 1, "lies in clip", NULL);
+}
+
 /* No speech, no mouth: the first step says so; brought features help. */
 static void test_silent(void **state) {
   (void)state;
@@ -161,7 +186,8 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts), cmocka_unit_test(test_silent),
-                                     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts), cmocka_unit_test(test_inputs_and_links),
+                                     cmocka_unit_test(test_silent), cmocka_unit_test(test_no_videos),
+                                     cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -151,8 +151,15 @@ static int check_tables(struct ablate_job *job) {
 
 static int check_outputs(struct ablate_job *job) {
   char path[PATH_BYTES];
-  if (job->resume && !job->session.overwrite) /* their rows: ablation_check_earlier */
-    return check_tables(job) != 0 ? EXIT_FAILURE : session_keep_json_out(&job->session, job->folder);
+  struct stat about;
+  const bool again = job->resume && !job->session.overwrite; /* rows of the tables: ablation_check_earlier */
+  for (size_t r = 0; again && r < job->result.rows; r++)
+    for (int seed = 0; seed < job->seeds; seed++) {
+      if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0) return EXIT_FAILURE;
+      if (lstat(path, &about) == 0 && S_ISLNK(about.st_mode))
+        return session_fail_with(&job->session, "%s: is a symbolic link, expected a model of an earlier call", path);
+    }
+  if (again) return check_tables(job) != 0 ? EXIT_FAILURE : session_keep_json_out(&job->session, job->folder);
   for (size_t r = 0; r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++)
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||

@@ -55,6 +55,7 @@ static int make(struct prepare_job *job) {
   struct prepare_library library = {0};
   ern_prepare_result result = {0};
   const double began = session_seconds();
+  if (session_keep_json_out(session, job->folder) != 0) return EXIT_FAILURE;
   if (prepare_library_load(&library, session) != 0) return EXIT_FAILURE;
   const uint32_t cookie = library.options.cookie, size = library.options.size;
   ern_prepare_options *options = &job->options;
@@ -190,7 +191,7 @@ int cmd_prepare(int argc, char **argv) {
   if (status < 0 && job.to > 0 && job.to <= job.from)
     status = args_refuse(&args, "--from %g is not before --to %g", (double)job.from, (double)job.to);
   job.session.inputs[0] = job.video;
-  const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features};
+  const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features, o->background};
   for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++) job.session.inputs[1 + i] = inputs[i];
   job.session.rewrites = true;
   if (status < 0) status = session_open(&job.session, &args);
