@@ -12,6 +12,7 @@
 #include "prepare/footage.h"
 #include "prepare/prepare_record.h"
 #include "prepare/segment.h"
+#include "prepare/still_crop.h"
 
 enum {
   EVERY = 5,                         /* frames between looks */
@@ -149,11 +150,6 @@ fail:
   return status;
 }
 
-static int rising(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
 /* Takes away what the cascades found elsewhere than the face mostly is. */
 static ern_status drop_strays(struct scan *s, double *width) {
   ern_status status = ERN_OK;
@@ -165,8 +161,7 @@ static ern_status drop_strays(struct scan *s, double *width) {
       const struct ern_found_face *f = &s->faces[i];
       if (f->width > 0) values[n++] = c == 0 ? f->width : c == 1 ? f->x + 0.5f * f->width : f->y + 0.5f * f->height;
     }
-    qsort(values, n, sizeof *values, rising);
-    middle[c] = values[n / 2];
+    middle[c] = ern_quantile(values, n, 0.5);
   }
   for (size_t i = 0; i < s->looks; i++) {
     struct ern_found_face *f = &s->faces[i];

@@ -137,6 +137,27 @@ static void test_second_call(void **state) {
   cli_expect(&cli, 0, NULL);
   assert_false(cli_there("clip/aud.npy"));
   cli_same_bytes("clip/au.csv", "au_first.csv");
+  /* a step that fails no longer counts as done; another content under the same name is another input; a file that is
+   * gone is made again */
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au none.csv");
+  cli_expect(&cli, 1, "none.csv", NULL);
+  assert_int_not_equal(system("grep -q '\"eyes\"' clip/prepare.json"), 0);
+  static const char *const lids[] = {"0.5", "1.25"};
+  for (int i = 0; i < 2; i++) {
+    char line[128];
+    snprintf(line, sizeof line, "(echo AU45_r; for i in $(seq 40); do echo %s; done) >own.csv", lids[i]);
+    assert_int_equal(system(line), 0);
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au own.csv");
+    cli_expect(&cli, 0, NULL);
+    snprintf(line, sizeof line, "grep -q ', %s0*$' clip/au.csv", lids[i]);
+    assert_int_equal(system(line), 0);
+  }
+  const long long layers = changed("clip/gt_imgs/0.jpg");
+  assert_int_equal(unlink("clip/bc.jpg"), 0);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("clip/bc.jpg") && changed("clip/gt_imgs/0.jpg") > layers);
+  cli_same_bytes("clip/au.csv", "au_first.csv");
   cli_run(&cli, "prepare v.mp4 -o new --size 192 --only eyes");
   cli_expect(&cli, 1, "new", "\"face\"", "--only", NULL);
   assert_false(cli_there("new"));

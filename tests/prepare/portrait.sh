@@ -27,6 +27,11 @@ bash "$portrait" person.mp4 --minutes 0.05 --size 192 > second.log 2>&1 || fail 
 bash "$portrait" person.mp4 -o bare --minutes 0.05 --size 192 --head-only > bare.log 2>&1 || fail "--head-only failed"
 [ -s bare/head.safetensors ] && [ ! -e bare/portrait.safetensors ] || fail "--head-only made a torso"
 
+mkdir others
+echo mine > others/eval.json
+bash "$portrait" person.mp4 -o others --minutes 0.05 > none.log 2>&1 && fail "a folder of others was taken"
+[ "$(ls others) $(cat others/eval.json)" = "eval.json mine" ] || fail "a folder of others was changed"
+
 echo text > text.mp4
 bash "$portrait" text.mp4 -o none > none.log 2>&1 && fail "a text was taken for a video"
 bash "$portrait" person.mp4 --minutes x > none.log 2>&1 && fail "--minutes x was taken"

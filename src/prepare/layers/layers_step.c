@@ -9,6 +9,7 @@
 #include "io/file.h"
 #include "prepare/face_detector.h"
 #include "prepare/layers/layers.h"
+#include "prepare/still_crop.h"
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 
@@ -221,11 +222,6 @@ fail:
   return status;
 }
 
-static int rising(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
 static void judge_place(struct ern_prepare_job *job, const struct ern_person_found *found) {
   const double shift = found->shift * 512 / job->side;
   if (found->shifted >= 0.5 && shift > 1.5)
@@ -252,8 +248,7 @@ static void judge(struct ern_prepare_job *job, const struct ern_person_found *fo
   size_t all = 0;
   for (int i = 0; i < 16; i++) all += border[i];
   const double faint = all > 0 ? (double)(border[0] + border[1]) / (double)all : 1;
-  qsort(trembles, job->frames, sizeof *trembles, rising);
-  const double tremble = (double)trembles[job->frames * 9 / 10];
+  const double tremble = (double)ern_quantile(trembles, job->frames, 0.9);
   ern_prepare_figure(job, "person_share", covered);
   ern_prepare_figure(job, "area_tremble", tremble);
   ern_prepare_figure(job, "background_never_seen", found->never_seen);
