@@ -19,10 +19,13 @@ done
 grep -q '"psnr"' person/eval.json || fail "eval.json has no PSNR"
 [ -z "$(find person -name '*.ernerf-tmp' -o -name 'tmp.*')" ] || fail "leftovers: $(find person -name '*.ernerf-tmp' -o -name 'tmp.*')"
 
-# again: nothing is learnt twice
+# again: nothing is learnt twice, and nothing with other options
 before=$(stat -c %Y.%i person/portrait.safetensors)
 bash "$portrait" person.mp4 --minutes 0.05 --size 192 > second.log 2>&1 || fail "a second call failed"
 [ "$before" = "$(stat -c %Y.%i person/portrait.safetensors)" ] || fail "a second call learnt again"
+
+bash "$portrait" person.mp4 --minutes 0.1 --size 192 > other.log 2>&1 && fail "other --minutes were taken"
+grep -q 'made with --minutes 0.05, found --minutes 0.1' other.log || fail "not said: --minutes"
 
 bash "$portrait" person.mp4 -o bare --minutes 0.05 --size 192 --head-only > bare.log 2>&1 || fail "--head-only failed"
 [ -s bare/head.safetensors ] && [ ! -e bare/portrait.safetensors ] || fail "--head-only made a torso"

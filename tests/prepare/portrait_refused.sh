@@ -1,0 +1,67 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Whose folder tools/portrait takes, and with which options it goes on: what it refuses before any work.
+# Usage: portrait_refused.sh ERNERF PORTRAIT FOLDER
+set -euo pipefail
+export ERNERF=$1
+portrait=$2 folder=$3
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+fail() { echo "portrait_refused.sh: $1" >&2; cat said.log >&2; exit 1; }
+
+# refused WORDS... -- ARGUMENTS...: the call ends with exit status 1 and these words, and no file of FOLDER changes.
+refused() {
+  local words=() before
+  while [ "$1" != -- ]; do words+=("$1"); shift; done
+  shift
+  before=$(find . -type f ! -name said.log -exec sha256sum {} + | sort)
+  local status=0
+  bash "$portrait" person.mp4 "$@" > said.log 2>&1 || status=$?
+  [ "$status" = 1 ] || fail "portrait $*: exit status $status, expected 1"
+  for word in "${words[@]}"; do grep -qF -e "$word" said.log || fail "portrait $*: not said: $word"; done
+  [ "$before" = "$(find . -type f ! -name said.log -exec sha256sum {} + | sort)" ] || fail "portrait $*: files changed"
+  ! grep -q '^==' said.log || fail "portrait $*: work was begun"
+}
+
+# of 0.4 s, which prepare refuses, so that no call takes long; a record of the clip stays
+"$ERNERF" synth truth --size 128 --frames 10 --seed 3 --video person.mp4 --quiet
+
+# the user's own folder with the names that portrait has
+"$ERNERF" prepare person.mp4 -o own/clip --size 128 > said.log 2>&1 && fail "a video of 0.4 s was taken"
+[ -e own/clip/prepare.json ] || fail "no record of the refusal"
+for name in eval.json unseen.mp4 head.safetensors; do echo mine > "own/$name"; done
+refused own/ 'did not make it' portrait.txt 'empty folder' -- -o own
+echo mine > own/portrait.txt
+refused own/portrait.txt 'did not write it' 'empty folder' -- -o own
+mkdir other
+echo mine > other/thesis.txt
+refused other/thesis.txt 'did not make it' -- -o other
+
+# a folder of an earlier call: frames of other options are refused, a model that it has not begun too
+bash "$portrait" person.mp4 -o made --size 128 --from 0 > said.log 2>&1 && fail "a video of 0.4 s was taken"
+grep -q '0.40 s long' said.log || fail "not said: 0.40 s long"
+[ -e made/clip/report.html ] || fail "no report of the refusal"
+refused made 'made with --size 128' 'found --size 256' 'another folder' -- -o made --size 256 --from 0
+refused made 'made with --from 0' 'found --from not given' -- -o made --size 128
+refused made '--to not given' '--to 1' -- -o made --size 128 --from 0 --to 1
+bash "$portrait" person.mp4 -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 > said.log 2>&1 && fail "it ended well"
+grep -q '^== clip' said.log || fail "other options were refused before a model was begun"
+echo mine > made/head.safetensors
+refused made/head.safetensors 'did not make it' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3
+
+# once a model is begun, all options are those of the first call
+echo 300 > made/head.safetensors.steps
+refused made 'made with --minutes 3' '--minutes 10' -- -o made --size 128 --from 0 --au 'a b.csv'
+refused made '--focal not given' '--focal 300' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --focal 300
+refused made '--au a\ b.csv' '--au c.csv' -- -o made --size 128 --from 0 --au c.csv --minutes 3
+refused made '--head-only not given' '--head-only yes' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --head-only
+bash "$portrait" person.mp4 -o made --minutes 3 --from 0 --au 'a b.csv' --size 128 > said.log 2>&1 && fail "it ended well"
+grep -q '^== clip' said.log || fail "the same options were refused"
+
+# what is no video leaves no mark
+mv person.mp4 whole.mp4
+echo text > person.mp4
+bash "$portrait" person.mp4 -o none > said.log 2>&1 && fail "a text was taken for a video"
+[ -z "$(ls none)" ] || fail "left: $(ls none)"
+echo "portrait_refused.sh: all is refused"
