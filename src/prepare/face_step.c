@@ -328,6 +328,7 @@ static bool judge_scan(struct scan *s) {
   ern_prepare_part(job, &from, &to);
   ern_prepare_figure(job, "frames", (double)s->frames);
   ern_prepare_figure(job, "faces", share);
+  ern_prepare_figure(job, "sound", s->has_sound);
   if (s->frames < FEWEST_FRAMES)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part is %.2f s long, expected at least 1 s, and minutes at best",
                       seconds);

@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "core/floats.h"
@@ -15,7 +14,7 @@
 #include "prepare/report.h"
 #include "prepare/segment.h"
 
-enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 9000, MARK = 4200 };
+enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_MARK + 600 };
 
 static const struct step {
   const char *name;
@@ -37,55 +36,27 @@ static void keep_text(char *text) {
   json_decref(string);
 }
 
-/* A brought file by its path, bytes and time, so that another content is another setting. */
-static const char *mark_of(const char *path, char mark[MARK]) {
-  struct stat about;
-  mark[0] = 0;
-  if (path != NULL && stat(path, &about) == 0)
-    snprintf(mark, MARK, "%s %lld %lld", path, (long long)about.st_size, (long long)about.st_mtime);
-  else if (path != NULL)
-    snprintf(mark, MARK, "%s", path);
-  return mark;
-}
-
 /* What a step's result depends on beside the steps before it. */
 static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
   const ern_prepare_options *o = job->options;
-  char a[MARK], b[MARK];
+  char a[ERN_PREPARE_MARK], b[ERN_PREPARE_MARK];
   settings[0] = 0;
   switch (step) {
     case 1: /* landmarks place the eyes from which tracking begins */
-      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, mark_of(o->poses, a),
+      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_mark(o->poses, a),
                o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
-               o->poses == NULL ? mark_of(o->landmarks, b) : "");
+               o->poses == NULL ? ern_prepare_mark(o->landmarks, b) : "");
       break;
-    case 2: snprintf(settings, SETTINGS, "landmarks %s", mark_of(o->landmarks, a)); break;
+    case 2: snprintf(settings, SETTINGS, "landmarks %s", ern_prepare_mark(o->landmarks, a)); break;
     case 3:
-      snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "", mark_of(o->masks, a),
-               mark_of(o->background, b));
+      snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "",
+               ern_prepare_mark(o->masks, a), ern_prepare_mark(o->background, b));
       break;
-    case 4: snprintf(settings, SETTINGS, "au %s", mark_of(o->au, a)); break;
-    case 5: snprintf(settings, SETTINGS, "features %s", mark_of(o->features, a)); break;
+    case 4: snprintf(settings, SETTINGS, "au %s", ern_prepare_mark(o->au, a)); break;
+    case 5: snprintf(settings, SETTINGS, "features %s", ern_prepare_mark(o->features, a)); break;
     default: break;
   }
   keep_text(settings);
-}
-
-/* Whether what a step writes is still there: its first and its last file. */
-static bool is_there(const struct ern_prepare_job *job, size_t step) {
-  static const char *const first[ERN_PREPARE_STEPS] = {
-      "ori_imgs/0.jpg", "transforms_train.json", "ori_imgs/0.lms", "bc.jpg", NULL, NULL};
-  static const char *const folder[ERN_PREPARE_STEPS] = {"ori_imgs", "", "ori_imgs", "gt_imgs", NULL, NULL};
-  char path[ERN_PREPARE_PATH], name[64] = "transforms_val.json";
-  if (first[step] == NULL) return true;
-  if (step != 1)
-    snprintf(name, sizeof name, "%s/%zu.%s", folder[step], job->frames > 0 ? job->frames - 1 : 0,
-             step == 2 ? "lms" : "jpg");
-  const char *const names[] = {first[step], name};
-  for (int i = 0; i < 2; i++)
-    if (snprintf(path, sizeof path, "%s/%s", job->folder, names[i]) >= (int)sizeof path || access(path, F_OK) != 0)
-      return false;
-  return true;
 }
 
 /* The video and what is brought may not lie where the clip's files are written and removed. */
@@ -166,12 +137,13 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
   for (size_t i = 0; i < ERN_PREPARE_STEPS; i++) {
     job->verdict = &result->verdicts[i];
     settings_of(job, i, settings);
-    const bool done = ern_prepare_record_has(job, steps[i].name, settings, job->verdict) && is_there(job, i);
+    const bool done =
+        ern_prepare_record_has(job, steps[i].name, settings, job->verdict) && ern_prepare_files_there(job, i);
     if (done) job->verdict->step = steps[i].name;
     if (only < ERN_PREPARE_STEPS ? i != only : done) {
       if (done || i > only) continue;
       ERN_TRY(ern_fail(job->context, ERN_E_STATE,
-                       "%s: the step \"%s\" has not been done with these options, and \"%s\" "
+                       "%s: the step \"%s\" has not been done with these options, or files of it are gone, and \"%s\" "
                        "needs it; expected a call without --only first",
                        job->folder, steps[i].name, steps[only].name));
     }

@@ -18,7 +18,12 @@
 extern "C" {
 #endif
 
-enum { ERN_PREPARE_PATH = 4096, ERN_PREPARE_RATE = 25, ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE };
+enum {
+  ERN_PREPARE_PATH = 4096,
+  ERN_PREPARE_MARK = ERN_PREPARE_PATH + 104,
+  ERN_PREPARE_RATE = 25,
+  ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE
+};
 
 struct ern_prepare_job {
   ern_context *context;
@@ -73,6 +78,12 @@ ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, str
                                                 size_t *count);
 ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,
                                                  size_t count);
+
+/* prepare_files.c. What the user brings, by its path, its bytes and its time, of a folder by the count, the bytes and
+ * the newest time of its files: another content is another mark. Returns `mark`, "" for NULL. */
+const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]);
+/* Whether all files are there that a step which was done with these options has left; `step` counts from 0 ("face"). */
+bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 
 /* prepare_record.c. Removes what an earlier call made of the frames 0..job->frames - 1, and the clip's other files by
  * their names, but no link and nothing behind one; job->frames is 0 then. */

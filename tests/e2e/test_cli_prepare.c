@@ -152,12 +152,27 @@ static void test_second_call(void **state) {
     snprintf(line, sizeof line, "grep -q ', %s0*$' clip/au.csv", lids[i]);
     assert_int_equal(system(line), 0);
   }
+  static const char *const gone[] = {"clip/torso_imgs/20.png", "clip/au.csv"};
   const long long layers = changed("clip/gt_imgs/0.jpg");
-  assert_int_equal(unlink("clip/bc.jpg"), 0);
+  for (int i = 0; i < 2; i++) {
+    assert_int_equal(unlink(gone[i]), 0);
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+    cli_expect(&cli, 0, NULL);
+    assert_true(cli_there(gone[i]));
+  }
+  assert_true(changed("clip/gt_imgs/0.jpg") > layers);
+  cli_same_bytes("clip/au.csv", "au_first.csv");
+  /* a file of a brought folder, written anew in place */
+  assert_int_equal(system("rm -rf masks && cp -r clip/parsing masks"), 0);
+  for (int i = 0; i < 3; i++) {
+    const long long before_this = changed("clip/bc.jpg");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --masks masks");
+    cli_expect(&cli, 0, NULL);
+    assert_true((changed("clip/bc.jpg") > before_this) == (i != 1));
+    if (i == 1) assert_int_equal(system("cat masks/19.png >masks/20.png"), 0);
+  }
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);
-  assert_true(cli_there("clip/bc.jpg") && changed("clip/gt_imgs/0.jpg") > layers);
-  cli_same_bytes("clip/au.csv", "au_first.csv");
   cli_run(&cli, "prepare v.mp4 -o new --size 192 --only eyes");
   cli_expect(&cli, 1, "new", "\"face\"", "--only", NULL);
   assert_false(cli_there("new"));

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * What the steps of `prepare` hand on to each other: poses, faces, crops of the face that are held still. */
+ * What the steps of `prepare` hand on to each other: poses, faces, crops of the face that are held still; which files
+ * a step has left, and by what brought ones are known. */
+#include <fcntl.h>
+
 #include "ernerf/media.h"
 #include "prepare/still_crop.h"
 #include "prepare_test.h"
@@ -187,9 +190,140 @@ static void test_quantile(void **state) {
   assert_true(isnan(ern_quantile(values, 0, 0.5)));
 }
 
+enum { FACE, POSE, LANDMARKS, LAYERS, EYES, FEATURES };
+
+static void expect_there(const struct made_job *m, const char *what, size_t step, bool there) {
+  for (size_t i = 0; i < ERN_PREPARE_STEPS; i++)
+    if (ern_prepare_files_there(&m->job, i) != (there || i != step))
+      fail_msg("%s: step %zu has %s its files", what, i, there || i != step ? "not all" : "all");
+}
+
+/* Every file of every step counts, those between the first and the last frame too. */
+static void test_files_there(void **state) {
+  (void)state;
+  static const char *const folders[] = {"ori_imgs", "parsing", "gt_imgs", "torso_imgs", "prepare"};
+  static const struct {
+    size_t step;
+    const char *name;
+  } all[] = {{FACE, "ori_imgs/0.jpg"},      {FACE, "ori_imgs/1.jpg"},
+             {FACE, "ori_imgs/2.jpg"},      {FACE, "aud.wav"},
+             {FACE, "prepare/faces.csv"},   {POSE, "transforms_train.json"},
+             {POSE, "transforms_val.json"}, {POSE, "prepare/pose.csv"},
+             {LANDMARKS, "ori_imgs/0.lms"}, {LANDMARKS, "ori_imgs/1.lms"},
+             {LANDMARKS, "ori_imgs/2.lms"}, {LAYERS, "bc.jpg"},
+             {LAYERS, "parsing/0.png"},     {LAYERS, "parsing/1.png"},
+             {LAYERS, "parsing/2.png"},     {LAYERS, "gt_imgs/0.jpg"},
+             {LAYERS, "gt_imgs/1.jpg"},     {LAYERS, "gt_imgs/2.jpg"},
+             {LAYERS, "torso_imgs/0.png"},  {LAYERS, "torso_imgs/1.png"},
+             {LAYERS, "torso_imgs/2.png"},  {EYES, "au.csv"},
+             {FEATURES, "aud.npy"}};
+  struct made_job m;
+  char path[256];
+  made_job_open(&m, "clip", 128, 3);
+  m.options.features = "own.npy";
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+    snprintf(path, sizeof path, "clip/%s", folders[i]);
+    assert_int_equal(mkdir(path, 0777), 0);
+  }
+  for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+    snprintf(path, sizeof path, "clip/%s", all[i].name);
+    support_write_text(path, "made");
+  }
+  expect_there(&m, "all", 0, true);
+  for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+    snprintf(path, sizeof path, "clip/%s", all[i].name);
+    assert_int_equal(remove(path), 0);
+    expect_there(&m, path, all[i].step, false);
+    assert_int_equal(mkdir(path, 0777), 0); /* no file */
+    expect_there(&m, path, all[i].step, false);
+    assert_int_equal(rmdir(path), 0);
+    support_write_text(path, "made");
+  }
+  m.job.frames = 4;
+  assert_false(ern_prepare_files_there(&m.job, FACE) || ern_prepare_files_there(&m.job, LAYERS));
+  m.job.frames = 0;
+  assert_false(ern_prepare_files_there(&m.job, FACE));
+  made_job_close(&m);
+}
+
+/* What a step has not written, with its options and by its own figures, is not missed. */
+static void test_files_not_written(void **state) {
+  (void)state;
+  struct made_job m;
+  made_job_open(&m, "clip", 128, 1);
+  assert_int_equal(mkdir("clip/ori_imgs", 0777), 0);
+  assert_int_equal(mkdir("clip/prepare", 0777), 0);
+  static const char *const made[] = {"ori_imgs/0.jpg", "prepare/faces.csv", "transforms_train.json",
+                                     "transforms_val.json"};
+  for (size_t i = 0; i < sizeof made / sizeof *made; i++) {
+    char path[256];
+    snprintf(path, sizeof path, "clip/%s", made[i]);
+    support_write_text(path, "made");
+  }
+  for (int found = 0; found < 2; found++) {
+    json_decref(m.job.record);
+    m.job.record = json_pack("{s:{s:{s:{s:f}}, s:{s:{s:f}}}}", "steps", "face", "figures", "sound", (double)found,
+                             "eyes", "figures", "blinks", 3.0 * found);
+    assert_non_null(m.job.record);
+    assert_true(ern_prepare_files_there(&m.job, FACE) == (found == 0));
+    assert_true(ern_prepare_files_there(&m.job, EYES) == (found == 0));
+  }
+  assert_false(ern_prepare_files_there(&m.job, POSE));
+  m.options.poses = "own.json";
+  assert_true(ern_prepare_files_there(&m.job, POSE));
+  assert_true(ern_prepare_files_there(&m.job, FEATURES));
+  m.options.features = "own.npy";
+  assert_false(ern_prepare_files_there(&m.job, FEATURES));
+  made_job_close(&m);
+}
+
+static void set_time(const char *path, long long seconds, long nanoseconds) {
+  const struct timespec times[2] = {{.tv_sec = seconds, .tv_nsec = nanoseconds},
+                                    {.tv_sec = seconds, .tv_nsec = nanoseconds}};
+  assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+}
+
+/* A file has another mark by a byte or a nanosecond more, a folder by any of its files. */
+static void test_marks(void **state) {
+  (void)state;
+  char first[ERN_PREPARE_MARK], mark[ERN_PREPARE_MARK];
+  support_clear("own");
+  assert_int_equal(mkdir("own", 0777), 0);
+  for (int i = 0; i < 3; i++) {
+    char path[64];
+    snprintf(path, sizeof path, "own/%d.lms", i);
+    support_write_text(path, "1 2");
+    set_time(path, 1000, 5);
+  }
+  set_time("own", 1000, 5);
+  static const char *const paths[] = {"own/1.lms", "own"};
+  for (int k = 0; k < 2; k++) {
+    assert_ptr_equal(ern_prepare_mark(paths[k], first), first);
+    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+    set_time("own/1.lms", 1000, 6);
+    assert_string_not_equal(ern_prepare_mark(paths[k], mark), first);
+    set_time("own/1.lms", 1000, 5);
+    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+    support_write_text("own/1.lms", "1 2 3");
+    set_time("own/1.lms", 1000, 5);
+    assert_string_not_equal(ern_prepare_mark(paths[k], mark), first);
+    support_write_text("own/1.lms", "1 2");
+    set_time("own/1.lms", 1000, 5);
+    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+  }
+  support_write_text("own/3.lms", "");
+  set_time("own/3.lms", 1000, 5);
+  set_time("own", 1000, 5);
+  assert_string_not_equal(ern_prepare_mark("own", mark), first);
+  assert_string_equal(ern_prepare_mark(NULL, mark), "");
+  assert_string_equal(ern_prepare_mark("nowhere", mark), "nowhere");
+  support_clear("own");
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_poses),      cmocka_unit_test(test_poses_refused),
-                                     cmocka_unit_test(test_faces),      cmocka_unit_test(test_faces_refused),
-                                     cmocka_unit_test(test_still_crop), cmocka_unit_test(test_quantile)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_poses),         cmocka_unit_test(test_poses_refused),     cmocka_unit_test(test_faces),
+      cmocka_unit_test(test_faces_refused), cmocka_unit_test(test_still_crop),        cmocka_unit_test(test_quantile),
+      cmocka_unit_test(test_files_there),   cmocka_unit_test(test_files_not_written), cmocka_unit_test(test_marks)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
