@@ -29,9 +29,9 @@ static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
 
 /* What must be the same for the frames of an earlier call to be those of this one. */
 static json_t *source(const struct ern_prepare_job *job, const struct stat *video) {
-  json_t *about =
-      json_pack("{s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
-                (json_int_t)video->st_mtime, "from", job->options->from, "to", job->options->to, "side", job->side);
+  json_t *about = json_pack("{s:I, s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
+                            (json_int_t)video->st_mtim.tv_sec, "nanoseconds", (json_int_t)video->st_mtim.tv_nsec,
+                            "from", job->options->from, "to", job->options->to, "side", job->side);
   if (about == NULL || job->options->segment == NULL ||
       json_object_set_new(about, "segment", json_string(job->options->segment)) == 0)
     return about;
@@ -80,6 +80,16 @@ static ern_status read_segment(struct ern_prepare_job *job, const char *path) {
   return ERN_OK;
 }
 
+/* A record of an earlier version has the video's time in seconds only. So its frames may be those of another video, and
+ * they are made again, with all that is made of them. */
+static void take_nanoseconds(struct ern_prepare_job *job, const json_t *about) {
+  json_t *noted = json_object_get(job->record, "source");
+  if (json_object_get(noted, "nanoseconds") != NULL) return;
+  (void)json_object_set(noted, "nanoseconds", json_object_get(about, "nanoseconds"));
+  (void)json_object_del(json_object_get(job->record, "steps"), "face");
+  (void)json_object_del(job->record, "segment");
+}
+
 static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
@@ -94,6 +104,7 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
     return begin_record(job, about, 0);
   }
   ERN_TRY(read_record(job, path));
+  take_nanoseconds(job, about);
   if (json_equal(json_object_get(job->record, "source"), about)) return read_segment(job, path);
   if (!job->options->anew)
     ERN_TRY(ern_fail(

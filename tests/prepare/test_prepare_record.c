@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Whose folder it is: prepare.json, what an earlier call left, and what others have put there. */
+#include <fcntl.h>
+
 #include "prepare/prepare_record.h"
 #include "prepare_test.h"
 
@@ -94,6 +96,39 @@ static void test_another_video(void **state) {
   support_ok(m.job.context, open_record(&m, &lock));
   assert_int_equal(json_integer_value(json_object_get(m.job.record, "frames")), 40); /* those to be cleared */
   shut(&lock);
+  made_job_close(&m);
+}
+
+/* The same bytes at another nanosecond are another video. A record without nanoseconds, of an earlier version, opens
+ * again, but its frames count as not done. */
+static void test_nanoseconds(void **state) {
+  (void)state;
+  struct made_job m;
+  struct timespec times[2] = {{.tv_sec = 1000, .tv_nsec = 5}, {.tv_sec = 1000, .tv_nsec = 5}};
+  ern_prepare_verdict verdict = {0};
+  int lock = -1;
+  job_on(&m, "clip");
+  assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
+  support_ok(m.job.context, open_record(&m, &lock));
+  m.verdict = (ern_prepare_verdict){.step = "face"};
+  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "", NULL, 0));
+  m.verdict = (ern_prepare_verdict){.step = "features"};
+  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "features own.npy", NULL, 0));
+  shut(&lock);
+  times[1].tv_nsec = 6;
+  assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "clip", "another video", NULL);
+  shut(&lock);
+  times[1].tv_nsec = 5;
+  assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
+  for (int earlier = 0; earlier < 2; earlier++) {
+    support_ok(m.job.context, open_record(&m, &lock));
+    assert_true(ern_prepare_record_has(&m.job, "face", "", &verdict) == (earlier == 0));
+    assert_true(ern_prepare_record_has(&m.job, "features", "features own.npy", &verdict));
+    assert_int_equal(json_object_del(json_object_get(m.job.record, "source"), "nanoseconds"), 0);
+    support_ok(m.job.context, ern_prepare_record_save(&m.job));
+    shut(&lock);
+  }
   made_job_close(&m);
 }
 
@@ -240,20 +275,24 @@ static void test_call(void **state) {
   struct stat about;
   char text[512];
   assert_int_equal(stat("made.mp4", &about), 0);
-  snprintf(
-      text, sizeof text,
-      "{\"version\": 1, \"source\": {\"bytes\": %lld, \"modified\": %lld, \"from\": 0.0, \"to\": 0.0, \"side\": 512},"
-      "\"frames\": 45000, \"steps\": {\"face\": {\"verdict\": \"good\", \"words\": \"\", \"settings\": \"\"}}}",
-      (long long)about.st_size, (long long)about.st_mtime);
+  snprintf(text, sizeof text,
+           "{\"version\": 1, \"source\": {\"bytes\": %lld, \"modified\": %lld, \"nanoseconds\": %ld, \"from\": 0.0,"
+           " \"to\": 0.0, \"side\": 512},"
+           "\"frames\": 45000, \"steps\": {\"face\": {\"verdict\": \"good\", \"words\": \"\", \"settings\": \"\"}}}",
+           (long long)about.st_size, (long long)about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
   support_write_text("clip/prepare.json", text);
   support_expect(context, ern_prepare(context, "made.mp4", "clip", &options, &result), ERN_E_FORMAT, "made.mp4", NULL);
   ern_context_free(&context);
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),         cmocka_unit_test(test_locked),
-                                     cmocka_unit_test(test_another_video), cmocka_unit_test(test_folders_of_others),
-                                     cmocka_unit_test(test_damaged),       cmocka_unit_test(test_clear),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),
+                                     cmocka_unit_test(test_locked),
+                                     cmocka_unit_test(test_another_video),
+                                     cmocka_unit_test(test_nanoseconds),
+                                     cmocka_unit_test(test_folders_of_others),
+                                     cmocka_unit_test(test_damaged),
+                                     cmocka_unit_test(test_clear),
                                      cmocka_unit_test(test_call)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
