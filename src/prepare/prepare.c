@@ -197,7 +197,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   status = run_steps(&job, only, &found);
   if (status == ERN_OK || status == ERN_E_UNSUPPORTED) ERN_TRY(report(&job, &found, status));
 fail:
-  if (status != ERN_OK && job.made) (void)rmdir(folder); /* an empty one */
+  if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* an empty one */
   if (lock >= 0) close(lock);
   json_decref(job.record);
   ern_struct_give(result, bytes, &found, sizeof found);

@@ -7,6 +7,7 @@
 #define ERN_PREPARE_PREPARE_JOB_H
 
 #include <jansson.h>
+#include <sys/types.h>
 
 #include "core/memory.h"
 #include "core/status.h"
@@ -30,6 +31,8 @@ struct ern_prepare_job {
   const char *video, *folder;
   const ern_prepare_options *options;
   bool made;     /* the folder is this call's: it goes where nothing came into it */
+  dev_t device;  /* of the folder that the record was opened in */
+  ino_t inode;   /* of it; 0: none is open */
   int side;      /* pixels a side of a frame */
   double focal;  /* pixels */
   size_t frames; /* at most ERN_PREPARE_FRAMES; 0 before the step "face", or those of an earlier call */
@@ -57,7 +60,12 @@ struct ern_found_face {
   float eyes[2][2]; /* centres x, y; the one that is left in the picture first */
 };
 
-/* FOLDER/ and the rest by printf; ERN_E_ARGUMENT where that is too long. */
+/* Whether the folder's name still leads to the folder that the record was opened in. */
+bool ern_prepare_stays(const struct ern_prepare_job *job);
+/* ERN_E_IO where it does not: what has its name now is somebody else's. */
+ERN_NODISCARD ern_status ern_prepare_check_stays(const struct ern_prepare_job *job);
+/* FOLDER/ and the rest by printf; ERN_E_ARGUMENT where that is too long, ERN_E_EXISTS where it is a symbolic link,
+ * ERN_E_IO as above. */
 ERN_NODISCARD ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH],
                                           const char *format, ...) ERN_PRINTF(3, 4);
 /* The part of the video that the clip is, seconds after its first frame; *to 0: up to its end. */

@@ -119,7 +119,7 @@ fail:
 
 ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   ern_status status = ERN_OK;
-  struct stat video;
+  struct stat video, folder;
   json_t *about = NULL;
   *lock = -1;
   if (stat(job->video, &video) != 0) ERN_TRY(ern_file_refused(job->context, job->video, "open"));
@@ -131,6 +131,9 @@ ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   if (*lock < 0) ERN_TRY(ern_file_refused(job->context, job->folder, "open"));
   if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
+  if (fstat(*lock, &folder) != 0) ERN_TRY(ern_file_refused(job->context, job->folder, "open"));
+  job->device = folder.st_dev;
+  job->inode = folder.st_ino;
   ERN_TRY(open_record(job, about));
 fail:
   json_decref(about);
@@ -227,6 +230,7 @@ static ern_status clear_folder(struct ern_prepare_job *job, size_t which) {
   const char *inside = made[which].folder;
   int folder = -1;
   if (snprintf(path, sizeof path, "%s/%s", job->folder, inside) >= (int)sizeof path) return ERN_OK;
+  ERN_TRY(ern_prepare_check_stays(job));
   folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
   if (folder < 0) return ERN_OK; /* there is none, or it is a link */
   for (size_t k = 0; k < 2 && made[which].numbered[k] != NULL; k++)
@@ -253,9 +257,11 @@ fail:
 }
 
 ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name) {
+  ern_status status = ern_prepare_check_stays(job);
+  if (status != ERN_OK) return status;
   const int folder = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (folder < 0) return ern_file_refused(job->context, job->folder, "open");
-  const ern_status status = take_away(job, folder, "", name);
+  status = take_away(job, folder, "", name);
   close(folder);
   return status;
 }

@@ -215,6 +215,33 @@ static void test_stopped(void **state) {
   }
 }
 
+/* The folder is moved away, and another clip has its name: the call ends, and no file of that clip is replaced. */
+static void test_moved(void **state) {
+  (void)state;
+  static const char list[] = "find part -type f -printf '%p %i %T@\\n' | sort";
+  char command[256];
+  support_clear("moved");
+  support_clear("part");
+  assert_int_equal(system("rm -rf mine && cp -r clip mine"), 0);
+  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o part --size 192");
+  support_clear("cli_err.txt");
+  cli_start(&cli, NULL, 0);
+  for (int i = 0; i < 6000; i++) {
+    cli_read("cli_err.txt", cli.err);
+    if (strstr(cli.err, "pose ") != NULL) break;
+    nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+  }
+  assert_true(rename("part", "moved") == 0 && rename("mine", "part") == 0);
+  snprintf(command, sizeof command, "%s >before.txt", list);
+  assert_int_equal(system(command), 0);
+  cli_wait(&cli);
+  cli_expect(&cli, 1, "part", "moved", NULL);
+  snprintf(command, sizeof command, "%s | cmp - before.txt", list);
+  assert_int_equal(system(command), 0);
+  support_clear("part");
+  support_clear("moved");
+}
+
 /* Another part of the video takes the clip's place only when asked to, and then nothing of the first one stays. */
 static void test_replaced(void **state) {
   (void)state;
@@ -239,8 +266,8 @@ static void test_replaced(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole), cmocka_unit_test(test_truth),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),       cmocka_unit_test(test_truth),
                                      cmocka_unit_test(test_second_call), cmocka_unit_test(test_stopped),
-                                     cmocka_unit_test(test_replaced)};
+                                     cmocka_unit_test(test_moved),       cmocka_unit_test(test_replaced)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

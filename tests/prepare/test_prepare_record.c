@@ -132,6 +132,37 @@ static void test_nanoseconds(void **state) {
   made_job_close(&m);
 }
 
+/* The folder is moved away while it is worked in, and another one has its name: nothing of that is touched. */
+static void test_moved(void **state) {
+  (void)state;
+  struct made_job m;
+  char path[ERN_PREPARE_PATH];
+  int lock = -1;
+  job_on(&m, "clip");
+  support_clear("moved");
+  support_ok(m.job.context, open_record(&m, &lock));
+  support_ok(m.job.context, ern_prepare_record_save(&m.job));
+  assert_int_equal(rename("clip", "moved"), 0);
+  for (int other = 0; other < 2; other++) {
+    if (other > 0) {
+      assert_int_equal(mkdir("clip", 0777), 0);
+      support_write_text("clip/prepare.json", "mine");
+      support_write_text("clip/au.csv", "mine");
+    }
+    m.job.frames = 3;
+    support_expect(m.job.context, ern_prepare_record_save(&m.job), ERN_E_IO, "clip", "moved", NULL);
+    support_expect(m.job.context, ern_prepare_path(&m.job, path, "au.csv"), ERN_E_IO, "clip", "moved", NULL);
+    support_expect(m.job.context, ern_prepare_remove(&m.job, "au.csv"), ERN_E_IO, "clip", "moved", NULL);
+    support_expect(m.job.context, ern_prepare_clear(&m.job), ERN_E_IO, "clip", "moved", NULL);
+  }
+  assert_int_equal(system("printf mine | cmp - clip/prepare.json && printf mine | cmp - clip/au.csv"), 0);
+  support_clear("clip");
+  assert_int_equal(rename("moved", "clip"), 0); /* it is back */
+  support_ok(m.job.context, ern_prepare_record_save(&m.job));
+  shut(&lock);
+  made_job_close(&m);
+}
+
 static void test_folders_of_others(void **state) {
   (void)state;
   struct made_job m;
@@ -286,13 +317,9 @@ static void test_call(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),
-                                     cmocka_unit_test(test_locked),
-                                     cmocka_unit_test(test_another_video),
-                                     cmocka_unit_test(test_nanoseconds),
-                                     cmocka_unit_test(test_folders_of_others),
-                                     cmocka_unit_test(test_damaged),
-                                     cmocka_unit_test(test_clear),
-                                     cmocka_unit_test(test_call)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_steps),       cmocka_unit_test(test_locked), cmocka_unit_test(test_another_video),
+      cmocka_unit_test(test_nanoseconds), cmocka_unit_test(test_moved),  cmocka_unit_test(test_folders_of_others),
+      cmocka_unit_test(test_damaged),     cmocka_unit_test(test_clear),  cmocka_unit_test(test_call)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
