@@ -7,12 +7,12 @@
 
 #include "core/status.h"
 
-enum { ERN_ONNX_DIMS = 8, ERN_ONNX_OUTPUTS = 8, ERN_ONNX_NAME = 128 };
+enum { ERN_ONNX_DIMS = 8, ERN_ONNX_OUTPUTS = 16, ERN_ONNX_NAME = 128 };
 
 struct ern_onnx {
   char input[ERN_ONNX_NAME]; /* of the one input that is no weight: float, of fixed sizes */
   int dims, shape[ERN_ONNX_DIMS];
-  size_t outputs;
+  size_t outputs;                               /* of which more may be than have a name here */
   char output[ERN_ONNX_OUTPUTS][ERN_ONNX_NAME]; /* the first of them */
 };
 

@@ -157,6 +157,15 @@ static void test_refused(void **state) {
   expect_refused(&m, ERN_E_UNSUPPORTED, "eye distances from", "expected 0.4 at most");
   make_network(&m, "bad.onnx", 50, 1, 0);
   expect_refused(&m, ERN_E_UNSUPPORTED, "no output has 68 or 98 points", NULL);
+  made_value(&graph, 11, "face", (const size_t[]){1, 3, INPUT, INPUT, 0});
+  for (int i = 0; i < 40; i++) { /* more outputs than are kept by name */
+    char name[16];
+    snprintf(name, sizeof name, "flat_%d", i);
+    made_node(&graph, "Flatten", "face", name, NULL);
+    made_value(&graph, 12, name, (const size_t[]){1, 3 * INPUT * INPUT, 0});
+  }
+  made_onnx("bad.onnx", &graph);
+  expect_refused(&m, ERN_E_UNSUPPORTED, "no output has 68 or 98 points", NULL);
   made_node(&graph, "Flatten", "face", "points", NULL);
   made_value(&graph, 11, "face", (const size_t[]){1, 3, INPUT, 2 * INPUT, 0});
   made_value(&graph, 12, "points", (const size_t[]){1, 6 * INPUT * INPUT, 0});

@@ -123,7 +123,8 @@ bool is_points(const cv::Mat &out, int *count) {
 
 /* Points as the network has them. */
 void forward(ern_landmark_network &network, const cv::Mat &picture, int colour, float points[ERN_LANDMARKS][2]) {
-  const std::vector<cv::String> names(network.look.output, network.look.output + network.look.outputs);
+  const size_t named = std::min(network.look.outputs, size_t(ERN_ONNX_OUTPUTS));
+  const std::vector<cv::String> names(network.look.output, network.look.output + named);
   std::vector<cv::Mat> outputs;
   network.net.setInput(ern_network_input(picture, colours[colour]));
   network.net.forward(outputs, names);
