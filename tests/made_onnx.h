@@ -55,6 +55,16 @@ static inline void made_weight(struct made_message *graph, const char *name, con
   made_inside(graph, 5, &tensor);
 }
 
+/* A weight of whole numbers, as shapes are. */
+static inline void made_sizes(struct made_message *graph, const char *name, size_t count, const int64_t *values) {
+  struct made_message tensor = {0};
+  made_number(&tensor, 1, count);
+  made_number(&tensor, 2, 7);
+  made_text(&tensor, 8, name);
+  made_bytes(&tensor, 9, values, count * sizeof *values);
+  made_inside(graph, 5, &tensor);
+}
+
 /* One attribute of a node: whole numbers. */
 struct made_attribute {
   const char *name;

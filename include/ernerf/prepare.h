@@ -35,6 +35,8 @@ typedef struct ern_prepare_options {
   /* The best stretch of a long video, by the face's places and the sound: "auto": 180 s of a part that is longer than
    * 300 s, or the seconds that are wanted, "1" to "7200". NULL: the whole part. */
   const char *segment;
+  /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
+  const char *detector;
 } ern_prepare_options;
 
 ERN_API void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Faces that look into the camera, and their eyes, by OpenCV's cascades (Viola and Jones, "Rapid Object Detection using
- * a Boosted Cascade of Simple Features", CVPR 2001). */
+ * a Boosted Cascade of Simple Features", CVPR 2001), or by a network that the user brings. */
 #ifndef ERN_PREPARE_FACE_DETECTOR_H
 #define ERN_PREPARE_FACE_DETECTOR_H
 
@@ -12,8 +12,10 @@ extern "C" {
 
 struct ern_face_detector;
 
-/* Reads the cascades of Debian's opencv-data, or of the folder that ERNERF_CASCADES names. */
-ERN_NODISCARD ern_status ern_face_detector_make(ern_context *context, struct ern_face_detector **detector);
+/* `network`: an ONNX file (face_network_opencv.h). NULL: the cascades of Debian's opencv-data, or of the folder that
+ * ERNERF_CASCADES names. */
+ERN_NODISCARD ern_status ern_face_detector_make(ern_context *context, const char *network,
+                                                struct ern_face_detector **detector);
 /* faces[*count] of a picture of 3 channels, the largest first, at most `room`; `frame` is not set. Pixels of the
  * picture, which are shown `aspect` times as wide as high. */
 ERN_NODISCARD ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <exception>
+#include <memory>
 #include <new>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/objdetect.hpp>
@@ -13,9 +14,12 @@ extern "C" {
 #include "prepare/face_detector.h"
 }
 
+#include "prepare/face_network_opencv.h"
+
 struct ern_face_detector {
   ern_context *context;
   cv::CascadeClassifier face, other, eye;
+  std::unique_ptr<ern_face_network> network; /* in place of the cascades */
 };
 
 namespace {
@@ -82,7 +86,8 @@ void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect 
 
 }  // namespace
 
-extern "C" ern_status ern_face_detector_make(ern_context *context, struct ern_face_detector **detector) {
+extern "C" ern_status ern_face_detector_make(ern_context *context, const char *network,
+                                             struct ern_face_detector **detector) {
   *detector = nullptr;
   return guarded(context, [&] {
     const char *chosen = std::getenv("ERNERF_CASCADES");
@@ -90,6 +95,10 @@ extern "C" ern_status ern_face_detector_make(ern_context *context, struct ern_fa
     auto *made = new ern_face_detector{};
     *detector = made;
     made->context = context;
+    if (network != nullptr) {
+      made->network = std::make_unique<ern_face_network>();
+      return ern_face_network_open(context, network, made->network.get());
+    }
     const ern_status status = load(context, folder, "haarcascade_frontalface_default.xml", made->face);
     if (status != ERN_OK) return status;
     const ern_status other = load(context, folder, "haarcascade_frontalface_alt2.xml", made->other);
@@ -102,6 +111,8 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
   *count = 0;
   return guarded(detector->context, [&] {
     const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
+    if (detector->network != nullptr)
+      return ern_face_network_find(detector->context, detector->network.get(), whole, aspect, faces, room, count);
     cv::Mat grey;
     std::vector<cv::Rect> found;
     cv::cvtColor(whole, grey, cv::COLOR_RGB2GRAY);

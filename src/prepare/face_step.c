@@ -150,7 +150,7 @@ fail:
   return status;
 }
 
-/* Takes away what the cascades found elsewhere than the face mostly is. */
+/* Takes away what was found elsewhere than the face mostly is. */
 static ern_status drop_strays(struct scan *s, double *width) {
   ern_status status = ERN_OK;
   float *values = NULL, middle[3] = {0, 0, 0};
@@ -394,7 +394,7 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   struct scan scan = {.job = job};
   double face = 0, region[4] = {0};
   bool found = false;
-  ERN_TRY(ern_face_detector_make(job->context, &scan.detector));
+  ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
   if (!found || !judge_scan(&scan)) {
     ERN_TRY(ern_prepare_clear(job));

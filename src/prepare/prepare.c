@@ -42,6 +42,9 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
   char a[ERN_PREPARE_MARK], b[ERN_PREPARE_MARK];
   settings[0] = 0;
   switch (step) {
+    case 0:
+      if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", mark_of(o->detector, a));
+      break;
     case 1: /* landmarks place the eyes from which tracking begins */
       snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_mark(o->poses, a),
                o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
@@ -62,7 +65,8 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
 /* The video and what is brought may not lie where the clip's files are written and removed. */
 static ern_status keep_inputs(const struct ern_prepare_job *job) {
   const ern_prepare_options *o = job->options;
-  const char *const inputs[] = {job->video, o->background, o->landmarks, o->poses, o->masks, o->au, o->features};
+  const char *const inputs[] = {job->video, o->background, o->landmarks, o->poses,
+                                o->masks,   o->au,         o->features,  o->detector};
   char *folder = realpath(job->folder, NULL);
   ern_status status = ERN_OK;
   if (folder == NULL) return ERN_OK; /* it is not there yet */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The faces that the cascades found, as a table: prepare/faces.csv. */
+ * The faces that the detector found, as a table: prepare/faces.csv. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

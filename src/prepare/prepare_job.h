@@ -52,7 +52,7 @@ struct ern_head_pose {
   double rotation[3][3], translation[3];
 };
 
-/* A face as the cascades found it, pixels of the clip. */
+/* A face as the detector found it, pixels of the clip. */
 struct ern_found_face {
   size_t frame;
   float x, y, width, height;

@@ -134,6 +134,18 @@ static void test_silent(void **state) {
   support_clear("m.run");
 }
 
+/* Nor does what is no network of faces. */
+static void test_no_detector(void **state) {
+  (void)state;
+  static const char *const bad[] = {"text.mp4", "empty.mp4", "v.mp4", "nowhere.onnx", "truth"};
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    support_clear("clip");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --detector %s", bad[i]);
+    cli_expect(&cli, 1, bad[i], NULL);
+    assert_false(cli_there("clip"));
+  }
+}
+
 /* What cannot be read as a video leaves no folder behind. */
 static void test_no_videos(void **state) {
   (void)state;
@@ -186,8 +198,8 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts), cmocka_unit_test(test_inputs_and_links),
-                                     cmocka_unit_test(test_silent), cmocka_unit_test(test_no_videos),
-                                     cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_inputs_and_links),
+                                     cmocka_unit_test(test_silent),    cmocka_unit_test(test_no_detector),
+                                     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -43,7 +43,7 @@ static void test_found(void **state) {
   float points[ERN_LANDMARKS][2];
   double eyes[2][2];
   size_t count = 0;
-  support_ok(context, ern_face_detector_make(context, &detector));
+  support_ok(context, ern_face_detector_make(context, NULL, &detector));
   support_ok(context, ern_image_read(context, "clip/gt_imgs/0.jpg", 3, &picture));
   support_ok(context, ern_landmarks_read(context, "clip/ori_imgs/0.lms", points));
   middle_of(points, 36, 42, eyes[0]);
@@ -81,7 +81,7 @@ static void test_none(void **state) {
   struct ern_face_detector *detector = NULL;
   struct ern_found_face faces[FACES];
   size_t count = 99;
-  support_ok(context, ern_face_detector_make(context, &detector));
+  support_ok(context, ern_face_detector_make(context, NULL, &detector));
   for (size_t i = 0; i < sizeof pictures / sizeof *pictures; i++) {
     const size_t bytes = 3 * (size_t)pictures[i].width * (size_t)pictures[i].height;
     uint8_t *data = malloc(bytes);
@@ -99,14 +99,14 @@ static void test_cascades(void **state) {
   (void)state;
   struct ern_face_detector *detector = NULL;
   assert_int_equal(setenv("ERNERF_CASCADES", "nowhere", 1), 0);
-  support_expect(context, ern_face_detector_make(context, &detector), ERN_E_MISSING,
+  support_expect(context, ern_face_detector_make(context, NULL, &detector), ERN_E_MISSING,
                  "nowhere/haarcascade_frontalface_default.xml", "opencv-data", "ERNERF_CASCADES", NULL);
   ern_face_detector_free(&detector);
   support_clear("odd");
   assert_int_equal(mkdir("odd", 0777), 0);
   support_write_text("odd/haarcascade_frontalface_default.xml", "<?xml version=\"1.0\"?><opencv_storage><a>");
   assert_int_equal(setenv("ERNERF_CASCADES", "odd", 1), 0);
-  assert_int_not_equal(ern_face_detector_make(context, &detector), ERN_OK);
+  assert_int_not_equal(ern_face_detector_make(context, NULL, &detector), ERN_OK);
   assert_true(strlen(ern_last_error(context)) > 0);
   ern_face_detector_free(&detector);
   ern_face_detector_free(NULL);

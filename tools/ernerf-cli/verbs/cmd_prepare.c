@@ -142,6 +142,11 @@ int cmd_prepare(int argc, char **argv) {
                           .choices = only_choices,
                           .help = "this step alone, also where it was done already"}};
   struct option brought[] = {
+      {.name = "detector",
+       .kind = OPTION_TEXT,
+       .target = &o->detector,
+       .choices = "FILE.onnx",
+       .help = "faces and eyes: the network YuNet, in place of OpenCV's cascades"},
       {.name = "landmarks",
        .kind = OPTION_TEXT,
        .target = &o->landmarks,
@@ -191,7 +196,7 @@ int cmd_prepare(int argc, char **argv) {
   if (status < 0 && job.to > 0 && job.to <= job.from)
     status = args_refuse(&args, "--from %g is not before --to %g", (double)job.from, (double)job.to);
   job.session.inputs[0] = job.video;
-  const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features, o->background};
+  const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features, o->background, o->detector};
   for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++) job.session.inputs[1 + i] = inputs[i];
   job.session.rewrites = true;
   if (status < 0) status = session_open(&job.session, &args);
