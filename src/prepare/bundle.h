@@ -18,19 +18,29 @@ struct ern_bundle_pose {
 void ern_bundle_pose_from(const struct ern_head_pose *pose, struct ern_bundle_pose *bundle);
 void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_pose *pose);
 
+struct ern_sighting {
+  uint32_t point;
+  float at[2]; /* pixels */
+};
+/* What a frame shows. */
+struct ern_sightings {
+  struct ern_sighting *list; /* [count], the points rise */
+  size_t count;
+};
+
 struct ern_bundle {
   ern_context *context;
   double focal, centre; /* pixels */
   size_t frames, points;
-  const float (*seen)[2];        /* [frames][points], pixels; NaN: not seen */
-  const float *weights;          /* [points], 0..1: how rigid a point is */
-  const double (*prior)[3];      /* [points]: where the generic head has them, metres */
-  double (*shape)[3];            /* [points], metres */
-  struct ern_bundle_pose *poses; /* [frames] */
+  const struct ern_sightings *seen; /* [frames] */
+  const float *weights;             /* [points], 0..1: how rigid a point is */
+  const double (*prior)[3];         /* [points]: where the generic head has them, metres */
+  double (*shape)[3];               /* [points], metres */
+  struct ern_bundle_pose *poses;    /* [frames] */
 };
 
 /* Pixels from where a point is seen to where the pose puts it. */
-double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, size_t point);
+double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_sighting *seen);
 
 /* Moves shape and the poses of chosen[count] frames, which rise; the first of `fixed` stays. */
 ERN_NODISCARD ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed);

@@ -70,20 +70,18 @@ struct Steady {
   }
 };
 
-bool is_seen(const struct ern_bundle &b, size_t frame, size_t point) {
-  return b.weights[point] > 0.05F && !std::isnan(b.seen[frame * b.points + point][0]);
-}
+bool counts(const struct ern_bundle &b, const struct ern_sighting &seen) { return b.weights[seen.point] > 0.05F; }
 
-Reprojection reprojection(const struct ern_bundle &b, size_t frame, size_t point) {
-  const float *at = b.seen[frame * b.points + point];
-  return {at[0], at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[point]))};
+Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting &seen) {
+  return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[seen.point]))};
 }
 
 void add_known(ceres::Problem &problem, const struct ern_bundle &b, size_t frame, double share) {
-  for (size_t k = 0; k < b.points; k++) {
-    if (!is_seen(b, frame, k)) continue;
+  for (size_t k = 0; k < b.seen[frame].count; k++) {
+    const struct ern_sighting &seen = b.seen[frame].list[k];
+    if (!counts(b, seen)) continue;
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<KnownReprojection, 2, 6>(
-                                 new KnownReprojection{reprojection(b, frame, k), b.shape[k]}),
+                                 new KnownReprojection{reprojection(b, seen), b.shape[seen.point]}),
                              new ceres::ScaledLoss(new ceres::CauchyLoss(outlier), share, ceres::TAKE_OWNERSHIP),
                              b.poses[frame].values);
   }
@@ -130,11 +128,11 @@ extern "C" void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct 
   std::copy_n(bundle->values + 3, 3, pose->translation);
 }
 
-extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, size_t point) {
+extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_sighting *seen) {
   double residual[2];
-  Reprojection seen = reprojection(*bundle, frame, point);
-  seen.weight = pixels;
-  if (!seen(bundle->poses[frame].values, bundle->shape[point], residual)) return HUGE_VAL;
+  Reprojection off = reprojection(*bundle, *seen);
+  off.weight = pixels;
+  if (!off(bundle->poses[frame].values, bundle->shape[seen->point], residual)) return HUGE_VAL;
   return std::hypot(residual[0], residual[1]);
 }
 
@@ -144,12 +142,13 @@ extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t 
     ceres::Problem problem;
     std::vector<bool> used(b.points, false);
     for (size_t i = 0; i < count; i++)
-      for (size_t k = 0; k < b.points; k++) {
-        if (!is_seen(b, chosen[i], k)) continue;
-        used[k] = true;
+      for (size_t k = 0; k < b.seen[chosen[i]].count; k++) {
+        const struct ern_sighting &seen = b.seen[chosen[i]].list[k];
+        if (!counts(b, seen)) continue;
+        used[seen.point] = true;
         problem.AddResidualBlock(
-            new ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3>(new Reprojection(reprojection(b, chosen[i], k))),
-            new ceres::CauchyLoss(outlier), b.poses[chosen[i]].values, b.shape[k]);
+            new ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3>(new Reprojection(reprojection(b, seen))),
+            new ceres::CauchyLoss(outlier), b.poses[chosen[i]].values, b.shape[seen.point]);
       }
     for (size_t k = 0; k < b.points; k++)
       if (used[k])

@@ -28,7 +28,8 @@ struct tracking {
   size_t at[REFERENCES];           /* their frames */
   struct ern_flow_reference *references[REFERENCES];
   size_t first[REFERENCES + 1]; /* their first points */
-  float (*seen)[2];             /* [frames][points] */
+  struct ern_sightings *seen;   /* [frames] */
+  float (*found)[2];            /* [points]: of the frame that is looked at; NaN: not seen */
   float *weights;               /* [points] */
   double (*prior)[3], (*shape)[3];
 };
@@ -39,7 +40,7 @@ static struct ern_bundle bundle_of(struct tracking *t) {
                              .centre = t->centre,
                              .frames = t->job->frames,
                              .points = t->first[t->count],
-                             .seen = (const float(*)[2])t->seen,
+                             .seen = t->seen,
                              .weights = t->weights,
                              .prior = (const double(*)[3])t->prior,
                              .shape = t->shape,
@@ -91,16 +92,12 @@ fail:
 static ern_status lay_out(struct tracking *t, size_t before) {
   ern_context *context = t->job->context;
   const size_t points = t->first[t->count], old = t->first[before];
-  size_t all = 0;
   ern_status status = ERN_OK;
   double(*prior)[3] = NULL, (*shape)[3] = NULL;
   float *weights = NULL;
-  if (!ern_size_multiply(t->job->frames, points, &all))
-    ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: too many frames", t->job->folder));
-  ern_release(context, t->seen);
-  t->seen = NULL;
-  ERN_TRY(ERN_NEW(context, all, &t->seen));
-  for (size_t i = 0; i < all; i++) t->seen[i][0] = t->seen[i][1] = NAN;
+  ern_release(context, t->found);
+  t->found = NULL;
+  ERN_TRY(ERN_NEW(context, points, &t->found));
   ERN_TRY(ERN_NEW(context, points, &prior));
   ERN_TRY(ERN_NEW(context, points, &shape));
   ERN_TRY(ERN_NEW(context, points, &weights));
@@ -157,9 +154,27 @@ static double turn_between(const struct ern_head_pose *a, const struct ern_head_
   return acos(fmin(fmax(dot, -1), 1)) * 57.29577951308232;
 }
 
-static ern_status find_points(struct tracking *t, size_t reference, size_t frame, double warp[4]) {
-  return ern_flow_reference_find(t->references[reference], t->grey, warp,
-                                 t->seen + frame * t->first[t->count] + t->first[reference]);
+static ern_status find_points(struct tracking *t, size_t reference, double warp[4]) {
+  return ern_flow_reference_find(t->references[reference], t->grey, warp, t->found + t->first[reference]);
+}
+
+static void forget_points(struct tracking *t) {
+  for (size_t k = 0; k < t->first[t->count]; k++) t->found[k][0] = t->found[k][1] = NAN;
+}
+
+/* What was found becomes what the frame shows: half of all points and less, so it is kept as a list. */
+static ern_status keep_points(struct tracking *t, size_t frame) {
+  struct ern_sightings *seen = &t->seen[frame];
+  const size_t points = t->first[t->count];
+  size_t count = 0;
+  for (size_t k = 0; k < points; k++) count += isnan(t->found[k][0]) ? 0 : 1;
+  ern_release(t->job->context, seen->list);
+  *seen = (struct ern_sightings){0};
+  const ern_status status = ERN_NEW(t->job->context, count, &seen->list);
+  for (size_t k = 0; k < points && status == ERN_OK; k++)
+    if (!isnan(t->found[k][0]))
+      seen->list[seen->count++] = (struct ern_sighting){(uint32_t)k, {t->found[k][0], t->found[k][1]}};
+  return status;
 }
 
 /* One frame of the first pass: its points from where the neighbour's were, its pose from the neighbour's. */
@@ -168,7 +183,8 @@ static ern_status follow(struct tracking *t, size_t frame, size_t neighbour, dou
   size_t seen = 0;
   struct ern_bundle bundle = bundle_of(t);
   ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
-  ERN_TRY(find_points(t, 0, frame, warp));
+  ERN_TRY(find_points(t, 0, warp));
+  ERN_TRY(keep_points(t, frame));
   t->bundled[frame] = t->bundled[neighbour];
   ERN_TRY(ern_bundle_one(&bundle, frame, &seen));
   ern_bundle_pose_to(&t->bundled[frame], &t->poses[frame]);
@@ -203,12 +219,14 @@ static ern_status find_all(struct tracking *t) {
   const size_t frames = t->job->frames;
   for (size_t i = 0; i < frames; i++) {
     ERN_TRY(ern_frame_grey(t->job, i, t->grey));
+    forget_points(t);
     for (size_t r = 0; r < t->count; r++) {
       double warp[4];
       if (turn_between(&t->poses[i], &t->poses[t->at[r]]) > 2 * reference_turn) continue;
       warp_of(t, r, i, warp);
-      ERN_TRY(find_points(t, r, i, warp));
+      ERN_TRY(find_points(t, r, warp));
     }
+    ERN_TRY(keep_points(t, i));
     ERN_TRY(ern_prepare_progress(t->job, frames + i + 1, 2 * frames));
   }
 fail:
@@ -216,22 +234,25 @@ fail:
 }
 
 /* Points that do not move with the others, as cheeks and jaw do in speech, lose their weight: 1 / (1 + (r / 1.5 m)^4),
- * r being the point's median residual over frames and m that of all points. */
+ * r being the point's median residual over chosen[count <= CHOSEN] frames and m that of all points. */
 static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) {
   ern_status status = ERN_OK;
   ern_context *context = t->job->context;
   struct ern_bundle bundle = bundle_of(t);
-  float *values = NULL, *medians = NULL, *sorted = NULL;
-  size_t known = 0;
-  ERN_TRY(ERN_NEW(context, count, &values));
+  float(*values)[CHOSEN] = NULL, *medians = NULL, *sorted = NULL;
+  size_t *counts = NULL, known = 0;
+  ERN_TRY(ERN_NEW(context, bundle.points, &values));
+  ERN_TRY(ERN_NEW(context, bundle.points, &counts));
   ERN_TRY(ERN_NEW(context, bundle.points, &medians));
   ERN_TRY(ERN_NEW(context, bundle.points, &sorted));
+  for (size_t i = 0; i < count; i++)
+    for (size_t k = 0; k < bundle.seen[chosen[i]].count; k++) {
+      const struct ern_sighting *seen = &bundle.seen[chosen[i]].list[k];
+      values[seen->point][counts[seen->point]++] = (float)ern_bundle_residual(&bundle, chosen[i], seen);
+    }
   for (size_t k = 0; k < bundle.points; k++) {
-    size_t n = 0;
-    for (size_t i = 0; i < count; i++)
-      if (!isnan(bundle.seen[chosen[i] * bundle.points + k][0]))
-        values[n++] = (float)ern_bundle_residual(&bundle, chosen[i], k);
-    medians[k] = n >= 3 && 20 * n >= count ? ern_quantile(values, n, 0.5) : NAN;
+    const size_t n = counts[k];
+    medians[k] = n >= 3 && 20 * n >= count ? ern_quantile(values[k], n, 0.5) : NAN;
     if (!isnan(medians[k])) sorted[known++] = medians[k];
   }
   const float middle = fmaxf(ern_quantile(sorted, known, 0.5), 0.05f);
@@ -241,6 +262,7 @@ static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) 
   }
 fail:
   ern_release(context, values);
+  ern_release(context, counts);
   ern_release(context, medians);
   ern_release(context, sorted);
   return status;
@@ -359,9 +381,11 @@ static ern_status measure(struct tracking *t, struct support *support) {
   const ern_status status = ERN_NEW(t->job->context, bundle.points, &values);
   for (size_t i = 0; i < bundle.frames && status == ERN_OK; i++) {
     size_t n = 0;
-    for (size_t k = 0; k < bundle.points; k++)
-      if (bundle.weights[k] > 0.3f && !isnan(bundle.seen[i * bundle.points + k][0]))
-        values[n++] = (float)ern_bundle_residual(&bundle, i, k) * 512 / (float)t->job->side;
+    for (size_t k = 0; k < bundle.seen[i].count; k++) {
+      const struct ern_sighting *seen = &bundle.seen[i].list[k];
+      if (bundle.weights[seen->point] > 0.3f)
+        values[n++] = (float)ern_bundle_residual(&bundle, i, seen) * 512 / (float)t->job->side;
+    }
     support[i] = (struct support){ern_quantile(values, n, 0.5), n};
   }
   ern_release(t->job->context, values);
@@ -508,6 +532,7 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   ERN_TRY(ERN_NEW(context, (size_t)job->side * (size_t)job->side, &t.grey));
   ERN_TRY(ERN_NEW(context, job->frames, &t.poses));
   ERN_TRY(ERN_NEW(context, job->frames, &t.bundled));
+  ERN_TRY(ERN_NEW(context, job->frames, &t.seen));
   if (choose_reference(&t, faces, count, distances, &chosen)) {
     ERN_TRY(track(&t, &faces[chosen]));
     ERN_TRY(judge(&t));
@@ -525,7 +550,9 @@ fail:
   ern_release(context, t.grey);
   ern_release(context, t.poses);
   ern_release(context, t.bundled);
+  for (size_t i = 0; i < job->frames && t.seen != NULL; i++) ern_release(context, t.seen[i].list);
   ern_release(context, t.seen);
+  ern_release(context, t.found);
   ern_release(context, t.weights);
   ern_release(context, t.prior);
   ern_release(context, t.shape);

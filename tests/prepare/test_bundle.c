@@ -10,7 +10,9 @@ struct head {
   double truth[POINTS][3], prior[POINTS][3], shape[POINTS][3];
   struct ern_head_pose poses[FRAMES];
   struct ern_bundle_pose bundled[FRAMES];
-  float seen[FRAMES * POINTS][2], weights[POINTS];
+  struct ern_sighting seen[FRAMES * POINTS];
+  struct ern_sightings shown[FRAMES];
+  float weights[POINTS];
   struct ern_bundle bundle;
 };
 
@@ -33,7 +35,8 @@ static void make(struct head *h, double spread, double noise, double outliers) {
         made_pose(15 * sin(t), 7 * sin(2 * t), 4 * sin(3 * t), 0.02 * sin(t), 0.01 * sin(2 * t), 0.7 + 0.02 * sin(t));
     for (int k = 0; k < POINTS; k++) {
       double pixel[2];
-      float *at = h->seen[i * POINTS + k];
+      float *at = h->seen[i * POINTS + k].at;
+      h->seen[i * POINTS + k].point = (uint32_t)k;
       assert_true(ern_head_project(&h->poses[i], 1200, 256, h->truth[k], pixel));
       const bool away = made_random(&random) < 2 * outliers - 1;
       for (int c = 0; c < 2; c++) {
@@ -42,6 +45,7 @@ static void make(struct head *h, double spread, double noise, double outliers) {
         at[c] = (float)(pixel[c] + noise * normal + (away ? 40 * made_random(&random) : 0));
       }
     }
+    h->shown[i] = (struct ern_sightings){h->seen + i * POINTS, POINTS};
     ern_bundle_pose_from(&h->poses[FIXED], &h->bundled[i]);
   }
   h->bundle = (struct ern_bundle){.context = h->context,
@@ -49,7 +53,7 @@ static void make(struct head *h, double spread, double noise, double outliers) {
                                   .centre = 256,
                                   .frames = FRAMES,
                                   .points = POINTS,
-                                  .seen = (const float(*)[2])h->seen,
+                                  .seen = h->shown,
                                   .weights = h->weights,
                                   .prior = (const double(*)[3])h->prior,
                                   .shape = h->shape,
@@ -122,13 +126,18 @@ static void test_pose_round_trip(void **state) {
   }
 }
 
-/* Every call on `points` points: a status, and poses that stay numbers where it is ERN_OK. */
-static void survive(struct head *head, size_t points, const char *what) {
+/* A head of fewer points. */
+static void keep(struct head *head, size_t points) {
+  head->bundle.points = points;
+  for (size_t i = 0; i < FRAMES; i++) head->shown[i].count = points;
+}
+
+/* Every call: a status, and poses that stay numbers where it is ERN_OK. */
+static void survive(struct head *head, const char *what) {
   size_t chosen[FRAMES], seen = 99;
   ern_status answers[3 + FRAMES];
   size_t count = 0;
   for (size_t i = 0; i < FRAMES; i++) chosen[i] = i;
-  head->bundle.points = points;
   answers[count++] = ern_bundle_adjust(&head->bundle, chosen, FRAMES, FIXED);
   for (size_t i = 0; i < FRAMES; i++) answers[count++] = ern_bundle_one(&head->bundle, i, &seen);
   answers[count++] = ern_bundle_path(&head->bundle, 0, FRAMES / 2);
@@ -147,10 +156,11 @@ static void survive(struct head *head, size_t points, const char *what) {
 static void test_degenerate(void **state) {
   (void)state;
   make(&h, 0.004, 0, 0);
-  survive(&h, 0, "no points");
+  keep(&h, 0);
+  survive(&h, "no points");
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES; i++) memcpy(h.seen[i], h.seen[i * POINTS], sizeof *h.seen);
-  survive(&h, 1, "one point");
+  keep(&h, 1);
+  survive(&h, "one point");
   make(&h, 0, 0, 0);
   for (size_t i = 0; i < FRAMES; i++)
     for (int k = 0; k < POINTS; k++) {
@@ -160,40 +170,43 @@ static void test_degenerate(void **state) {
       memcpy(h.prior[k], at, sizeof at);
       memcpy(h.shape[k], at, sizeof at);
       assert_true(ern_head_project(&h.poses[i], 1200, 256, at, pixel));
-      for (int c = 0; c < 2; c++) h.seen[i * POINTS + (size_t)k][c] = (float)pixel[c];
+      for (int c = 0; c < 2; c++) h.seen[i * POINTS + (size_t)k].at[c] = (float)pixel[c];
     }
-  survive(&h, POINTS, "all points on a line");
+  survive(&h, "all points on a line");
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES; i++) memcpy(h.seen[i * POINTS], h.seen[FIXED * POINTS], sizeof h.seen / FRAMES);
-  survive(&h, POINTS, "no parallax");
+  for (size_t i = 0; i < FRAMES; i++) memcpy(&h.seen[i * POINTS], &h.seen[FIXED * POINTS], sizeof h.seen / FRAMES);
+  survive(&h, "no parallax");
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES * POINTS; i++) h.seen[i][0] = h.seen[i][1] = 256;
-  survive(&h, POINTS, "all points in one place");
+  for (size_t i = 0; i < FRAMES * POINTS; i++) h.seen[i].at[0] = h.seen[i].at[1] = 256;
+  survive(&h, "all points in one place");
 }
 
 static void test_no_numbers(void **state) {
   (void)state;
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES * POINTS; i++) h.seen[i][0] = h.seen[i][1] = NAN;
-  survive(&h, POINTS, "nothing is seen");
+  for (size_t i = 0; i < FRAMES; i++) h.shown[i].count = 0;
+  survive(&h, "nothing is seen");
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i][1] = NAN;
-  survive(&h, POINTS, "y is NaN");
+  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i].at[0] = NAN;
+  survive(&h, "x is NaN");
   make(&h, 0.004, 0, 0);
-  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i][0] = INFINITY;
-  survive(&h, POINTS, "x is infinite");
+  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i].at[1] = NAN;
+  survive(&h, "y is NaN");
+  make(&h, 0.004, 0, 0);
+  for (size_t i = 0; i < FRAMES * POINTS; i += 3) h.seen[i].at[0] = INFINITY;
+  survive(&h, "x is infinite");
   make(&h, 0.004, 0, 0);
   for (int k = 0; k < POINTS; k += 2) h.weights[k] = NAN;
-  survive(&h, POINTS, "weights are NaN");
+  survive(&h, "weights are NaN");
   make(&h, 0.004, 0, 0);
   h.shape[3][1] = NAN;
-  survive(&h, POINTS, "a point of the shape is NaN");
+  survive(&h, "a point of the shape is NaN");
   make(&h, 0.004, 0, 0);
   h.bundled[7].values[2] = NAN;
-  survive(&h, POINTS, "a pose is NaN");
+  survive(&h, "a pose is NaN");
   make(&h, 0.004, 0, 0);
   for (size_t i = 0; i < FRAMES; i++) h.bundled[i].values[5] = 0.5;
-  survive(&h, POINTS, "behind the camera");
+  survive(&h, "behind the camera");
 }
 
 int main(void) {
