@@ -24,6 +24,20 @@ constexpr double shape_spread = 0.008;
 constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0002;
 /* Errors of flow are alike over some pixels around, so a path believes so much of what the points say. */
 constexpr double believed = 0.1;
+/* No head is so far off; squares of larger ones may be no numbers. */
+constexpr double most_residual = 1e12;
+
+bool finite(double value) { return std::isfinite(value); }
+template <int N>
+bool finite(const ceres::Jet<double, N> &value) {
+  return std::isfinite(value.a) && value.v.allFinite();
+}
+
+/* A cost that is no number says so itself: Ceres writes a warning to stderr where it finds one. */
+template <typename T>
+bool finite(const T *values, int count) {
+  return std::all_of(values, values + count, [](const T &value) { return finite(value); });
+}
 
 struct Reprojection {
   double x, y, focal, centre, weight;
@@ -35,7 +49,7 @@ struct Reprojection {
     if (depth < T(1e-3)) return false;
     residual[0] = weight / pixels * (centre + focal * (p[0] + pose[3]) / depth - x);
     residual[1] = weight / pixels * (centre - focal * (p[1] + pose[4]) / depth - y);
-    return true;
+    return finite(residual, 2);
   }
 };
 
@@ -54,7 +68,7 @@ struct NearPrior {
   template <typename T>
   bool operator()(const T *point, T *residual) const {
     for (int i = 0; i < 3; i++) residual[i] = (point[i] - prior[i]) / shape_spread;
-    return true;
+    return finite(residual, 3);
   }
 };
 
@@ -66,7 +80,7 @@ struct Steady {
       const double spread = i < 3 ? turn_change : i < 5 ? way_change : depth_change;
       residual[i] = (before[i] - 2.0 * now[i] + after[i]) / spread;
     }
-    return true;
+    return finite(residual, 6);
   }
 };
 
@@ -76,18 +90,34 @@ Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting 
   return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[seen.point]))};
 }
 
-void add_known(ceres::Problem &problem, const struct ern_bundle &b, size_t frame, double share) {
+/* `sound`: every cost can be told where it begins. Ceres writes an error to stderr where one cannot. */
+struct Adjustment {
+  ceres::Problem problem;
+  bool sound = true;
+};
+
+/* Takes cost and loss. */
+template <int Residuals, int... Sizes, typename Cost, typename... Blocks>
+void add(Adjustment &adjustment, Cost *cost, ceres::LossFunction *loss, Blocks *...blocks) {
+  double residual[Residuals];
+  bool sound = (*cost)(static_cast<const double *>(blocks)..., residual);
+  for (int i = 0; i < Residuals && sound; i++) sound = std::fabs(residual[i]) < most_residual;
+  adjustment.sound = adjustment.sound && sound;
+  adjustment.problem.AddResidualBlock(new ceres::AutoDiffCostFunction<Cost, Residuals, Sizes...>(cost), loss,
+                                      blocks...);
+}
+
+void add_known(Adjustment &adjustment, const struct ern_bundle &b, size_t frame, double share) {
   for (size_t k = 0; k < b.seen[frame].count; k++) {
     const struct ern_sighting &seen = b.seen[frame].list[k];
     if (!counts(b, seen)) continue;
-    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<KnownReprojection, 2, 6>(
-                                 new KnownReprojection{reprojection(b, seen), b.shape[seen.point]}),
-                             new ceres::ScaledLoss(new ceres::CauchyLoss(outlier), share, ceres::TAKE_OWNERSHIP),
-                             b.poses[frame].values);
+    add<2, 6>(adjustment, new KnownReprojection{reprojection(b, seen), b.shape[seen.point]},
+              new ceres::ScaledLoss(new ceres::CauchyLoss(outlier), share, ceres::TAKE_OWNERSHIP),
+              b.poses[frame].values);
   }
 }
 
-ern_status solve(const struct ern_bundle &b, ceres::Problem &problem, ceres::LinearSolverType type, int rounds) {
+ern_status solve(const struct ern_bundle &b, Adjustment &adjustment, ceres::LinearSolverType type, int rounds) {
   ceres::Solver::Options options;
   ceres::Solver::Summary summary;
   options.linear_solver_type = type;
@@ -95,8 +125,11 @@ ern_status solve(const struct ern_bundle &b, ceres::Problem &problem, ceres::Lin
   options.num_threads = 2;
   options.function_tolerance = 1e-5;
   options.logging_type = ceres::SILENT;
-  if (problem.NumResidualBlocks() == 0) return ERN_OK;
-  ceres::Solve(options, &problem, &summary);
+  if (adjustment.problem.NumResidualBlocks() == 0) return ERN_OK;
+  if (!adjustment.sound)
+    return ern_fail(b.context, ERN_E_NONFINITE,
+                    "bundle adjustment: a point is behind the camera, or is no number; expected a head before it");
+  ceres::Solve(options, &adjustment.problem, &summary);
   if (summary.IsSolutionUsable()) return ERN_OK;
   return ern_fail(b.context, ERN_E_NONFINITE, "bundle adjustment: %s", summary.message.c_str());
 }
@@ -139,49 +172,47 @@ extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t fr
 extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    ceres::Problem problem;
+    Adjustment adjustment;
+    ceres::Problem &problem = adjustment.problem;
     std::vector<bool> used(b.points, false);
     for (size_t i = 0; i < count; i++)
       for (size_t k = 0; k < b.seen[chosen[i]].count; k++) {
         const struct ern_sighting &seen = b.seen[chosen[i]].list[k];
         if (!counts(b, seen)) continue;
         used[seen.point] = true;
-        problem.AddResidualBlock(
-            new ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3>(new Reprojection(reprojection(b, seen))),
-            new ceres::CauchyLoss(outlier), b.poses[chosen[i]].values, b.shape[seen.point]);
+        add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), new ceres::CauchyLoss(outlier),
+                     b.poses[chosen[i]].values, b.shape[seen.point]);
       }
     for (size_t k = 0; k < b.points; k++)
-      if (used[k])
-        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<NearPrior, 3, 3>(new NearPrior{b.prior[k]}), nullptr,
-                                 b.shape[k]);
+      if (used[k]) add<3, 3>(adjustment, new NearPrior{b.prior[k]}, nullptr, b.shape[k]);
     if (problem.HasParameterBlock(b.poses[fixed].values)) problem.SetParameterBlockConstant(b.poses[fixed].values);
-    return solve(b, problem, ceres::DENSE_SCHUR, 12);
+    return solve(b, adjustment, ceres::DENSE_SCHUR, 12);
   });
 }
 
 extern "C" ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, size_t *seen) {
   return guarded(bundle->context, [&] {
-    ceres::Problem problem;
-    add_known(problem, *bundle, frame, 1);
-    *seen = static_cast<size_t>(problem.NumResidualBlocks());
-    return *seen >= 6 ? solve(*bundle, problem, ceres::DENSE_QR, 15) : ERN_OK;
+    Adjustment adjustment;
+    add_known(adjustment, *bundle, frame, 1);
+    *seen = static_cast<size_t>(adjustment.problem.NumResidualBlocks());
+    return *seen >= 6 ? solve(*bundle, adjustment, ceres::DENSE_QR, 15) : ERN_OK;
   });
 }
 
 extern "C" ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    ceres::Problem problem;
+    Adjustment adjustment;
+    ceres::Problem &problem = adjustment.problem;
     for (size_t i = begin; i < end; i++) {
       problem.AddParameterBlock(b.poses[i].values, 6);
-      add_known(problem, b, i, believed);
+      add_known(adjustment, b, i, believed);
       if (i >= 1 && i + 1 < end)
-        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<Steady, 6, 6, 6, 6>(new Steady()),
-                                 new ceres::CauchyLoss(3.0), b.poses[i - 1].values, b.poses[i].values,
-                                 b.poses[i + 1].values);
+        add<6, 6, 6, 6>(adjustment, new Steady(), new ceres::CauchyLoss(3.0), b.poses[i - 1].values, b.poses[i].values,
+                        b.poses[i + 1].values);
     }
     for (size_t i = begin > 0 ? begin - 1 : 0; i < begin; i++)
       if (problem.HasParameterBlock(b.poses[i].values)) problem.SetParameterBlockConstant(b.poses[i].values);
-    return solve(b, problem, ceres::SPARSE_NORMAL_CHOLESKY, 15);
+    return solve(b, adjustment, ceres::SPARSE_NORMAL_CHOLESKY, 15);
   });
 }

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Bundle adjustment on made-up rigid heads whose poses are known, and on what holds no pose. */
+#include <fcntl.h>
+
 #include "prepare/bundle.h"
 #include "prepare_test.h"
 
@@ -132,16 +134,36 @@ static void keep(struct head *head, size_t points) {
   for (size_t i = 0; i < FRAMES; i++) head->shown[i].count = points;
 }
 
-/* Every call: a status, and poses that stay numbers where it is ERN_OK. */
+/* What stderr gets goes into said.txt until it is asked for. */
+static int listen(void) {
+  fflush(stderr);
+  const int kept = dup(2), file = open("said.txt", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  assert_true(kept >= 0 && file >= 0 && dup2(file, 2) == 2);
+  close(file);
+  return kept;
+}
+
+static size_t heard(int kept) {
+  struct stat about;
+  fflush(stderr);
+  assert_int_equal(dup2(kept, 2), 2);
+  close(kept);
+  assert_int_equal(stat("said.txt", &about), 0);
+  return (size_t)about.st_size;
+}
+
+/* Every call: a status, and poses that stay numbers where it is ERN_OK. Ceres has nothing to say on stderr. */
 static void survive(struct head *head, const char *what) {
   size_t chosen[FRAMES], seen = 99;
   ern_status answers[3 + FRAMES];
   size_t count = 0;
+  const int kept = listen();
   for (size_t i = 0; i < FRAMES; i++) chosen[i] = i;
   answers[count++] = ern_bundle_adjust(&head->bundle, chosen, FRAMES, FIXED);
   for (size_t i = 0; i < FRAMES; i++) answers[count++] = ern_bundle_one(&head->bundle, i, &seen);
   answers[count++] = ern_bundle_path(&head->bundle, 0, FRAMES / 2);
   answers[count++] = ern_bundle_path(&head->bundle, FRAMES / 2, FRAMES);
+  if (heard(kept) > 0) fail_msg("%s: something is on stderr (said.txt)", what);
   bool all = true;
   for (size_t i = 0; i < count; i++) {
     all = all && answers[i] == ERN_OK;
@@ -209,9 +231,32 @@ static void test_no_numbers(void **state) {
   survive(&h, "behind the camera");
 }
 
+/* Numbers that are none of a head's, and whose squares are none at all. */
+static void test_extremes(void **state) {
+  (void)state;
+  static const double numbers[] = {1e9, 1e30, 1e150, 1e200, -1e150, 1e-300};
+  for (size_t n = 0; n < sizeof numbers / sizeof *numbers; n++)
+    for (int c = 0; c < 6; c++) {
+      make(&h, 0.004, 0, 0);
+      h.bundled[7].values[c] = numbers[n];
+      survive(&h, "a pose is far away");
+      if (c > 2) continue;
+      make(&h, 0.004, 0, 0);
+      h.shape[3][c] = numbers[n];
+      survive(&h, "a point of the shape is far away");
+      make(&h, 0.004, 0, 0);
+      for (int i = 0; i < FRAMES; i++) h.seen[i * POINTS + i].at[c % 2] = (float)fmax(fmin(numbers[n], 3e38), -3e38);
+      survive(&h, "points are seen far away");
+    }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),        cmocka_unit_test(test_exact_points),
-                                     cmocka_unit_test(test_noise_and_outliers), cmocka_unit_test(test_pose_round_trip),
-                                     cmocka_unit_test(test_degenerate),         cmocka_unit_test(test_no_numbers)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),
+                                     cmocka_unit_test(test_exact_points),
+                                     cmocka_unit_test(test_noise_and_outliers),
+                                     cmocka_unit_test(test_pose_round_trip),
+                                     cmocka_unit_test(test_degenerate),
+                                     cmocka_unit_test(test_no_numbers),
+                                     cmocka_unit_test(test_extremes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
