@@ -20,7 +20,8 @@ enum {
   THUMB = 32,                        /* pixels a side of what is compared from frame to frame */
   QUALITY = 98,                      /* of ori_imgs */
   SOUND_RATE = 16000,                /* samples a second of aud.wav */
-  PATIENCE = 60 * ERN_PREPARE_RATE,  /* frames without a face before it is given up */
+  PATIENCE = 60 * ERN_PREPARE_RATE,  /* frames without a face before it is given up, */
+  LONG_PATIENCE = 10 * PATIENCE,     /* and where a stretch is looked for, which what comes first need not be in */
   SEARCHED = 4 * ERN_PREPARE_FRAMES, /* frames among which a stretch may be looked for */
   FEWEST_FRAMES = ERN_PREPARE_RATE,  /* to learn anything of */
   FEW_FRAMES = 10 * ERN_PREPARE_RATE /* to learn little of */
@@ -130,6 +131,7 @@ static ern_status scan_video(struct scan *s) {
   s->has_sound = footage.info.has_sound;
   const size_t expected = 2 * ern_footage_expected(&footage);
   const size_t most = s->search != NULL ? SEARCHED : ERN_PREPARE_FRAMES;
+  const size_t patience = s->search != NULL ? LONG_PATIENCE : PATIENCE;
   for (;; s->frames++) {
     ERN_TRY(ern_footage_next(&footage, &image));
     if (image == NULL) break;
@@ -142,7 +144,7 @@ static ern_status scan_video(struct scan *s) {
                        s->job->video, s->frames, image->width, image->height, s->width, s->height));
     compare(s, image);
     if (s->frames % EVERY == 0) ERN_TRY(look(s, image));
-    if (s->found == 0 && s->frames >= PATIENCE) break;
+    if (s->found == 0 && s->frames >= patience) break;
     ERN_TRY(ern_prepare_progress(s->job, s->frames, s->frames < expected ? expected : 2 * s->frames));
   }
 fail:

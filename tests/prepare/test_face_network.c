@@ -247,26 +247,31 @@ enum { SIDE = 128, FRAMES = 30, BLOCK = 16 };
 
 static int column_of(size_t frame) { return 3 + (int)(frame / 10 % 2); }
 
-/* The step "face": what the network finds is what the clip's faces are, and another network is another setting. */
-static void test_step(void **state) {
-  (void)state;
+/* A face that moves, after so many frames without one. */
+static void make_video(ern_context *context, const char *path, size_t empty, size_t frames) {
   static uint8_t rgba[4 * SIDE * SIDE];
-  ern_context *context = support_context();
   ern_video_options video = ern_video_options_default(SIDE, SIDE);
   ern_video_writer *writer = NULL;
-  ern_prepare_options options = ern_prepare_options_default();
-  ern_prepare_result result;
-  struct made_job m;
-  support_clear("v.mp4");
-  support_ok(context, ern_video_writer_open(context, "v.mp4", &video, &writer));
-  for (size_t f = 0; f < FRAMES; f++) {
+  support_clear(path);
+  support_ok(context, ern_video_writer_open(context, path, &video, &writer));
+  for (size_t f = 0; f < empty + frames; f++) {
     for (int i = 0; i < SIDE * SIDE; i++) {
-      const bool face = i % SIDE / BLOCK == column_of(f) && i / SIDE / BLOCK == 3;
+      const bool face = f >= empty && i % SIDE / BLOCK == column_of(f - empty) && i / SIDE / BLOCK == 3;
       memcpy(rgba + 4 * i, (const uint8_t[4]){face ? 220 : 60, 60, 60, 255}, 4);
     }
     support_ok(context, ern_video_writer_frame(writer, rgba));
   }
   support_ok(context, ern_video_writer_close(&writer));
+}
+
+/* The step "face": what the network finds is what the clip's faces are, and another network is another setting. */
+static void test_step(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_prepare_options options = ern_prepare_options_default();
+  ern_prepare_result result;
+  struct made_job m;
+  make_video(context, "v.mp4", 0, FRAMES);
   options.side = SIDE;
   options.only = "face";
   options.features = "any.npy"; /* in place of sound */
@@ -303,9 +308,41 @@ static void test_step(void **state) {
   ern_context_free(&context);
 }
 
+/* A video whose first minute shows nobody has a best stretch none the less, and is refused without --segment. */
+static void test_late(void **state) {
+  (void)state;
+  enum { EMPTY = 65 * ERN_PREPARE_RATE, SHOWN = 8 * ERN_PREPARE_RATE };
+  ern_context *context = support_context();
+  ern_prepare_options options = ern_prepare_options_default();
+  ern_prepare_result result;
+  options.side = SIDE;
+  options.only = "face";
+  options.features = "any.npy";
+  options.detector = "faces.onnx";
+  make_network("faces.onnx", 1 / 220.0f, frontal, 2);
+  make_video(context, "late.mp4", EMPTY, SHOWN);
+  support_clear("late");
+  support_expect(context, ern_prepare(context, "late.mp4", "late", &options, &result), ERN_E_UNSUPPORTED,
+                 "no face was found in 60 s", NULL);
+  options.segment = "4";
+  support_clear("late");
+  support_ok(context, ern_prepare(context, "late.mp4", "late", &options, &result));
+  assert_int_equal(result.frames, 4 * ERN_PREPARE_RATE);
+  struct ern_found_face *faces = NULL;
+  size_t count = 0;
+  struct made_job m;
+  made_job_open(&m, "other", SIDE, result.frames);
+  m.job.folder = "late";
+  support_ok(context, ern_prepare_faces_read(&m.job, &faces, &count));
+  assert_int_equal(count, 4 * ERN_PREPARE_RATE / 5);
+  ern_release(m.job.context, faces);
+  made_job_close(&m);
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_count),
-                                     cmocka_unit_test(test_none), cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_step)};
+                                     cmocka_unit_test(test_none),  cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_step),  cmocka_unit_test(test_late)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
