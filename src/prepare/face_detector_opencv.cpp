@@ -5,6 +5,7 @@
 #include <exception>
 #include <memory>
 #include <new>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/objdetect.hpp>
 #include <string>
@@ -27,16 +28,22 @@ namespace {
 /* The cascades look at pictures of at most so many pixels a side: a face that is smaller there is too small to learn.
  */
 constexpr int most_side = 640;
+/* What the cascades were trained with: they see no smaller face. */
+constexpr int least_side = 20;
 
 template <typename Work>
 ern_status guarded(ern_context *context, Work work) {
+  const auto before = cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ern_status status = ERN_OK;
   try {
-    return work();
+    status = work();
   } catch (const std::bad_alloc &) {
-    return ern_fail(context, ERN_E_NO_MEMORY, "faces: no memory");
+    status = ern_fail(context, ERN_E_NO_MEMORY, "faces: no memory");
   } catch (const std::exception &error) {
-    return ern_fail(context, ERN_E_MEDIA, "faces: OpenCV: %s", error.what());
+    status = ern_fail(context, ERN_E_MEDIA, "faces: OpenCV: %s", error.what());
   }
+  cv::utils::logging::setLogLevel(before);
+  return status;
 }
 
 ern_status load(ern_context *context, const std::string &folder, const char *name, cv::CascadeClassifier &cascade) {
@@ -123,8 +130,8 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
       cv::resize(grey, grey,
                  cv::Size(std::max(cvRound(grey.cols * scale.x), 1), std::max(cvRound(grey.rows * scale.y), 1)), 0, 0,
                  shrunk < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-    const int least = std::min(grey.cols, grey.rows) / 9;
-    if (least < 20) return ERN_OK;
+    const int shorter = std::min(grey.cols, grey.rows), least = std::max(shorter / 9, least_side);
+    if (shorter < least_side) return ERN_OK;
     detector->face.detectMultiScale(grey, found, 1.1, 5, 0, cv::Size(least, least));
     if (found.empty()) { /* dark skin and flat light: the first cascade passes over them more often */
       cv::createCLAHE(3.0, cv::Size(8, 8))->apply(grey, grey);

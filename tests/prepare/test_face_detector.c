@@ -71,6 +71,26 @@ static void test_found(void **state) {
   assert_null(detector);
 }
 
+/* A face that fills a small picture, a ninth of which is less than cascades see. */
+static void test_small(void **state) {
+  (void)state;
+  struct ern_face_detector *detector = NULL;
+  struct ern_found_face faces[FACES];
+  ern_image picture = {0}, small = {0};
+  size_t count = 0;
+  support_ok(context, ern_face_detector_make(context, NULL, &detector));
+  support_ok(context, ern_image_read(context, "clip/gt_imgs/0.jpg", 3, &picture));
+  for (int side = 160; side >= 96; side -= 32) {
+    support_ok(context, ern_image_resize(context, &picture, side, side, &small));
+    support_ok(context, ern_face_detector_find(detector, &small, 1, faces, FACES, &count));
+    if (count != 1) fail_msg("%d pixels: %zu faces", side, count);
+    assert_true(faces[0].width > 0.25f * (float)side && faces[0].width < 0.8f * (float)side);
+    ern_image_free(context, &small);
+  }
+  ern_image_free(context, &picture);
+  ern_face_detector_free(&detector);
+}
+
 static void test_none(void **state) {
   (void)state;
   static const struct {
@@ -138,7 +158,8 @@ static void test_crop(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_none),
-                                     cmocka_unit_test(test_cascades), cmocka_unit_test(test_crop)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_small),
+                                     cmocka_unit_test(test_none), cmocka_unit_test(test_cascades),
+                                     cmocka_unit_test(test_crop)};
   return cmocka_run_group_tests(tests, make, unmake);
 }
