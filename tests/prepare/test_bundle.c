@@ -234,7 +234,7 @@ static void test_no_numbers(void **state) {
 /* Numbers that are none of a head's, and whose squares are none at all. */
 static void test_extremes(void **state) {
   (void)state;
-  static const double numbers[] = {1e9, 1e30, 1e150, 1e200, -1e150, 1e-300};
+  static const double numbers[] = {1e30, 1e150, 1e200, -1e150};
   for (size_t n = 0; n < sizeof numbers / sizeof *numbers; n++)
     for (int c = 0; c < 6; c++) {
       make(&h, 0.004, 0, 0);
