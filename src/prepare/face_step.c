@@ -36,6 +36,7 @@ struct scan {
   float usual;                                     /* running mean of the change */
   size_t cut;                                      /* frame of a cut; 0: none */
   size_t frames;
+  size_t before; /* frames that were searched for the stretch, which progress counts too */
   bool has_sound;
   struct ern_segment_search *search; /* NULL where no stretch is looked for */
   int width, height;
@@ -120,6 +121,17 @@ fail:
   return status;
 }
 
+/* Frames of the work, where the video has `expected`: this scan, and writing; or of a search that scan and writing of
+ * the stretch follow. */
+static ern_status work_of(const struct scan *s, size_t expected, size_t *total) {
+  double length = 0, longer_than = 0;
+  *total = s->before + 2 * expected;
+  if (s->search == NULL) return ERN_OK;
+  const ern_status status = ern_segment_read(s->job->context, s->job->options->segment, &length, &longer_than);
+  if ((double)expected > longer_than * ERN_PREPARE_RATE) *total = expected + 2 * (size_t)(length * ERN_PREPARE_RATE);
+  return status;
+}
+
 static ern_status scan_video(struct scan *s) {
   ern_status status = ERN_OK;
   struct ern_footage footage = {0};
@@ -129,7 +141,8 @@ static ern_status scan_video(struct scan *s) {
   s->height = footage.info.height;
   s->aspect = footage.info.pixel_aspect;
   s->has_sound = footage.info.has_sound;
-  const size_t expected = 2 * ern_footage_expected(&footage);
+  size_t total = 0;
+  ERN_TRY(work_of(s, ern_footage_expected(&footage), &total));
   const size_t most = s->search != NULL ? SEARCHED : ERN_PREPARE_FRAMES;
   const size_t patience = s->search != NULL ? LONG_PATIENCE : PATIENCE;
   for (;; s->frames++) {
@@ -145,7 +158,8 @@ static ern_status scan_video(struct scan *s) {
     compare(s, image);
     if (s->frames % EVERY == 0) ERN_TRY(look(s, image));
     if (s->found == 0 && s->frames >= patience) break;
-    ERN_TRY(ern_prepare_progress(s->job, s->frames, s->frames < expected ? expected : 2 * s->frames));
+    const size_t done = s->before + s->frames;
+    ERN_TRY(ern_prepare_progress(s->job, done, done < total ? total : done + s->frames));
   }
 fail:
   ern_footage_close(&footage);
@@ -241,7 +255,7 @@ static ern_status scan_part(struct scan *s, bool *found) {
     goto fail;
   }
   ern_release(job->context, s->faces);
-  *s = (struct scan){.job = job, .detector = s->detector};
+  *s = (struct scan){.job = job, .detector = s->detector, .before = s->frames};
   ERN_TRY(scan_video(s));
 fail:
   s->search = NULL;
@@ -282,7 +296,7 @@ static ern_status write_frames(struct scan *s, const double region[4]) {
     ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.jpg", i));
     ERN_TRY(ern_image_write(job->context, path, &crop, QUALITY));
     ern_image_free(job->context, &crop);
-    ERN_TRY(ern_prepare_progress(job, s->frames + i + 1, 2 * s->frames));
+    ERN_TRY(ern_prepare_progress(job, s->before + s->frames + i + 1, s->before + 2 * s->frames));
   }
 fail:
   ern_image_free(job->context, &crop);

@@ -308,6 +308,18 @@ static void test_step(void **state) {
   ern_context_free(&context);
 }
 
+struct way {
+  size_t last, times;
+};
+
+static int only_on(void *user, const char *step, size_t done, size_t total) {
+  struct way *way = user;
+  if (done < way->last || done > total) fail_msg("%s: %zu of %zu after %zu", step, done, total, way->last);
+  way->last = done;
+  way->times++;
+  return 0;
+}
+
 /* A video whose first minute shows nobody has a best stretch none the less, and is refused without --segment. */
 static void test_late(void **state) {
   (void)state;
@@ -324,10 +336,14 @@ static void test_late(void **state) {
   support_clear("late");
   support_expect(context, ern_prepare(context, "late.mp4", "late", &options, &result), ERN_E_UNSUPPORTED,
                  "no face was found in 60 s", NULL);
+  struct way way = {0};
   options.segment = "4";
+  options.progress = only_on;
+  options.user = &way;
   support_clear("late");
   support_ok(context, ern_prepare(context, "late.mp4", "late", &options, &result));
   assert_int_equal(result.frames, 4 * ERN_PREPARE_RATE);
+  assert_true(way.times > EMPTY && way.last == EMPTY + SHOWN + 2 * result.frames);
   struct ern_found_face *faces = NULL;
   size_t count = 0;
   struct made_job m;
