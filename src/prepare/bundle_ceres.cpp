@@ -92,11 +92,23 @@ Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting 
 
 /* `sound`: every cost can be told where it begins. Ceres writes an error to stderr where one cannot. */
 struct Adjustment {
+  /* One of each for all costs: a path has a million. */
+  ceres::CauchyLoss pointed{outlier}, steady{3.0};
+  ceres::ScaledLoss scaled;
   ceres::Problem problem;
   bool sound = true;
+
+  explicit Adjustment(double share = 1)
+      : scaled(&pointed, share, ceres::DO_NOT_TAKE_OWNERSHIP), problem(without_losses()) {}
+
+  static ceres::Problem::Options without_losses() {
+    ceres::Problem::Options options;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
 };
 
-/* Takes cost and loss. */
+/* Takes the cost. */
 template <int Residuals, int... Sizes, typename Cost, typename... Blocks>
 void add(Adjustment &adjustment, Cost *cost, ceres::LossFunction *loss, Blocks *...blocks) {
   double residual[Residuals];
@@ -107,12 +119,11 @@ void add(Adjustment &adjustment, Cost *cost, ceres::LossFunction *loss, Blocks *
                                       blocks...);
 }
 
-void add_known(Adjustment &adjustment, const struct ern_bundle &b, size_t frame, double share) {
+void add_known(Adjustment &adjustment, const struct ern_bundle &b, size_t frame) {
   for (size_t k = 0; k < b.seen[frame].count; k++) {
     const struct ern_sighting &seen = b.seen[frame].list[k];
     if (!counts(b, seen)) continue;
-    add<2, 6>(adjustment, new KnownReprojection{reprojection(b, seen), b.shape[seen.point]},
-              new ceres::ScaledLoss(new ceres::CauchyLoss(outlier), share, ceres::TAKE_OWNERSHIP),
+    add<2, 6>(adjustment, new KnownReprojection{reprojection(b, seen), b.shape[seen.point]}, &adjustment.scaled,
               b.poses[frame].values);
   }
 }
@@ -180,7 +191,7 @@ extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t 
         const struct ern_sighting &seen = b.seen[chosen[i]].list[k];
         if (!counts(b, seen)) continue;
         used[seen.point] = true;
-        add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), new ceres::CauchyLoss(outlier),
+        add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), &adjustment.pointed,
                      b.poses[chosen[i]].values, b.shape[seen.point]);
       }
     for (size_t k = 0; k < b.points; k++)
@@ -193,7 +204,7 @@ extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t 
 extern "C" ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, size_t *seen) {
   return guarded(bundle->context, [&] {
     Adjustment adjustment;
-    add_known(adjustment, *bundle, frame, 1);
+    add_known(adjustment, *bundle, frame);
     *seen = static_cast<size_t>(adjustment.problem.NumResidualBlocks());
     return *seen >= 6 ? solve(*bundle, adjustment, ceres::DENSE_QR, 15) : ERN_OK;
   });
@@ -202,13 +213,13 @@ extern "C" ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, si
 extern "C" ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    Adjustment adjustment;
+    Adjustment adjustment(believed);
     ceres::Problem &problem = adjustment.problem;
     for (size_t i = begin; i < end; i++) {
       problem.AddParameterBlock(b.poses[i].values, 6);
-      add_known(adjustment, b, i, believed);
+      add_known(adjustment, b, i);
       if (i >= 1 && i + 1 < end)
-        add<6, 6, 6, 6>(adjustment, new Steady(), new ceres::CauchyLoss(3.0), b.poses[i - 1].values, b.poses[i].values,
+        add<6, 6, 6, 6>(adjustment, new Steady(), &adjustment.steady, b.poses[i - 1].values, b.poses[i].values,
                         b.poses[i + 1].values);
     }
     for (size_t i = begin > 0 ? begin - 1 : 0; i < begin; i++)
