@@ -6,7 +6,7 @@ ERN_SHARDED_SLOT(occupancy_mark, ERN_OCCUPANCY_CELLS, 64) {
   kernels->occupancy_mark(reals(a->grid), a->views, a->view_count, a->bound, (uint32_t)r.begin, (uint32_t)r.end);
 }
 ern_status ERN_REF(ern_cpu_occupancy_list)(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
-  a->count = kernels_of(stream)->occupancy_list(int32s(a->cells), reals(a->grid));
+  a->count = kernels_of(stream)->occupancy_list(int32s(a->cells), reals(a->grid), bytes(a->bits), a->turn);
   return ERN_OK;
 }
 ERN_SHARDED_SLOT(occupancy_points, a->n, 64) {
@@ -32,8 +32,8 @@ static void occupancy_update_task(void *user, size_t k, int lane) {
   (void)lane;
   struct occupancy_job *job = user;
   const struct range r = shard(ERN_OCCUPANCY_CELLS, 64, k);
-  job->kernels->occupancy_update(reals(job->args->grid), &job->sum[k], reals(job->args->fresh), job->args->decay,
-                                 (uint32_t)r.begin, (uint32_t)r.end);
+  job->kernels->occupancy_update(reals(job->args->grid), &job->sum[k], reals(job->args->fresh), bytes(job->args->bits),
+                                 &job->args->decay, (uint32_t)r.begin, (uint32_t)r.end);
 }
 static void occupancy_pack_task(void *user, size_t k, int lane) {
   (void)lane;

@@ -69,6 +69,9 @@ ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_count", "");
   ern_cl_span(&call, scan.count);
   ern_cl_span(&call, open);
+  ern_cl_span(&call, a->bits);
+  ern_cl_int(&call, (int32_t)a->turn.turn);
+  ern_cl_int(&call, (int32_t)a->turn.mask);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
   ERN_TRY(ern_cl_scan(stream, &scan));
   a->count = scan.total;
@@ -76,6 +79,9 @@ ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy
   ern_cl_span(&call, a->cells);
   ern_cl_span(&call, scan.first);
   ern_cl_span(&call, open);
+  ern_cl_span(&call, a->bits);
+  ern_cl_int(&call, (int32_t)a->turn.turn);
+  ern_cl_int(&call, (int32_t)a->turn.mask);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
 fail:
   ern_arena_release(stream, mark);
@@ -127,7 +133,11 @@ ern_status ern_cl_occupancy_update(struct ern_stream *stream, struct ern_occupan
   ern_cl_span(&call, parts);
   ern_cl_span(&call, a->grid);
   ern_cl_span(&call, a->fresh);
-  ern_cl_float(&call, a->decay);
+  ern_cl_span(&call, a->bits);
+  ern_cl_float(&call, a->decay.near);
+  ern_cl_float(&call, a->decay.far);
+  ern_cl_int(&call, (int32_t)a->decay.turn.turn);
+  ern_cl_int(&call, (int32_t)a->decay.turn.mask);
   ern_cl_int(&call, CUBES / (ERN_CL_SUMS * ERN_CL_SUM_GROUP));
   ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
   ERN_TRY(ern_cl_read(stream, part, parts, 2 * ERN_CL_SUMS));

@@ -18,13 +18,32 @@ struct ern_occupancy_mark_args {
 typedef void ern_occupancy_mark_kernel(ern_real *grid, const struct ern_view *views, size_t view_count, float bound,
                                        uint32_t cell_begin, uint32_t cell_end);
 
-/* Cells whose density a refresh must know: those not marked, and their 6 neighbours. */
+enum { ERN_OCCUPANCY_BLOCK = 64 /* cells, 4 an axis, that follow each other in Morton order */ };
+
+/* Which blocks a refresh looks at: those with an occupied cell, and of the others those whose number & mask is turn.
+ * mask 0 and turn 0: all. */
+struct ern_occupancy_turn {
+  uint32_t turn, mask; /* mask: 2^k - 1 */
+};
+/* bits: byte [ERN_OCCUPANCY_BYTES] */
+static inline bool ern_occupancy_block_near(const uint8_t *bits, uint32_t block) {
+  uint8_t any = 0;
+  for (uint32_t k = 0; k < ERN_OCCUPANCY_BLOCK / 8; k++) any |= bits[ERN_OCCUPANCY_BLOCK / 8 * block + k];
+  return any != 0;
+}
+static inline bool ern_occupancy_block_due(const uint8_t *bits, uint32_t block, struct ern_occupancy_turn turn) {
+  return (block & turn.mask) == turn.turn || ern_occupancy_block_near(bits, block);
+}
+
+/* Cells whose density a refresh must know: those not marked, and their 6 neighbours, in the blocks that are due. */
 struct ern_occupancy_list_args {
   ern_span cells; /* out: int32 [ERN_OCCUPANCY_CELLS], ascending Morton numbers, the first `count` of them */
-  ern_span grid;
+  ern_span grid, bits;
+  struct ern_occupancy_turn turn;
   size_t count; /* out, on the host */
 };
-typedef size_t ern_occupancy_list_kernel(int32_t *cells, const ern_real *grid);
+typedef size_t ern_occupancy_list_kernel(int32_t *cells, const ern_real *grid, const uint8_t *bits,
+                                         struct ern_occupancy_turn turn);
 
 /* Points to look at: (2c/127 - 1)*bound*(127/128) + uniform(-1, 1)*bound/128 an axis; the numbers are Philox's for
  * (seed, step, cell, ERN_RNG_REFRESH_CELL), words 0, 1, 2 for x, y, z. */
@@ -45,18 +64,31 @@ struct ern_occupancy_scatter_args {
   size_t n;
 };
 
+/* What is left of a cell's density at a refresh: `near` in blocks with an occupied cell, `far` in others that are due,
+ * 1 in the rest. */
+struct ern_occupancy_decay {
+  float near, far;
+  struct ern_occupancy_turn turn;
+};
+static inline float ern_occupancy_decay_of(const uint8_t *bits, uint32_t block, const struct ern_occupancy_decay *d) {
+  if (ern_occupancy_block_near(bits, block)) return d->near;
+  return (block & d->turn.mask) == d->turn.turn ? d->far : 1;
+}
+
 /* new = maximum of fresh and its 6 neighbours (inside the cube); grid = max(decay*grid, new) where grid >= 0; then the
  * mean over all cells with marked ones as 0, and the bits: grid > min(mean, limit). */
 struct ern_occupancy_update_args {
-  ern_span grid;      /* in and out */
-  ern_span bits;      /* out: byte [ERN_OCCUPANCY_BYTES] */
-  ern_span fresh;     /* 0 in cells that are in no list */
-  float decay, limit; /* 0.95, 10 */
-  double mean;        /* out, on the host */
+  ern_span grid;  /* in and out */
+  ern_span bits;  /* in: before, which the decay looks at; out: byte [ERN_OCCUPANCY_BYTES] */
+  ern_span fresh; /* 0 in cells that are in no list */
+  struct ern_occupancy_decay decay;
+  float limit; /* 10 */
+  double mean; /* out, on the host */
 };
 /* Cells [cell_begin, cell_end); *sum gets the sum of max(grid, 0) over them, in double. */
-typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_real *fresh, float decay,
-                                         uint32_t cell_begin, uint32_t cell_end);
+typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_real *fresh, const uint8_t *bits,
+                                         const struct ern_occupancy_decay *decay, uint32_t cell_begin,
+                                         uint32_t cell_end);
 /* Bytes [byte_begin, byte_end). */
 typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, float threshold, uint32_t byte_begin,
                                        uint32_t byte_end);

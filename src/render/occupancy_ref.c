@@ -22,7 +22,7 @@ static float centre_of(uint32_t c, float bound) {
   return ((float)(2 * (int)c - (int)last_cell) / (float)last_cell) * (bound * (127.0f / 128.0f));
 }
 
-enum { BLOCK_SIDE = 4, BLOCK_CELLS = BLOCK_SIDE * BLOCK_SIDE * BLOCK_SIDE }; /* contiguous in Morton order */
+enum { BLOCK_SIDE = 4, BLOCK_CELLS = ERN_OCCUPANCY_BLOCK };
 
 /* A camera as the test for cells needs it: q = transpose(R)(p - o); q2 > 0, |q0| < x q2 + slack, |q1| < y q2 + slack.
  */
@@ -104,16 +104,24 @@ static int neighbours(uint32_t number_out[6], uint32_t number) {
   return count;
 }
 
-size_t ERN_REF(ern_occupancy_list)(int32_t *cells, const ern_real *grid) {
+static bool is_needed(const ern_real *grid, uint32_t number) {
+  uint32_t beside[6];
+  if (grid[number] >= 0) return true;
+  const int sides = neighbours(beside, number);
+  for (int k = 0; k < sides; k++) {
+    if (grid[beside[k]] >= 0) return true;
+  }
+  return false;
+}
+
+size_t ERN_REF(ern_occupancy_list)(int32_t *cells, const ern_real *grid, const uint8_t *bits,
+                                   struct ern_occupancy_turn turn) {
   size_t count = 0;
-  for (uint32_t number = 0; number < ERN_OCCUPANCY_CELLS; number++) {
-    bool needed = grid[number] >= 0;
-    if (!needed) {
-      uint32_t beside[6];
-      const int sides = neighbours(beside, number);
-      for (int k = 0; k < sides && !needed; k++) needed = grid[beside[k]] >= 0;
+  for (uint32_t block = 0; block < ERN_OCCUPANCY_CELLS / ERN_OCCUPANCY_BLOCK; block++) {
+    if (!ern_occupancy_block_due(bits, block, turn)) continue;
+    for (uint32_t number = ERN_OCCUPANCY_BLOCK * block; number < ERN_OCCUPANCY_BLOCK * (block + 1); number++) {
+      if (is_needed(grid, number)) cells[count++] = (int32_t)number;
     }
-    if (needed) cells[count++] = (int32_t)number;
   }
   return count;
 }
@@ -133,14 +141,14 @@ void ERN_REF(ern_occupancy_points)(ern_real *x, size_t stride, const int32_t *ce
 
 /* grid = max(decay grid, max of fresh over the cell and its neighbours), where the cell is not marked. A fresh value
  * that is NaN never wins. */
-void ERN_REF(ern_occupancy_update)(ern_real *grid, double *sum, const ern_real *fresh, float decay, uint32_t cell_begin,
-                                   uint32_t cell_end) {
+void ERN_REF(ern_occupancy_update)(ern_real *grid, double *sum, const ern_real *fresh, const uint8_t *bits,
+                                   const struct ern_occupancy_decay *decay, uint32_t cell_begin, uint32_t cell_end) {
   *sum = 0;
   for (uint32_t number = cell_begin; number < cell_end; number++) {
     if (!(grid[number] >= 0)) continue;
     uint32_t beside[6];
     const int sides = neighbours(beside, number);
-    ern_real most = grid[number] * decay;
+    ern_real most = grid[number] * ern_occupancy_decay_of(bits, number / ERN_OCCUPANCY_BLOCK, decay);
     if (fresh[number] > most) most = fresh[number];
     for (int k = 0; k < sides; k++) {
       if (fresh[beside[k]] > most) most = fresh[beside[k]];

@@ -63,7 +63,7 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
     uint64_t *to;
     int64_t least;
   } counts[] = {{"iters", &about->iters, 1},
-                {"refresh_every", &about->refresh_every, 1},
+                {"refresh_every", &about->refresh_every, 0},
                 {"ema_every", &about->ema_every, 1},
                 {"data_begin", &about->data_begin, 0},
                 {"data_end", &about->data_end, 1}};

@@ -157,7 +157,7 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
   ERN_TRY(
       ern_trainer_batch(t, &batch)); /* first: where a picture cannot be read, the state is that after the last step */
-  if (t->step % t->config.refresh_every == 0) ERN_TRY(ern_trainer_refresh(t));
+  if (t->step % ern_trainer_refresh_every(t) == 0) ERN_TRY(ern_trainer_refresh(t));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
   ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));
   ERN_TRY(check_finite(t, terms));

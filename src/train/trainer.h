@@ -9,7 +9,8 @@
 #include "model/model.h"
 
 enum {
-  ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, unless the configuration says otherwise */
+  ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
+  ERN_REFRESH_WARM_UP = 256, /* steps in which each refresh looks at all cells */
   ERN_SMOOTH_EVERY = 16,     /* steps between smoothness terms */
   ERN_LEAST_EMA_UPDATES = 10 /* before which the average is no model: it is still full of its beginning */
 };
@@ -105,7 +106,8 @@ static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
 
 /* trainer_refresh.c */
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */
-ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* the cells to look at */
+ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* all cells to look at */
+uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, by the configuration */
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 
 /* trainer_state.c */

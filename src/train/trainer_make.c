@@ -35,8 +35,7 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .save_every = 1000,
                                 .validate_every = 1000,
                                 .validate_frames = 16,
-                                .ema_every = 1000,
-                                .refresh_every = ERN_REFRESH_EVERY};
+                                .ema_every = 1000};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -67,7 +66,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"threads", c->threads, 0, ERN_THREADS_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
-                {"refresh_every", (double)c->refresh_every, 1, 1e12}};
+                {"refresh_every", (double)c->refresh_every, 0, 1e12}};
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
     const ern_status status = check_range(context, ranges[i].name, ranges[i].found, ranges[i].least, ranges[i].most);
     if (status != ERN_OK) return status;

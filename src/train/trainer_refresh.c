@@ -7,8 +7,45 @@
 #include "model/torso.h"
 #include "train/trainer.h"
 
-static const float occupancy_decay = 0.95f; /* of a cell's density, a refresh */
-enum { CHUNK = 1 << 18 /* cells looked at in one go: a bound on the memory of their points */ };
+static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
+enum {
+  CHUNK = 1 << 18, /* cells looked at in one go: a bound on the memory of their points */
+  MOST_EVERY = 64, /* steps between refreshes whose interval is in rays */
+  LEAST_SHARES = 4,
+  MOST_SHARES = 16,    /* parts of the blocks without an occupied cell, powers of 2 */
+  NEAR_RAYS = 1 << 18, /* between two looks at a block with an occupied cell, where MOST_EVERY steps are not fewer */
+  FAR_RAYS = 1 << 20   /* at one without, within LEAST_SHARES to MOST_SHARES refreshes */
+};
+
+/* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
+struct schedule {
+  uint64_t every;  /* steps between refreshes */
+  uint32_t shares; /* refreshes that look at all blocks once; blocks with an occupied cell are looked at in each */
+};
+
+static struct schedule schedule_of(const ern_train_config *config) {
+  const uint64_t rays = (uint64_t)config->rays;
+  if (config->refresh_every > 0) return (struct schedule){config->refresh_every, 1};
+  struct schedule made = {ERN_REFRESH_EVERY, LEAST_SHARES};
+  while (made.every < MOST_EVERY && made.every * rays < NEAR_RAYS) made.every *= 2;
+  while (made.shares < MOST_SHARES && made.every * made.shares * rays < FAR_RAYS) made.shares *= 2;
+  return made;
+}
+
+uint64_t ern_trainer_refresh_every(const ern_trainer *t) { return schedule_of(&t->config).every; }
+
+/* Of the refresh before the next step. At first no space is known to be empty: all cells are looked at. */
+static struct ern_occupancy_decay decay_of(const ern_trainer *t) {
+  const struct schedule schedule = schedule_of(&t->config);
+  struct ern_occupancy_decay made = {.near = occupancy_decay};
+  if (t->config.refresh_every == 0) made.near = powf(occupancy_decay, (float)schedule.every / ERN_REFRESH_EVERY);
+  made.far = made.near;
+  if (schedule.shares == 1 || t->step < ERN_REFRESH_WARM_UP) return made;
+  made.far = powf(made.near, (float)schedule.shares);
+  made.turn.mask = schedule.shares - 1;
+  made.turn.turn = (uint32_t)(t->step / schedule.every) & made.turn.mask;
+  return made;
+}
 
 ern_status ern_trainer_mark(ern_trainer *t) {
   struct ern_occupancy_mark_args mark = {
@@ -17,7 +54,7 @@ ern_status ern_trainer_mark(ern_trainer *t) {
 }
 
 ern_status ern_trainer_list(ern_trainer *t) {
-  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid};
+  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits};
   const ern_status status = t->backend->occupancy_list(t->stream, &list);
   t->cell_count = list.count;
   return status;
@@ -50,8 +87,18 @@ fail:
   return status;
 }
 
+/* Those that are due; what was found in the others is of an earlier refresh, and counts no more. */
+static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
+  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits, .turn = turn};
+  if (turn.mask == 0) return ERN_OK; /* all: they are in the list */
+  const ern_status status = t->backend->occupancy_list(t->stream, &list);
+  t->cell_count = list.count;
+  return status == ERN_OK ? t->backend->zero(t->stream, t->fresh) : status;
+}
+
 static ern_status refresh_head(ern_trainer *t, size_t frame) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_occupancy_decay decay = decay_of(t);
   struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
   ern_dataset_frame about;
   ern_status status = ERN_OK;
@@ -59,10 +106,11 @@ static ern_status refresh_head(ern_trainer *t, size_t frame) {
   ERN_TRY(ern_trainer_upload_windows(t, frame, &audio.windows));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
   ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  ERN_TRY(list_due(t, decay.turn));
   for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
     ERN_TRY(look_at(t, audio.code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
-      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = occupancy_decay, .limit = 10};
+      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = decay, .limit = 10};
   ERN_TRY(t->backend->occupancy_update(t->stream, &update));
 fail:
   ern_arena_release(t->stream, mark);
@@ -81,7 +129,7 @@ static ern_status refresh_torso(ern_trainer *t, size_t frame) {
   ERN_TRY(t->backend->torso_points(t->stream, &points));
   ERN_TRY(ern_torso_fwd(t->stream, &in, &batch));
   struct ern_torso_update_args update = {
-      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = occupancy_decay};
+      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = decay_of(t).near};
   ERN_TRY(t->backend->torso_update(t->stream, &update));
   t->torso_mean = update.mean;
 fail:

@@ -115,7 +115,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(lr, NAN, "lr is nan");
   REFUSED_CONFIG(torso, true, "needs the head");
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");
-  REFUSED_CONFIG(refresh_every, 0, "refresh_every is 0");
+  REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
 }
 
 static void check_datasets(void) {
@@ -170,7 +170,7 @@ CHECK(ern_trainer_create_sized) {
   REFUSED_ALONE(ern_trainer_create_sized(&made, NULL, &data, sizeof data, &config));
   assert_null(made);
   data.identity = (const char *)(uintptr_t)1; /* past the size */
-  config.refresh_every = 0;
+  config.refresh_every = UINT64_MAX;
   config.size = offsetof(ern_train_config, refresh_every);
   support_ok(w.context, ern_trainer_create_sized(&made, w.backend, &data, offsetof(ern_dataset, identity), &config));
   ern_trainer_free(&made);

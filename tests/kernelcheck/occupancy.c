@@ -11,8 +11,22 @@
 enum { CELLS = ERN_OCCUPANCY_CELLS, BYTES = ERN_OCCUPANCY_BYTES };
 
 static float grid[CELLS], fresh[CELLS]; /* too large for a stack */
+static uint8_t occupied[BYTES];
 
 static uint32_t word_at(uint64_t seed, size_t i) { return words_at(seed, 0, i).word[0]; }
+
+/* Bits of one cell in a third of the blocks, none in the others. */
+static void occupy(uint64_t seed) {
+  memset(occupied, 0, sizeof occupied);
+  for (size_t block = 0; block < CELLS / 64; block++) {
+    const uint32_t word = word_at(seed, block);
+    if (word % 3 == 0) occupied[8 * block + word / 3 % 8] = (uint8_t)(1u << word / 24 % 8);
+  }
+}
+static const struct ern_occupancy_turn all_blocks = {0, 0}, some_turn[] = {{0, 0}, {2, 3}, {5, 7}, {15, 15}, {1, 1}};
+static struct ern_occupancy_decay same_decay(float decay) {
+  return (struct ern_occupancy_decay){decay, decay, all_blocks};
+}
 
 /* ---- mark ---- */
 
@@ -80,10 +94,11 @@ static void test_mark(void **state) {
 
 /* ---- list ---- */
 
-static size_t check_list(void) {
-  const struct many cells = many_of(ERN_ELEMENT_INT32, NULL, CELLS), values = many_reals(grid, CELLS);
+static size_t check_list(struct ern_occupancy_turn turn) {
+  const struct many cells = many_of(ERN_ELEMENT_INT32, NULL, CELLS), values = many_reals(grid, CELLS),
+                    bits = many_of(ERN_ELEMENT_BYTE, occupied, BYTES);
   struct ern_occupancy_list_args args[MACHINES];
-  EACH_MACHINE (k) args[k] = (struct ern_occupancy_list_args){cells.on[k], values.on[k], 0};
+  EACH_MACHINE (k) args[k] = (struct ern_occupancy_list_args){cells.on[k], values.on[k], bits.on[k], turn, 0};
   RUN(occupancy_list, args);
   EACH_OTHER (k) assert_int_equal(args[k].count, args[0].count);
   expect_same_int32s("cells", cells); /* past the list: poison in both */
@@ -97,13 +112,13 @@ static void test_list(void **state) {
   static const float odd[] = {0, -0.0f, 1e-45f, -1e-45f, INFINITY, -INFINITY, NAN, FLT_MAX};
   if (is_small()) {
     for (size_t i = 0; i < CELLS; i++) grid[i] = word_at(1, i) % 12 == 0 ? odd[word_at(2, i) % 8] : -1;
-    check_list();
+    check_list(all_blocks);
     return;
   }
   for (size_t i = 0; i < CELLS; i++) grid[i] = -1;
-  assert_int_equal(check_list(), 0);
+  assert_int_equal(check_list(all_blocks), 0);
   for (size_t i = 0; i < CELLS; i++) grid[i] = 0;
-  assert_int_equal(check_list(), CELLS);
+  assert_int_equal(check_list(all_blocks), CELLS);
   /* one cell: corners, edges and faces of the grid and of blocks, and anywhere */
   for (size_t i = 0; i < CELLS; i++) grid[i] = -1;
   for (size_t k = 0; k < 40; k++) {
@@ -112,7 +127,7 @@ static void test_list(void **state) {
                           : k < 24 ? corner ^ (1u << (word_at(k, 0) % 21))
                                    : word_at(k, 1) % CELLS;
     grid[cell] = 0;
-    const size_t found = check_list();
+    const size_t found = check_list(all_blocks);
     assert_in_range(found, 4, 7);
     grid[cell] = -1;
   }
@@ -122,8 +137,19 @@ static void test_list(void **state) {
       if (word_at(share + 1, i / 64) % share == 0) grid[i] = 1;
       if (share == 12) grid[i] = odd[word_at(share, i) % 8];
     }
-    check_list();
+    const size_t all = check_list(all_blocks);
+    for (size_t k = 1; k < COUNT_OF(some_turn); k++) {
+      occupy(share);
+      const size_t some = check_list(some_turn[k]);
+      memset(occupied, 0, sizeof occupied);
+      const size_t fewer = check_list(some_turn[k]);
+      assert_true(fewer < some && some < all);
+    }
   }
+  /* each cell in one of the turns, where none is occupied */
+  size_t sum = 0;
+  for (uint32_t k = 0; k < 8; k++) sum += check_list((struct ern_occupancy_turn){k, 7});
+  assert_int_equal(sum, check_list(all_blocks));
 }
 
 /* ---- points, scatter ---- */
@@ -179,9 +205,9 @@ static const double mean_tolerance = CELLS * 0x1p-53 + 2.2e-11;
 /* A group of the device adds up a 64th of the cells in float; a sum past its end is infinite. */
 static const double most_mean = (double)FLT_MAX / (CELLS / 64);
 
-static void check_update(float decay, float limit) {
+static void check_update(struct ern_occupancy_decay decay, float limit) {
   const struct many cells = many_reals(grid, CELLS), now = many_reals(fresh, CELLS),
-                    bits = many_of(ERN_ELEMENT_BYTE, NULL, BYTES);
+                    bits = many_of(ERN_ELEMENT_BYTE, occupied, BYTES);
   struct ern_occupancy_update_args args[MACHINES];
   EACH_MACHINE (k)
     args[k] = (struct ern_occupancy_update_args){
@@ -221,22 +247,28 @@ static void test_update(void **state) {
   (void)state;
   if (is_small()) {
     fill(1, 1, true);
-    check_update(0.95f, 10);
+    check_update(same_decay(0.95f), 10);
     return;
   }
   for (uint64_t seed = 0; seed < 6; seed++) {
     fill(10 * seed, seed % 2 ? 1 : 0.01f, false);
-    check_update(0.95f, seed == 4 ? 0.001f : 10);
+    check_update(same_decay(0.95f), seed == 4 ? 0.001f : 10);
   }
   for (uint64_t seed = 0; seed < 5; seed++) {
     static const float decays[] = {0.95f, 1, 0, NAN, INFINITY};
     fill(10 * seed + 5, 1, true);
-    check_update(decays[seed], 10);
+    check_update(same_decay(decays[seed]), 10);
   }
+  for (uint64_t seed = 0; seed < COUNT_OF(some_turn); seed++) {
+    fill(10 * seed + 7, 1, seed % 2 == 0);
+    occupy(seed);
+    check_update((struct ern_occupancy_decay){0.9f, 0.2f, some_turn[seed]}, 10);
+  }
+  memset(occupied, 0, sizeof occupied);
   fill(1, 1e-41f, false);
-  check_update(0.95f, 10);
+  check_update(same_decay(0.95f), 10);
   fill(1, 1e-41f, false);
-  check_update(-2, 10); /* zeros of both signs are larger than these */
+  check_update(same_decay(-2), 10); /* zeros of both signs are larger than these */
 }
 
 /* No cell is above the mean where all are the same, however the sum is rounded. */
@@ -246,12 +278,12 @@ static void test_same_everywhere(void **state) {
   static const float value[] = {0, 0.1f, 7.3f, 1.0f / 3, 1e-40f, 3e30f, FLT_MAX};
   for (size_t v = 0; v < COUNT_OF(value); v++) {
     for (size_t i = 0; i < CELLS; i++) grid[i] = 0, fresh[i] = value[v];
-    check_update(0.95f, 10);
+    check_update(same_decay(0.95f), 10);
     for (size_t i = 0; i < CELLS; i++) grid[i] = i % 128 == 77 ? value[v] : -1, fresh[i] = 0;
-    check_update(1, 10);
+    check_update(same_decay(1), 10);
   }
   for (size_t i = 0; i < CELLS; i++) grid[i] = -1, fresh[i] = 1;
-  check_update(1, 10);
+  check_update(same_decay(1), 10);
 }
 
 /* The same sums on every run. */
@@ -265,7 +297,7 @@ static void test_repeated(void **state) {
                       bits = many_of(ERN_ELEMENT_BYTE, NULL, BYTES);
     EACH_MACHINE (k) {
       struct ern_occupancy_update_args args = {
-          .grid = cells.on[k], .bits = bits.on[k], .fresh = now.on[k], .decay = 0.95f, .limit = 10};
+          .grid = cells.on[k], .bits = bits.on[k], .fresh = now.on[k], .decay = same_decay(0.95f), .limit = 10};
       RUN_ON(k, occupancy_update, &args);
       if (run == 0) mean[k] = args.mean;
       assert_true(args.mean == mean[k]);
@@ -279,14 +311,17 @@ static void test_repeated(void **state) {
 static void test_parts(void **state) {
   (void)state;
   static const uint32_t cut[] = {0, 1, 1, 7, 9, 17, 31, 40, 999, 1000, 1024, 1600, 1 << 20, CELLS - 9, CELLS - 1};
+  const struct ern_occupancy_decay decay = {0.9f, 0.2f, some_turn[1]};
   fill(1, 1, true);
-  const struct many cells = many_reals(grid, CELLS), now = many_reals(fresh, CELLS);
+  occupy(1);
+  const struct many cells = many_reals(grid, CELLS), now = many_reals(fresh, CELLS),
+                    bits = many_of(ERN_ELEMENT_BYTE, occupied, BYTES);
   for (size_t p = 0; p + 1 < COUNT_OF(cut); p++) {
     double sum[MACHINES];
     EACH_MACHINE (k) {
       if (kernels_of(k) == NULL) continue;
-      kernels_of(k)->occupancy_update(host_reals(k, cells.on[k]), &sum[k], host_reals(k, now.on[k]), 0.95f, cut[p],
-                                      cut[p + 1]);
+      kernels_of(k)->occupancy_update(host_reals(k, cells.on[k]), &sum[k], host_reals(k, now.on[k]),
+                                      host_memory(k, bits.on[k]), &decay, cut[p], cut[p + 1]);
       /* of the same doubles in another order: a rounding of 2^-53 for each of them */
       if (sum[k] != sum[0] && !(fabs(sum[k] - sum[0]) <= CELLS * 0x1p-53 * sum[0]))
         fail_msg("%s: sum %.17g, reference %.17g", machines.name[k], sum[k], sum[0]);
@@ -336,10 +371,10 @@ static void bench(void) {
   struct ern_occupancy_update_args update[MACHINES];
   EACH_MACHINE (k) {
     mark[k] = (struct ern_occupancy_mark_args){marked.on[k], views, VIEWS, 1};
-    listed[k] = (struct ern_occupancy_list_args){cells.on[k], values.on[k], 0};
+    listed[k] = (struct ern_occupancy_list_args){cells.on[k], values.on[k], bits.on[k], all_blocks, 0};
     points[k] = (struct ern_occupancy_points_args){x.on[k], cells.on[k], 1, 1, 2, POINTS};
     scatter[k] = (struct ern_occupancy_scatter_args){now.on[k], cells.on[k], sigma.on[k], POINTS};
-    update[k] = (struct ern_occupancy_update_args){values.on[k], bits.on[k], now.on[k], 1, 10, 0};
+    update[k] = (struct ern_occupancy_update_args){values.on[k], bits.on[k], now.on[k], same_decay(1), 10, 0};
   }
   BENCH("list", CELLS, occupancy_list, listed);
   BENCH("points", POINTS, occupancy_points, points);

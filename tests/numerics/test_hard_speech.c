@@ -272,7 +272,7 @@ static void test_occupancy_of_odd_densities(void **state) {
   double mean[MACHINES] = {0};
   for (int k = 0; k < machines.count; k++) {
     struct ern_occupancy_update_args args = {
-        .grid = cells.on[k], .bits = bits.on[k], .fresh = news.on[k], .decay = 0.95f, .limit = 10};
+        .grid = cells.on[k], .bits = bits.on[k], .fresh = news.on[k], .decay = {0.95f, 0.95f, {0, 0}}, .limit = 10};
     support_ok(machines.context, machines.backend[k]->occupancy_update(machines.stream[k], &args));
     mean[k] = args.mean;
     assert_true(isfinite(mean[k]) && fabs(mean[k] / mean[0] - 1) < 1e-6);

@@ -144,6 +144,9 @@ static float around(const volume *v, uint32_t k) {
                fmaxf((*v)[x][y][z - 1], (*v)[x][y][z + 1]));
 }
 
+static uint8_t no_bits[ERN_OCCUPANCY_BYTES];
+static const struct ern_occupancy_turn all_blocks = {0, 0};
+
 static void fill_grid(float *grid, float marked, uint64_t seed) {
   for (uint32_t k = 0; k < CELLS; k++) grid[k] = uniform(seed, k) < marked ? -1 : 4 * uniform(seed + 1, k);
 }
@@ -156,7 +159,7 @@ static void test_list(void **state) {
   fill_grid(grid, 0.97f, 1);
   grid[0] = 0, grid[CELLS - 1] = -1;
   volume *v = unpack(grid, -1);
-  const size_t count = ern_occupancy_list_ref(cells, grid);
+  const size_t count = ern_occupancy_list_ref(cells, grid, no_bits, all_blocks);
   size_t at = 0;
   for (uint32_t k = 0; k < CELLS; k++) {
     if (grid[k] < 0 && around(v, k) < 0) continue;
@@ -166,9 +169,9 @@ static void test_list(void **state) {
   assert_int_equal(at, count);
   assert_true(count > CELLS / 100 && count < CELLS / 2);
   fill_grid(grid, 0, 2);
-  assert_int_equal(ern_occupancy_list_ref(cells, grid), CELLS);
+  assert_int_equal(ern_occupancy_list_ref(cells, grid, no_bits, all_blocks), CELLS);
   fill_grid(grid, 2, 2);
-  assert_int_equal(ern_occupancy_list_ref(cells, grid), 0);
+  assert_int_equal(ern_occupancy_list_ref(cells, grid, no_bits, all_blocks), 0);
   free(v), free(cells), free(grid);
 }
 
@@ -183,10 +186,11 @@ static void test_update_and_pack(void **state) {
   fresh[100] = 1e38f;
   memcpy(grid, before, CELLS * sizeof *grid);
   volume *v = unpack(fresh, 0);
+  const struct ern_occupancy_decay decay = {0.95f, 0.95f, all_blocks};
   double sum[3], total = 0;
-  ern_occupancy_update_ref(grid, &sum[0], fresh, 0.95f, 0, 999);
-  ern_occupancy_update_ref(grid, &sum[1], fresh, 0.95f, 999, 1 << 20);
-  ern_occupancy_update_ref(grid, &sum[2], fresh, 0.95f, 1 << 20, CELLS);
+  ern_occupancy_update_ref(grid, &sum[0], fresh, no_bits, &decay, 0, 999);
+  ern_occupancy_update_ref(grid, &sum[1], fresh, no_bits, &decay, 999, 1 << 20);
+  ern_occupancy_update_ref(grid, &sum[2], fresh, no_bits, &decay, 1 << 20, CELLS);
   for (uint32_t k = 0; k < CELLS; k++) {
     const float expected = before[k] < 0 ? before[k] : fmaxf(before[k] * 0.95f, fmaxf(fresh[k], around(v, k)));
     if (grid[k] != expected) fail_msg("cell %u is %g, expected %g", k, (double)grid[k], (double)expected);
@@ -207,6 +211,33 @@ static void test_update_and_pack(void **state) {
   free(v), free(bits), free(grid), free(before), free(fresh);
 }
 
+/* Blocks with an occupied cell in each refresh, the others in turn, with a decay of their own; no other cell changes.
+ */
+static void test_turns(void **state) {
+  (void)state;
+  const struct ern_occupancy_decay decay = {0.5f, 0.25f, {.turn = 5, .mask = 7}};
+  float *grid = values(), *fresh = values();
+  uint8_t *bits = calloc(1, ERN_OCCUPANCY_BYTES);
+  int32_t *cells = malloc(CELLS * sizeof *cells);
+  assert_true(bits != NULL && cells != NULL);
+  for (uint32_t k = 0; k < CELLS; k++) grid[k] = 1, fresh[k] = 0;
+  bits[8 * 3 + 7] = 0x80, bits[8 * 13] = 1; /* 13 is due anyway */
+  const size_t count = ern_occupancy_list_ref(cells, grid, bits, decay.turn);
+  assert_int_equal(count, CELLS / 8 + 64);
+  for (size_t i = 0; i < count; i++) {
+    const int32_t block = cells[i] / 64;
+    assert_true((block % 8 == 5 || block == 3) && (i == 0 || cells[i] > cells[i - 1]));
+  }
+  double sum;
+  ern_occupancy_update_ref(grid, &sum, fresh, bits, &decay, 0, CELLS);
+  for (uint32_t k = 0; k < CELLS; k++) {
+    const uint32_t block = k / 64;
+    const float expected = block == 3 || block == 13 ? 0.5f : block % 8 == 5 ? 0.25f : 1;
+    if (grid[k] != expected) fail_msg("cell %u is %g, expected %g", k, (double)grid[k], (double)expected);
+  }
+  free(grid), free(fresh), free(bits), free(cells);
+}
+
 /* A density that is not a number changes nothing. */
 static void test_update_nan(void **state) {
   (void)state;
@@ -215,8 +246,9 @@ static void test_update_nan(void **state) {
     grid[k] = 1;
     fresh[k] = NAN;
   }
+  const struct ern_occupancy_decay decay = {0.5f, 0.5f, all_blocks};
   double sum;
-  ern_occupancy_update_ref(grid, &sum, fresh, 0.5f, 0, CELLS);
+  ern_occupancy_update_ref(grid, &sum, fresh, no_bits, &decay, 0, CELLS);
   for (uint32_t k = 0; k < CELLS; k++) assert_true(grid[k] == 0.5f);
   assert_true(sum == CELLS / 2.0);
   free(grid), free(fresh);
@@ -254,7 +286,8 @@ static void test_points(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_morton),          cmocka_unit_test(test_mark),       cmocka_unit_test(test_list),
-      cmocka_unit_test(test_update_and_pack), cmocka_unit_test(test_update_nan), cmocka_unit_test(test_points),
+      cmocka_unit_test(test_update_and_pack), cmocka_unit_test(test_update_nan), cmocka_unit_test(test_turns),
+      cmocka_unit_test(test_points),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -224,7 +224,7 @@ static void test_resume_mixes_nothing(void **state) {
                       "again.run/state.safetensors: rays was 96, going on with 90\n"
                       "again.run/state.safetensors: iters was 4, going on with 6\n"
                       "again.run/state.safetensors: lr was 0.01, going on with 0.02\n"
-                      "again.run/state.safetensors: refresh_every was 16, going on with 8\n");
+                      "again.run/state.safetensors: refresh_every was 0, going on with 8\n");
 }
 
 static void test_state_describes_itself(void **state) {

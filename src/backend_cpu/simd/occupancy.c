@@ -68,11 +68,15 @@ LANES_INLINE vb largest_around(const float *fresh, uint32_t block) {
 }
 
 /* Whole blocks from cell `begin` on. summand: their new values, 0 for marked cells. */
-static void update_blocks(float *grid, const float *fresh, float decay, uint32_t begin, uint32_t end, float *summand) {
+static void update_blocks(float *grid, const float *fresh, const uint8_t *bits, const struct ern_occupancy_decay *decay,
+                          uint32_t begin, uint32_t end, float *summand) {
+  float left = 1;
   for (uint32_t cell = begin; cell < end; cell += BLOCK) {
+    if (cell == begin || cell % ERN_OCCUPANCY_BLOCK == 0)
+      left = ern_occupancy_decay_of(bits, cell / ERN_OCCUPANCY_BLOCK, decay);
     vb_anywhere *const cells = (vb_anywhere *)(grid + cell);
     const vb was = *cells;
-    const vb now = vb_larger(largest_around(fresh, cell / BLOCK), was * decay);
+    const vb now = vb_larger(largest_around(fresh, cell / BLOCK), was * left);
     *cells = vb_select(was >= 0, now, was);
     *(vb_anywhere *)(summand + (cell - begin)) = vb_select(was >= 0, now, (vb){0});
   }
@@ -80,24 +84,24 @@ static void update_blocks(float *grid, const float *fresh, float decay, uint32_t
 
 enum { CHUNK = 64 * BLOCK /* cells that are added up at once */ };
 
-void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh, float decay, uint32_t cell_begin,
-                                   uint32_t cell_end) {
+void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh, const uint8_t *bits,
+                                   const struct ern_occupancy_decay *decay, uint32_t cell_begin, uint32_t cell_end) {
   const uint32_t first = (cell_begin + BLOCK - 1) / BLOCK * BLOCK, last = cell_end / BLOCK * BLOCK;
   if (first >= last) {
-    ern_occupancy_update_ref(grid, sum, fresh, decay, cell_begin, cell_end);
+    ern_occupancy_update_ref(grid, sum, fresh, bits, decay, cell_begin, cell_end);
     return;
   }
   double head = 0, tail = 0;
   struct vd_pair middle = {{{0}}};
-  ern_occupancy_update_ref(grid, &head, fresh, decay, cell_begin, first);
+  ern_occupancy_update_ref(grid, &head, fresh, bits, decay, cell_begin, first);
   for (uint32_t begin = first; begin < last; begin += CHUNK) {
     const uint32_t end = last - begin < CHUNK ? last : begin + CHUNK;
     float summand[CHUNK];
-    update_blocks(grid, fresh, decay, begin, end, summand);
+    update_blocks(grid, fresh, bits, decay, begin, end, summand);
     for (size_t i = 0; i < end - begin; i += LANES)
       vd_add(&middle, vf_load_some(summand + i, end - begin - i < LANES ? end - begin - i : LANES));
   }
-  ern_occupancy_update_ref(grid, &tail, fresh, decay, last, cell_end);
+  ern_occupancy_update_ref(grid, &tail, fresh, bits, decay, last, cell_end);
   *sum = head + vd_total(middle) + tail;
 }
 

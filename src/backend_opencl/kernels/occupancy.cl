@@ -126,22 +126,33 @@ ulong needed(global const uchar *open, uint block) {
   return all;
 }
 
-/* count [BLOCKS]: needed cells of each block */
-kernel void occupancy_count(SPAN(int, count), SPAN(const uchar, open)) {
+/* Whether a block has an occupied cell. */
+int is_near(global const uchar *bits, uint block) { return as_ulong(vload8(block, bits)) != 0; }
+
+/* The bits of a block's cells that a refresh looks at. */
+ulong due(global const uchar *open, global const uchar *bits, uint block, uint turn, uint mask) {
+  return (block & mask) == turn || is_near(bits, block) ? needed(open, block) : 0;
+}
+
+/* count [BLOCKS]: cells of each block that a refresh looks at */
+kernel void occupancy_count(SPAN(int, count), SPAN(const uchar, open), SPAN(const uchar, bits), uint turn, uint mask) {
   OPEN(int, count);
   OPEN(const uchar, open);
+  OPEN(const uchar, bits);
   const uint block = get_global_id(0);
-  if (block < BLOCKS) count[block] = (int)popcount(needed(open, block));
+  if (block < BLOCKS) count[block] = (int)popcount(due(open, bits, block, turn, mask));
 }
 
 /* cells: their numbers, those of a block from first[block] on */
-kernel void occupancy_list(SPAN(int, cells), SPAN(const int, first), SPAN(const uchar, open)) {
+kernel void occupancy_list(SPAN(int, cells), SPAN(const int, first), SPAN(const uchar, open), SPAN(const uchar, bits),
+                           uint turn, uint mask) {
   OPEN(int, cells);
   OPEN(const int, first);
   OPEN(const uchar, open);
+  OPEN(const uchar, bits);
   const uint block = get_global_id(0);
   if (block >= BLOCKS) return;
-  ulong left = needed(open, block);
+  ulong left = due(open, bits, block, turn, mask);
   for (int at = first[block]; left != 0; left &= left - 1) {
     cells[at++] = (int)(64 * block + 63 - (uint)clz(left & -left));
   }
@@ -220,16 +231,21 @@ float8 largest_around(float8 most, global const float *fresh, uint cube) {
   return larger(most, select(z, on_z != cube ? vload8(on_z, fresh).s45670123 : own, upper_z));
 }
 
-/* grid = max(decay grid, fresh of the cell and its neighbours) where the cell is not marked. part [groups][2]: the sum
- * over a group's cells and what it lacks; each of its GROUP work-items takes `each` cubes, one behind the other. */
-kernel void occupancy_update(SPAN(float, part), SPAN(float, grid), SPAN(const float, fresh), float decay, uint each) {
+/* grid = max(decay grid, fresh of the cell and its neighbours) where the cell is not marked; the decay is `near` in
+ * blocks with an occupied cell, `far` in others whose turn it is, else 1. part [groups][2]: the sum over a group's cells
+ * and what it lacks; each of its GROUP work-items takes `each` cubes, one behind the other. */
+kernel void occupancy_update(SPAN(float, part), SPAN(float, grid), SPAN(const float, fresh), SPAN(const uchar, bits),
+                             float near, float far, uint turn, uint mask, uint each) {
   OPEN(float, part);
   OPEN(float, grid);
   OPEN(const float, fresh);
+  OPEN(const uchar, bits);
   local struct sum sums[GROUP];
   const uint item = get_local_id(0), begin = get_global_id(0) * each;
   struct sum8 own = {(float8)0.0f, (float8)0.0f};
   for (uint cube = begin; cube < begin + each; cube++) {
+    const uint block = cube / 8;
+    const float decay = is_near(bits, block) ? near : (block & mask) == turn ? far : 1.0f;
     const float8 was = vload8(cube, grid), now = largest_around(was * decay, fresh, cube);
     const int8 open = was >= 0.0f;
     vstore8(select(was, now, open), cube, grid);

@@ -141,11 +141,8 @@ static ern_status make_renderer(struct subject *s, struct ern_backend *backend, 
 }
 
 static ern_status make_trainer(struct subject *s, const ern_bench_options *options, bool torso) {
-  const ern_status status = ern_bench_trainer_make(&s->trainer, &s->data, ern_bench_shim_backend(s->shim), s->scene,
-                                                   torso, options->rays, options->threads, options->seed);
-  /* one refresh in 16 steps looks at all cells: a sixteenth of them each time costs the same */
-  if (status == ERN_OK) s->trainer->cell_count = (s->trainer->cell_count + ERN_REFRESH_EVERY - 1) / ERN_REFRESH_EVERY;
-  return status;
+  return ern_bench_trainer_make(&s->trainer, &s->data, ern_bench_shim_backend(s->shim), s->scene, torso, options->rays,
+                                options->threads, options->seed);
 }
 
 /* The peaks of all threads. */
@@ -294,7 +291,7 @@ fail:
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-/* The step of number 1, or the one of number 16 with its refresh and its smoothness term. */
+/* The step of number 1, or one with a refresh, past the first ones that look at all cells, and its smoothness term. */
 static ern_status step(void *user, size_t which, size_t times) {
   struct passes *passes = user;
   struct subject *s = &passes->subject[which];
@@ -302,7 +299,7 @@ static ern_status step(void *user, size_t which, size_t times) {
   ern_train_report report;
   ern_status status = ERN_OK;
   for (size_t k = 0; k < times && status == ERN_OK; k++) {
-    t->step = passes->sixteenth ? ERN_REFRESH_EVERY : 1;
+    t->step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
     status = ern_trainer_step(t, &report);
     s->samples += report.samples_per_ray * t->config.rays;
     s->calls++;
@@ -326,20 +323,16 @@ static void sum_plain_step(struct subject *s, bool torso) {
       pass->evaluated * (torso ? ern_bench_cost_torso_step(field, true) : ern_bench_cost_head_step(field, true));
 }
 
-/* Adds to a plain step what one step in 16 has more. The trainer looks at a sixteenth of the head's cells, so their
- * density is a step's share as it stands; what runs over all cells is to be divided. */
+/* Adds to a plain step its share of what some steps have more. */
 static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool torso) {
-  const double n = (double)s->calls, every = ERN_REFRESH_EVERY;
   ern_bench_pass *pass = s->pass;
   double seconds[STAGES];
   stage_seconds(s, seconds);
-  const double outside = seconds[STAGE_REFRESH] / n;
-  const double all_cells =
-      torso ? outside : ern_bench_shim_seconds(s->shim, ERN_BENCH_OUTSIDE, ERN_BENCH_SLOT_occupancy_update) / n;
-  const double refresh = outside - all_cells + all_cells / every;
-  const double smooth = torso ? 0 : fmax(more->median - pass->seconds.median - outside, 0) / every;
-  add_stage(pass, "refresh/16", refresh);
-  add_stage(pass, "smoothness/16", smooth);
+  const double outside = seconds[STAGE_REFRESH] / (double)s->calls;
+  const double refresh = outside / (double)ern_trainer_refresh_every(s->trainer);
+  const double smooth = torso ? 0 : fmax(more->median - pass->seconds.median - outside, 0) / ERN_SMOOTH_EVERY;
+  add_stage(pass, "refresh", refresh);
+  add_stage(pass, "smoothness", smooth);
   pass->seconds.least += refresh + smooth;
   pass->seconds.median += refresh + smooth; /* the processor time stays that of the plain step */
 }

@@ -143,7 +143,7 @@ struct ern_bench_data {
   float matrix[16];
 };
 /* A trainer that learns nothing (rates of 0) and holds the scene's model. Each step is the one of number 1, or with
- * refresh and smoothness that of number 16. */
+ * refresh and smoothness a later one. */
 ERN_NODISCARD ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench_data *data,
                                                 struct ern_backend *backend, const struct ern_bench_scene *scene,
                                                 bool torso, int rays, int threads, uint64_t seed);

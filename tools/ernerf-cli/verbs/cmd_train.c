@@ -191,9 +191,11 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .alias = "update_extra_interval",
        .kind = OPTION_COUNT,
        .target = &job->refresh_every,
-       .low = 1,
+       .low = 0,
        .high = 1e12,
-       .help = "steps between looks at where the scene is empty; more is faster, and follows what is learnt later"},
+       .help =
+           "steps between looks at where the scene is empty, at all of it each time; as published 16. 0: as often as "
+           "the rays are worth it, and after 256 steps at what is empty in turns"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,

@@ -172,7 +172,7 @@ ERN_NODISCARD ern_status ern_bench_frame(ern_backend *const *backends, size_t co
                                          ern_bench_pass *results);
 
 /* A training step of the head, or of the torso (ERN_E_ARGUMENT where the scene has none): rays, forward, backward,
- * update, and its share (one in 16) of an occupancy refresh and of the smoothness term, both in stages of their own.
+ * update, and its share of an occupancy refresh and of the smoothness term, both in stages of their own.
  * The model stays as it is: the rates of the update are 0. Processor time is that of a plain step. */
 ERN_NODISCARD ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_bench_scene *scene,
                                         const ern_bench_machine *machine, const ern_bench_options *options, bool torso,
