@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Same seed, same bytes, of heads of every backbone, for 1, 2 and 4 threads and on every run. Occupancy is refreshed in
- * one of 512 cells: all of them take the mlp backbone a minute. */
+ * one of 512 cells: all of them take the mlp backbone a minute. Then when it is refreshed and how much of it, and the
+ * same bytes there, after a resume too. */
 #include "../made_clip.h"
 
 #include "train/trainer.h"
@@ -64,6 +65,123 @@ static void test_hash3d(void **state) { (void)state, same_for_all(ERN_BACKBONE_H
 static void test_triplane(void **state) { (void)state, same_for_all(ERN_BACKBONE_TRIPLANE); }
 static void test_mlp(void **state) { (void)state, same_for_all(ERN_BACKBONE_MLP); }
 
+/* ---- refreshes past the first steps; the steps between are left out by setting the trainer's number of them ---- */
+
+enum { BLOCKS = ERN_OCCUPANCY_CELLS / ERN_OCCUPANCY_BLOCK, LATE = ERN_REFRESH_WARM_UP + 64, VALUES = 1 << 20 };
+
+static ern_trainer *make(const ern_train_config *config) {
+  ern_trainer *trainer = NULL;
+  support_ok(data.context, ern_trainer_create(&trainer, data.backend, &data.data, config));
+  return trainer;
+}
+
+static void take_steps(ern_trainer *trainer, uint64_t steps) {
+  ern_train_report report;
+  for (uint64_t k = 0; k < steps; k++) support_ok(data.context, ern_trainer_step(trainer, &report));
+  assert_true(isfinite(report.loss));
+}
+
+/* Steps between refreshes; asked for, or by rays: more rays, sooner. */
+static void test_interval(void **state) {
+  (void)state;
+  static const struct {
+    uint64_t asked;
+    int rays;
+    uint64_t expected;
+  } cases[] = {{0, 1, 64},     {0, 1024, 64},    {0, 4096, 64}, {0, 8192, 32},           {0, 16384, 16},
+               {0, 65536, 16}, {0, 1048576, 16}, {3, 1024, 3},  {1000000, 1024, 1000000}};
+  ern_train_config config = small_config(1000, NULL);
+  config.rays = 1;
+  ern_trainer *trainer = make(&config);
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    trainer->config.refresh_every = cases[i].asked;
+    trainer->config.rays = cases[i].rays;
+    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].expected);
+  }
+  trainer->config.rays = 1;
+  ern_trainer_free(&trainer);
+}
+
+/* All cells at first; then those of blocks with an occupied cell, and in 16 turns the others, each once. */
+static void test_turns(void **state) {
+  (void)state;
+  uint8_t *bits = calloc(1, ERN_OCCUPANCY_BYTES), *seen = calloc(1, BLOCKS);
+  int32_t *cells = malloc(ERN_OCCUPANCY_CELLS * sizeof *cells);
+  assert_true(bits != NULL && seen != NULL && cells != NULL);
+  ern_train_config config = small_config(100000, NULL);
+  config.rays = 64;
+  ern_trainer *trainer = make(&config);
+  const struct ern_backend *backend = trainer->backend;
+  const size_t all = trainer->cell_count;
+  support_ok(data.context, backend->download_int32(trainer->stream, cells, trainer->cells, all));
+  for (size_t i = 0; i < all; i++) seen[cells[i] / ERN_OCCUPANCY_BLOCK] = 20; /* may be looked at */
+  const int32_t near = cells[all / 2] / ERN_OCCUPANCY_BLOCK;
+  take_steps(trainer, 1);
+  assert_int_equal(trainer->cell_count, all);
+  bits[ERN_OCCUPANCY_BLOCK / 8 * near + 3] = 4;
+  for (uint64_t turn = 0; turn < 16; turn++) {
+    trainer->step = LATE + 64 * turn;
+    support_ok(data.context, backend->upload_bytes(trainer->stream, trainer->bits, bits, ERN_OCCUPANCY_BYTES));
+    take_steps(trainer, 1);
+    assert_in_range(trainer->cell_count, 1, all / 8);
+    support_ok(data.context, backend->download_int32(trainer->stream, cells, trainer->cells, trainer->cell_count));
+    int32_t before = -1;
+    for (size_t i = 0; i < trainer->cell_count; i++) {
+      const int32_t block = cells[i] / ERN_OCCUPANCY_BLOCK;
+      if (block != before) seen[block]++;
+      before = block;
+    }
+  }
+  for (int32_t block = 0; block < BLOCKS; block++)
+    assert_int_equal(seen[block], block == near ? 20 + 16 : seen[block] == 0 ? 0 : 20 + 1);
+  ern_trainer_free(&trainer);
+  free(bits), free(seen), free(cells);
+}
+
+/* The values of a training of a refresh of all cells and two of a part, the second after `resumed`. */
+static void train_late(int threads, bool resumed, float *grid, float *values) {
+  ern_train_config config = small_config(LATE + 100, "late.safetensors");
+  config.rays = 64;
+  config.threads = threads;
+  config.overwrite = true;
+  ern_trainer *trainer = make(&config);
+  take_steps(trainer, 1);
+  trainer->step = LATE;
+  take_steps(trainer, 2);
+  const size_t first = trainer->cell_count;
+  if (resumed) {
+    support_ok(data.context, ern_trainer_save(trainer));
+    ern_trainer_free(&trainer);
+    config.overwrite = false;
+    config.resume = true;
+    trainer = make(&config);
+    assert_int_equal(trainer->step, LATE + 2);
+  }
+  take_steps(trainer, 63);
+  assert_true(trainer->step == LATE + 65 && trainer->cell_count > 0 && trainer->cell_count != first);
+  support_ok(data.context, trainer->backend->download_reals(trainer->stream, grid, trainer->grid, ERN_OCCUPANCY_CELLS));
+  support_ok(data.context,
+             trainer->backend->download_reals(trainer->stream, values, trainer->parameters, trainer->parameters.count));
+  ern_trainer_free(&trainer);
+}
+
+static void test_late(void **state) {
+  (void)state;
+  static const int threads[] = {2, 4, 1};
+  float *grid[2], *values[2];
+  for (int k = 0; k < 2; k++) {
+    grid[k] = calloc(ERN_OCCUPANCY_CELLS, sizeof(float)), values[k] = calloc(VALUES, sizeof(float));
+    assert_true(grid[k] != NULL && values[k] != NULL);
+  }
+  train_late(1, false, grid[0], values[0]);
+  for (size_t i = 0; i < 3; i++) {
+    train_late(threads[i], i > 0, grid[1], values[1]);
+    assert_memory_equal(grid[0], grid[1], ERN_OCCUPANCY_CELLS * sizeof(float));
+    assert_memory_equal(values[0], values[1], VALUES * sizeof(float));
+  }
+  for (int k = 0; k < 2; k++) free(grid[k]), free(values[k]);
+}
+
 static int prepare(void **state) {
   (void)state;
   made_open(&data);
@@ -77,7 +195,9 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash), cmocka_unit_test(test_hash3d),
-                                     cmocka_unit_test(test_triplane), cmocka_unit_test(test_mlp)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),  cmocka_unit_test(test_hash3d),
+                                     cmocka_unit_test(test_triplane), cmocka_unit_test(test_mlp),
+                                     cmocka_unit_test(test_interval), cmocka_unit_test(test_turns),
+                                     cmocka_unit_test(test_late)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

@@ -193,9 +193,7 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .target = &job->refresh_every,
        .low = 0,
        .high = 1e12,
-       .help =
-           "steps between looks at where the scene is empty, at all of it each time; as published 16. 0: as often as "
-           "the rays are worth it, and after 256 steps at what is empty in turns"},
+       .help = "steps between looks at all of the scene for what is empty, as published 16; 0: by the rays, in parts"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,
