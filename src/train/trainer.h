@@ -107,7 +107,7 @@ static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
 /* trainer_refresh.c */
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */
 ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* all cells to look at */
-uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, by the configuration */
+uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, around the next one */
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 
 /* trainer_state.c */

@@ -9,12 +9,13 @@
 
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
-  CHUNK = 1 << 18, /* cells looked at in one go: a bound on the memory of their points */
-  MOST_EVERY = 64, /* steps between refreshes whose interval is in rays */
+  CHUNK = 1 << 18,     /* cells looked at in one go: a bound on the memory of their points */
+  NEAR_RAYS = 1 << 19, /* between two looks at a block with an occupied cell, */
+  MOST_EVERY = 128,    /* where that is no more steps than this, */
+  WARM_UP_EVERY = 64,  /* or at first than this */
+  FAR_RAYS = 1 << 21,  /* at one without, in LEAST_SHARES to MOST_SHARES refreshes, powers of 2 */
   LEAST_SHARES = 4,
-  MOST_SHARES = 16,    /* parts of the blocks without an occupied cell, powers of 2 */
-  NEAR_RAYS = 1 << 18, /* between two looks at a block with an occupied cell, where MOST_EVERY steps are not fewer */
-  FAR_RAYS = 1 << 20   /* at one without, within LEAST_SHARES to MOST_SHARES refreshes */
+  MOST_SHARES = 16
 };
 
 /* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
@@ -23,24 +24,23 @@ struct schedule {
   uint32_t shares; /* refreshes that look at all blocks once; blocks with an occupied cell are looked at in each */
 };
 
-static struct schedule schedule_of(const ern_train_config *config) {
-  const uint64_t rays = (uint64_t)config->rays;
-  if (config->refresh_every > 0) return (struct schedule){config->refresh_every, 1};
-  struct schedule made = {ERN_REFRESH_EVERY, LEAST_SHARES};
-  while (made.every < MOST_EVERY && made.every * rays < NEAR_RAYS) made.every *= 2;
-  while (made.shares < MOST_SHARES && made.every * made.shares * rays < FAR_RAYS) made.shares *= 2;
+/* Around the next step. At first no space is known to be empty, and all cells are looked at. */
+static struct schedule schedule_of(const ern_trainer *t) {
+  const uint64_t rays = (uint64_t)t->config.rays;
+  const bool first = t->step < ERN_REFRESH_WARM_UP;
+  if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
+  struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : LEAST_SHARES};
+  while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * rays < NEAR_RAYS) made.every *= 2;
+  while (!first && made.shares < MOST_SHARES && made.every * made.shares * rays < FAR_RAYS) made.shares *= 2;
   return made;
 }
 
-uint64_t ern_trainer_refresh_every(const ern_trainer *t) { return schedule_of(&t->config).every; }
+uint64_t ern_trainer_refresh_every(const ern_trainer *t) { return schedule_of(t).every; }
 
-/* Of the refresh before the next step. At first no space is known to be empty: all cells are looked at. */
 static struct ern_occupancy_decay decay_of(const ern_trainer *t) {
-  const struct schedule schedule = schedule_of(&t->config);
+  const struct schedule schedule = schedule_of(t);
   struct ern_occupancy_decay made = {.near = occupancy_decay};
   if (t->config.refresh_every == 0) made.near = powf(occupancy_decay, (float)schedule.every / ERN_REFRESH_EVERY);
-  made.far = made.near;
-  if (schedule.shares == 1 || t->step < ERN_REFRESH_WARM_UP) return made;
   made.far = powf(made.near, (float)schedule.shares);
   made.turn.mask = schedule.shares - 1;
   made.turn.turn = (uint32_t)(t->step / schedule.every) & made.turn.mask;

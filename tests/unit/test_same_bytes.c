@@ -67,7 +67,7 @@ static void test_mlp(void **state) { (void)state, same_for_all(ERN_BACKBONE_MLP)
 
 /* ---- refreshes past the first steps; the steps between are left out by setting the trainer's number of them ---- */
 
-enum { BLOCKS = ERN_OCCUPANCY_CELLS / ERN_OCCUPANCY_BLOCK, LATE = ERN_REFRESH_WARM_UP + 64, VALUES = 1 << 20 };
+enum { BLOCKS = ERN_OCCUPANCY_CELLS / ERN_OCCUPANCY_BLOCK, LATE = ERN_REFRESH_WARM_UP + 128, VALUES = 1 << 20 };
 
 static ern_trainer *make(const ern_train_config *config) {
   ern_trainer *trainer = NULL;
@@ -81,22 +81,26 @@ static void take_steps(ern_trainer *trainer, uint64_t steps) {
   assert_true(isfinite(report.loss));
 }
 
-/* Steps between refreshes; asked for, or by rays: more rays, sooner. */
+/* Steps between refreshes, at first and later; asked for, or by rays: more rays, sooner. */
 static void test_interval(void **state) {
   (void)state;
   static const struct {
     uint64_t asked;
     int rays;
-    uint64_t expected;
-  } cases[] = {{0, 1, 64},     {0, 1024, 64},    {0, 4096, 64}, {0, 8192, 32},           {0, 16384, 16},
-               {0, 65536, 16}, {0, 1048576, 16}, {3, 1024, 3},  {1000000, 1024, 1000000}};
+    uint64_t first, later;
+  } cases[] = {{0, 1, 64, 128},      {0, 1024, 64, 128}, {0, 4096, 64, 128},
+               {0, 8192, 64, 64},    {0, 16384, 32, 32}, {0, 65536, 16, 16},
+               {0, 1048576, 16, 16}, {3, 1024, 3, 3},    {1000000, 1024, 1000000, 1000000}};
   ern_train_config config = small_config(1000, NULL);
   config.rays = 1;
   ern_trainer *trainer = make(&config);
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     trainer->config.refresh_every = cases[i].asked;
     trainer->config.rays = cases[i].rays;
-    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].expected);
+    trainer->step = ERN_REFRESH_WARM_UP - 1;
+    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].first);
+    trainer->step = ERN_REFRESH_WARM_UP;
+    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].later);
   }
   trainer->config.rays = 1;
   ern_trainer_free(&trainer);
@@ -120,7 +124,7 @@ static void test_turns(void **state) {
   assert_int_equal(trainer->cell_count, all);
   bits[ERN_OCCUPANCY_BLOCK / 8 * near + 3] = 4;
   for (uint64_t turn = 0; turn < 16; turn++) {
-    trainer->step = LATE + 64 * turn;
+    trainer->step = LATE + 128 * turn;
     support_ok(data.context, backend->upload_bytes(trainer->stream, trainer->bits, bits, ERN_OCCUPANCY_BYTES));
     take_steps(trainer, 1);
     assert_in_range(trainer->cell_count, 1, all / 8);
@@ -140,7 +144,7 @@ static void test_turns(void **state) {
 
 /* The values of a training of a refresh of all cells and two of a part, the second after `resumed`. */
 static void train_late(int threads, bool resumed, float *grid, float *values) {
-  ern_train_config config = small_config(LATE + 100, "late.safetensors");
+  ern_train_config config = small_config(LATE + 200, "late.safetensors");
   config.rays = 64;
   config.threads = threads;
   config.overwrite = true;
@@ -157,8 +161,8 @@ static void train_late(int threads, bool resumed, float *grid, float *values) {
     trainer = make(&config);
     assert_int_equal(trainer->step, LATE + 2);
   }
-  take_steps(trainer, 63);
-  assert_true(trainer->step == LATE + 65 && trainer->cell_count > 0 && trainer->cell_count != first);
+  take_steps(trainer, 127);
+  assert_true(trainer->step == LATE + 129 && trainer->cell_count > 0 && trainer->cell_count != first);
   support_ok(data.context, trainer->backend->download_reals(trainer->stream, grid, trainer->grid, ERN_OCCUPANCY_CELLS));
   support_ok(data.context,
              trainer->backend->download_reals(trainer->stream, values, trainer->parameters, trainer->parameters.count));
