@@ -4,6 +4,8 @@
 
 #include "backend_cpu/slots.h"
 
+enum { ALONE = 1 << 13 /* values that one thread has done before another is awake */ };
+
 /* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
 struct adamw_job {
   const struct ern_cpu_kernels *kernels;
@@ -20,7 +22,7 @@ static void adamw_task(void *user, size_t k, int lane) {
 }
 ern_status ERN_REF(ern_cpu_adamw)(struct ern_stream *stream, struct ern_adamw_args *a) {
   struct adamw_job job = {kernels_of(stream), a, -expm1((double)a->step * log((double)a->beta2))};
-  ern_pool_run(pool_of(stream), ERN_SHARDS, adamw_task, &job);
+  ern_pool_run(a->n > ALONE ? pool_of(stream) : NULL, ERN_SHARDS, adamw_task, &job);
   return ERN_OK;
 }
 

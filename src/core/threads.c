@@ -10,7 +10,10 @@
 #include "core/memory.h"
 #include "ernerf/backend.h"
 
-enum { MAX_THREADS = ERN_THREADS_MOST };
+enum {
+  MAX_THREADS = ERN_THREADS_MOST,
+  SPINS = 400 /* looks before a thread sleeps: about 20 us, which is less than waking it takes */
+};
 
 struct ern_pool {
   ern_context *context;
@@ -23,14 +26,25 @@ struct ern_pool {
   } lane[MAX_THREADS];
   pthread_mutex_t mutex;
   pthread_cond_t work, done;
-  uint64_t round; /* grows by one a run */
-  int busy;       /* helpers that have not finished the round */
+  atomic_uint_least64_t round; /* grows by one a run */
+  bool open;                   /* helpers may still join the round */
+  atomic_int busy;             /* helpers that have joined it and have not finished */
+  int spins; /* 0 where there are more threads than cores: who looks then keeps another from working */
   bool closing;
   void (*task)(void *user, size_t index, int lane);
   void *user;
   size_t count;
   atomic_size_t next;
 };
+
+/* A moment, which is the other thread's where two share a core. */
+static void pause_shortly(void) {
+#if defined(__x86_64__)
+  __builtin_ia32_pause();
+#elif defined(__aarch64__)
+  __asm__ volatile("yield");
+#endif
+}
 
 static void work_through(struct ern_pool *pool, int lane) {
   for (;;) {
@@ -46,15 +60,18 @@ static void *helper_main(void *argument) {
   struct ern_pool *pool = lane->pool;
   uint64_t seen = 0;
   for (;;) {
+    for (int k = 0; k < pool->spins && atomic_load(&pool->round) == seen; k++) pause_shortly();
     pthread_mutex_lock(&pool->mutex);
-    while (!pool->closing && pool->round == seen) pthread_cond_wait(&pool->work, &pool->mutex);
+    while (!pool->closing && (!pool->open || atomic_load(&pool->round) == seen))
+      pthread_cond_wait(&pool->work, &pool->mutex);
     const bool closing = pool->closing;
-    seen = pool->round;
+    seen = atomic_load(&pool->round);
+    if (!closing) atomic_fetch_add(&pool->busy, 1);
     pthread_mutex_unlock(&pool->mutex);
     if (closing) return NULL;
     work_through(pool, lane->number);
     pthread_mutex_lock(&pool->mutex);
-    if (--pool->busy == 0) pthread_cond_signal(&pool->done);
+    if (atomic_fetch_sub(&pool->busy, 1) == 1) pthread_cond_signal(&pool->done);
     pthread_mutex_unlock(&pool->mutex);
   }
 }
@@ -69,6 +86,7 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   made->context = context;
   made->threads = threads > 0 ? threads : ern_machine_cores();
   if (made->threads > MAX_THREADS) made->threads = MAX_THREADS;
+  made->spins = made->threads <= ern_machine_cores() ? SPINS : 0;
   pthread_mutex_init(&made->mutex, NULL);
   pthread_cond_init(&made->work, NULL);
   pthread_cond_init(&made->done, NULL);
@@ -109,12 +127,14 @@ void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, 
   pool->user = user;
   pool->count = count;
   atomic_store(&pool->next, 0);
-  pool->busy = pool->started;
-  pool->round++;
+  pool->open = true;
+  atomic_fetch_add(&pool->round, 1);
   pthread_cond_broadcast(&pool->work);
   pthread_mutex_unlock(&pool->mutex);
   work_through(pool, 0);
+  for (int k = 0; k < pool->spins && atomic_load(&pool->busy) > 0; k++) pause_shortly();
   pthread_mutex_lock(&pool->mutex);
-  while (pool->busy > 0) pthread_cond_wait(&pool->done, &pool->mutex);
+  pool->open = false; /* who is not awake yet is not waited for */
+  while (atomic_load(&pool->busy) > 0) pthread_cond_wait(&pool->done, &pool->mutex);
   pthread_mutex_unlock(&pool->mutex);
 }
