@@ -59,12 +59,18 @@ typedef void ern_audio_window_kernel(ern_real *code, const ern_real *window, con
                                      const struct ern_audio_net *net);
 typedef void ern_audio_mix_kernel(ern_real *code, const ern_real *codes, const ern_real *parameters,
                                   const struct ern_audio_net *net);
+/* What AudioAttNet leaves to do for the windows: dcodes [8][A] = the gradient by each of the codes [8][A], 0 where one
+ * is held; its own gradients accumulate. */
+typedef void ern_audio_mix_bwd_kernel(ern_real *dparameters, ern_real *dcodes, const ern_real *dcode,
+                                      const ern_real *codes, const ern_real *parameters,
+                                      const struct ern_audio_net *net);
 
 #define ERN_AUDIO_OPERATIONS(OP, X) \
-  OP(X, audio_fwd, SLOT, REF)       \
-  OP(X, audio_bwd, SLOT, REF)       \
+  OP(X, audio_fwd, SLOT, FAST)      \
+  OP(X, audio_bwd, SLOT, FAST)      \
   OP(X, audio_frame, SLOT, NONE)    \
   OP(X, audio_window, NONE, REF)    \
-  OP(X, audio_mix, NONE, REF)
+  OP(X, audio_mix, NONE, REF)       \
+  OP(X, audio_mix_bwd, NONE, REF)
 
 #endif

@@ -199,34 +199,47 @@ void ERN_REF(ern_audio_window)(ern_real *code, const ern_real *window, const ern
   window_fwd(code, &scrap, window, parameters, net);
 }
 
+static void take_codes(struct audio_values *values, const ern_real *codes, const struct ern_audio_net *net) {
+  for (int t = 0; t < WINDOWS; t++) {
+    for (int a = 0; a < net->code; a++) values->code[t][a] = codes[t * net->code + a];
+  }
+}
+
 void ERN_REF(ern_audio_mix)(ern_real *code, const ern_real *codes, const ern_real *parameters,
                             const struct ern_audio_net *net) {
   struct audio_values values;
-  for (int t = 0; t < WINDOWS; t++) {
-    for (int a = 0; a < net->code; a++) values.code[t][a] = codes[t * net->code + a];
-  }
+  take_codes(&values, codes, net);
   mix_fwd(code, &values, parameters, net);
+}
+
+void ERN_REF(ern_audio_mix_bwd)(ern_real *dparameters, ern_real *dcodes, const ern_real *dcode, const ern_real *codes,
+                                const ern_real *parameters, const struct ern_audio_net *net) {
+  struct audio_values values;
+  take_codes(&values, codes, net);
+  attention_fwd(&values, parameters, net);
+  ern_real slope[WINDOWS][ERN_AUDIO_MAX_CODE] = {{0}}, dweight[WINDOWS] = {0};
+  for (int t = 0; t < WINDOWS; t++) {
+    for (int a = 0; a < net->code; a++) {
+      slope[t][a] = values.weight[t] * dcode[a];
+      dweight[t] += values.code[t][a] * dcode[a];
+    }
+  }
+  attention_bwd(dparameters, slope, dweight, &values, parameters, net);
+  for (int t = 0; t < WINDOWS; t++) {
+    for (int a = 0; a < net->code; a++) dcodes[t * net->code + a] = is_held(values.code[t][a]) ? 0 : slope[t][a];
+  }
 }
 
 void ERN_REF(ern_audio_bwd)(ern_real *dparameters, const ern_real *dcode, const ern_real *windows,
                             const ern_real *parameters, const struct ern_audio_net *net) {
-  struct audio_values values;
+  ern_real codes[WINDOWS * ERN_AUDIO_MAX_CODE], dcodes[WINDOWS * ERN_AUDIO_MAX_CODE];
   struct window_values window[WINDOWS];
   const size_t window_values = (size_t)net->window_length * (size_t)net->width;
   for (int t = 0; t < WINDOWS; t++) {
-    window_fwd(values.code[t], &window[t], windows + (size_t)t * window_values, parameters, net);
+    window_fwd(codes + t * net->code, &window[t], windows + (size_t)t * window_values, parameters, net);
   }
-  attention_fwd(&values, parameters, net);
-  ern_real dcodes[WINDOWS][ERN_AUDIO_MAX_CODE] = {{0}}, dweight[WINDOWS] = {0};
+  ERN_REF(ern_audio_mix_bwd)(dparameters, dcodes, dcode, codes, parameters, net);
   for (int t = 0; t < WINDOWS; t++) {
-    for (int a = 0; a < net->code; a++) {
-      dcodes[t][a] = values.weight[t] * dcode[a];
-      dweight[t] += values.code[t][a] * dcode[a];
-    }
-  }
-  attention_bwd(dparameters, dcodes, dweight, &values, parameters, net);
-  for (int t = 0; t < WINDOWS; t++) {
-    for (int a = 0; a < net->code; a++) dcodes[t][a] = is_held(values.code[t][a]) ? 0 : dcodes[t][a];
-    window_bwd(dparameters, dcodes[t], &window[t], windows + (size_t)t * window_values, parameters, net);
+    window_bwd(dparameters, dcodes + t * net->code, &window[t], windows + (size_t)t * window_values, parameters, net);
   }
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The audio networks: the float reference against the double one, a device against the float one. Instruction sets have
- * no kernels of their own. */
+ * The audio networks: the float reference against the double one, a device against the float one; instruction
+ * sets give its bits. */
 #include "harness.h"
 
 #include "core/kernels.h"
