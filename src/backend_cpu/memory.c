@@ -36,14 +36,26 @@ static ern_status download_bytes(struct ern_stream *stream, uint8_t *to, ern_spa
   return ERN_OK;
 }
 
+struct zero_job {
+  char *memory;
+  size_t bytes;
+};
+static void zero_task(void *user, size_t k, int lane) {
+  (void)lane;
+  const struct zero_job *job = user;
+  const struct range r = shard(job->bytes, 4096, k);
+  memset(job->memory + r.begin, 0, r.end - r.begin);
+}
 static ern_status zero(struct ern_stream *stream, ern_span span) {
-  (void)stream;
+  enum { ALONE = 1 << 18 /* bytes that one thread has written before another is awake */ };
+  struct zero_job job = {0};
   if (span.buffer == NULL) return ERN_OK;
   switch (span.buffer->element) {
-    case ERN_ELEMENT_REAL: memset(reals(span), 0, span.count * sizeof(ern_real)); break;
-    case ERN_ELEMENT_INT32: memset(int32s(span), 0, span.count * sizeof(int32_t)); break;
-    case ERN_ELEMENT_BYTE: memset(bytes(span), 0, span.count); break;
+    case ERN_ELEMENT_REAL: job = (struct zero_job){(char *)reals(span), span.count * sizeof(ern_real)}; break;
+    case ERN_ELEMENT_INT32: job = (struct zero_job){(char *)int32s(span), span.count * sizeof(int32_t)}; break;
+    case ERN_ELEMENT_BYTE: job = (struct zero_job){(char *)bytes(span), span.count}; break;
   }
+  ern_pool_run(job.bytes > ALONE ? pool_of(stream) : NULL, ERN_SHARDS, zero_task, &job);
   return ERN_OK;
 }
 static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, size_t count) {

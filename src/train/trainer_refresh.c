@@ -13,25 +13,22 @@ enum {
   NEAR_RAYS = 1 << 19, /* between two looks at a block with an occupied cell, */
   MOST_EVERY = 128,    /* where that is no more steps than this, */
   WARM_UP_EVERY = 64,  /* or at first than this */
-  FAR_RAYS = 1 << 21,  /* at one without, in LEAST_SHARES to MOST_SHARES refreshes, powers of 2 */
-  LEAST_SHARES = 4,
-  MOST_SHARES = 16
+  SHARES = 16          /* refreshes that look once at all blocks without one; a power of 2 */
 };
 
 /* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
 struct schedule {
-  uint64_t every;  /* steps between refreshes */
-  uint32_t shares; /* refreshes that look at all blocks once; blocks with an occupied cell are looked at in each */
+  uint64_t every; /* steps between refreshes */
+  uint32_t shares;
 };
 
 /* Around the next step. At first no space is known to be empty, and all cells are looked at. */
 static struct schedule schedule_of(const ern_trainer *t) {
-  const uint64_t rays = (uint64_t)t->config.rays;
   const bool first = t->step < ERN_REFRESH_WARM_UP;
   if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
-  struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : LEAST_SHARES};
-  while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * rays < NEAR_RAYS) made.every *= 2;
-  while (!first && made.shares < MOST_SHARES && made.every * made.shares * rays < FAR_RAYS) made.shares *= 2;
+  struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : SHARES};
+  while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * (uint64_t)t->config.rays < NEAR_RAYS)
+    made.every *= 2;
   return made;
 }
 

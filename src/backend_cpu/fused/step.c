@@ -298,10 +298,13 @@ fail:
 
 /* ---- the step ---------------------------------------------------------------------------------------------------- */
 
-static void sum_shards(const struct ern_train_step *s) {
+static void sum_task(void *user, size_t part, int lane) {
+  (void)lane;
+  const struct ern_train_step *s = user;
+  const struct range r = shard(s->net.forward, 64, part);
   for (size_t k = 1; k < ERN_SHARDS; k++) {
     const float *block = s->gradient + k * s->net.forward;
-    for (size_t i = 0; i < s->net.forward; i++) s->gradient[i] += block[i];
+    for (size_t i = r.begin; i < r.end; i++) s->gradient[i] += block[i];
   }
 }
 
@@ -353,7 +356,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   when[3] = ern_profile_now();
   ERN_TRY(backward(a, &s));
   if (s.everything && s.marched.total > 0) ERN_TRY(smoothness(a, &s));
-  sum_shards(&s);
+  ern_pool_run(pool_of(stream), ERN_SHARDS, sum_task, &s);
   ern_train_net_unfold(reals(a->dparameters), reals(dcode), s.gradient, &s.net, &fold);
   struct ern_audio_bwd_args audio_bwd = {a->dparameters, dcode, audio};
   ERN_TRY(stream->backend->audio_bwd(stream, &audio_bwd));
