@@ -182,12 +182,15 @@ static void backward_task(void *user, size_t k, int number) {
   lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began;
 }
 
-/* The tables' gradients: a task a level and plane, samples in order. */
+/* The tables' gradients: a task a level and plane, samples in order. With the last of them, as two tasks more, what
+ * else touches no value of theirs and would keep one thread alone. */
 struct tables {
   const struct ern_train_step *step;
   const float *x[3];
   size_t stride, n; /* of df */
   float *dparameters;
+  const struct ern_train_fold *fold; /* NULL: the tables alone */
+  const struct ern_audio_bwd_args *audio;
 };
 static void tables_task(void *user, size_t k, int number) {
   const struct tables *t = user;
@@ -203,22 +206,34 @@ static void tables_task(void *user, size_t k, int number) {
                        s->parameters + table, &s->field->encoder.grid[p], level, level + 1, t->n);
   lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
 }
-static void add_tables(const struct tables *tables) {
-  ern_pool_run(pool_of(tables->step->stream), ERN_PLANES * (size_t)tables->step->field->config.levels, tables_task,
-               (void *)tables);
+static void last_task(void *user, size_t k, int number) {
+  const struct tables *t = user;
+  const struct ern_train_step *s = t->step;
+  if (k == 0)
+    s->kernels->audio_bwd(t->dparameters, reals(t->audio->dcode), reals(t->audio->forward.windows), s->parameters,
+                          &t->audio->forward.net);
+  else if (k == 1)
+    ern_train_net_unfold_colour(t->dparameters, s->gradient, &s->net, t->fold);
+  else
+    tables_task(user, k - 2, number);
+}
+static void add_tables(const struct tables *t) {
+  const size_t tasks = ERN_PLANES * (size_t)t->step->field->config.levels;
+  ern_pool_run(pool_of(t->step->stream), t->fold != NULL ? tasks + 2 : tasks, t->fold != NULL ? last_task : tables_task,
+               (void *)t);
 }
 
-static ern_status backward(const struct ern_head_step_args *a, struct ern_train_step *s) {
+/* All but the tables, which are to be added. */
+static ern_status backward(const struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
   const ern_status status = take_slopes(s, s->live_stride);
   if (status != ERN_OK) return status;
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, backward_task, s);
   const size_t stride = s->live_stride;
-  const struct tables tables = {.step = s,
-                                .x = {s->live_x, s->live_x + stride, s->live_x + 2 * stride},
-                                .stride = stride,
-                                .n = s->count,
-                                .dparameters = reals(a->dparameters)};
-  add_tables(&tables);
+  *tables = (struct tables){.step = s,
+                            .x = {s->live_x, s->live_x + stride, s->live_x + 2 * stride},
+                            .stride = stride,
+                            .n = s->count,
+                            .dparameters = reals(a->dparameters)};
   return ERN_OK;
 }
 
@@ -268,12 +283,14 @@ static ern_status move_points(const struct ern_head_step_args *a, const struct e
   return ERN_OK;
 }
 
-/* Attention, eye attention and uncertainty should not change within 1e-3; gradient through the moved points alone. */
-static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step *s) {
+/* Attention, eye attention and uncertainty should not change within 1e-3; gradient through the moved points alone. Adds
+ * the tables that are given, whose slopes make room for those of the moved points. */
+static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
   const size_t n = s->marched.total;
   const float weight = a->weights.smoothness * a->weights.s;
   struct smoothness smooth = {.step = s, .factor = (float)(2 * (double)weight / (double)n)};
   ern_status status = ERN_OK;
+  add_tables(tables);
   ERN_TRY(ern_take_rows(s->stream, 3, n, &smooth.x));
   ERN_TRY(move_points(a, s, smooth.x));
   ERN_TRY(take_slopes(s, s->stride));
@@ -286,12 +303,11 @@ static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step
   }
   a->terms[ERN_LOSS_SMOOTHNESS] = term;
   const float *x = reals(smooth.x.span);
-  const struct tables tables = {.step = s,
-                                .x = {x, x + smooth.x.stride, x + 2 * smooth.x.stride},
-                                .stride = s->stride,
-                                .n = n,
-                                .dparameters = reals(a->dparameters)};
-  add_tables(&tables);
+  *tables = (struct tables){.step = s,
+                            .x = {x, x + smooth.x.stride, x + 2 * smooth.x.stride},
+                            .stride = s->stride,
+                            .n = n,
+                            .dparameters = reals(a->dparameters)};
 fail:
   return status;
 }
@@ -325,6 +341,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct ern_train_step s = step_of(stream, a->field, a->parameters);
   struct rays rays;
+  struct tables tables;
   float *weights = NULL;
   ern_span code, dcode;
   double when[4];
@@ -354,12 +371,14 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   ERN_TRY(rays_take(stream, a->n, &rays));
   ERN_TRY(losses(a, &s, &rays));
   when[3] = ern_profile_now();
-  ERN_TRY(backward(a, &s));
-  if (s.everything && s.marched.total > 0) ERN_TRY(smoothness(a, &s));
+  ERN_TRY(backward(a, &s, &tables));
+  if (s.everything && s.marched.total > 0) ERN_TRY(smoothness(a, &s, &tables));
   ern_pool_run(pool_of(stream), ERN_SHARDS, sum_task, &s);
   ern_train_net_unfold(reals(a->dparameters), reals(dcode), s.gradient, &s.net, &fold);
-  struct ern_audio_bwd_args audio_bwd = {a->dparameters, dcode, audio};
-  ERN_TRY(stream->backend->audio_bwd(stream, &audio_bwd));
+  const struct ern_audio_bwd_args audio_bwd = {a->dparameters, dcode, audio};
+  tables.fold = &fold;
+  tables.audio = &audio_bwd;
+  add_tables(&tables);
   a->samples = s.marched.total;
   tell_profile(&s, a->profile, when);
 fail:

@@ -161,8 +161,8 @@ static void add(float *to, const float *from, size_t count) {
   for (size_t i = 0; i < count; i++) to[i] += from[i];
 }
 
-static void unfold_colour(float *dparameters, const float *gradient, const struct ern_train_net *net,
-                          const struct ern_train_fold *fold) {
+void ern_train_net_unfold_colour(float *dparameters, const float *gradient, const struct ern_train_net *net,
+                                 const struct ern_train_fold *fold) {
   const struct ern_field *field = fold->field;
   const size_t width = (size_t)field->colour.width[0], units = ERN_NET_COLOUR;
   const float *wc = weights_of(fold, &field->colour, 0), *w2 = weights_of(fold, &field->density, 2);
@@ -224,6 +224,5 @@ void ern_train_net_unfold(float *dparameters, float *dcode, const float *gradien
              1);
   add(dparameters + field->uncertainty.weight[1], gradient + net->unc_out, ERN_NET_UNCERTAINTY);
   unfold_density(dparameters, dcode, gradient, net, fold);
-  unfold_colour(dparameters, gradient, net, fold);
   add(dparameters + field->colour.weight[1], gradient + net->rgb, 3 * ERN_NET_COLOUR);
 }

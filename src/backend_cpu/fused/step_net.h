@@ -77,8 +77,11 @@ struct ern_train_fold {
 /* block: [net->count] */
 void ern_train_net_fill(struct ern_train_net *net, float *block, const struct ern_train_fold *fold);
 
-/* dparameters and dcode [32] += the gradients of the weights, from those of the folded ones [net->forward]. */
+/* dparameters and dcode [32] += the gradients of the weights, from those of the folded ones [net->forward]: all but
+ * those of the colour's first layer, and those alone. */
 void ern_train_net_unfold(float *dparameters, float *dcode, const float *gradient, const struct ern_train_net *net,
                           const struct ern_train_fold *fold);
+void ern_train_net_unfold_colour(float *dparameters, const float *gradient, const struct ern_train_net *net,
+                                 const struct ern_train_fold *fold);
 
 #endif
