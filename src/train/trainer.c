@@ -113,23 +113,30 @@ static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
 static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
 
 /* AdamW by learning-rate group (model.md section 6); rates fall as 0.5^s. */
+static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_parameter *row, float factor) {
+  float rate = t->config.lr_net, decay = 0;
+  if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;
+  if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = audio_attention_decay;
+  return (struct ern_adamw_args){
+      .rate = rate * factor, .decay = decay, .beta2 = adamw_beta2, .eps = adamw_eps, .step = t->step + 1};
+}
+
+/* Rows that follow each other and are of one group go together, as most are short; between them are zeros, which stay.
+ */
 static ern_status update(ern_trainer *t) {
   const float factor = (float)pow(0.5, progress(t));
-  for (int r = 0; r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r];
-    if (row->torso != t->config.torso) continue;
-    float rate = t->config.lr_net, decay = 0;
-    if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;
-    if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = audio_attention_decay;
-    struct ern_adamw_args args = {.parameters = ern_span_part(t->parameters, row->at, row->count),
-                                  .second_moment = ern_span_part(t->moment, row->at, row->count),
-                                  .gradient = ern_span_part(t->gradient, row->at, row->count),
-                                  .rate = rate * factor,
-                                  .decay = decay,
-                                  .beta2 = adamw_beta2,
-                                  .eps = adamw_eps,
-                                  .step = t->step + 1,
-                                  .n = row->count};
+  const struct ern_parameter_table *table = &t->model->table;
+  for (int r = 0; r < table->rows;) {
+    const struct ern_parameter *first = &table->row[r++];
+    size_t count = first->count;
+    if (first->torso != t->config.torso) continue;
+    for (; r < table->rows && table->row[r].torso == first->torso && table->row[r].group == first->group; r++)
+      count = table->row[r].at + table->row[r].count - first->at;
+    struct ern_adamw_args args = update_of(t, first, factor);
+    args.parameters = ern_span_part(t->parameters, first->at, count);
+    args.second_moment = ern_span_part(t->moment, first->at, count);
+    args.gradient = ern_span_part(t->gradient, first->at, count);
+    args.n = count;
     const ern_status status = t->backend->adamw(t->stream, &args);
     if (status != ERN_OK) return status;
   }

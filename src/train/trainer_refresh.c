@@ -10,7 +10,7 @@
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
   CHUNK = 1 << 18,     /* cells looked at in one go: a bound on the memory of their points */
-  NEAR_RAYS = 1 << 19, /* between two looks at a block with an occupied cell, */
+  NEAR_RAYS = 1 << 18, /* between two looks at a block with an occupied cell, */
   MOST_EVERY = 128,    /* where that is no more steps than this, */
   WARM_UP_EVERY = 64,  /* or at first than this */
   SHARES = 16          /* refreshes that look once at all blocks without one; a power of 2 */
