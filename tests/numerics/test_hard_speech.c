@@ -283,6 +283,41 @@ static void test_occupancy_of_odd_densities(void **state) {
   free(fresh);
 }
 
+/* A refresh in turns of an empty scene, a full one and one with a single cell: of blocks that are not due nothing
+ * changes, be their densities 1e38 or denormal. */
+static void test_occupancy_in_turns(void **state) {
+  (void)state;
+  enum { CELLS = ERN_OCCUPANCY_CELLS, ONE = 1000 };
+  const struct ern_occupancy_decay decay = {0.5f, 0.25f, {.turn = 3, .mask = 15}};
+  const float odd[] = {1e38f, FLT_TRUE_MIN, 0, 1};
+  float *grid = malloc(CELLS * sizeof *grid), *fresh = calloc(CELLS, sizeof *fresh);
+  uint8_t *bits = malloc(ERN_OCCUPANCY_BYTES);
+  assert_true(grid != NULL && fresh != NULL && bits != NULL);
+  for (size_t i = 0; i < CELLS; i++) grid[i] = odd[i % 4];
+  for (int scene = 0; scene < 3; scene++) {
+    memset(bits, scene == 1 ? 255 : 0, ERN_OCCUPANCY_BYTES);
+    if (scene == 2) bits[ERN_OCCUPANCY_BLOCK / 8 * ONE] = 1;
+    machines_clear();
+    const struct many cells = many_of(ERN_ELEMENT_INT32, NULL, CELLS), values = many_reals(grid, CELLS),
+                      news = many_reals(fresh, CELLS), occupied = many_of(ERN_ELEMENT_BYTE, bits, ERN_OCCUPANCY_BYTES);
+    for (int k = 0; k < machines.count; k++) {
+      struct ern_occupancy_list_args list = {cells.on[k], values.on[k], occupied.on[k], decay.turn, 0};
+      support_ok(machines.context, machines.backend[k]->occupancy_list(machines.stream[k], &list));
+      assert_int_equal(list.count, scene == 1 ? CELLS : CELLS / 16 + (scene == 2 ? ERN_OCCUPANCY_BLOCK : 0));
+      struct ern_occupancy_update_args update = {
+          .grid = values.on[k], .bits = occupied.on[k], .fresh = news.on[k], .decay = decay, .limit = 10};
+      support_ok(machines.context, machines.backend[k]->occupancy_update(machines.stream[k], &update));
+      const float *found = floats_of(k, values);
+      for (uint32_t i = 0; i < CELLS; i++) {
+        const uint32_t number = i / ERN_OCCUPANCY_BLOCK;
+        const bool near = scene == 1 || (scene == 2 && number == ONE);
+        assert_true(found[i] == grid[i] * (near ? 0.5f : number % 16 == 3 ? 0.25f : 1));
+      }
+    }
+  }
+  free(grid), free(fresh), free(bits);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_speech_of_zeros),
@@ -295,6 +330,7 @@ int main(void) {
       cmocka_unit_test(test_harmonics_of_odd_directions),
       cmocka_unit_test(test_sines_of_huge_places),
       cmocka_unit_test(test_occupancy_of_odd_densities),
+      cmocka_unit_test(test_occupancy_in_turns),
   };
   return cmocka_run_group_tests(tests, open_speech, close_speech);
 }
