@@ -13,7 +13,8 @@ enum {
   NEAR_RAYS = 1 << 18, /* between two looks at a block with an occupied cell, */
   MOST_EVERY = 128,    /* where that is no more steps than this, */
   WARM_UP_EVERY = 64,  /* or at first than this */
-  SHARES = 16          /* refreshes that look once at all blocks without one; a power of 2 */
+  SHARES = 4,          /* refreshes that look once at all blocks without one; powers of 2 */
+  FEW_RAYS_SHARES = 16 /* where a refresh is MOST_EVERY steps after the last */
 };
 
 /* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
@@ -26,9 +27,10 @@ struct schedule {
 static struct schedule schedule_of(const ern_trainer *t) {
   const bool first = t->step < ERN_REFRESH_WARM_UP;
   if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
-  struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : SHARES};
+  struct schedule made = {ERN_REFRESH_EVERY, 1};
   while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * (uint64_t)t->config.rays < NEAR_RAYS)
     made.every *= 2;
+  if (!first) made.shares = made.every < MOST_EVERY ? SHARES : FEW_RAYS_SHARES;
   return made;
 }
 
