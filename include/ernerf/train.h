@@ -94,7 +94,7 @@ typedef struct ern_train_config {
   uint64_t ema_every;          /* steps between its updates; 1000 */
   uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0: all of it
                                   each time, 16 as published; 0 (default): 16 to 128 steps by `rays`, and after 256 steps
-                                  what is empty in 4 or 16 turns */
+                                  what is empty in 16 turns */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {

@@ -10,11 +10,10 @@
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
   CHUNK = 1 << 18,     /* cells looked at in one go: a bound on the memory of their points */
-  NEAR_RAYS = 1 << 18, /* between two looks at a block with an occupied cell, */
+  NEAR_RAYS = 1 << 17, /* between two looks at a block with an occupied cell, */
   MOST_EVERY = 128,    /* where that is no more steps than this, */
   WARM_UP_EVERY = 64,  /* or at first than this */
-  SHARES = 4,          /* refreshes that look once at all blocks without one; powers of 2 */
-  FEW_RAYS_SHARES = 16 /* where a refresh is MOST_EVERY steps after the last */
+  SHARES = 16          /* refreshes that look once at all blocks without one; a power of 2 */
 };
 
 /* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
@@ -27,10 +26,9 @@ struct schedule {
 static struct schedule schedule_of(const ern_trainer *t) {
   const bool first = t->step < ERN_REFRESH_WARM_UP;
   if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
-  struct schedule made = {ERN_REFRESH_EVERY, 1};
+  struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : SHARES};
   while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * (uint64_t)t->config.rays < NEAR_RAYS)
     made.every *= 2;
-  if (!first) made.shares = made.every < MOST_EVERY ? SHARES : FEW_RAYS_SHARES;
   return made;
 }
 
