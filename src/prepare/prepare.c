@@ -43,7 +43,7 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
   settings[0] = 0;
   switch (step) {
     case 0:
-      if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", mark_of(o->detector, a));
+      if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", ern_prepare_mark(o->detector, a));
       break;
     case 1: /* landmarks place the eyes from which tracking begins */
       snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_mark(o->poses, a),
