@@ -52,6 +52,23 @@ static bool outline_of(const struct ern_prepare_job *job, const struct ern_head_
   return fabs((double)face->centre[0] - c) < limit && fabs((double)face->centre[1] - c) < limit;
 }
 
+/* A pixel beside the ellipsoid moves as the nearest one towards its middle that is on it. */
+void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_layer_face *to, const double pixel[2],
+                          double moved[2]) {
+  static const double origin[3] = {0};
+  double home[2], at[2], point[3];
+  moved[0] = pixel[0], moved[1] = pixel[1];
+  if (!ern_head_project(&from->pose, from->focal, from->middle, origin, home)) return;
+  for (double part = 1; part > 0.05; part *= 0.9) {
+    for (int i = 0; i < 2; i++) at[i] = home[i] + part * (pixel[i] - home[i]);
+    if (!ern_head_meet(&from->pose, from->focal, from->middle, at, false, point)) continue;
+    double to_pixel[2];
+    if (!ern_head_project(&to->pose, to->focal, to->middle, point, to_pixel)) return;
+    for (int i = 0; i < 2; i++) moved[i] += to_pixel[i] - at[i];
+    return;
+  }
+}
+
 /* Each point becomes (before + 2 at + after) / 4, which halves what trembles from frame to frame. */
 static void smooth(struct ern_layer_face *faces, size_t count) {
   for (int k = 0; k < ERN_LAYER_POINTS; k++)
@@ -79,6 +96,9 @@ ern_status ern_layer_faces_read(struct ern_prepare_job *job, struct ern_layer_fa
       if (!(fabsf(faces[f].points[k][0]) < limit) || !(fabsf(faces[f].points[k][1]) < limit))
         ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: line %d: point (%g, %g), expected pixels of a picture of %d",
                          path, k + 1, (double)faces[f].points[k][0], (double)faces[f].points[k][1], job->side));
+    faces[f].pose = poses[f];
+    faces[f].focal = job->focal;
+    faces[f].middle = 0.5 * job->side;
     if (!outline_of(job, &poses[f], &faces[f]))
       ERN_TRY(ern_fail(job->context, ERN_E_UNSUPPORTED,
                        "%s: the head of frame %zu is not before the camera, expected poses of a face that is seen",

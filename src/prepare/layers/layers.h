@@ -18,10 +18,16 @@ struct ern_layer_face {
   float points[ERN_LAYER_POINTS][2];   /* landmarks, smoothed in time */
   float outline[ERN_LAYER_OUTLINE][2]; /* of the projected head, an ellipsoid without hair and ears */
   float centre[2];                     /* of the outline */
+  struct ern_head_pose pose;
+  double focal, middle; /* pixels: of the camera, and half of a side */
 };
 
 /* faces[job->frames] of ori_imgs/ID.lms and the poses. */
 ERN_NODISCARD ern_status ern_layer_faces_read(struct ern_prepare_job *job, struct ern_layer_face *faces);
+
+/* Where what is seen at `pixel` beside or on the head lies after the head moved from `from` to `to`. */
+void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_layer_face *to, const double pixel[2],
+                          double moved[2]);
 
 /* What is known of the person and of the place: made from some frames of the whole clip, then asked for each frame in
  * order. Pictures are RGB of side x side, masks a byte a pixel. */

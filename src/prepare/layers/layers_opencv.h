@@ -23,7 +23,16 @@ struct ern_person_example {
   cv::Mat frame, small; /* RGB of side and of work */
   /* of work, 255 where the person, and where the place behind it, is taken to be; both 0 where nothing is known */
   cv::Mat mask, place;
+  cv::Mat breast; /* of work, 255 where the body surely is */
+  cv::Mat motion; /* log odds of the person by motion, of work */
   ern_layer_face face;
+};
+
+struct ern_person_reference { /* a frame that others are held against */
+  cv::Mat small;              /* CV_32FC3 of work */
+  ern_layer_face face;
+  cv::Point2f body; /* where the body is from where it is at home, pixels of work */
+  bool body_known;
 };
 
 struct ern_person_model {
@@ -39,6 +48,10 @@ struct ern_person_model {
   /* log odds of the person, work x work, where the head is at `home` */
   cv::Mat prior;
   ern_layer_face home;
+  /* of motion: grey picture and points of the breast at home */
+  std::vector<ern_person_reference> references;
+  cv::Mat body_home;
+  std::vector<cv::Point2f> body_points;
   cv::Mat last; /* mask of the frame before */
   ern_layer_face last_face;
 };
@@ -69,6 +82,10 @@ cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, con
                          const ern_layer_face &to);
 /* Finds the background in the examples by their masks. */
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
+/* Takes the examples as references for motion. */
+void ern_person_motion_learn(ern_person_model *model);
+/* Log odds of the person in each pixel of work by motion against the references, -5..5. */
+cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face);
 /* How far the place moves between the examples. */
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
 /* The points of a closed line, times `scale` about their centre. */

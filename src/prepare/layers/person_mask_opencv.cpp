@@ -14,7 +14,8 @@ namespace {
 
 enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
-constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F;
+constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STANDS_STILL = 4;
+constexpr double STILL_SHARE = 0.2; /* of the examples */
 
 /* Dark colours lie closer: the bins are equal in the root of a value. */
 size_t bin_of(const cv::Vec3b &c) {
@@ -85,7 +86,9 @@ void seed(const ern_person_model &model, ern_person_example &example) {
   example.mask = cv::Mat(n, n, CV_8U, cv::Scalar(0));
   fill(example.mask, head_of(example.face, SKULL, SKULL), shrink, 255);
   fill(example.mask, face_polygon(example.face, 0.95), shrink, 255);
-  fill(example.mask, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
+  example.breast = cv::Mat(n, n, CV_8U, cv::Scalar(0));
+  fill(example.breast, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
+  example.mask |= example.breast;
   example.place = cv::Mat(n, n, CV_8U, cv::Scalar(0));
   fill(example.place, shoulders(example.face, 0.9, -0.12, 0.25, true), shrink, 255);
   fill(example.place, head_of(example.face, HAIR, HAIR), shrink, 0);
@@ -115,6 +118,16 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   fill(wide, head_of(face, 1.3, 1.08), shrink, 255);
   fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
   return wide == 0;
+}
+
+/* The place that stands still in many examples is learnt close to the head as well, where the mask leaves it. */
+void learn_still(ern_person_model *model) {
+  const size_t count = model->examples.size();
+  cv::Mat often(model->work, model->work, CV_8U, cv::Scalar(0));
+  for (const ern_person_example &example : model->examples) cv::add(often, 1, often, example.motion < -STANDS_STILL);
+  const cv::Mat steady = often >= double(count) * STILL_SHARE;
+  for (ern_person_example &example : model->examples)
+    example.place.setTo(255, steady & (example.motion < -STANDS_STILL) & (example.mask == 0));
 }
 
 /* Only what hangs together with the face stays, and small holes are filled. */
@@ -260,9 +273,10 @@ cv::Mat cut(const cv::Mat &small, const cv::Mat &odds) {
   return mask;
 }
 
-cv::Mat person_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
+cv::Mat person_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face,
+                  const cv::Mat &motion) {
   const double shrink = double(model.work) / model.side;
-  cv::Mat odds = odds_of(model, small, face);
+  cv::Mat odds = odds_of(model, small, face) + motion;
   if (!model.last.empty()) {
     cv::Mat last;
     ern_person_carry(model, model.last, model.last_face, face)
@@ -348,6 +362,11 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
   if (model->examples.empty()) return ern_fail(model->context, ERN_E_STATE, "layers: no frame to learn from");
   return ern_layers_guarded(model->context, [&] {
     ern_person_place_moves(*model, found);
+    if (!model->brought) {
+      ern_person_motion_learn(model);
+      for (ern_person_example &example : model->examples)
+        example.motion = ern_person_motion_odds(*model, example.small, example.face);
+    }
     for (int round = 0;; round++) {
       ern_person_background(model, background, key, found);
       model->person.clear();
@@ -359,9 +378,10 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
       learn_places(model, round == 0);
       if (round == ROUNDS || model->brought) break;
       for (ern_person_example &example : model->examples) {
-        example.mask = person_of(*model, example.small, example.face);
+        example.mask = person_of(*model, example.small, example.face, example.motion);
         example.place = around(*model, example.mask, example.face, round + 1 < ROUNDS ? 2 * NEAR : NEAR);
       }
+      learn_still(model);
     }
     model->examples.clear();
     return ERN_OK;
@@ -374,7 +394,12 @@ ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const er
                            const uint8_t *brought, uint8_t *mask) {
   return ern_layers_guarded(model->context, [&] {
     const cv::Mat frame(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb));
-    model->last = brought != nullptr ? small_mask(*model, brought) : person_of(*model, small_of(*model, frame), *face);
+    if (brought != nullptr) {
+      model->last = small_mask(*model, brought);
+    } else {
+      const cv::Mat small = small_of(*model, frame);
+      model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face));
+    }
     model->last_face = *face;
     model->last.copyTo(cv::Mat(model->work, model->work, CV_8U, mask));
     return ERN_OK;
