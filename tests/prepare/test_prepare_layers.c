@@ -227,7 +227,30 @@ static void test_cancel(void **state) {
   assert_int_not_equal(access("clip/bc.jpg", F_OK), 0);
 }
 
-/* Changes the frames: what comes after uses them no more. */
+/* A room of patches in the person's own colours, which only their standing still tells from the person. Changes the
+ * frames, as the next one does. */
+static void test_cluttered(void **state) {
+  struct truth *t = *state;
+  static const uint8_t colours[6][3] = {{205, 160, 135}, {120, 85, 60},  {60, 80, 70},
+                                        {90, 60, 45},    {200, 120, 60}, {170, 160, 165}};
+  struct run run = {.options = ern_prepare_options_default()};
+  for (int f = 0; f < FRAMES; f++) {
+    ern_image frame = picture(t->context, name_of("clip", "ori_imgs/%d.jpg", f), 3);
+    for (int k = 0; k < PIXELS; k++) {
+      const unsigned block = (unsigned)(k % SIDE / 9 + 57 * (k / SIDE / 7)) * 2654435761u;
+      if (!t->person[f * PIXELS + k]) memcpy(frame.data + 3 * k, colours[(block >> 20) % 6], 3);
+    }
+    support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &frame, 90));
+    ern_image_free(t->context, &frame);
+  }
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  double person, head;
+  overlaps(t, &person, &head);
+  assert_true(person >= 0.93);
+  assert_true(head >= 0.90);
+}
+
+/* What comes after uses the frames no more. */
 static void test_key(void **state) {
   struct truth *t = *state;
   static const uint8_t green[3] = {40, 190, 60};
@@ -268,8 +291,8 @@ static void test_nothing(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth), cmocka_unit_test(test_brought),
-                                     cmocka_unit_test(test_cancel), cmocka_unit_test(test_key),
-                                     cmocka_unit_test(test_nothing)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),  cmocka_unit_test(test_brought),
+                                     cmocka_unit_test(test_cancel), cmocka_unit_test(test_cluttered),
+                                     cmocka_unit_test(test_key),    cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }
