@@ -12,7 +12,7 @@ enum { GRID = 4, REFERENCES = 12 };
 constexpr float NOISE = 8;       /* grey values, of a mean over 3 x 3 pixels of work after compression */
 constexpr float FAR = 1 / 64.0F; /* of the picture: less motion tells nothing */
 constexpr float EVIDENCE = 5;    /* log odds where motion is sure */
-constexpr float STILL = 2;       /* a place that is uncovered in half of the references is sure */
+constexpr float STILL = 3;       /* a place that is uncovered in a third of the references is sure */
 
 cv::Mat grey_of(const cv::Mat &small) {
   cv::Mat grey;
