@@ -11,7 +11,7 @@
 #include "io/safetensors.h"
 
 enum { SIZE = 64, FRAMES = 22, VAL = 2, STEPS = 40, PIXEL_BYTES = SIZE * SIZE * 4 };
-#define HEAD_WORDS "--iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --save-every 8"
+#define HEAD_WORDS "--iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --save-every 2"
 
 static struct cli cli;
 
@@ -93,7 +93,7 @@ static void stop_training(const char *name, int signal) {
   snprintf(path, sizeof path, "%s.run/state.safetensors", name);
   snprintf(cli.line, sizeof cli.line, "train clip -o %s.safetensors %s", name, HEAD_WORDS);
   cli_start(&cli, NULL, 0);
-  for (int i = 0; !cli_there(path) && i < 3000; i++) rest(20);
+  for (int i = 0; !cli_there(path) && i < 30000; i++) rest(2);
   assert_int_equal(kill(cli.pid, signal), 0);
   cli_wait(&cli);
 }
