@@ -42,6 +42,10 @@ fault 'no licence line at the top' < <(
 fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|/root/|/home/)' "${texts[@]}" |
   grep -v '^tests/api/test_style\.sh:' || true)
 
+# What a test or a program leaves where it is run is easily committed with the rest.
+known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|docs|examples|include|src|tests|tools)/.*'
+fault 'a file that does not belong in the root' < <(git ls-files 2>/dev/null | grep -vE "^($known)$" || true)
+
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
 header=include/ernerf/base.h
 declared=$(version $header 'VERSION_MAJOR [0-9]+').$(version $header 'VERSION_MINOR [0-9]+').$(version $header 'VERSION_PATCH [0-9]+')
