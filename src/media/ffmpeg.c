@@ -2,13 +2,13 @@
 #include "media/ffmpeg.h"
 
 #include <errno.h>
-#include <inttypes.h>
 #include <libavutil/avstring.h>
 #include <libavutil/log.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "core/memory.h"
+#include "media/cut_file.h"
 #include "media/image.h"
 #include "media/input.h"
 
@@ -136,55 +136,6 @@ fail:
   return status;
 }
 
-static uint32_t little(const uint8_t *at) {
-  return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
-}
-
-/* The bytes that the chunk "data" of a WAV file claims, and those that are there; *whole: the file is as long as its
- * head says. False: it is no such file. */
-static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool *whole) {
-  uint8_t head[12] = {0};
-  bool found = false;
-  FILE *file = fopen(path, "rb");
-  if (file == NULL) return false;
-  bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
-  const uint64_t said = (uint64_t)little(head + 4) + 8;
-  while (read && !found) {
-    read = fread(head, 1, 8, file) == 8;
-    if (!read) break;
-    *claimed = little(head + 4);
-    found = memcmp(head, "data", 4) == 0;
-    const off_t skip = (off_t)*claimed + (*claimed & 1);
-    if (!found) read = fseeko(file, skip, SEEK_CUR) == 0;
-  }
-  const off_t begin = ftello(file);
-  found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
-  if (found) {
-    *there = (uint64_t)(ftello(file) - begin);
-    *whole = (uint64_t)ftello(file) == said;
-  }
-  fclose(file);
-  return found;
-}
-
-/* A packet has fewer bytes than its container claims. What is written into a pipe cannot know its size: it claims 0 or
- * the most there is, and goes on to the end of the file. */
-static ern_status check_cut(const struct ern_decoder *decoder) {
-  uint32_t claimed = 0;
-  uint64_t there = 0;
-  bool whole = false;
-  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there, &whole))
-    return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
-  if (claimed == 0 && whole)
-    return ern_fail(decoder->context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it",
-                    decoder->path);
-  if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
-  return ern_fail(decoder->context, ERN_E_FORMAT,
-                  "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32
-                  " as it says",
-                  decoder->path, there, claimed);
-}
-
 /* Hands the codec the next packet of the stream, or the word that there is none. */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
@@ -198,7 +149,7 @@ static ern_status feed(struct ern_decoder *decoder) {
     }
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
     if (packet->stream_index == decoder->stream->index) {
-      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0 ? check_cut(decoder) : ERN_OK;
+      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0 ? ern_cut_packet(decoder) : ERN_OK;
       error = cut != ERN_OK ? 0 : avcodec_send_packet(decoder->codec, packet);
       av_packet_unref(packet);
       if (cut != ERN_OK) return cut;

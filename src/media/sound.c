@@ -44,10 +44,8 @@ static ern_status append(ern_context *context, struct ern_sound_decoder *decoder
   ern_sound *sound = &growing->sound;
   ern_status status = ERN_OK;
   sound->channels = decoder->channels;
-  if (sound->data == NULL) {
-    ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->silence));
-    sound->frames = decoder->silence; /* zeros, as memory is */
-  }
+  ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->silence));
+  sound->frames += decoder->silence; /* zeros, as memory is */
   ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->frames));
   ERN_TRY(ern_sound_decoder_take(decoder, sound->data + sound->frames * (size_t)sound->channels));
   sound->frames += decoder->frames;

@@ -5,8 +5,22 @@
 #include <libavutil/channel_layout.h>
 
 #include "core/memory.h"
+#include "media/cut_file.h"
 
-enum { MAX_RATE = 384000, MAX_CHANNELS = 8, MAX_SILENCE = 3600 /* s */, MOST_HEARD_HOURS = 4 };
+enum {
+  MAX_RATE = 384000,
+  MAX_CHANNELS = 8,
+  MAX_SILENCE = 3600 /* s */,
+  MOST_HEARD_HOURS = 4,
+  SILENCE_BLOCK = 4096,
+  MOST_TOLD = 10 /* lines of the log */
+};
+
+/* Seconds. A piece that is out of place by less stays where it is: containers round times, and sound that is off by one
+ * picture of 25 a second is not seen to be. One that begins so much before the end of the last has a time of its own.
+ */
+#define TOLERATED 0.04
+#define BEGINS_ANEW 1.0
 
 ern_status ern_sound_check_form(ern_context *context, const char *path, int rate, int channels) {
   if (rate < 1 || rate > MAX_RATE || channels < 1 || channels > MAX_CHANNELS)
@@ -42,6 +56,43 @@ static ern_status find_silence(struct ern_sound_decoder *sound) {
   return ERN_OK;
 }
 
+/* What is odd about times, in a line of the log; a file may have any number of such places. */
+static void tell(struct ern_sound_decoder *sound, const char *what, double from, double to) {
+  if (sound->told == MOST_TOLD) return;
+  sound->told++;
+  ern_log(sound->decoder.context, ERN_LOG_WARNING, "%s: at %.3f s %s %.3f s%s", sound->decoder.path, from, what, to,
+          sound->told == MOST_TOLD ? "; further places are not reported" : "");
+}
+
+/* Where the piece at hand begins: after a gap in the track, or before the end of the last piece. */
+static ern_status find_place(struct ern_sound_decoder *sound) {
+  const struct ern_decoder *decoder = &sound->decoder;
+  const int64_t stamp = decoder->frame->best_effort_timestamp;
+  if (stamp == AV_NOPTS_VALUE) return ERN_OK;
+  const double at = (double)stamp * av_q2d(decoder->stream->time_base);
+  if (!sound->has_begin) {
+    sound->begin = at - (double)sound->silence / sound->rate;
+    sound->has_begin = true;
+    return ERN_OK;
+  }
+  const double end = sound->begin + (double)sound->position / sound->rate, late = at - end;
+  if (late > MAX_SILENCE)
+    return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
+                    "%s: its sound has a gap from %.3f s to %.3f s, expected %d s at most", decoder->path, end, at,
+                    MAX_SILENCE);
+  if (late > TOLERATED) {
+    tell(sound, "its sound has a gap, which becomes silence, to", end, at);
+    sound->silence = (size_t)(late * sound->rate + 0.5);
+  } else if (late < -BEGINS_ANEW) {
+    tell(sound, "its sound goes on, though its times go back to", end, at);
+    sound->begin = at - (double)sound->position / sound->rate;
+  } else if (late < -TOLERATED) {
+    tell(sound, "its sound goes back, and what comes twice is left out, to", end, at);
+    sound->skip = (size_t)(-late * sound->rate + 0.5);
+  }
+  return ERN_OK;
+}
+
 /* From the format of the frame at hand. */
 static ern_status make_converter(struct ern_sound_decoder *sound) {
   AVChannelLayout layout = {0};
@@ -66,12 +117,14 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
   return (size_t)(frame->nb_samples - frame->pkt_duration);
 }
 
-ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
+static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   struct ern_decoder *decoder = &sound->decoder;
   const AVCodecContext *codec = decoder->codec;
   ern_status status = ern_decoder_next(decoder, end);
+  sound->silence = sound->skip = 0;
   if (status != ERN_OK) return status;
-  if (*end) return sound->convert != NULL ? ERN_OK : take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
+  if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
+  if (*end) return status == ERN_OK ? ern_cut_end(decoder, (double)sound->position / sound->rate) : status;
   const AVFrame *frame = decoder->frame;
   if (sound->convert == NULL) {
     status = take_form(sound, frame->sample_rate, frame->ch_layout.nb_channels);
@@ -83,16 +136,32 @@ ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
                     "%s: sound turns from %d Hz and %d channels to %d Hz and %d channels", decoder->path, sound->rate,
                     sound->channels, frame->sample_rate, frame->ch_layout.nb_channels);
   if (sound->convert == NULL || sound->from != (enum AVSampleFormat)frame->format) status = make_converter(sound);
-  sound->frames = (size_t)frame->nb_samples;
-  sound->surplus = surplus_of(decoder);
-  return status;
+  return status == ERN_OK ? find_place(sound) : status;
+}
+
+ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
+  size_t decoded = 0;
+  do {
+    const ern_status status = take_next(sound, end);
+    if (status != ERN_OK || *end) return status;
+    decoded = (size_t)sound->decoder.frame->nb_samples;
+  } while (sound->skip >= decoded && decoded > 0);
+  sound->frames = decoded - sound->skip;
+  sound->surplus = surplus_of(&sound->decoder);
+  if (sound->surplus > sound->frames) sound->surplus = sound->frames;
+  sound->position += sound->silence + sound->frames;
+  return ERN_OK;
 }
 
 ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples) {
   const AVFrame *frame = sound->decoder.frame;
+  const bool planar = av_sample_fmt_is_planar(sound->from) != 0;
+  const size_t before =
+      sound->skip * (size_t)av_get_bytes_per_sample(sound->from) * (planar ? 1 : (size_t)sound->channels);
+  const uint8_t *from[MAX_CHANNELS] = {NULL};
   uint8_t *to = samples;
-  const int made =
-      swr_convert(sound->convert, &to, frame->nb_samples, (const uint8_t **)frame->extended_data, frame->nb_samples);
+  for (int c = 0; c < (planar ? sound->channels : 1); c++) from[c] = frame->extended_data[c] + before;
+  const int count = (int)sound->frames, made = swr_convert(sound->convert, &to, count, from, count);
   if (made < 0)
     return ern_av_fail(sound->decoder.context, ERN_E_MEDIA, sound->decoder.path, "convert its samples", made);
   sound->frames = (size_t)made;
@@ -115,7 +184,6 @@ struct hearing {
   size_t room;
   size_t waiting; /* of its frames; handed on when it is known whether it is the last, whose padding is left out */
   uint64_t frames;
-  bool begun;
 };
 
 static ern_status give_waiting(struct hearing *hearing) {
@@ -128,21 +196,30 @@ static ern_status give_waiting(struct hearing *hearing) {
   return status;
 }
 
+static ern_status give_silence(struct hearing *hearing) {
+  const struct ern_sound_decoder *sound = &hearing->sound;
+  static const float zeros[SILENCE_BLOCK * MAX_CHANNELS] = {0};
+  ern_status status = ERN_OK;
+  for (size_t left = sound->silence; left > 0 && status == ERN_OK;) {
+    const size_t count = left < SILENCE_BLOCK ? left : SILENCE_BLOCK;
+    status = hearing->take(hearing->user, sound->rate, sound->channels, zeros, count);
+    left -= count;
+  }
+  hearing->frames += sound->silence;
+  return status;
+}
+
 /* The piece that was decoded last becomes the one that waits. */
 static ern_status take_piece(struct hearing *hearing) {
   struct ern_sound_decoder *sound = &hearing->sound;
   const size_t count = sound->frames;
   ern_status status = ERN_OK;
-  if (!hearing->begun) {
-    hearing->begun = true;
-    ERN_TRY(ERN_NEW(hearing->context, sound->silence * (size_t)sound->channels, &hearing->samples));
-    hearing->room = hearing->waiting = sound->silence;
-  }
-  ERN_TRY(give_waiting(hearing));
-  if (hearing->frames + count > (uint64_t)MOST_HEARD_HOURS * 3600 * (uint64_t)sound->rate)
+  if (sound->position > (uint64_t)MOST_HEARD_HOURS * 3600 * (uint64_t)sound->rate)
     ERN_TRY(ern_fail(hearing->context, ERN_E_SHAPE,
                      "%s: sound is longer than %d hours, the most that features are made of", sound->decoder.path,
                      MOST_HEARD_HOURS));
+  ERN_TRY(give_waiting(hearing));
+  ERN_TRY(give_silence(hearing));
   if (count > hearing->room) {
     ern_release(hearing->context, hearing->samples);
     hearing->room = 0;

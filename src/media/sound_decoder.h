@@ -13,9 +13,14 @@ struct ern_sound_decoder {
   SwrContext *convert;        /* NULL before the first piece */
   enum AVSampleFormat from;   /* that the file's samples have now */
   int rate, channels;         /* of the first piece, or of the header where the file ends before one */
-  size_t frames;              /* of the piece that was decoded last */
+  size_t silence;             /* frames before the piece that was decoded last: the file begins, or has a gap, there */
+  size_t skip;                /* frames at its start that the piece before it had already */
+  size_t frames;              /* of it, without these */
   size_t surplus;             /* of these, at their end: padding, if the piece is the file's last */
-  size_t silence;             /* frames before the first piece: so much later than the file's other streams it begins */
+  double begin;               /* s: the file's time of frame 0 */
+  bool has_begin;
+  uint64_t position; /* frames so far, silence too */
+  int told;          /* lines of the log about odd times */
 };
 
 /* 1 to 384000 samples a second and 1 to 8 channels, else ERN_E_SHAPE. */

@@ -266,12 +266,17 @@ static void test_playlists(void **state) {
   }
 }
 
-/* Two tracks of 16-bit samples at 16 kHz, 0.5 s each: mono from 0 s on, stereo, which FFmpeg calls the best, from
- * `late` seconds on. */
-static void write_two_tracks(const char *path, double late) {
+struct piece {
+  int track;      /* 0: mono; 1: stereo, which FFmpeg calls the best */
+  double at;      /* s */
+  uint8_t filled; /* each byte of its samples */
+};
+
+/* Two tracks of 16-bit samples at 16 kHz, of pieces of 0.5 s. */
+static void write_tracks(const char *path, const struct piece *piece, size_t pieces) {
   AVFormatContext *container = NULL;
-  static uint8_t samples[2][8000 * 4];
   assert_true(avformat_alloc_output_context2(&container, NULL, "matroska", path) >= 0);
+  container->avoid_negative_ts = AVFMT_AVOID_NEG_TS_DISABLED;
   for (int k = 0; k < 2; k++) {
     AVStream *stream = avformat_new_stream(container, NULL);
     assert_non_null(stream);
@@ -282,15 +287,15 @@ static void write_two_tracks(const char *path, double late) {
     av_channel_layout_default(&stream->codecpar->ch_layout, k + 1);
   }
   assert_true(avio_open(&container->pb, path, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(container, NULL) >= 0);
-  for (int k = 0; k < 2; k++) {
+  for (size_t i = 0; i < pieces; i++) {
     AVPacket *packet = av_packet_alloc();
-    memset(samples[k], 1 + k, sizeof samples[k]);
-    assert_true(packet != NULL && av_new_packet(packet, 8000 * 2 * (k + 1)) >= 0);
-    memcpy(packet->data, samples[k], (size_t)packet->size);
-    packet->stream_index = k;
-    packet->pts = packet->dts = k == 0 ? 0 : (int64_t)(1000 * late);
+    assert_true(packet != NULL && av_new_packet(packet, 8000 * 2 * (piece[i].track + 1)) >= 0);
+    memset(packet->data, piece[i].filled, (size_t)packet->size);
+    packet->stream_index = piece[i].track;
+    packet->pts = (int64_t)(1000 * piece[i].at + 0.5);
+    packet->dts = (int64_t)i - 10000; /* must rise, and is not written */
     packet->duration = 500;
-    assert_true(av_interleaved_write_frame(container, packet) >= 0);
+    assert_true(av_write_frame(container, packet) >= 0);
     av_packet_free(&packet);
   }
   assert_true(av_write_trailer(container) >= 0);
@@ -303,7 +308,8 @@ static void test_late_track(void **state) {
   (void)state;
   ern_sound sound;
   ern_features features;
-  write_two_tracks("late.mka", 1);
+  const struct piece late[] = {{0, 0, 1}, {1, 1, 2}}, later[] = {{0, 0, 1}, {1, 4000, 2}};
+  write_tracks("late.mka", late, 2);
   support_ok(context, ern_sound_read(context, "late.mka", &sound));
   assert_int_equal(sound.channels, 2);
   assert_int_equal(sound.frames, 24000);
@@ -312,8 +318,159 @@ static void test_late_track(void **state) {
   assert_int_equal(features.windows, 38); /* of 1.5 s */
   ern_sound_free(context, &sound);
   ern_features_free(context, &features);
-  write_two_tracks("later.mka", 4000);
+  write_tracks("later.mka", later, 2);
   support_expect(context, ern_sound_read(context, "later.mka", &sound), ERN_E_UNSUPPORTED, "begins at 4000 s", NULL);
+}
+
+static void keep_line(void *user, ern_log_level level, const char *line) {
+  if (level <= ERN_LOG_WARNING) snprintf(user, 200, "%s", line);
+}
+
+/* Pieces of 0.5 s are put where their times are. */
+static void test_times(void **state) {
+  (void)state;
+  static const struct {
+    double at[3];
+    size_t begin[4]; /* samples, of the three and of the end */
+    const char *said;
+  } cases[] = {
+      {{0, 0.5, 1}, {0, 8000, 16000, 24000}, ""},
+      {{0, 0.539, 1}, {0, 8000, 16000, 24000}, ""}, /* a time that is rounded or trembles */
+      {{0, 0.5, 2.25}, {0, 8000, 36000, 44000}, "at 1.000 s its sound has a gap, which becomes silence, to 2.250 s"},
+      {{0, 0.75, 2}, {0, 12000, 32000, 40000}, "at 1.250 s its sound has a gap, which becomes silence, to 2.000 s"},
+      {{0, 0.25, 0.75},
+       {0, 8000, 12000, 20000},
+       "at 0.500 s its sound goes back, and what comes twice is left out, to 0.250 s"},
+      {{2, 2.5, 0}, {0, 8000, 16000, 24000}, "at 3.000 s its sound goes on, though its times go back to 0.000 s"},
+      {{2, 0, 0.75}, {0, 8000, 20000, 28000}, "at 0.500 s its sound has a gap, which becomes silence, to 0.750 s"},
+  };
+  for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+    struct piece piece[3];
+    char said[200] = "";
+    ern_context *loud = NULL;
+    ern_context_config config = ern_context_config_default();
+    ern_sound sound = {0};
+    ern_features features = {0};
+    for (int i = 0; i < 3; i++) piece[i] = (struct piece){1, cases[k].at[i], (uint8_t)(i + 1)};
+    write_tracks("times.mka", piece, 3);
+    config.log = keep_line;
+    config.user = said;
+    assert_int_equal(ern_context_create(&loud, &config), ERN_OK);
+    support_ok(loud, ern_sound_read(loud, "times.mka", &sound));
+    if (cases[k].said[0] != 0)
+      assert_non_null(strstr(said, cases[k].said));
+    else
+      assert_string_equal(said, "");
+    assert_int_equal(sound.frames, cases[k].begin[3]);
+    for (size_t i = 0; i < sound.frames; i++) {
+      int of = 2;
+      while (of > 0 && i < cases[k].begin[of]) of--;
+      const bool heard = i < cases[k].begin[of] + 8000;
+      assert_int_equal(sound.data[2 * i + 1], heard ? 0x0101 * (of + 1) : 0);
+    }
+    support_ok(loud, ern_speech_features(loud, "times.mka", 1, &features));
+    assert_in_range(features.windows, sound.frames / 640, sound.frames / 640 + 1);
+    ern_sound_free(loud, &sound);
+    ern_features_free(loud, &features);
+    ern_context_free(&loud);
+  }
+}
+
+/* One second of noise as FLAC in Ogg; pages of at most `page` microseconds. */
+static void write_ogg(const char *path, int64_t page) {
+  AVFormatContext *container = NULL;
+  AVCodecContext *codec = avcodec_alloc_context3(avcodec_find_encoder(AV_CODEC_ID_FLAC));
+  AVFrame *frame = av_frame_alloc();
+  AVPacket *packet = av_packet_alloc();
+  AVDictionary *options = NULL;
+  assert_true(codec != NULL && frame != NULL && packet != NULL &&
+              av_dict_set_int(&options, "page_duration", page, 0) >= 0);
+  codec->sample_rate = 16000;
+  codec->sample_fmt = AV_SAMPLE_FMT_S16;
+  av_channel_layout_default(&codec->ch_layout, 1);
+  assert_true(avcodec_open2(codec, NULL, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&container, NULL, "ogg", path) >= 0);
+  AVStream *stream = avformat_new_stream(container, NULL);
+  assert_true(stream != NULL && avcodec_parameters_from_context(stream->codecpar, codec) >= 0);
+  assert_true(avio_open(&container->pb, path, AVIO_FLAG_WRITE) >= 0);
+  assert_true(avformat_write_header(container, &options) >= 0);
+  ern_sound sound = noise(16000, 1, 16000);
+  for (int at = 0; at <= 16000;) {
+    frame->format = AV_SAMPLE_FMT_S16;
+    frame->sample_rate = 16000;
+    frame->nb_samples = 16000 - at < codec->frame_size ? 16000 - at : codec->frame_size;
+    frame->pts = at;
+    const bool last = frame->nb_samples == 0;
+    if (!last) {
+      assert_true(av_channel_layout_copy(&frame->ch_layout, &codec->ch_layout) >= 0 &&
+                  av_frame_get_buffer(frame, 0) >= 0);
+      memcpy(frame->data[0], sound.data + at, 2 * (size_t)frame->nb_samples);
+    }
+    at += last ? 1 : frame->nb_samples;
+    assert_true(avcodec_send_frame(codec, last ? NULL : frame) >= 0);
+    while (avcodec_receive_packet(codec, packet) >= 0) {
+      av_packet_rescale_ts(packet, (AVRational){1, 16000}, stream->time_base);
+      assert_true(av_write_frame(container, packet) >= 0);
+    }
+    av_frame_unref(frame);
+  }
+  assert_true(av_write_trailer(container) >= 0);
+  avio_closep(&container->pb);
+  avformat_free_context(container);
+  av_dict_free(&options);
+  av_packet_free(&packet);
+  av_frame_free(&frame);
+  avcodec_free_context(&codec);
+  ern_sound_free(context, &sound);
+}
+
+/* Ogg has no length in its head; the page that is the last says so. */
+static void test_cut_ogg(void **state) {
+  (void)state;
+  uint8_t *bytes = NULL;
+  size_t count = 0, last = 0;
+  char said[200] = "";
+  ern_sound read = {0};
+  ern_context *loud = NULL;
+  ern_context_config config = ern_context_config_default();
+  config.log = keep_line;
+  config.user = said;
+  assert_int_equal(ern_context_create(&loud, &config), ERN_OK);
+  write_ogg("whole.ogg", 200000);
+  support_ok(loud, ern_sound_read(loud, "whole.ogg", &read));
+  assert_int_equal(read.frames, 16000);
+  assert_string_equal(said, "");
+  ern_sound_free(loud, &read);
+  support_ok(loud, ern_file_read(loud, "whole.ogg", 1 << 20, &bytes, &count));
+  for (size_t i = 0; i + 4 < count; i++)
+    if (memcmp(bytes + i, "OggS", 4) == 0) last = i;
+  assert_true(last > count / 2);
+  support_write("cut.ogg", bytes, last); /* whole pages */
+  support_ok(loud, ern_sound_read(loud, "cut.ogg", &read));
+  assert_true(read.frames < 16000);
+  assert_non_null(strstr(said, "cut.ogg: may be cut short"));
+  ern_sound_free(loud, &read);
+  for (size_t more = 4; more < 60; more += 11) {
+    support_write("cut.ogg", bytes, last + more);
+    support_expect(loud, ern_sound_read(loud, "cut.ogg", &read), ERN_E_FORMAT, "cut.ogg", "last page is not whole",
+                   NULL);
+  }
+  ern_release(loud, bytes);
+  ern_context_free(&loud);
+}
+
+/* A track that ends long before the length that its file's header has. */
+static void test_shorter_than_it_says(void **state) {
+  (void)state;
+  const struct piece pieces[] = {{1, 0, 1}, {1, 0.5, 2}, {1, 1, 3}, {1, 1.5, 4}};
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  ern_sound read = {0};
+  write_tracks("whole.mka", pieces, 4);
+  support_ok(context, ern_file_read(context, "whole.mka", 1 << 20, &bytes, &count));
+  support_write("cut.mka", bytes, count - 100000);
+  support_expect(context, ern_sound_read(context, "cut.mka", &read), ERN_E_FORMAT, "cut.mka", "cut short", NULL);
+  ern_release(context, bytes);
 }
 
 /* What is written into a pipe does not know its size; what is cut knows it, and is refused. */
@@ -357,12 +514,21 @@ static void test_sizes(void **state) {
 int main(void) {
   signal(SIGXFSZ, SIG_IGN);
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_sizes),          cmocka_unit_test(test_round_trip),
-      cmocka_unit_test(test_bytes_of_a_wav), cmocka_unit_test(test_other_forms_become_16_bit),
-      cmocka_unit_test(test_refused_files),  cmocka_unit_test(test_names_are_files),
-      cmocka_unit_test(test_no_samples),     cmocka_unit_test(test_refused_writes),
-      cmocka_unit_test(test_real_sound),     cmocka_unit_test(test_format_changes),
-      cmocka_unit_test(test_playlists),      cmocka_unit_test(test_late_track),
+      cmocka_unit_test(test_sizes),
+      cmocka_unit_test(test_round_trip),
+      cmocka_unit_test(test_bytes_of_a_wav),
+      cmocka_unit_test(test_other_forms_become_16_bit),
+      cmocka_unit_test(test_refused_files),
+      cmocka_unit_test(test_names_are_files),
+      cmocka_unit_test(test_no_samples),
+      cmocka_unit_test(test_refused_writes),
+      cmocka_unit_test(test_real_sound),
+      cmocka_unit_test(test_format_changes),
+      cmocka_unit_test(test_playlists),
+      cmocka_unit_test(test_late_track),
+      cmocka_unit_test(test_times),
+      cmocka_unit_test(test_cut_ogg),
+      cmocka_unit_test(test_shorter_than_it_says),
   };
   return cmocka_run_group_tests_name("sound", tests, set_up, tear_down);
 }

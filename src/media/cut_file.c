@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/cut_file.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+
+/* s: headers round lengths, and encoders pad the last packet. */
+#define SHORTER 1.0
+
+static uint32_t little(const uint8_t *at) {
+  return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+/* The bytes that the chunk "data" of a WAV file claims, and those that are there; *whole: the file is as long as its
+ * head says. False: it is no such file. */
+static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool *whole) {
+  uint8_t head[12] = {0};
+  bool found = false;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return false;
+  bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
+  const uint64_t said = (uint64_t)little(head + 4) + 8;
+  while (read && !found) {
+    read = fread(head, 1, 8, file) == 8;
+    if (!read) break;
+    *claimed = little(head + 4);
+    found = memcmp(head, "data", 4) == 0;
+    const off_t skip = (off_t)*claimed + (*claimed & 1);
+    if (!found) read = fseeko(file, skip, SEEK_CUR) == 0;
+  }
+  const off_t begin = ftello(file);
+  found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
+  if (found) {
+    *there = (uint64_t)(ftello(file) - begin);
+    *whole = (uint64_t)ftello(file) == said;
+  }
+  fclose(file);
+  return found;
+}
+
+/* What is written into a pipe cannot know its size: it claims 0 or the most there is, and goes on to the end of the
+ * file. */
+ern_status ern_cut_packet(const struct ern_decoder *decoder) {
+  uint32_t claimed = 0;
+  uint64_t there = 0;
+  bool whole = false;
+  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there, &whole))
+    return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+  if (claimed == 0 && whole)
+    return ern_fail(decoder->context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it",
+                    decoder->path);
+  if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
+  return ern_fail(decoder->context, ERN_E_FORMAT,
+                  "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32
+                  " as it says",
+                  decoder->path, there, claimed);
+}
+
+/* ---- Ogg: RFC 3533, section 6 ------------------------------------------------------------------------------------ */
+
+enum {
+  PAGE_HEAD = 27,
+  MOST_PAGE = PAGE_HEAD + 255 + 255 * 255, /* head, lengths of segments, segments */
+  IS_LAST = 4                              /* of the flags: the page that ends a stream */
+};
+
+enum ogg_end { OGG_ENDS, OGG_GOES_ON, OGG_CUT };
+
+/* What the last page among the last bytes of an Ogg file says. */
+static enum ogg_end end_of_pages(const uint8_t *tail, size_t bytes) {
+  for (size_t at = bytes; at-- > 0;) {
+    if (bytes - at < 4 || memcmp(tail + at, "OggS", 4) != 0) continue;
+    const uint8_t *page = tail + at;
+    const size_t left = bytes - at;
+    if (left < PAGE_HEAD || left < PAGE_HEAD + (size_t)page[26]) return OGG_CUT;
+    size_t size = PAGE_HEAD + (size_t)page[26];
+    for (size_t k = 0; k < page[26]; k++) size += page[PAGE_HEAD + k];
+    return left < size ? OGG_CUT : (page[5] & IS_LAST) != 0 ? OGG_ENDS : OGG_GOES_ON;
+  }
+  return OGG_CUT;
+}
+
+static ern_status check_ogg(const struct ern_decoder *decoder) {
+  ern_context *context = decoder->context;
+  ern_status status = ERN_OK;
+  uint8_t *tail = NULL;
+  enum ogg_end found = OGG_CUT;
+  FILE *file = fopen(decoder->path, "rb");
+  if (file == NULL) return ERN_OK; /* it was read to its end, and is gone now */
+  ERN_TRY(ERN_NEW(context, MOST_PAGE, &tail));
+  if (fseeko(file, 0, SEEK_END) == 0) {
+    const off_t length = ftello(file), begin = length > MOST_PAGE ? length - MOST_PAGE : 0;
+    if (fseeko(file, begin, SEEK_SET) == 0) found = end_of_pages(tail, fread(tail, 1, MOST_PAGE, file));
+  }
+  if (found == OGG_CUT)
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short: its last page is not whole", decoder->path));
+  if (found == OGG_GOES_ON)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: may be cut short: its last page does not say that it is the last, as when a recording was broken off",
+            decoder->path);
+fail:
+  ern_release(context, tail);
+  fclose(file);
+  return status;
+}
+
+/* s; 0: the header has none, or it is guessed from a rate of bits. MP4 has a table of its packets, and one that is not
+ * there is noticed; its edits may leave out any part of a track. */
+static double length_by_header(const struct ern_decoder *decoder) {
+  const AVFormatContext *container = decoder->container;
+  if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
+  if (strstr(container->iformat->name, "mp4") != NULL) return 0;
+  if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
+  /* the longest of its streams, thus of the only one */
+  return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
+}
+
+ern_status ern_cut_end(const struct ern_decoder *decoder, double seconds) {
+  const double expected = length_by_header(decoder);
+  if (seconds + SHORTER < expected)
+    return ern_fail(decoder->context, ERN_E_FORMAT,
+                    "%s: is damaged or cut short: it ends after %.2f s, expected %.2f s as its header says",
+                    decoder->path, seconds, expected);
+  return strcmp(decoder->container->iformat->name, "ogg") == 0 ? check_ogg(decoder) : ERN_OK;
+}
