@@ -3,6 +3,9 @@
 
 #include <math.h>
 
+/* s: videos put one behind the other as bytes; decoders mix up less. */
+#define BEGINS_ANEW 1.0
+
 static ern_status advance(struct ern_footage *f) {
   ern_status status = ERN_OK;
   bool end = false;
@@ -14,6 +17,12 @@ static ern_status advance(struct ern_footage *f) {
   f->next = free_one;
   status = ern_video_reader_frame(f->reader, &f->next, &f->next_at, &end);
   f->has_next = status == ERN_OK && !end;
+  if (f->has_now && f->has_next && f->next_at < f->now_at - BEGINS_ANEW)
+    status =
+        ern_fail(f->job->context, ERN_E_FORMAT,
+                 "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its parts "
+                 "need to be joined anew, as with FFmpeg's concat",
+                 f->job->video, f->now_at, f->next_at);
   return status;
 }
 

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Videos of several rates at 25 frames a second: which frame stands for which instant. */
+#include <libavformat/avformat.h>
+
 #include "ernerf/media.h"
 #include "prepare/footage.h"
 #include "prepare_test.h"
@@ -126,8 +128,62 @@ static void test_no_video(void **state) {
   made_job_close(&m);
 }
 
+/* The pictures of made.mp4, `times` times one behind the other, each time from the same time on. */
+static void make_joined(const char *path, int times) {
+  AVFormatContext *from = NULL, *to = NULL;
+  AVPacket *packet = av_packet_alloc();
+  int64_t written = 0;
+  assert_true(packet != NULL && avformat_alloc_output_context2(&to, NULL, "matroska", path) >= 0);
+  to->avoid_negative_ts = AVFMT_AVOID_NEG_TS_DISABLED;
+  for (int k = 0; k < times; k++) {
+    assert_true(avformat_open_input(&from, "made.mp4", NULL, NULL) >= 0);
+    if (k == 0) {
+      AVStream *stream = avformat_new_stream(to, NULL);
+      assert_true(stream != NULL && avcodec_parameters_copy(stream->codecpar, from->streams[0]->codecpar) >= 0);
+      stream->codecpar->codec_tag = 0;
+      assert_true(avio_open(&to->pb, path, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(to, NULL) >= 0);
+    }
+    while (av_read_frame(from, packet) >= 0) {
+      av_packet_rescale_ts(packet, from->streams[0]->time_base, to->streams[0]->time_base);
+      packet->dts = written++ - 100000; /* must rise, and is not written */
+      assert_true(av_write_frame(to, packet) >= 0);
+      av_packet_unref(packet);
+    }
+    avformat_close_input(&from);
+  }
+  assert_true(av_write_trailer(to) >= 0);
+  avio_closep(&to->pb);
+  avformat_free_context(to);
+  av_packet_free(&packet);
+}
+
+/* Of two videos put one behind the other only the first would be seen, and the sound of both would be heard. */
+static void test_times_go_back(void **state) {
+  (void)state;
+  struct made_job m;
+  const ern_image *image = NULL;
+  made_job_open(&m, "clip", SIDE, 0);
+  make_video(m.job.context, "made.mp4", 25, 1, 50);
+  m.job.video = "joined.mkv";
+  for (int times = 1; times <= 2; times++) {
+    struct ern_footage footage;
+    size_t count = 0;
+    ern_status status = ERN_OK;
+    make_joined("joined.mkv", times);
+    support_ok(m.job.context, ern_footage_open(&m.job, &footage));
+    do status = ern_footage_next(&footage, &image);
+    while (status == ERN_OK && image != NULL && ++count < 200);
+    if (times == 1)
+      assert_true(status == ERN_OK && count == 50);
+    else
+      support_expect(m.job.context, status, ERN_E_FORMAT, "joined.mkv", "go back", NULL);
+    ern_footage_close(&footage);
+  }
+  made_job_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_rates), cmocka_unit_test(test_parts),
-                                     cmocka_unit_test(test_no_video)};
+                                     cmocka_unit_test(test_no_video), cmocka_unit_test(test_times_go_back)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
