@@ -49,6 +49,7 @@ struct ern_file_writer {
   char *place;     /* where that leads: symbolic links are followed */
   char *temporary; /* PLACE.ernerf-tmp */
   int descriptor;  /* of `temporary`, which it keeps locked */
+  int folder;      /* a descriptor of its folder; -1: none */
   bool keep;       /* a file that is there stays */
 };
 ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,

@@ -153,6 +153,27 @@ static ern_status open_temporary(struct ern_file_writer *writer) {
                   wrong != NULL ? wrong : "is made and removed over and over");
 }
 
+/* The folder of the temporary file, by which that is found wherever the folder is moved to. One that may not be read
+ * cannot be opened: then the name is all there is. */
+static void open_folder(struct ern_file_writer *writer) {
+  char folder[PATH_MAX];
+  const size_t length = folder_length(writer->temporary);
+  if (length >= sizeof folder) return;
+  snprintf(folder, sizeof folder, "%.*s", (int)length, length > 0 ? writer->temporary : "");
+  writer->folder = open(length > 0 ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+}
+
+static void remove_temporary(const struct ern_file_writer *writer) {
+  struct stat opened, named;
+  const char *name = writer->temporary + folder_length(writer->temporary);
+  if (owns_temporary(writer))
+    unlink(writer->temporary);
+  else if (writer->folder >= 0 && fstat(writer->descriptor, &opened) == 0 &&
+           fstatat(writer->folder, name, &named, AT_SYMLINK_NOFOLLOW) == 0 && named.st_dev == opened.st_dev &&
+           named.st_ino == opened.st_ino)
+    unlinkat(writer->folder, name, 0);
+}
+
 /* ---- the writer -------------------------------------------------------------------------------------------------- */
 
 ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,
@@ -160,6 +181,7 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern
   *writer = (struct ern_file_writer){
       .context = context,
       .descriptor = -1,
+      .folder = -1,
       .keep = existing == ERN_EXISTING_KEEP || (existing == ERN_EXISTING_BY_CONTEXT && ern_keeps_files(context))};
   ern_status status = ERN_OK;
   struct stat before;
@@ -169,6 +191,7 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern
   ERN_TRY(follow_links(context, path, &writer->place));
   ERN_TRY(temporary_of(context, writer->place, &writer->temporary));
   ERN_TRY(open_temporary(writer));
+  open_folder(writer);
   /* What others may not read stays so. The rights of another group wait until the file is that group's. A file system
    * without modes is no reason to fail. */
   struct stat own;
@@ -183,9 +206,10 @@ fail:
 void ern_file_writer_abandon(struct ern_file_writer *writer) {
   if (writer == NULL) return;
   if (writer->temporary != NULL && writer->descriptor >= 0) {
-    if (owns_temporary(writer)) unlink(writer->temporary);
+    remove_temporary(writer);
     close(writer->descriptor);
   }
+  if (writer->temporary != NULL && writer->folder >= 0) close(writer->folder);
   ern_release(writer->context, writer->path);
   ern_release(writer->context, writer->place);
   ern_release(writer->context, writer->temporary);
@@ -312,6 +336,10 @@ ern_status ern_files_save(ern_context *context, size_t count, const char *const 
   for (size_t i = 0; i < count; i++) {
     ERN_NEED(context, paths[i]);
     if (sizes[i] > 0) ERN_NEED(context, bytes[i]);
+    for (size_t j = 0; j < i; j++)
+      if (strcmp(paths[i], paths[j]) == 0)
+        return ern_fail(context, ERN_E_ARGUMENT,
+                        "%s: paths[%zu] and paths[%zu] are both this, expected a file of its own each", paths[i], j, i);
   }
   struct ern_file_writer *writer = NULL;
   size_t opened = 0;

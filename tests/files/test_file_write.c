@@ -230,6 +230,36 @@ static void test_taken_away(void **state) {
   expect_text("d/a", "second");
 }
 
+/* The folder is moved while a file is written: nothing of the file stays in it. */
+static void test_folder_is_moved(void **state) {
+  (void)state;
+  struct ern_file_writer writer;
+  support_clear("before");
+  support_clear("after");
+  for (int commits = 0; commits < 2; commits++) {
+    assert_int_equal(mkdir("before", 0777), 0);
+    support_ok(context, ern_file_writer_open(context, "before/a", ERN_EXISTING_REPLACE, &writer));
+    support_ok(context, ern_file_writer_write(&writer, "half", 4));
+    assert_int_equal(rename("before", "after"), 0);
+    if (commits != 0)
+      support_expect(context, ern_file_writer_commit(&writer), ERN_E_IO, "before/a", NULL);
+    else
+      ern_file_writer_abandon(&writer);
+    assert_int_equal(rmdir("after"), 0); /* is empty */
+  }
+}
+
+/* Of one name twice the second would be taken for another process's. */
+static void test_same_name_twice(void **state) {
+  (void)state;
+  const char *const paths[] = {"d/b", "d/c", "d/b"};
+  const void *const bytes[] = {"1", "2", "3"};
+  const size_t sizes[] = {1, 1, 1};
+  support_expect(context, ern_files_save(context, 3, paths, bytes, sizes), ERN_E_ARGUMENT, "d/b", "paths[0]",
+                 "paths[2]", NULL);
+  assert_false(is_there("d/b") || is_there("d/c"));
+}
+
 /* An empty path is no name for a file beside .ernerf-tmp of the working folder. */
 static void test_no_name(void **state) {
   (void)state;
@@ -370,6 +400,8 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_held_by_descriptor, start, end),
                                      cmocka_unit_test_setup_teardown(test_in_the_way, start, end),
                                      cmocka_unit_test_setup_teardown(test_taken_away, start, end),
+                                     cmocka_unit_test_setup_teardown(test_folder_is_moved, start, end),
+                                     cmocka_unit_test_setup_teardown(test_same_name_twice, start, end),
                                      cmocka_unit_test_setup_teardown(test_no_name, start, end),
                                      cmocka_unit_test_setup_teardown(test_killed_between_names, start, end),
                                      cmocka_unit_test_setup_teardown(test_long_names, start, end),
