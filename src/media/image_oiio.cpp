@@ -217,7 +217,8 @@ extern "C" ern_status ern_image_write(ern_context *context, const char *path, co
   ERN_NEED(context, context);
   ERN_NEED(context, path);
   ERN_NEED(context, image);
-  const ern_status status = ern_image_check(context, path, image);
+  ern_status status = ern_file_check_output(context, path);
+  if (status == ERN_OK) status = ern_image_check(context, path, image);
   if (status != ERN_OK) return status;
   const char *format = format_of(path);
   if (format == nullptr) {

@@ -83,6 +83,22 @@ static ern_status keep_inputs(const struct ern_prepare_job *job) {
   return status;
 }
 
+static ern_status check_paths(ern_context *context, const ern_prepare_options *o) {
+  const struct {
+    const char *name, *path;
+  } paths[] = {{"background", o->background},
+               {"landmarks", o->landmarks},
+               {"poses", o->poses},
+               {"masks", o->masks},
+               {"au", o->au},
+               {"features", o->features},
+               {"detector", o->detector}};
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++)
+    if (paths[i].path != NULL && paths[i].path[0] == 0)
+      return ern_fail(context, ERN_E_ARGUMENT, "prepare: %s is \"\", expected a path, or NULL for none", paths[i].name);
+  return ERN_OK;
+}
+
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
   *only = ERN_PREPARE_STEPS;
   for (size_t i = 0; i < ERN_PREPARE_STEPS && o->only != NULL; i++)
@@ -191,6 +207,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   int lock = -1;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_TAKE_CONFIG(context, ern_prepare_options, &own, options));
+  ERN_TRY(check_paths(context, &own));
   ERN_TRY(check_options(context, &own, &only));
   job.side = own.side;
   job.focal = own.focal > 0 ? own.focal : 1100.0 / 450.0 * own.side;

@@ -53,6 +53,8 @@ CHECK(ern_prepare) {
   WRONG(focal, -1, "focal is -1");
   WRONG(focal, NAN, "focal is nan");
   WRONG(focal, 1e9, "focal is 1e+09");
+  WRONG(detector, "", "detector is \"\"");
+  WRONG(landmarks, "", "landmarks is \"\"");
   options = good;
   options.from = options.to = 2;
   REFUSED(context, "from 2 to 2", ern_prepare(context, junk, "clip", &options, &result));

@@ -48,7 +48,21 @@ static void test_longer_and_shorter(void **state) {
   assert_int_equal(codes_of("c.safetensors"), few);
 }
 
+/* A training does not go on to a clip that has become shorter, unless it is told which frames of it to take. */
+static void test_resume_with_fewer(void **state) {
+  (void)state;
+  char refused[64];
+  support_clear("r.safetensors");
+  support_clear("r.run");
+  cli_run(&cli, "train long -o r.safetensors --iters 4 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  snprintf(refused, sizeof refused, "short: has %d training frames", (int)codes_of("a.safetensors"));
+  cli_run(&cli, "train short -o r.safetensors --resume --iters 6");
+  cli_expect(&cli, 1, refused, "r.safetensors", "--data_range", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_longer_and_shorter)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_longer_and_shorter),
+                                     cmocka_unit_test(test_resume_with_fewer)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

@@ -47,6 +47,9 @@ static void test_refused(void **state) {
   cli_expect(&cli, 1, "nowhere", "missing", NULL);
   cli_run(&cli, "soak a b");
   cli_expect(&cli, 2, "\"b\"", NULL);
+  assert_int_equal(setenv("TMPDIR", "no/such", 1), 0);
+  cli_run(&cli, "soak %s/data/tiny --seconds 1", getenv("ERNERF_SOURCE"));
+  cli_expect(&cli, 1, "no/such/ernerf-soak-", "cannot be made", "No such file", NULL);
 }
 
 int main(void) {

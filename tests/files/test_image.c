@@ -132,6 +132,7 @@ static void test_missing_channels_are_filled(void **state) {
 static void test_jpeg_quality_counts(void **state) {
   (void)state;
   ern_image made = picture(160, 121, 3, false), low = {0}, high = {0}, grey = picture(31, 17, 1, false);
+  support_expect(context, ern_image_write(context, "", &made, 20), ERN_E_ARGUMENT, "path", "empty", NULL);
   assert_ok(ern_image_write(context, "low.jpg", &made, 20));
   assert_ok(ern_image_write(context, "high.JPEG", &made, 98));
   assert_ok(ern_image_read(context, "low.jpg", 3, &low));

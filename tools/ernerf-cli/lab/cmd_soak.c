@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * ernerf soak: trains under one hostile setting after another and looks at everything after each step. */
+#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -230,7 +231,8 @@ static int open_all(struct soak_job *job) {
            "XX"
            "XX",
            place != NULL && place[0] != 0 ? place : "/tmp");
-  if (mkdtemp(job->folder) == NULL) return session_fail_with(session, "%s: cannot be made", job->folder);
+  if (mkdtemp(job->folder) == NULL)
+    return session_fail_with(session, "%s: cannot be made: %s", job->folder, strerror(errno));
   snprintf(job->output, sizeof job->output, "%s/soak.safetensors", job->folder);
   return job->torso ? make_head(job) : 0;
 }

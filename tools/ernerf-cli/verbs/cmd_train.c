@@ -389,7 +389,7 @@ static int open_clip(struct train_job *job, const struct args *args) {
     return args_refuse(
         args, "--data_range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
         job->data.begin, job->data.open_end ? (uint64_t)frames : job->data.end, frames);
-  return 0;
+  return job->has_state ? inherit_frames(args, &job->session, &job->state, earlier, job->source.path, frames) : 0;
 }
 
 /* What will be learnt from what, and where it goes. */

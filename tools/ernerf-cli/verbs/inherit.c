@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "verbs/inherit.h"
 
+#include <inttypes.h>
+
 #include "session/hearing.h"
 
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config) {
@@ -41,6 +43,15 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
     config->data_begin = state->data_begin;
     config->data_end = state->data_end;
   }
+}
+
+int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,
+                   const char *model_path, const char *clip_path, size_t frames) {
+  if (!state->has_settings || args_given(args, "data_range") || state->data_end <= frames) return 0;
+  return session_fail_with(session,
+                           "%s: has %zu training frames, %s was trained on those from %" PRIu64 " to %" PRIu64
+                           "; expected as many, or --data_range A:B",
+                           clip_path, frames, model_path, (uint64_t)state->data_begin, (uint64_t)state->data_end);
 }
 
 int inherit_speech(struct session *session, const ern_model *head, const char *head_path, const ern_model_info *from,

@@ -19,6 +19,10 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
                    ern_train_config *config);
 
+/* Fails where the clip has fewer training frames than the state that is resumed was trained on. */
+int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,
+                   const char *model_path, const char *clip_path, size_t frames);
+
 /* Fails where the clip's features are of another kind than those of `head`, else of `from`; NULL: there is none. */
 int inherit_speech(struct session *session, const ern_model *head, const char *head_path, const ern_model_info *from,
                    const char *from_path, const ern_clip *clip);
