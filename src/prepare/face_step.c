@@ -14,6 +14,9 @@
 #include "prepare/segment.h"
 #include "prepare/still_crop.h"
 
+/* s: what is missing of the sound at its end, without a word. */
+#define SOUND_SHORTER 0.5
+
 enum {
   EVERY = 5,                         /* frames between looks */
   FACES = 8,                         /* most that are told apart in a look */
@@ -319,6 +322,12 @@ static ern_status write_sound(struct scan *s) {
   const double begin = footage.first - footage.info.start + footage.from;
   const long long first = llround(begin * SOUND_RATE);
   const size_t length = s->frames * (SOUND_RATE / ERN_PREPARE_RATE);
+  const double end = (double)count / SOUND_RATE - begin, wanted = (double)length / SOUND_RATE;
+  if (end + SOUND_SHORTER < wanted)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "the sound ends at %.2f s of the %.2f s of pictures, and silence follows; expected sound to the "
+                      "end, or --to %.2f",
+                      fmax(end, 0), wanted, footage.from + fmax(end, 0));
   ERN_TRY(ERN_NEW(job->context, length, &data));
   for (size_t i = 0; i < length; i++) {
     const long long at = first + (long long)i;

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* s: videos put one behind the other as bytes; decoders mix up less. */
+/* s: videos put one behind the other as bytes; what overlaps by less is left out. */
 #define BEGINS_ANEW 1.0
 
 static ern_status advance(struct ern_footage *f) {
@@ -15,14 +15,15 @@ static ern_status advance(struct ern_footage *f) {
   f->now_at = f->next_at;
   f->has_now = f->has_next;
   f->next = free_one;
-  status = ern_video_reader_frame(f->reader, &f->next, &f->next_at, &end);
-  f->has_next = status == ERN_OK && !end;
-  if (f->has_now && f->has_next && f->next_at < f->now_at - BEGINS_ANEW)
-    status =
-        ern_fail(f->job->context, ERN_E_FORMAT,
-                 "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its parts "
-                 "need to be joined anew, as with FFmpeg's concat",
-                 f->job->video, f->now_at, f->next_at);
+  do {
+    status = ern_video_reader_frame(f->reader, &f->next, &f->next_at, &end);
+    f->has_next = status == ERN_OK && !end;
+    if (f->has_now && f->has_next && f->next_at < f->now_at - BEGINS_ANEW)
+      return ern_fail(f->job->context, ERN_E_FORMAT,
+                      "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its "
+                      "parts need to be joined anew, as with FFmpeg's concat",
+                      f->job->video, f->now_at, f->next_at);
+  } while (f->has_now && f->has_next && f->next_at <= f->now_at); /* one whose time has passed is not shown */
   return status;
 }
 

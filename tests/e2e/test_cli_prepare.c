@@ -8,6 +8,7 @@
 
 #include "core/memory.h"
 #include "ernerf/data.h"
+#include "ernerf/media.h"
 #include "io/csv.h"
 #include "io/landmarks.h"
 
@@ -23,6 +24,44 @@ static int make(void **state) {
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --json clip.json");
   cli_expect(&cli, 0, "clip: 40 frames of 192 x 192", "face: doubtful: the part is 1.6 s long", NULL);
   return 0;
+}
+
+/* v.mp4 with the first 0.5 s of its sound. */
+static void write_shorter_sound(const char *path) {
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_video_writer *writer = NULL;
+  ern_video_options options = ern_video_options_default(192, 192);
+  ern_sound sound = {0};
+  ern_image image = {0};
+  static uint8_t rgba[4 * 192 * 192];
+  double seconds = 0;
+  bool end = false;
+  support_ok(context, ern_sound_read(context, "v.mp4", &sound));
+  sound.frames = (size_t)sound.rate / 2;
+  options.sound = &sound;
+  support_ok(context, ern_video_reader_open(context, "v.mp4", &reader));
+  support_ok(context, ern_video_writer_open(context, path, &options, &writer));
+  for (;;) {
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    if (end) break;
+    for (size_t i = 0; i < sizeof rgba / 4; i++) memcpy(rgba + 4 * i, image.data + 3 * i, 3);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+  ern_video_reader_free(&reader);
+  ern_image_free(context, &image);
+  ern_sound_free(context, &sound);
+  ern_context_free(&context);
+}
+
+static void test_sound_ends_early(void **state) {
+  (void)state;
+  support_clear("early.mp4");
+  support_clear("early");
+  write_shorter_sound("early.mp4");
+  cli_run(&cli, "prepare early.mp4 -o early --size 192 --only face");
+  cli_expect(&cli, 0, "face: doubtful", "the sound ends at 0.5", "--to 0.5", NULL);
 }
 
 /* No file below a folder that was being written. */
@@ -266,8 +305,9 @@ static void test_replaced(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),       cmocka_unit_test(test_truth),
-                                     cmocka_unit_test(test_second_call), cmocka_unit_test(test_stopped),
-                                     cmocka_unit_test(test_moved),       cmocka_unit_test(test_replaced)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_whole),       cmocka_unit_test(test_truth),   cmocka_unit_test(test_sound_ends_early),
+      cmocka_unit_test(test_second_call), cmocka_unit_test(test_stopped), cmocka_unit_test(test_moved),
+      cmocka_unit_test(test_replaced)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

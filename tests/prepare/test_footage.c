@@ -128,8 +128,9 @@ static void test_no_video(void **state) {
   made_job_close(&m);
 }
 
-/* The pictures of made.mp4, `times` times one behind the other, each time from the same time on. */
-static void make_joined(const char *path, int times) {
+/* The pictures of made.mp4, `times` times one behind the other, each time `apart` seconds after the time before, and
+ * one of them `early` seconds before its time. */
+static void make_joined(const char *path, int times, double apart, double early) {
   AVFormatContext *from = NULL, *to = NULL;
   AVPacket *packet = av_packet_alloc();
   int64_t written = 0;
@@ -145,7 +146,8 @@ static void make_joined(const char *path, int times) {
     }
     while (av_read_frame(from, packet) >= 0) {
       av_packet_rescale_ts(packet, from->streams[0]->time_base, to->streams[0]->time_base);
-      packet->dts = written++ - 100000; /* must rise, and is not written */
+      packet->pts += llround(1000 * (k * apart - (written == 25 ? early : 0))); /* the container's clock: 1 ms */
+      packet->dts = written++ - 100000;                                         /* must rise, and is not written */
       assert_true(av_write_frame(to, packet) >= 0);
       av_packet_unref(packet);
     }
@@ -157,26 +159,41 @@ static void make_joined(const char *path, int times) {
   av_packet_free(&packet);
 }
 
-/* Of two videos put one behind the other only the first would be seen, and the sound of both would be heard. */
+/* Of two videos put one behind the other only the first would be seen, and the sound of both would be heard. Pictures
+ * whose time has passed are left out, and those after them are shown in time. */
 static void test_times_go_back(void **state) {
   (void)state;
+  static const struct {
+    int times;
+    double apart, early;
+    size_t expected; /* 0: refused */
+  } cases[] = {{1, 0, 0, 50}, {2, 0, 0, 0}, {1, 0, 0.05, 50}, {2, 1.5, 0, 88}, {2, 0.9, 0, 0}};
   struct made_job m;
   const ern_image *image = NULL;
   made_job_open(&m, "clip", SIDE, 0);
   make_video(m.job.context, "made.mp4", 25, 1, 50);
   m.job.video = "joined.mkv";
-  for (int times = 1; times <= 2; times++) {
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     struct ern_footage footage;
-    size_t count = 0;
+    size_t count = 0, still = 0;
+    int before = -1;
     ern_status status = ERN_OK;
-    make_joined("joined.mkv", times);
+    make_joined("joined.mkv", cases[i].times, cases[i].apart, cases[i].early);
     support_ok(m.job.context, ern_footage_open(&m.job, &footage));
-    do status = ern_footage_next(&footage, &image);
-    while (status == ERN_OK && image != NULL && ++count < 200);
-    if (times == 1)
-      assert_true(status == ERN_OK && count == 50);
-    else
+    for (;; count++) {
+      status = ern_footage_next(&footage, &image);
+      if (status != ERN_OK || image == NULL || count == 200) break;
+      const int frame = frame_of(image);
+      still += frame == before;
+      before = frame;
+    }
+    if (cases[i].expected == 0) {
       support_expect(m.job.context, status, ERN_E_FORMAT, "joined.mkv", "go back", NULL);
+    } else {
+      support_ok(m.job.context, status);
+      assert_int_equal(count, cases[i].expected);
+      assert_true(still <= 2);
+    }
     ern_footage_close(&footage);
   }
   made_job_close(&m);
