@@ -3,6 +3,7 @@
 #include "media/sound_decoder.h"
 
 #include <libavutil/channel_layout.h>
+#include <math.h>
 
 #include "core/memory.h"
 #include "media/cut_file.h"
@@ -64,10 +65,42 @@ static void tell(struct ern_sound_decoder *sound, const char *what, double from,
           sound->told == MOST_TOLD ? "; further places are not reported" : "");
 }
 
+static void exchange_frames(struct ern_sound_decoder *sound) {
+  AVFrame *frame = sound->decoder.frame;
+  sound->decoder.frame = sound->ahead;
+  sound->ahead = frame;
+}
+
+/* Whether the piece after the one at hand begins where that would end if it were in its place, at `end` seconds: then
+ * one time is wrong, and all others are right. */
+static ern_status look_ahead(struct ern_sound_decoder *sound, double end, bool *fits) {
+  struct ern_decoder *decoder = &sound->decoder;
+  const double length = (double)decoder->frame->nb_samples / sound->rate;
+  if (sound->ahead == NULL) sound->ahead = av_frame_alloc();
+  if (sound->ahead == NULL) return ern_fail(decoder->context, ERN_E_NO_MEMORY, "%s: no memory", decoder->path);
+  exchange_frames(sound);
+  const ern_status status = ern_decoder_next(decoder, &sound->ends_ahead);
+  const int64_t stamp = decoder->frame->best_effort_timestamp;
+  exchange_frames(sound);
+  sound->has_ahead = true;
+  *fits = status == ERN_OK && !sound->ends_ahead && stamp != AV_NOPTS_VALUE &&
+          fabs((double)stamp * av_q2d(decoder->stream->time_base) - end - length) <= TOLERATED;
+  return status;
+}
+
+static ern_status next_piece(struct ern_sound_decoder *sound, bool *end) {
+  if (!sound->has_ahead) return ern_decoder_next(&sound->decoder, end);
+  exchange_frames(sound);
+  sound->has_ahead = false;
+  *end = sound->ends_ahead;
+  return ERN_OK;
+}
+
 /* Where the piece at hand begins: after a gap in the track, or before the end of the last piece. */
 static ern_status find_place(struct ern_sound_decoder *sound) {
   const struct ern_decoder *decoder = &sound->decoder;
   const int64_t stamp = decoder->frame->best_effort_timestamp;
+  bool fits = false;
   if (stamp == AV_NOPTS_VALUE) return ERN_OK;
   const double at = (double)stamp * av_q2d(decoder->stream->time_base);
   if (!sound->has_begin) {
@@ -76,17 +109,22 @@ static ern_status find_place(struct ern_sound_decoder *sound) {
     return ERN_OK;
   }
   const double end = sound->begin + (double)sound->position / sound->rate, late = at - end;
-  if (late > MAX_SILENCE)
+  if (fabs(late) <= TOLERATED) return ERN_OK;
+  const ern_status status = look_ahead(sound, end, &fits);
+  if (status != ERN_OK) return status;
+  if (fits) {
+    tell(sound, "one piece of its sound stays in its place, though its time is", end, at);
+  } else if (late > MAX_SILENCE) {
     return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
                     "%s: its sound has a gap from %.3f s to %.3f s, expected %d s at most", decoder->path, end, at,
                     MAX_SILENCE);
-  if (late > TOLERATED) {
+  } else if (late > 0) {
     tell(sound, "its sound has a gap, which becomes silence, to", end, at);
     sound->silence = (size_t)(late * sound->rate + 0.5);
   } else if (late < -BEGINS_ANEW) {
     tell(sound, "its sound goes on, though its times go back to", end, at);
     sound->begin = at - (double)sound->position / sound->rate;
-  } else if (late < -TOLERATED) {
+  } else {
     tell(sound, "its sound goes back, and what comes twice is left out, to", end, at);
     sound->skip = (size_t)(-late * sound->rate + 0.5);
   }
@@ -120,7 +158,7 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
 static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   struct ern_decoder *decoder = &sound->decoder;
   const AVCodecContext *codec = decoder->codec;
-  ern_status status = ern_decoder_next(decoder, end);
+  ern_status status = next_piece(sound, end);
   sound->silence = sound->skip = 0;
   if (status != ERN_OK) return status;
   if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
@@ -170,6 +208,7 @@ ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples
 
 void ern_sound_decoder_close(struct ern_sound_decoder *sound) {
   swr_free(&sound->convert);
+  av_frame_free(&sound->ahead);
   ern_decoder_close(&sound->decoder);
 }
 

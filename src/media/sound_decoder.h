@@ -21,6 +21,8 @@ struct ern_sound_decoder {
   bool has_begin;
   uint64_t position; /* frames so far, silence too */
   int told;          /* lines of the log about odd times */
+  AVFrame *ahead;    /* the piece after the last one, where that had to be known */
+  bool has_ahead, ends_ahead;
 };
 
 /* 1 to 384000 samples a second and 1 to 8 channels, else ERN_E_SHAPE. */

@@ -341,6 +341,11 @@ static void test_times(void **state) {
       {{0, 0.25, 0.75},
        {0, 8000, 12000, 20000},
        "at 0.500 s its sound goes back, and what comes twice is left out, to 0.250 s"},
+      {{2, 0, 3},
+       {0, 8000, 16000, 24000},
+       "at 2.500 s one piece of its sound stays in its place, though its time is 0.000 s"},
+      {{0, 70, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound stays in its place"},
+      {{0, 0.2, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound stays in its place"},
       {{2, 2.5, 0}, {0, 8000, 16000, 24000}, "at 3.000 s its sound goes on, though its times go back to 0.000 s"},
       {{2, 0, 0.75}, {0, 8000, 20000, 28000}, "at 0.500 s its sound has a gap, which becomes silence, to 0.750 s"},
   };
