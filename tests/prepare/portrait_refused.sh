@@ -59,6 +59,11 @@ refused made '--head-only not given' '--head-only yes' -- -o made --size 128 --f
 bash "$portrait" person.mp4 -o made --minutes 3 --from 0 --au 'a b.csv' --size 128 > said.log 2>&1 && fail "it ended well"
 grep -q '^== clip' said.log || fail "the same options were refused"
 
+# a name without an ending would be that of the folder
+cp person.mp4 talk
+bash "$portrait" talk > said.log 2>&1 && fail "the video was taken for a folder"
+grep -q '"talk" is no name for a folder, expected -o FOLDER' said.log || fail "talk: $(cat said.log)"
+
 # what is no video leaves no mark
 mv person.mp4 whole.mp4
 echo text > person.mp4
