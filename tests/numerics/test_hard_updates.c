@@ -132,6 +132,60 @@ static void test_update_after_a_spike(void **state) {
   }
 }
 
+/* A root of at most 1e-19 is nothing beside eps: the step is that of no moment. */
+static void test_update_of_denormal_moments(void **state) {
+  (void)state;
+  static const float moment[] = {FLT_TRUE_MIN,     3 * FLT_TRUE_MIN, 1e-44f,       1e-40f,
+                                 0x1.fffffcp-127f, FLT_MIN,          0x1.02p-126f, 0x1p-125f};
+  static const float gradient[] = {0, 1e-30f, -1e-22f, 1e-19f, -1e-15f, 1e-9f, 1};
+  static const uint64_t steps[] = {1, 100, 1000000000};
+  for (size_t s = 0; s < COUNT_OF(steps); s++) {
+    fill(1, 0);
+    for (size_t i = 0; i < N; i++) moments[i] = moment[i % COUNT_OF(moment)], gradients[i] = gradient[i / 8 % 7];
+    const struct state after = update(parameters, moments, gradients, N, steps[s]);
+    expect_truth("parameter", after.p, 8 * 0x1p-23, 0);
+    expect_truth("moment", after.v, 4 * 0x1p-23, (double)FLT_MIN);
+    double *plain = many_values(1, after.v);
+    for (int k = 2; k < machines.count; k++) { /* to the bit, but where a device has no denormal numbers */
+      double *v = many_values(k, after.v);
+      for (size_t i = MACHINE_GUARD; i < N + MACHINE_GUARD && !is_opencl(k); i++)
+        if (v[i] != plain[i]) fail_msg("%s: moment %zu is %a, expected %a", machines.name[k], i, v[i], plain[i]);
+      free(v);
+    }
+    free(plain);
+  }
+}
+
+/* Without a gradient a moment comes down by beta2 a step, until 1 % of it is less than half a step of the denormal
+ * numbers, and stays there; the next gradient counts as if there were none. */
+static void test_update_of_a_moment_for_good(void **state) {
+  (void)state;
+  machines_clear();
+  fill(0, 1e-38f);
+  for (size_t i = 0; i < N; i++) gradients[i] = 0;
+  const struct many p = many_reals(parameters, N), v = many_reals(moments, N), none = many_reals(gradients, N);
+  for (size_t i = 0; i < N; i++) gradients[i] = 1e-3f;
+  const struct many g = many_reals(gradients, N);
+  for (int k = 1; k < machines.count; k++) {
+    if (is_opencl(k)) continue; /* each launch takes its time */
+    for (uint64_t step = 1; step <= 3000; step++) {
+      struct ern_adamw_args args = {p.on[k], v.on[k], none.on[k], rate, 0, beta2, eps, 1000000 + step, N};
+      support_ok(machines.context, machines.backend[k]->adamw(machines.stream[k], &args));
+    }
+    double *moment = many_values(k, v);
+    for (size_t i = MACHINE_GUARD; i < N + MACHINE_GUARD; i++)
+      assert_true(moment[i] > 0 && moment[i] <= 51 * (double)FLT_TRUE_MIN);
+    free(moment);
+    struct ern_adamw_args args = {p.on[k], v.on[k], g.on[k], rate, 0, beta2, eps, 2000000, N};
+    support_ok(machines.context, machines.backend[k]->adamw(machines.stream[k], &args));
+    double *moved = many_values(k, p);
+    const double way = -(double)rate * 1e-3 / (1e-3 * sqrt(1 - (double)beta2) + (double)eps);
+    for (size_t i = MACHINE_GUARD; i < N + MACHINE_GUARD; i++)
+      assert_true(fabs(moved[i] / way - 1) <= 8 * (double)FLT_EPSILON);
+    free(moved);
+  }
+}
+
 /* 1 - beta2^n is 0 at n = 0 and cancels at n = 1 for beta2 near 1; it is exactly 1 after a billion steps. */
 static void test_bias_correction_of_a_billion_steps(void **state) {
   (void)state;
@@ -203,6 +257,8 @@ int main(void) {
       cmocka_unit_test(test_bias_correction_of_a_billion_steps),
       cmocka_unit_test(test_update_by_a_nan),
       cmocka_unit_test(test_average_of_huge_and_denormal_values),
+      cmocka_unit_test(test_update_of_denormal_moments),
+      cmocka_unit_test(test_update_of_a_moment_for_good),
       cmocka_unit_test(test_finite_finds_every_place),
   };
   return cmocka_run_group_tests(tests, open_machines, close_machines);
