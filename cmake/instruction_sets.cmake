@@ -15,8 +15,8 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$" AND NOT ERNERF_REF_ONLY)
   ern_instruction_set(avx2 "${simd_sources}" -mavx2 -mfma)
   set(avx512 -mavx512f -mavx512dq -mavx512bw -mavx512vl -mfma -mprefer-vector-width=512)
   ern_instruction_set(avx512 "${simd_sources}" ${avx512})
-  # pairs of bf16 in rendering alone
-  ern_instruction_set(avx512bf16 "${simd}/render.c;${simd}/peak_avx512bf16.c" ${avx512} -mavx512bf16)
+  # pairs of bf16 in rendering, and in training where it is asked for
+  ern_instruction_set(avx512bf16 "${simd}/render.c;${simd}/step.c;${simd}/peak_avx512bf16.c" ${avx512} -mavx512bf16)
   target_compile_definitions(ernerf_avx512bf16 PRIVATE ERN_TILE_PAIRS)
   list(APPEND engine_objects ernerf_avx2 ernerf_avx512 ernerf_avx512bf16)
 elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "^(aarch64|arm64)$" AND NOT ERNERF_REF_ONLY)

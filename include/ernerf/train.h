@@ -56,6 +56,16 @@ typedef struct ern_dataset {
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
 
+/* What the products of a head's networks are made of, forward and backward; sums, weights and optimizer are fp32. A
+ * step with the smoothness term is fp32 throughout. */
+typedef enum ern_precision {
+  ERN_PRECISION_DEFAULT = 0, /* a resume: its state's; else fp32 */
+  ERN_PRECISION_FP32 = 1,
+  ERN_PRECISION_BF16 = 2, /* ERN_E_UNSUPPORTED where `auto` would not take it */
+  ERN_PRECISION_AUTO = 3 /* bf16 where the backend's instruction set is avx512bf16, which the backend's own "auto" takes
+                            where bf16 is faster; fp32 elsewhere, for a torso and for the heads of the ablation */
+} ern_precision;
+
 /* Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
@@ -95,6 +105,7 @@ typedef struct ern_train_config {
   uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0: all of it
                                   each time, 16 as published; 0 (default): 16 to 128 steps by `rays`, and after 256 steps
                                   what is empty in 16 turns */
+  ern_precision precision;
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -118,6 +129,7 @@ typedef struct ern_train_state {
   size_t data_begin, data_end;
   bool torso_layer; /* ern_dataset.has_torso */
   bool ema;         /* its model is the average */
+  ern_precision precision;
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
@@ -135,9 +147,9 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
  * earlier training is there, and neither resume nor overwrite is set. ERN_E_MISMATCH: a state or head of
  * another clip or configuration: a resume takes no other speech features or copies of them, frames, torso layer, scale,
  * audio_pad, dt_gamma or (of a torso) torso_shrink than its state's, and logs what else has changed (rates, rays, seed,
- * iters, intervals, max_steps); a torso takes no other scale, audio_pad, dt_gamma or max_steps than its head's. What
- * differs from the file of `from` is logged. ERN_E_NONFINITE: a pose or feature that is not finite. `dataset` is
- * copied; what it points to is not. */
+ * iters, intervals, max_steps, precision); a torso takes no other scale, audio_pad, dt_gamma or max_steps than its
+ * head's. What differs from the file of `from` is logged. ERN_E_NONFINITE: a pose or feature that is not finite.
+ * `dataset` is copied; what it points to is not. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
                                                           const ern_dataset *dataset, size_t dataset_bytes,
                                                           const ern_train_config *config);

@@ -133,7 +133,11 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   made->render_pairs = isa == ERN_ISA_AVX512BF16;
   if (isa == ERN_ISA_AVX2) faster_avx2(made);
   if (isa == ERN_ISA_AVX512 || made->render_pairs) faster_avx512(made);
-  if (made->render_pairs) made->render_lane = ern_render_lane_avx512bf16;
+  if (made->render_pairs) {
+    made->render_lane = ern_render_lane_avx512bf16;
+    made->train_pairs = &ern_train_kernels_avx512bf16;
+    table->trains_bf16 = true;
+  }
 #endif
 #if defined(ERN_ARM_KERNELS)
   if (isa == ERN_ISA_NEON) faster_neon(made);

@@ -41,8 +41,9 @@ struct ern_cpu_backend {
   ern_render_lane_kernel *render_lane;
   bool render_pairs; /* it reads a net in pairs of bf16 (frame_net.h) */
   ern_status (*render_rays_stages)(struct ern_stream *, struct ern_render_rays_args *);
-  const struct ern_torso_kernels *torso; /* of the fused torso; NULL: render_torso goes through the stages */
-  const struct ern_train_kernels *train; /* of the fused training step; NULL: head_step goes through the stages */
+  const struct ern_torso_kernels *torso;       /* of the fused torso; NULL: render_torso goes through the stages */
+  const struct ern_train_kernels *train;       /* of the fused training step; NULL: head_step goes through the stages */
+  const struct ern_train_kernels *train_pairs; /* the same by products of pairs of bf16; NULL: there is none */
 };
 
 struct ern_cpu_stream {

@@ -15,6 +15,7 @@ struct ern_backend {
   const char *isa;  /* "ref", "ref64", "avx2", ... */
   size_t real_bytes;
   bool deterministic; /* same inputs, same bytes, whatever the number of threads */
+  bool trains_bf16;   /* head_step and head_density of the paper's own head know products of bf16 */
 
   /* Zeroed memory. The caller owns *buffer. */
   ern_status (*buffer_make)(struct ern_backend *, ern_element, size_t count, struct ern_buffer **buffer);

@@ -31,14 +31,17 @@ static bool seed_read(const json_t *value, uint64_t *seed) {
   return errno == 0 && *end == 0;
 }
 
+const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
+
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training = json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s}", "iters", (json_int_t)c->iters,
-                               "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
-                               "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every,
-                               "ema", c->ema, "data_begin", (json_int_t)c->data_begin, "data_end",
-                               (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features", t->features);
+  json_t *training =
+      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s}", "iters", (json_int_t)c->iters, "lr",
+                (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
+                (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
+                (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso,
+                "features", t->features, "precision", ern_precision_word(t->bf16));
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -96,6 +99,11 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (about->data_begin >= about->data_end) return "data_end";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
+  const json_t *precision = json_object_get(root, "precision");
+  const char *word = json_string_value(precision);
+  if (precision == NULL) return NULL;
+  about->bf16 = word != NULL && strcmp(word, ern_precision_word(true)) == 0;
+  if (word == NULL || (!about->bf16 && strcmp(word, ern_precision_word(false)) != 0)) return "precision";
   return NULL;
 }
 
@@ -215,16 +223,18 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"data_begin", count(about->data_begin), count(c->data_begin)},
       {"data_end", count(about->data_end), count(c->data_end)},
       {"torso_layer", count(about->layer), count(t->data.has_torso)}};
-  const struct change loose[] = {{"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
-                                 both[0],
-                                 both[1],
-                                 {"iters", count(about->iters), count(c->iters)},
-                                 {"lr", number(about->lr), number(c->lr)},
-                                 {"lr_net", number(about->lr_net), number(c->lr_net)},
-                                 {"lr_att", number(about->lr_att), number(c->lr_att)},
-                                 {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
-                                 {"ema_every", count(about->ema_every), count(c->ema_every)},
-                                 {"ema", count(about->ema), count(c->ema)}};
+  const struct change loose[] = {
+      {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
+      both[0],
+      both[1],
+      {"iters", count(about->iters), count(c->iters)},
+      {"lr", number(about->lr), number(c->lr)},
+      {"lr_net", number(about->lr_net), number(c->lr_net)},
+      {"lr_att", number(about->lr_att), number(c->lr_att)},
+      {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
+      {"ema_every", count(about->ema_every), count(c->ema_every)},
+      {"ema", count(about->ema), count(c->ema)},
+      {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))}};
   /* The number of samples may change from step to step; all else of the view may not. */
   struct ern_view_settings rest = *view;
   rest.max_steps = c->max_steps;

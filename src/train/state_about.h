@@ -15,6 +15,7 @@ struct ern_state_about {
   uint64_t iters, ema_every, refresh_every, data_begin, data_end;
   float lr, lr_net, lr_att;
   bool ema, layer;   /* the model is the average; the clip's torso lies behind the head */
+  bool bf16;         /* of products; files of before do not say it, and were trained in fp32 */
   char features[65]; /* SHA-256 of the speech features */
 };
 
@@ -22,6 +23,8 @@ struct ern_state_about {
 ERN_NODISCARD ern_status ern_state_about_text(const ern_trainer *t, char **text);
 ERN_NODISCARD ern_status ern_state_about_parse(ern_context *context, const char *text, const char *path,
                                                struct ern_state_about *about);
+
+const char *ern_precision_word(bool bf16); /* "fp32", "bf16" */
 
 /* The view settings of this training. */
 struct ern_view_settings ern_trainer_view_settings(const ern_trainer *t);

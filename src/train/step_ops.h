@@ -18,6 +18,7 @@ struct ern_head_density_args {
   const struct ern_field *field;
   ern_span code; /* real [A], the audio code */
   float eye_value;
+  bool bf16; /* products of bf16, sums in float; where the backend trains_bf16 and the head is the paper's own */
   size_t n;
 };
 
@@ -41,6 +42,7 @@ struct ern_head_step_args {
   struct ern_loss_weights weights;
   float transmittance_stop;
   bool smooth; /* with the smoothness term */
+  bool bf16;   /* as above, but in a step with that term: its differences are smaller than what bf16 rounds off */
   const float
       *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
   uint64_t seed, step;

@@ -54,6 +54,7 @@ static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, doubl
                                                 .adaptive = true},
                                     .transmittance_stop = 1e-4f,
                                     .smooth = t->step % ERN_SMOOTH_EVERY == 0,
+                                    .bf16 = t->bf16,
                                     .seed = t->config.seed,
                                     .step = t->step,
                                     .n = (size_t)t->config.rays};

@@ -50,6 +50,8 @@ struct ern_trainer {
   ern_span torso_grid;
   double torso_mean;
 
+  bool bf16; /* products of bf16 (config.precision) */
+
   struct ern_view *views; /* [training frames] */
   uint64_t step, ema_updates;
   double seconds; /* of training, all runs together */
@@ -76,6 +78,8 @@ static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) 
 }
 
 /* trainer_make.c */
+/* Whether products are of bf16. `path`: who asks for it. */
+ERN_NODISCARD ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted);
 /* The rows of the torso, or those of the head, with what else belongs to either; of individual codes as many as both
  * have. Other rows have the same shape in both. */
 void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);

@@ -75,6 +75,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
   if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
     return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
+  if ((int)c->precision < ERN_PRECISION_DEFAULT || (int)c->precision > ERN_PRECISION_AUTO)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: precision is %d, expected 0 to 3", (int)c->precision);
   return ERN_OK;
 }
 
@@ -274,6 +276,22 @@ fail:
   return status;
 }
 
+ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted) {
+  const bool backend = t->backend->trains_bf16, own = ern_field_is_standard(&t->model->field);
+  const bool can = backend && own && !t->config.torso;
+  t->bf16 = wanted == ERN_PRECISION_BF16 || (wanted == ERN_PRECISION_AUTO && can);
+  if (can || !t->bf16) return ERN_OK;
+  if (t->config.torso)
+    return ern_fail(t->context, ERN_E_UNSUPPORTED, "%s: precision is bf16, expected fp32 for a torso", path);
+  if (!own)
+    return ern_fail(t->context, ERN_E_UNSUPPORTED,
+                    "%s: precision is bf16, expected fp32 for a head that is not trihash with channel attention", path);
+  return ern_fail(t->context, ERN_E_UNSUPPORTED,
+                  "%s: precision is bf16, expected fp32 on the backend %s, %s: bf16 needs the cpu's instruction set "
+                  "avx512bf16",
+                  path, t->backend->name, t->backend->isa);
+}
+
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
 static ern_status take_device(ern_trainer *t) {
@@ -418,6 +436,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(make_model(t));
+  ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
   ERN_TRY(take_device(t));
   ERN_TRY(take_host(t));

@@ -75,6 +75,7 @@ static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin
                                           .field = &t->model->field,
                                           .code = code,
                                           .eye_value = eye,
+                                          .bf16 = t->bf16,
                                           .n = n};
   ERN_TRY(t->backend->head_density(t->stream, &density));
   struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = sigma, .n = n};

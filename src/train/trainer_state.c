@@ -370,6 +370,8 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
                      best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(check_same_head(t, best.model, best.path));
+  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.rays > 0)
+    ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
@@ -410,7 +412,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .data_begin = (size_t)about->data_begin,
                                .data_end = (size_t)about->data_end,
                                .torso_layer = about->layer,
-                               .ema = about->ema};
+                               .ema = about->ema,
+                               .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

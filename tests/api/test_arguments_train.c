@@ -116,6 +116,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(torso, true, "needs the head");
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");
   REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
+  REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
 }
 
 static void check_datasets(void) {

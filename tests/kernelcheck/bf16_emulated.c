@@ -5,5 +5,4 @@
 #include "kernelcheck/bf16_kernels_body.h"
 
 #define ERN_ISA_NAME bf16_emulated
-#define ERN_TILE_PAIRS
 #include "backend_cpu/simd/render.c"

@@ -27,6 +27,16 @@ LANES_INLINE vu bf16_of(vf value) {
 
 LANES_INLINE vu vf_pairs(vf low, vf high) { return bf16_of(low) | bf16_of(high) << 16; }
 
+LANES_INLINE vu vf_pairs_beside(vf first, vf second) {
+  union {
+    uint16_t half[2 * LANES];
+    vu pairs;
+  } made;
+  const vu low = bf16_of(first), high = bf16_of(second);
+  for (int l = 0; l < LANES; l++) made.half[l] = (uint16_t)low[l], made.half[LANES + l] = (uint16_t)high[l];
+  return made.pairs;
+}
+
 /* sum + a b, as each of the two sums is formed; a and b are floats with 8 significant bits.
  * A float result of exactly FLT_MIN may have been rounded up to it from below on the coarser grid of denormals, where
  * rounding to 24 bits stays below. At 2^64 times the size there are no denormals, and the grid is the fine one: the

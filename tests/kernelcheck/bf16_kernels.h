@@ -15,12 +15,17 @@ typedef void bf16_product(float *out, const float *start, const float *packed, c
                           size_t count, bool relu);
 /* pairs_of_rows of tile_pairs.h */
 typedef void bf16_rows(float *made, const float *x, size_t n);
+/* Products of training (rows.h), x [TILE][x_row], rows a whole number of registers; room [2]: what the factors take.
+ * Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
+typedef void bf16_rows_product(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
+                               float *room[2]);
 /* 16 lanes of vf_add_pairs of lanes_bf16.h: sum[i] += a.b of pairs */
 typedef void bf16_add(float sum[16], const uint32_t a[16], const uint32_t b[16]);
 
 bf16_product bf16_product_real, bf16_product_emulated;
 bf16_rows bf16_rows_real, bf16_rows_emulated;
 bf16_add bf16_add_real, bf16_add_emulated;
+bf16_rows_product bf16_forward_real, bf16_forward_emulated, bf16_sums_real, bf16_sums_emulated;
 ern_render_lane_kernel ern_render_lane_bf16_emulated;
 
 #endif

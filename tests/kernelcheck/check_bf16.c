@@ -18,9 +18,11 @@ static const struct {
   bf16_product *product;
   bf16_rows *rows;
   bf16_add *add;
+  bf16_rows_product *forward, *sums;
 } how[] = {
-    {"emulated", ERN_ISA_AVX512, bf16_product_emulated, bf16_rows_emulated, bf16_add_emulated},
-    {"real", ERN_ISA_AVX512BF16, bf16_product_real, bf16_rows_real, bf16_add_real},
+    {"emulated", ERN_ISA_AVX512, bf16_product_emulated, bf16_rows_emulated, bf16_add_emulated, bf16_forward_emulated,
+     bf16_sums_emulated},
+    {"real", ERN_ISA_AVX512BF16, bf16_product_real, bf16_rows_real, bf16_add_real, bf16_forward_real, bf16_sums_real},
 };
 enum { HOW = sizeof how / sizeof *how };
 
@@ -305,6 +307,72 @@ static void test_parts(void **state) {
   machines_clear();
 }
 
+/* ---- products of training ---------------------------------------------------------------------------------------- */
+
+/* start + the sum over k of a[k*a_step] b[k*b_step], pair by pair, by the definition */
+static float expected_sum(float start, const float *a, size_t a_step, const float *b, size_t b_step, size_t count) {
+  float sum = start;
+  for (size_t k = 0; k < count; k += 2) {
+    const bool both = k + 1 < count;
+    sum = add_pair(sum, ern_bf16(a[k * a_step]) | (both ? ern_bf16(a[(k + 1) * a_step]) << 16 : 0),
+                   ern_bf16(b[k * b_step]) | (both ? ern_bf16(b[(k + 1) * b_step]) << 16 : 0));
+  }
+  return sum;
+}
+
+/* ins x outs; columns of x behind `ins` are NaNs, which no result may show. */
+static void expect_rows(size_t ins, size_t outs, bool wild, uint64_t seed) {
+  const size_t row = (ins + 15) / 16 * 16;
+  const struct array x = array_make(TILE * row), w = array_make(ins * outs), y = array_make(TILE * outs),
+                     begun = array_make(ins * outs), a = array_make(TILE * (row + 16)),
+                     b = array_make((TILE + ins) * outs);
+  fill_random(x.data, x.count, seed, 1);
+  fill_random(w.data, w.count, seed + 1, 1);
+  fill_random(y.data, y.count, seed + 2, 1);
+  fill_random(begun.data, begun.count, seed + 3, 1);
+  for (size_t i = 0; i < x.count; i++) {
+    if (wild && random_bits(seed + 4, i) % 16 == 0) x.data[i] = float_of(pair_at(seed + 5, i, false));
+    if (i % row >= ins) x.data[i] = NAN;
+  }
+  for (size_t h = 0; h < HOW; h++) {
+    if (!ern_isa_available(how[h].isa)) continue;
+    const struct machines_mark mark = machines_mark();
+    const struct array out = array_make(TILE * outs), sums = array_make(ins * outs);
+    how[h].forward(out.data, x.data, row, w.data, ins, outs, (float *[2]){a.data, b.data});
+    memcpy(sums.data, begun.data, sums.count * sizeof *sums.data);
+    how[h].sums(sums.data, x.data, row, y.data, ins, outs, (float *[2]){a.data, b.data});
+    const struct array *const made[] = {&out, &sums, &a, &b};
+    for (size_t i = 0; i < sizeof made / sizeof *made; i++) array_check(made[i]);
+    for (size_t i = 0; i < out.count; i++) {
+      const float expected = expected_sum(0, x.data + i / outs * row, 1, w.data + i % outs, outs, ins);
+      if (!same(out.data[i], expected))
+        fail_msg("%s, %zu to %zu: output %zu of sample %zu is %a, expected %a", how[h].name, ins, outs, i % outs,
+                 i / outs, (double)out.data[i], (double)expected);
+    }
+    for (size_t i = 0; i < sums.count; i++) {
+      const float sum = expected_sum(0, x.data + i / outs, row, y.data + i % outs, outs, TILE);
+      if (!same(sums.data[i], sum + begun.data[i]))
+        fail_msg("%s, %zu to %zu: sum %zu is %a, expected %a", how[h].name, ins, outs, i, (double)sums.data[i],
+                 (double)(sum + begun.data[i]));
+    }
+    machines_clear_to(mark);
+  }
+}
+
+/* The layers' sizes among them: 42 features, 75 inputs of the density, 81 of the colour; 112 hidden units. */
+static void test_rows(void **state) {
+  (void)state;
+  static const size_t ins[] = {1, 2, 3, 15, 16, 17, 31, 32, 33, 42, 64, 65, 75, 81}, outs[] = {16, 32, 48, 64, 80, 112};
+  for (size_t i = 0; i < sizeof ins / sizeof *ins; i++) {
+    for (size_t o = 0; o < sizeof outs / sizeof *outs; o++) {
+      for (int wild = 0; wild < 2; wild++) {
+        expect_rows(ins[i], outs[o], wild != 0, 40 + 7 * i + o);
+        machines_clear();
+      }
+    }
+  }
+}
+
 static int open_one(void **state) {
   (void)state;
   machines_open_as(&(struct machines_wish){.isa = "ref"});
@@ -317,7 +385,7 @@ int main(void) {
   if (!ern_isa_available(ERN_ISA_AVX512)) return 0;
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_add),      cmocka_unit_test(test_smallest), cmocka_unit_test(test_conversion),
-      cmocka_unit_test(test_products), cmocka_unit_test(test_parts),
+      cmocka_unit_test(test_products), cmocka_unit_test(test_parts),    cmocka_unit_test(test_rows),
   };
   return cmocka_run_group_tests(tests, open_one, close_machines);
 }

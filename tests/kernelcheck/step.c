@@ -15,6 +15,9 @@ static const double FACTOR = 6, FLOOR = 3e-6;
 /* The softmax of AudioAttNet hands on differences of numbers that agree in their first digits. */
 static const double FLOOR_ATT = 1e-4;
 
+/* With products of bf16, see compare_bf16. */
+static const double ROUGH = 0.4, ROUGH_ATT = 0.8, ROUGH_LOSS = 5e-5, ALIKE = 0.998;
+
 enum { MAX_RAYS = 400, SIDE = 24, WINDOWS = 8 * 16 * 5 };
 
 struct scene {
@@ -366,6 +369,57 @@ static void test_densities(void **state) {
   }
 }
 
+/* Products of bf16: a factor is off by up to 2^-9 of itself, and what is added up by a few of these. Most of what that
+ * makes of a gradient are units that are switched the other way: about as many as have a value within that of 0, and
+ * the root of their share, 2^-4 a layer, is the error in L2 of what they hand on; the layers' errors add up as squares,
+ * and a tensor that sees few samples or little light has more. All of a gradient together points where that of double
+ * does, and the losses are means, in which roundings cancel. The products themselves are held to their bits in
+ * check_bf16. */
+static void compare_bf16(int k, const struct stage *stage, const struct result *found, const struct result *truth) {
+  double product = 0, whole = 0, other = 0;
+  assert_int_equal(found->samples, truth->samples);
+  assert_true(fabs(found->squared_error - truth->squared_error) <= ROUGH_LOSS * truth->squared_error);
+  for (int r = 0; r < stage->table.rows; r++) {
+    const struct ern_parameter *row = &stage->table.row[r];
+    const float *expected = truth->gradient + row->at, *at = found->gradient + row->at;
+    const double size = norm(expected, row->count), off = distance(at, expected, row->count);
+    for (size_t i = 0; i < row->count; i++) product += (double)at[i] * (double)expected[i];
+    whole += size * size;
+    other += pow(norm(at, row->count), 2);
+    if (!(off <= (row->group == ERN_GROUP_AUDIO_ATT ? ROUGH_ATT : ROUGH) * size))
+      fail_msg("%s, %s: gradient of %s is off by %.3f", machines.name[k], stage->scene->name, row->name, off / size);
+  }
+  assert_true(whole == 0 || product >= ALIKE * sqrt(whole * other));
+}
+
+static void test_bf16(void **state) {
+  (void)state;
+  for (int s = 0; s < SCENES; s++) {
+    if (left_out(s)) continue;
+    struct stage stage;
+    stage_make(&stage, &scenes[s]);
+    const size_t bytes = stage.field.parameters * sizeof(float);
+    const struct result truth = step(&stage, 0);
+    EACH_OTHER (k) {
+      if (!machines.backend[k]->trains_bf16) continue;
+      const struct result plain = step(&stage, k);
+      stage.args[k].bf16 = true;
+      const struct result rough = step(&stage, k);
+      const bool same = memcmp(rough.gradient, plain.gradient, bytes) == 0;
+      assert_true(same == (scenes[s].smooth || truth.samples == 0)); /* a step with that term is in float */
+      if (!same) compare_bf16(k, &stage, &rough, &truth);
+      for (int threads = 2; threads <= 4 && !same; threads *= 2) {
+        struct ern_stream *own = stream_replace(k, threads);
+        const struct result other = step(&stage, k);
+        assert_memory_equal(rough.gradient, other.gradient, bytes);
+        assert_memory_equal(rough.terms, other.terms, sizeof rough.terms);
+        stream_restore(k, own);
+      }
+    }
+    machines_clear();
+  }
+}
+
 /* Multiply-adds of the networks as their equations stand, of the samples that a fused pass computes: densities forward,
  * then the rest and back where the light is not spent. */
 static double products(struct stage *stage) {
@@ -394,7 +448,7 @@ static void bench(void) {
   }
 }
 
-static const struct CMUnitTest tests[] = {cmocka_unit_test(test_step), cmocka_unit_test(test_threads),
+static const struct CMUnitTest tests[] = {cmocka_unit_test(test_step),        cmocka_unit_test(test_threads),
                                           cmocka_unit_test(test_accumulates), cmocka_unit_test(test_parts),
-                                          cmocka_unit_test(test_densities)};
-NOUN(step, bench, .in_double = true)
+                                          cmocka_unit_test(test_densities),   cmocka_unit_test(test_bf16)};
+NOUN(step, bench, .in_double = true, .bf16 = true)

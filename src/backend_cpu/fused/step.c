@@ -31,23 +31,24 @@ static ern_status rays_take(struct ern_stream *stream, size_t n, struct rays *ra
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
-static struct ern_train_step step_of(struct ern_stream *stream, const struct ern_field *field, ern_span parameters) {
+static struct ern_train_step step_of(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
+                                     bool bf16) {
   const struct ern_cpu_backend *backend = (const struct ern_cpu_backend *)stream->backend;
   return (struct ern_train_step){.stream = stream,
                                  .kernels = kernels_of(stream),
-                                 .train = backend->train,
+                                 .train = bf16 ? backend->train_pairs : backend->train,
                                  .field = field,
                                  .parameters = reals(parameters)};
 }
 
-/* The weights, the shards' gradients, and what each thread works in. */
+/* The weights, as they are and as pairs, the shards' gradients, and what each thread works in. */
 static ern_status take_threads(struct ern_train_step *s, float **weights) {
   struct ern_cpu_stream *stream = (struct ern_cpu_stream *)s->stream;
   const size_t lanes = (size_t)ern_pool_threads(stream->pool);
   float *next = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_NET, s->net.count + ERN_SHARDS * s->net.forward, &next));
-  *weights = ern_train_cut(&next, s->net.count);
+  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_NET, 2 * s->net.count + ERN_SHARDS * s->net.forward, &next));
+  *weights = ern_train_cut(&next, 2 * s->net.count);
   s->gradient = next;
   for (size_t k = 0; k < ERN_SHARDS; k++) {
     const struct range r = shard(s->rays, 64, k);
@@ -61,6 +62,15 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
     ern_train_lane_of(s, (int)lane)->profile = (struct ern_profile){.timed = true};
 fail:
   return status;
+}
+
+/* weights: [2*net.count] */
+static void fill_net(struct ern_train_step *s, float *weights, const struct ern_train_fold *fold) {
+  ern_train_net_fill(&s->net, weights, fold);
+  if (s->train->pair_weights == NULL) return;
+  float *factors = weights + s->net.count;
+  s->train->pair_weights(&s->net, factors);
+  s->net.factors = factors;
 }
 
 /* What is known of each marched sample. */
@@ -339,7 +349,7 @@ static void tell_profile(const struct ern_train_step *s, struct ern_profile *pro
 
 static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  struct ern_train_step s = step_of(stream, a->field, a->parameters);
+  struct ern_train_step s = step_of(stream, a->field, a->parameters, a->bf16 && !a->smooth);
   struct rays rays;
   struct tables tables;
   float *weights = NULL;
@@ -363,7 +373,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   ERN_TRY(take_threads(&s, &weights));
   ERN_TRY(take_marched(&s));
   const struct ern_train_fold fold = {a->field, s.parameters, reals(code), a->eye_value, a->individual};
-  ern_train_net_fill(&s.net, weights, &fold);
+  fill_net(&s, weights, &fold);
   ERN_TRY(ern_train_unhash(&s));
 
   ERN_TRY(ern_train_forward(&s));
@@ -405,13 +415,13 @@ static void density_task(void *user, size_t k, int number) {
 }
 
 static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
-  struct ern_train_step s = step_of(stream, a->field, a->parameters);
+  struct ern_train_step s = step_of(stream, a->field, a->parameters, a->bf16);
   float *weights = NULL;
   if (!ern_train_net_plan(&s.net, a->field)) return ern_head_density_stages(stream, a);
   ern_status status = ERN_OK;
   ERN_TRY(take_threads(&s, &weights));
   const struct ern_train_fold fold = {a->field, s.parameters, reals(a->code), a->eye_value, 0};
-  ern_train_net_fill(&s.net, weights, &fold);
+  fill_net(&s, weights, &fold);
   ERN_TRY(ern_train_unhash(&s));
   struct densities job = {&s, a};
   ern_pool_run(pool_of(stream), (a->n + ERN_TRAIN_BATCH - 1) / ERN_TRAIN_BATCH, density_task, &job);

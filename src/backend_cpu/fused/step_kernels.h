@@ -26,8 +26,9 @@ struct ern_train_tile {
   /* by channel: (c, s) at c*ERN_MLP_TILE + s */
   float norm[ERN_MLP_TILE], log_sigma[ERN_MLP_TILE], eye_raw[ERN_MLP_TILE], eye[ERN_MLP_TILE], unc_raw[ERN_MLP_TILE];
   float rgb_raw[3 * ERN_MLP_TILE];
-  float slope[6 * ERN_MLP_TILE]; /* of rgb_raw, log_sigma, eye_raw, unc_raw */
-  double encoding;               /* seconds, added to */
+  float slope[6 * ERN_MLP_TILE];            /* of rgb_raw, log_sigma, eye_raw, unc_raw */
+  float factors[2][ERN_MLP_TILE * 128 / 2]; /* of a product, in pairs of bf16 */
+  double encoding;                          /* seconds, added to */
 };
 
 /* Samples s = 0 .. count-1 of a list. Rows of samples are found by their number, index[s] (NULL: s itself). */
@@ -102,6 +103,9 @@ typedef void ern_train_smooth_kernel(const struct ern_train_net *net, struct ern
  * its end. */
 typedef void ern_train_unhash_kernel(float *value, const float *entries, const struct ern_grid_level *level);
 
+/* factors [net->count] = net->weights in pairs of bf16, for net->factors: each matrix where it begins there. */
+typedef void ern_train_pair_weights_kernel(const struct ern_train_net *net, float *factors);
+
 struct ern_train_kernels {
   ern_train_unhash_kernel *unhash;
   ern_train_density_kernel *density;
@@ -109,8 +113,10 @@ struct ern_train_kernels {
   ern_train_uncertainty_kernel *uncertainty;
   ern_train_backward_kernel *backward;
   ern_train_smooth_kernel *smooth;
+  ern_train_pair_weights_kernel *pair_weights; /* NULL: products are of floats */
 };
 
 extern const struct ern_train_kernels ern_train_kernels_avx2, ern_train_kernels_avx512, ern_train_kernels_neon;
+extern const struct ern_train_kernels ern_train_kernels_avx512bf16; /* products of pairs of bf16, sums in float */
 
 #endif

@@ -128,7 +128,7 @@ void ern_train_net_fill(struct ern_train_net *net, float *block, const struct er
   const size_t f = net->features, hidden = net->hidden;
   const float *attention = weights_of(fold, &field->attention, 0), *out = weights_of(fold, &field->attention, 1);
   memset(block, 0, net->count * sizeof *block);
-  net->weights = block;
+  net->weights = net->factors = block;
   turned(block + net->of_features, hidden, attention, f, f, ERN_NET_ATTENTION, 1);
   copied(block + net->hidden_back, net->slope_row, attention, f, ERN_NET_ATTENTION, f);
   if (net->eye) {

@@ -59,6 +59,7 @@ struct ern_train_net {
   size_t hidden_back;    /* [scene_hidden][slope_row] */
   size_t count;
   const float *weights;              /* the block */
+  const float *factors;              /* as products read it: itself, or in pairs of bf16 (simd/rows_factors.h) */
   const struct ern_frame_net *grids; /* of it, the unhashed levels alone */
 };
 

@@ -19,6 +19,9 @@ LANES_INLINE vu vf_pairs(vf low, vf high) {
   return (vu)_mm512_permutexvar_epi16((__m512i)halves, (__m512i)_mm512_cvtne2ps_pbh((__m512)high, (__m512)low));
 }
 
+/* The same of values that lie side by side: pair l of (2l, 2l + 1), of first and then of second. */
+LANES_INLINE vu vf_pairs_beside(vf first, vf second) { return (vu)_mm512_cvtne2ps_pbh((__m512)second, (__m512)first); }
+
 /* (sum + a.high b.high) + a.low b.low */
 LANES_INLINE vf vf_add_pairs(vf sum, vu a, vu b) { return (vf)_mm512_dpbf16_ps((__m512)sum, (__m512bh)a, (__m512bh)b); }
 

@@ -3,11 +3,17 @@
  * operand of a step has to be turned:
  *   forward   y  [samples][outs] = x  [samples][ins]  B   B = W^T [ins][outs]
  *   backward  dx [samples][ins]  = dy [samples][outs] W
- *   sums      dW^T [ins][outs]  += x^T dy, over the samples of the tile */
+ *   sums      dW^T [ins][outs]  += x^T dy, over the samples of the tile
+ *
+ * Where ERN_TILE_PAIRS is defined the factors are pairs of bf16 (rows_factors.h), each in the room of a float, and a
+ * sum has a term a pair; the sums are float. */
 #ifndef ERN_ROWS_H
 #define ERN_ROWS_H
 
 #include "backend_cpu/simd/tile.h"
+#if defined(ERN_TILE_PAIRS)
+#include "backend_cpu/simd/lanes_bf16.h"
+#endif
 
 /* A block of ROWS x ROW_VECTORS sums lives in registers: 6 x 4 of 32, or 6 x 2 of 16; a tile is 8 blocks. */
 enum { ROWS = 6, ROW_VECTORS = LANES == 8 ? 2 : 4 };
@@ -29,6 +35,14 @@ struct rows_product {
   rows_finish finish;
 };
 
+LANES_INLINE vf rows_add(vf sum, vf a, vf b) {
+#if defined(ERN_TILE_PAIRS)
+  return vf_add_pairs(sum, (vu)a, (vu)b);
+#else
+  return sum + a * b;
+#endif
+}
+
 LANES_INLINE void rows_block(const struct rows_product *p, size_t row, size_t column, const size_t rows,
                              const size_t vectors, const bool sums) {
   vf sum[ROWS][ROW_VECTORS] = {{{0}}};
@@ -42,7 +56,7 @@ LANES_INLINE void rows_block(const struct rows_product *p, size_t row, size_t co
     for (size_t r = 0; r < rows; r++) {
       const vf weight = vf_all(a[r * a_row]);
 #pragma GCC unroll 4
-      for (size_t v = 0; v < vectors; v++) sum[r][v] += weight * value[v];
+      for (size_t v = 0; v < vectors; v++) sum[r][v] = rows_add(sum[r][v], weight, value[v]);
     }
     a += a_step;
     b += p->b_row;

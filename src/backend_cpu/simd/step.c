@@ -7,7 +7,7 @@
 #include "backend_cpu/simd/encode_tile.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "backend_cpu/simd/rows.h"
+#include "backend_cpu/simd/rows_factors.h"
 #include "core/profile.h"
 
 enum { ATTENTION = ERN_NET_ATTENTION, EYE = ERN_NET_EYE, UNCERTAINTY = ERN_NET_UNCERTAINTY };
@@ -220,32 +220,34 @@ static void encode(const struct ern_train_net *net, struct ern_train_tile *t, co
 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
-static void layer(float *out, size_t out_row, const float *x, size_t x_row, const float *w, size_t w_row, size_t outs,
-                  size_t ins, rows_finish finish) {
+/* out = x W, of the tile's rows. w: from net->factors */
+static void layer(struct ern_train_tile *t, float *out, size_t out_row, const float *x, size_t x_row, const float *w,
+                  size_t w_row, size_t outs, size_t ins, rows_finish finish) {
+  const struct rows_factors a = rows_beside(t->factors[0], x, x_row, ins);
   const struct rows_product p = {.out = out,
-                                 .a = x,
+                                 .a = a.at,
                                  .b = w,
                                  .mask = out,
                                  .out_row = out_row,
-                                 .a_row = x_row,
+                                 .a_row = a.row,
                                  .b_row = w_row,
                                  .rows = TILE,
                                  .columns = outs,
-                                 .count = ins,
+                                 .count = a.count,
                                  .finish = finish};
   rows_forward(&p);
 }
 
 /* From the features in t->ins: hidden units first .. last-1 of those that look at them. */
 static void hidden_fwd(const struct ern_train_net *net, struct ern_train_tile *t, size_t first, size_t last) {
-  layer(t->hidden + first, net->hidden, t->ins, net->in_row, net->weights + net->of_features + first, net->hidden,
+  layer(t, t->hidden + first, net->hidden, t->ins, net->in_row, net->factors + net->of_features + first, net->hidden,
         last - first, net->features, ROWS_RELU);
 }
 
 /* v and the eye attention, behind the features. */
 static void attention_fwd(const struct ern_train_net *net, struct ern_train_tile *t) {
   float *v = t->ins + net->features;
-  layer(v, net->in_row, t->hidden, net->hidden, net->weights + net->attention, CODE, CODE, ATTENTION, ROWS_STORE);
+  layer(t, v, net->in_row, t->hidden, net->hidden, net->factors + net->attention, CODE, CODE, ATTENTION, ROWS_STORE);
   if (!net->eye) return;
   dots(t->eye_raw, t->hidden + net->eye_at, net->hidden, net->weights + net->eye_out, EYE);
   EACH_VECTOR(s) vf_store(t->eye + s, vf_sigmoid(vf_load(t->eye_raw + s)));
@@ -258,8 +260,9 @@ static void uncertainty_fwd(const struct ern_train_net *net, struct ern_train_ti
 
 /* hidden [TILE][row] */
 static void density_fwd(const struct ern_train_net *net, struct ern_train_tile *t, float *hidden, size_t row) {
-  layer(t->density0, DENSITY, t->ins, net->in_row, net->weights + net->density0, DENSITY, DENSITY, net->ins, ROWS_RELU);
-  layer(hidden, row, t->density0, DENSITY, net->weights + net->density1, DENSITY, DENSITY, DENSITY, ROWS_RELU);
+  layer(t, t->density0, DENSITY, t->ins, net->in_row, net->factors + net->density0, DENSITY, DENSITY, net->ins,
+        ROWS_RELU);
+  layer(t, hidden, row, t->density0, DENSITY, net->factors + net->density1, DENSITY, DENSITY, DENSITY, ROWS_RELU);
   dots(t->log_sigma, hidden, row, net->weights + net->sigma, DENSITY);
 }
 
@@ -271,7 +274,7 @@ static void put_harmonics(const struct ern_train_net *net, float *row, const flo
 }
 
 static void colour_fwd(const struct ern_train_net *net, struct ern_train_tile *t) {
-  layer(t->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->weights + net->colour, COLOUR, COLOUR, net->colour_ins,
+  layer(t, t->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->factors + net->colour, COLOUR, COLOUR, net->colour_ins,
         ROWS_RELU);
   for (size_t c = 0; c < 3; c++)
     dots(t->rgb_raw + c * TILE, t->colour, COLOUR, net->weights + net->rgb + c * COLOUR, COLOUR);
@@ -340,36 +343,39 @@ static void uncertainty(const struct ern_train_net *net, struct ern_train_tile *
 /* ---- backward ---------------------------------------------------------------------------------------------------- */
 
 /* gradient [ins][outs] += x^T dy */
-static void add_weights(float *gradient, size_t gradient_row, const float *x, size_t x_row, size_t ins, const float *dy,
-                        size_t dy_row, size_t outs) {
+static void add_weights(struct ern_train_tile *t, float *gradient, size_t gradient_row, const float *x, size_t x_row,
+                        size_t ins, const float *dy, size_t dy_row, size_t outs) {
+  const struct rows_factors a = rows_below(t->factors[0], x, x_row, TILE, ern_net_aligned(ins));
+  const struct rows_factors b = rows_below(t->factors[1], dy, dy_row, TILE, outs);
   const struct rows_product p = {.out = gradient,
-                                 .a = x,
-                                 .b = dy,
+                                 .a = a.at,
+                                 .b = b.at,
                                  .mask = gradient,
                                  .out_row = gradient_row,
-                                 .a_row = x_row,
-                                 .b_row = dy_row,
+                                 .a_row = a.row,
+                                 .b_row = b.row,
                                  .rows = ins,
                                  .columns = outs,
-                                 .count = TILE,
+                                 .count = a.count,
                                  .finish = ROWS_ADD};
   rows_sums(&p);
 }
 
 /* out = dy W, where the unit was on: x > 0 */
-static void layer_bwd(float *out, size_t out_row, const float *dy, size_t dy_row, size_t outs, const float *w,
-                      size_t ins, const float *x, size_t x_row) {
+static void layer_bwd(struct ern_train_tile *t, float *out, size_t out_row, const float *dy, size_t dy_row, size_t outs,
+                      const float *w, size_t ins, const float *x, size_t x_row) {
+  const struct rows_factors a = rows_beside(t->factors[0], dy, dy_row, outs);
   const struct rows_product p = {.out = out,
-                                 .a = dy,
+                                 .a = a.at,
                                  .b = w,
                                  .mask = x,
                                  .out_row = out_row,
-                                 .a_row = dy_row,
+                                 .a_row = a.row,
                                  .b_row = ins,
                                  .mask_row = x_row,
                                  .rows = TILE,
                                  .columns = ins,
-                                 .count = outs,
+                                 .count = a.count,
                                  .finish = ROWS_MASK};
   rows_forward(&p);
 }
@@ -387,17 +393,17 @@ static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
   add_sums(gradient + net->sigma, slope_density(t), t->colour_ins, COLOUR_ROW, DENSITY);
   slopes_of(t->d_colour, D_COLOUR_ROW, slope_rgb(t), w + net->rgb, t->colour, COLOUR, 3, COLOUR);
   for (size_t s = 0; s < TILE; s++) t->d_colour[s * D_COLOUR_ROW + COLOUR] = slope_density(t)[s];
-  add_weights(gradient + net->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->colour_ins, t->d_colour, D_COLOUR_ROW,
+  add_weights(t, gradient + net->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->colour_ins, t->d_colour, D_COLOUR_ROW,
               COLOUR);
-  layer_bwd(t->d_density1, DENSITY, t->d_colour, D_COLOUR_ROW, COLOUR + 1, w + net->colour_back, DENSITY, t->colour_ins,
-            COLOUR_ROW);
-  add_weights(gradient + net->density1, DENSITY, t->density0, DENSITY, DENSITY, t->d_density1, DENSITY, DENSITY);
-  layer_bwd(t->d_density0, DENSITY, t->d_density1, DENSITY, DENSITY, w + net->density1_back, DENSITY, t->density0,
-            DENSITY);
-  add_weights(gradient + net->density0, DENSITY, t->ins, net->in_row, net->ins, t->d_density0, DENSITY, DENSITY);
-  layer(t->d_features, net->slope_row, t->d_density0, DENSITY, w + net->features_back, net->slope_row, net->slope_row,
-        DENSITY, ROWS_STORE);
-  layer(t->d_v, CODE, t->d_density0, DENSITY, w + net->v_back, CODE, CODE, DENSITY, ROWS_ADD);
+  layer_bwd(t, t->d_density1, DENSITY, t->d_colour, D_COLOUR_ROW, COLOUR + 1, net->factors + net->colour_back, DENSITY,
+            t->colour_ins, COLOUR_ROW);
+  add_weights(t, gradient + net->density1, DENSITY, t->density0, DENSITY, DENSITY, t->d_density1, DENSITY, DENSITY);
+  layer_bwd(t, t->d_density0, DENSITY, t->d_density1, DENSITY, DENSITY, net->factors + net->density1_back, DENSITY,
+            t->density0, DENSITY);
+  add_weights(t, gradient + net->density0, DENSITY, t->ins, net->in_row, net->ins, t->d_density0, DENSITY, DENSITY);
+  layer(t, t->d_features, net->slope_row, t->d_density0, DENSITY, net->factors + net->features_back, net->slope_row,
+        net->slope_row, DENSITY, ROWS_STORE);
+  layer(t, t->d_v, CODE, t->d_density0, DENSITY, net->factors + net->v_back, CODE, CODE, DENSITY, ROWS_ADD);
 }
 
 /* d_v(s, .) = dnorm v/|v|, 0 at v = 0; where 1/|v| may be no float, both are scaled up before */
@@ -415,8 +421,9 @@ static void norm_bwd(const struct ern_train_net *net, struct ern_train_tile *t, 
 static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile *t, float *gradient,
                           rows_finish finish) {
   const float *w = net->weights;
-  add_weights(gradient + net->attention, CODE, t->hidden, net->hidden, ATTENTION, t->d_v, CODE, CODE);
-  layer_bwd(t->d_hidden, net->hidden, t->d_v, CODE, CODE, w + net->attention_back, ATTENTION, t->hidden, net->hidden);
+  add_weights(t, gradient + net->attention, CODE, t->hidden, net->hidden, ATTENTION, t->d_v, CODE, CODE);
+  layer_bwd(t, t->d_hidden, net->hidden, t->d_v, CODE, CODE, net->factors + net->attention_back, ATTENTION, t->hidden,
+            net->hidden);
   if (net->eye) {
     const float *hidden = t->hidden + net->eye_at;
     add_sums(gradient + net->eye_out, slope_eye(t), hidden, net->hidden, EYE);
@@ -426,10 +433,10 @@ static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile
   add_sums(gradient + net->unc_out, slope_unc(t), hidden, net->hidden, UNCERTAINTY);
   slopes_of(t->d_hidden + net->unc_at, net->hidden, slope_unc(t), w + net->unc_out, hidden, net->hidden, 1,
             UNCERTAINTY);
-  add_weights(gradient + net->of_features, net->hidden, t->ins, net->in_row, net->features, t->d_hidden, net->hidden,
+  add_weights(t, gradient + net->of_features, net->hidden, t->ins, net->in_row, net->features, t->d_hidden, net->hidden,
               net->hidden);
-  layer(t->d_features, net->slope_row, t->d_hidden, net->hidden, w + net->hidden_back, net->slope_row, net->slope_row,
-        net->scene_hidden, finish);
+  layer(t, t->d_features, net->slope_row, t->d_hidden, net->hidden, net->factors + net->hidden_back, net->slope_row,
+        net->slope_row, net->scene_hidden, finish);
 }
 
 /* The slopes of the outputs times those of the activations. The density's are clamped, as the public code's. */
@@ -521,4 +528,32 @@ static void smooth(const struct ern_train_net *net, struct ern_train_tile *t, st
   }
 }
 
-const struct ern_train_kernels ERN_ISA(ern_train_kernels) = {unhash, density, colour, uncertainty, backward, smooth};
+/* ---- weights ----------------------------------------------------------------------------------------------------- */
+
+#if defined(ERN_TILE_PAIRS)
+static void pair_weights(const struct ern_train_net *net, float *factors) {
+  const struct {
+    size_t at, ins, outs;
+  } matrix[] = {{net->of_features, net->features, net->hidden},
+                {net->attention, ATTENTION, CODE},
+                {net->density0, net->ins, DENSITY},
+                {net->density1, DENSITY, DENSITY},
+                {net->colour, net->colour_ins, COLOUR},
+                {net->colour_back, COLOUR + 1, DENSITY},
+                {net->density1_back, DENSITY, DENSITY},
+                {net->features_back, DENSITY, net->slope_row},
+                {net->v_back, DENSITY, CODE},
+                {net->attention_back, CODE, ATTENTION},
+                {net->hidden_back, net->scene_hidden, net->slope_row}};
+  for (size_t m = 0; m < sizeof matrix / sizeof *matrix; m++) {
+    const size_t at = matrix[m].at;
+    rows_below(factors + at, net->weights + at, matrix[m].outs, matrix[m].ins, matrix[m].outs);
+  }
+}
+#define PAIR_WEIGHTS pair_weights
+#else
+#define PAIR_WEIGHTS NULL
+#endif
+
+const struct ern_train_kernels ERN_ISA(ern_train_kernels) = {unhash,   density, colour,      uncertainty,
+                                                             backward, smooth,  PAIR_WEIGHTS};

@@ -100,6 +100,7 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
   config.torso = torso;
   config.head = torso ? scene->model : NULL;
   config.rays = rays;
+  config.precision = ERN_PRECISION_AUTO;
   config.levels = field->config.levels;
   config.no_view = !torso && field->config.no_view;
   config.seed = seed;

@@ -20,7 +20,7 @@
 
 enum {
   GOAL_OPTIONS = 19,
-  NUMBER_OPTIONS = 21,
+  NUMBER_OPTIONS = 22,
   CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS,
   VALIDATE_MOST = 1000,
   VALIDATE_LEAST = 50
@@ -37,7 +37,7 @@ struct train_job {
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
-  int audio_pad, backbone, attention, eye_attention;
+  int audio_pad, backbone, attention, eye_attention, precision;
   ern_model_info from;   /* of --from, or of the state that is resumed */
   ern_train_state state; /* that is resumed */
   bool has_from, has_state;
@@ -194,6 +194,12 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .low = 0,
        .high = 1e12,
        .help = "steps between looks at all of the scene for what is empty, as published 16; 0: by the rays, in parts"},
+      {.name = "precision",
+       .kind = OPTION_CHOICE,
+       .target = &job->precision,
+       .choices = "fp32|bf16|auto",
+       .help = "of the products of a head's networks; auto: bf16 with --isa avx512bf16, which is chosen where it is "
+               "faster, else fp32 (default fp32, with --resume as before)"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,
@@ -350,6 +356,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
                                                               : tenth;
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
+  if (args_given(args, "precision")) config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
   config->attention = (ern_attention)job->attention;
