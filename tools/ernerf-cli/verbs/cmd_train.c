@@ -198,8 +198,7 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .kind = OPTION_CHOICE,
        .target = &job->precision,
        .choices = "fp32|bf16|auto",
-       .help = "of the products of a head's networks; auto: bf16 with --isa avx512bf16, which is chosen where it is "
-               "faster, else fp32 (default fp32, with --resume as before)"},
+       .help = "of a head's products; auto: bf16 with --isa avx512bf16 (default fp32, with --resume as before)"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,
@@ -239,9 +238,8 @@ static void number_options(struct train_job *job, struct option options[NUMBER_O
        .kind = OPTION_CHOICE,
        .target = &job->audio_pad,
        .choices = "edge|zero",
-       .help =
-           "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model (default "
-           "edge)"}};
+       .help = "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model "
+               "(default edge)"}};
   ARGS_FILL(options, rows, NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
   struct option *common = options + sizeof rows / sizeof rows[0];
   session_compute_options(&job->session, common);
@@ -368,11 +366,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
       config->codes = (int)frames; /* a longer clip */
     inherit_view(args, &job->from, job->from.has_torso, config, &job->scale);
   }
-  if (job->head != NULL) {
-    ern_model_info head;
-    ern_model_describe(job->head, &head);
-    inherit_view(args, &head, false, config, &job->scale);
-  }
+  if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;

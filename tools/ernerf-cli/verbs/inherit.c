@@ -24,6 +24,12 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
   if (torso && !args_given(args, "torso_shrink")) config->torso_shrink = model->torso_shrink;
 }
 
+void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale) {
+  ern_model_info info;
+  ern_model_describe(head, &info);
+  inherit_view(args, &info, false, config, scale);
+}
+
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
                    ern_train_config *config) {
   if (!args_given(args, "seed")) config->seed = state->seed;

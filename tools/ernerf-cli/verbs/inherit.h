@@ -15,6 +15,9 @@ void inherit_model(const struct args *args, const ern_model_info *model, bool ch
 void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
                   float *scale);
 
+/* How the head that a torso goes under is seen. */
+void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale);
+
 /* Steps, rates, rays, seed, intervals and frames of the state that is resumed. */
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
                    ern_train_config *config);
