@@ -20,6 +20,7 @@ void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_po
 
 struct ern_sighting {
   uint32_t point;
+  float share; /* 0..1: times the point's weight, how much it counts */
   float at[2]; /* pixels */
 };
 /* What a frame shows. */

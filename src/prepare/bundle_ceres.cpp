@@ -21,7 +21,7 @@ constexpr double pixels = 0.5, outlier = 3.0;
 constexpr double shape_spread = 0.008;
 /* How much of a turn (radians), of a way aside and of one in depth (metres) changes from a frame to the next: what the
  * pictures do not say, as depth, is smoothed most. Cauchy's loss lets nods through. */
-constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0002;
+constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0001;
 /* Errors of flow are alike over some pixels around, so a path believes so much of what the points say. */
 constexpr double believed = 0.1;
 /* No head is so far off; squares of larger ones may be no numbers. */
@@ -84,10 +84,13 @@ struct Steady {
   }
 };
 
-bool counts(const struct ern_bundle &b, const struct ern_sighting &seen) { return b.weights[seen.point] > 0.05F; }
+float weight_of(const struct ern_bundle &b, const struct ern_sighting &seen) {
+  return b.weights[seen.point] * seen.share;
+}
+bool counts(const struct ern_bundle &b, const struct ern_sighting &seen) { return weight_of(b, seen) > 0.05F; }
 
 Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting &seen) {
-  return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(b.weights[seen.point]))};
+  return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(weight_of(b, seen)))};
 }
 
 /* `sound`: every cost can be told where it begins. Ceres writes an error to stderr where one cannot. */

@@ -28,6 +28,7 @@ struct tracking {
   size_t at[REFERENCES];           /* their frames */
   struct ern_flow_reference *references[REFERENCES];
   size_t first[REFERENCES + 1]; /* their first points */
+  float shares[REFERENCES];     /* 0..1: how much each counts in the frame that is looked at */
   struct ern_sightings *seen;   /* [frames] */
   float (*found)[2];            /* [points]: of the frame that is looked at; NaN: not seen */
   float *weights;               /* [points] */
@@ -171,9 +172,10 @@ static ern_status keep_points(struct tracking *t, size_t frame) {
   ern_release(t->job->context, seen->list);
   *seen = (struct ern_sightings){0};
   const ern_status status = ERN_NEW(t->job->context, count, &seen->list);
-  for (size_t k = 0; k < points && status == ERN_OK; k++)
-    if (!isnan(t->found[k][0]))
-      seen->list[seen->count++] = (struct ern_sighting){(uint32_t)k, {t->found[k][0], t->found[k][1]}};
+  for (size_t r = 0; r < t->count && status == ERN_OK; r++)
+    for (size_t k = t->first[r]; k < t->first[r + 1]; k++)
+      if (!isnan(t->found[k][0]))
+        seen->list[seen->count++] = (struct ern_sighting){(uint32_t)k, t->shares[r], {t->found[k][0], t->found[k][1]}};
   return status;
 }
 
@@ -183,6 +185,7 @@ static ern_status follow(struct tracking *t, size_t frame, size_t neighbour, dou
   size_t seen = 0;
   struct ern_bundle bundle = bundle_of(t);
   ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
+  t->shares[0] = 1;
   ERN_TRY(find_points(t, 0, warp));
   ERN_TRY(keep_points(t, frame));
   t->bundled[frame] = t->bundled[neighbour];
@@ -213,7 +216,8 @@ fail:
   return status;
 }
 
-/* Every frame again, from all references that are near it; poses are known roughly. */
+/* Every frame again, from all references that are near it; poses are known roughly. No two references agree wholly on
+ * the depth, so one fades as the head turns away from it: the pose would jump where it is left out at once. */
 static ern_status find_all(struct tracking *t) {
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
@@ -222,7 +226,9 @@ static ern_status find_all(struct tracking *t) {
     forget_points(t);
     for (size_t r = 0; r < t->count; r++) {
       double warp[4];
-      if (turn_between(&t->poses[i], &t->poses[t->at[r]]) > 2 * reference_turn) continue;
+      const double turn = turn_between(&t->poses[i], &t->poses[t->at[r]]) / reference_turn;
+      if (turn > 2) continue;
+      t->shares[r] = (float)fmin(2 - turn, 1);
       warp_of(t, r, i, warp);
       ERN_TRY(find_points(t, r, warp));
     }

@@ -39,6 +39,7 @@ static void make(struct head *h, double spread, double noise, double outliers) {
       double pixel[2];
       float *at = h->seen[i * POINTS + k].at;
       h->seen[i * POINTS + k].point = (uint32_t)k;
+      h->seen[i * POINTS + k].share = 1;
       assert_true(ern_head_project(&h->poses[i], 1200, 256, h->truth[k], pixel));
       const bool away = made_random(&random) < 2 * outliers - 1;
       for (int c = 0; c < 2; c++) {
@@ -111,6 +112,32 @@ static void test_noise_and_outliers(void **state) {
   make(&h, 0.004, 0.5, 0.2);
   expect_below(adjust(&h, 3), 0.3);
   ern_context_free(&h.context);
+}
+
+/* Every third point is a pixel off: with a share of 0 it moves nothing, with a tenth less than with all of it. */
+static void test_share(void **state) {
+  (void)state;
+  const float shares[3] = {0, 0.1f, 1};
+  double errors[3];
+  for (int n = 0; n < 3; n++) {
+    size_t seen = 0;
+    make(&h, 0, 0, 0);
+    for (size_t k = 0; k < POINTS; k++) {
+      if (k % 3 == 0) h.seen[k].share = shares[n];
+      if (k % 3 == 0) h.seen[k].at[0] += 1;
+    }
+    h.bundled[0] = h.bundled[FIXED];
+    support_ok(h.context, ern_bundle_one(&h.bundle, 0, &seen));
+    assert_int_equal(seen, n == 0 ? POINTS - (POINTS + 2) / 3 : POINTS);
+    struct ern_head_pose pose;
+    ern_bundle_pose_to(&h.bundled[0], &pose);
+    double off[3];
+    for (int i = 0; i < 3; i++) off[i] = pose.translation[i] - h.poses[0].translation[i];
+    errors[n] = sqrt(off[0] * off[0] + off[1] * off[1] + off[2] * off[2]);
+    ern_context_free(&h.context);
+  }
+  if (!(errors[0] < 1e-5 && errors[1] > 1e-5 && errors[1] < 0.5 * errors[2]))
+    fail_msg("a place is %g, %g and %g m off", errors[0], errors[1], errors[2]);
 }
 
 static void test_pose_round_trip(void **state) {
@@ -251,12 +278,9 @@ static void test_extremes(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),
-                                     cmocka_unit_test(test_exact_points),
-                                     cmocka_unit_test(test_noise_and_outliers),
-                                     cmocka_unit_test(test_pose_round_trip),
-                                     cmocka_unit_test(test_degenerate),
-                                     cmocka_unit_test(test_no_numbers),
-                                     cmocka_unit_test(test_extremes)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),        cmocka_unit_test(test_exact_points),
+                                     cmocka_unit_test(test_noise_and_outliers), cmocka_unit_test(test_share),
+                                     cmocka_unit_test(test_pose_round_trip),    cmocka_unit_test(test_degenerate),
+                                     cmocka_unit_test(test_no_numbers),         cmocka_unit_test(test_extremes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
