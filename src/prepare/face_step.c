@@ -64,7 +64,15 @@ static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
     }
 }
 
-/* A cut changes the picture by far more than a moving person does. */
+/* Frame of a cut, 0 for none. A cut changes the picture by far more than a moving person does, and than the step before
+ * it: a camera that moves and a person who walks away begin more slowly. The first step has none before it, so the one
+ * after it is taken. */
+static size_t cut_at(const struct scan *s, float before) {
+  if (s->frames == 2 && before > 12 && before > 3 * s->change) return 1;
+  const bool more = s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f) && s->change > 3 * before;
+  return s->frames > 1 && more ? s->frames : 0;
+}
+
 static void compare(struct scan *s, const ern_image *image) {
   float thumb[THUMB * THUMB];
   double sum = 0;
@@ -72,12 +80,12 @@ static void compare(struct scan *s, const ern_image *image) {
   for (int i = 0; i < THUMB * THUMB; i++) sum += fabs((double)thumb[i] - (double)s->thumb[i]);
   memcpy(s->thumb, thumb, sizeof thumb);
   if (s->frames == 0) return;
+  const float before = s->change;
   s->change = (float)(sum / (THUMB * THUMB));
   if (s->change > s->most_change) s->most_change = s->change;
-  if (s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f)) {
-    if (s->cut == 0) s->cut = s->frames;
-    if (s->search != NULL && s->search->cut == 0) s->search->cut = s->frames;
-  }
+  const size_t cut = cut_at(s, before);
+  if (s->cut == 0) s->cut = cut;
+  if (s->search != NULL && s->search->cut == 0) s->search->cut = cut;
   s->usual += 0.1f * (fminf(s->change, 10) - s->usual);
 }
 

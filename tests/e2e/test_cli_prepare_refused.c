@@ -3,6 +3,8 @@
  * half-written. */
 #include "cli.h"
 
+#include <math.h>
+
 #include "core/memory.h"
 #include "ernerf/media.h"
 
@@ -11,16 +13,19 @@ static struct cli cli;
 static ern_image frames[FRAMES];
 
 /* How a made video differs from the first one. */
-enum kind { STILL, CUT, SILENT, NOBODY, TINY, SHORT, KINDS };
-static const char *const names[KINDS] = {"still.mp4", "cut.mp4", "silent.mp4", "nobody.mp4", "tiny.mp4", "short.mp4"};
+enum kind { STILL, CUT, DIM, SILENT, NOBODY, TINY, SHORT, KINDS };
+static const char *const names[KINDS] = {"still.mp4",  "cut.mp4",  "dim.mp4",  "silent.mp4",
+                                         "nobody.mp4", "tiny.mp4", "short.mp4"};
 
 static void paint(enum kind kind, int k, uint8_t *rgba) {
   const ern_image *from = &frames[kind == STILL ? 0 : k];
+  const int t = k > FRAMES / 2 ? k - FRAMES / 2 : 0; /* the light goes down in five frames */
+  const float light = kind == DIM ? fmaxf(0.3f, 1 - 0.03f * (float)(t * t)) : 1;
   for (int i = 0; i < SIDE * SIDE; i++) {
     const int x = i % SIDE, y = i / SIDE;
     const bool other = kind == CUT && k >= FRAMES / 2; /* the other half: mirrored, in other light */
     const uint8_t *p = from->data + 3 * (other ? y * SIDE + SIDE - 1 - x : i);
-    for (int c = 0; c < 3; c++) rgba[4 * i + c] = kind == NOBODY ? 90 : (uint8_t)(other ? p[c] / 3 : p[c]);
+    for (int c = 0; c < 3; c++) rgba[4 * i + c] = kind == NOBODY ? 90 : (uint8_t)(light * (other ? p[c] / 3 : p[c]));
     rgba[4 * i + 3] = 255;
   }
 }
@@ -90,6 +95,15 @@ static void test_verdicts(void **state) {
   expect_verdict("cut.mp4", "cut", "--to");
   expect_verdict("nobody.mp4", "no face was found in 1 s", "expected a person");
   expect_verdict("short.mp4", "0.60 s long", "expected at least 1 s");
+}
+
+/* A light that goes down within a fifth of a second is no cut. */
+static void test_light(void **state) {
+  (void)state;
+  support_clear("clip");
+  cli_run(&cli, "prepare dim.mp4 -o clip --size 192 --only face");
+  cli_expect(&cli, 0, "1.2 s long", NULL);
+  assert_null(strstr(cli.err, "at once"));
 }
 
 /* What is read may not lie where the clip is written, a link of the clip is not written through, and --json is no file
@@ -198,8 +212,9 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_inputs_and_links),
-                                     cmocka_unit_test(test_silent),    cmocka_unit_test(test_no_detector),
-                                     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),         cmocka_unit_test(test_light),
+                                     cmocka_unit_test(test_inputs_and_links), cmocka_unit_test(test_silent),
+                                     cmocka_unit_test(test_no_detector),      cmocka_unit_test(test_no_videos),
+                                     cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }
