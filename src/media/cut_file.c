@@ -2,6 +2,7 @@
 #include "media/cut_file.h"
 
 #include <inttypes.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -43,20 +44,19 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
 
 /* What is written into a pipe cannot know its size: it claims 0 or the most there is, and goes on to the end of the
  * file. */
-ern_status ern_cut_packet(const struct ern_decoder *decoder) {
+ern_status ern_cut_packet(ern_context *context, const char *path, const char *format) {
   uint32_t claimed = 0;
   uint64_t there = 0;
   bool whole = false;
-  if (strcmp(decoder->container->iformat->name, "wav") != 0 || !wav_data(decoder->path, &claimed, &there, &whole))
-    return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+  if (strcmp(format, "wav") != 0 || !wav_data(path, &claimed, &there, &whole))
+    return ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short", path);
   if (claimed == 0 && whole)
-    return ern_fail(decoder->context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it",
-                    decoder->path);
+    return ern_fail(context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it", path);
   if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
-  return ern_fail(decoder->context, ERN_E_FORMAT,
+  return ern_fail(context, ERN_E_FORMAT,
                   "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32
                   " as it says",
-                  decoder->path, there, claimed);
+                  path, there, claimed);
 }
 
 /* ---- Ogg: RFC 3533, section 6 ------------------------------------------------------------------------------------ */
@@ -83,12 +83,11 @@ static enum ogg_end end_of_pages(const uint8_t *tail, size_t bytes) {
   return OGG_CUT;
 }
 
-static ern_status check_ogg(const struct ern_decoder *decoder) {
-  ern_context *context = decoder->context;
+static ern_status check_ogg(ern_context *context, const char *path) {
   ern_status status = ERN_OK;
   uint8_t *tail = NULL;
   enum ogg_end found = OGG_CUT;
-  FILE *file = fopen(decoder->path, "rb");
+  FILE *file = fopen(path, "rb");
   if (file == NULL) return ERN_OK; /* it was read to its end, and is gone now */
   ERN_TRY(ERN_NEW(context, MOST_PAGE, &tail));
   if (fseeko(file, 0, SEEK_END) == 0) {
@@ -96,33 +95,21 @@ static ern_status check_ogg(const struct ern_decoder *decoder) {
     if (fseeko(file, begin, SEEK_SET) == 0) found = end_of_pages(tail, fread(tail, 1, MOST_PAGE, file));
   }
   if (found == OGG_CUT)
-    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short: its last page is not whole", decoder->path));
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short: its last page is not whole", path));
   if (found == OGG_GOES_ON)
     ern_log(context, ERN_LOG_WARNING,
             "%s: may be cut short: its last page does not say that it is the last, as when a recording was broken off",
-            decoder->path);
+            path);
 fail:
   ern_release(context, tail);
   fclose(file);
   return status;
 }
 
-/* s; 0: the header has none, or it is guessed from a rate of bits. MP4 has a table of its packets, and one that is not
- * there is noticed; its edits may leave out any part of a track. */
-static double length_by_header(const struct ern_decoder *decoder) {
-  const AVFormatContext *container = decoder->container;
-  if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
-  if (strstr(container->iformat->name, "mp4") != NULL) return 0;
-  if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
-  /* the longest of its streams, thus of the only one */
-  return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
-}
-
-ern_status ern_cut_end(const struct ern_decoder *decoder, double seconds) {
-  const double expected = length_by_header(decoder);
+ern_status ern_cut_end(ern_context *context, const char *path, const char *format, double seconds, double expected) {
   if (seconds + SHORTER < expected)
-    return ern_fail(decoder->context, ERN_E_FORMAT,
-                    "%s: is damaged or cut short: it ends after %.2f s, expected %.2f s as its header says",
-                    decoder->path, seconds, expected);
-  return strcmp(decoder->container->iformat->name, "ogg") == 0 ? check_ogg(decoder) : ERN_OK;
+    return ern_fail(context, ERN_E_FORMAT,
+                    "%s: is damaged or cut short: it ends after %.2f s, expected %.2f s as its header says", path,
+                    seconds, expected);
+  return strcmp(format, "ogg") == 0 ? check_ogg(context, path) : ERN_OK;
 }

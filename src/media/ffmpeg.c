@@ -149,7 +149,9 @@ static ern_status feed(struct ern_decoder *decoder) {
     }
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
     if (packet->stream_index == decoder->stream->index) {
-      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0 ? ern_cut_packet(decoder) : ERN_OK;
+      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0
+                                 ? ern_cut_packet(context, decoder->path, decoder->container->iformat->name)
+                                 : ERN_OK;
       error = cut != ERN_OK ? 0 : avcodec_send_packet(decoder->codec, packet);
       av_packet_unref(packet);
       if (cut != ERN_OK) return cut;

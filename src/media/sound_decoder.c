@@ -155,6 +155,17 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
   return (size_t)(frame->nb_samples - frame->pkt_duration);
 }
 
+/* s; 0: the header has none, or it is guessed from a rate of bits. MP4 has a table of its packets, and one that is not
+ * there is noticed; its edits may leave out any part of a track. */
+static double length_by_header(const struct ern_decoder *decoder) {
+  const AVFormatContext *container = decoder->container;
+  if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
+  if (strstr(container->iformat->name, "mp4") != NULL) return 0;
+  if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
+  /* the longest of its streams, thus of the only one */
+  return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
+}
+
 static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   struct ern_decoder *decoder = &sound->decoder;
   const AVCodecContext *codec = decoder->codec;
@@ -162,7 +173,10 @@ static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   sound->silence = sound->skip = 0;
   if (status != ERN_OK) return status;
   if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
-  if (*end) return status == ERN_OK ? ern_cut_end(decoder, (double)sound->position / sound->rate) : status;
+  if (*end && status == ERN_OK)
+    status = ern_cut_end(decoder->context, decoder->path, decoder->container->iformat->name,
+                         (double)sound->position / sound->rate, length_by_header(decoder));
+  if (*end) return status;
   const AVFrame *frame = decoder->frame;
   if (sound->convert == NULL) {
     status = take_form(sound, frame->sample_rate, frame->ch_layout.nb_channels);
