@@ -22,6 +22,15 @@ static inline ern_context *support_context(void) {
   return context;
 }
 
+/* A log (`log` of ern_context_config) that appends warnings and errors, a line each, to `user`: char[SUPPORT_LINES],
+ * "" at first. */
+enum { SUPPORT_LINES = 8192 };
+static inline void support_keep_warnings(void *user, ern_log_level level, const char *line) {
+  char *lines = user;
+  const size_t used = strlen(lines);
+  if (level <= ERN_LOG_WARNING) snprintf(lines + used, SUPPORT_LINES - used, "%s\n", line);
+}
+
 /* Writes a file in the working folder of the test. */
 static inline void support_write(const char *path, const void *bytes, size_t count) {
   FILE *file = fopen(path, "wb");

@@ -95,15 +95,11 @@ ern_status ern_file_check_output(ern_context *context, const char *path) {
 
 /* ---- the temporary file ------------------------------------------------------------------------------------------ */
 
-/* Whether the temporary name is still that of the open file: what removed it may have made another one there. */
-static bool is_named(const char *temporary, const struct stat *opened) {
-  struct stat named;
-  return lstat(temporary, &named) == 0 && named.st_dev == opened->st_dev && named.st_ino == opened->st_ino;
-}
-
-static bool owns_temporary(const struct ern_file_writer *writer) {
-  struct stat opened;
-  return fstat(writer->descriptor, &opened) == 0 && is_named(writer->temporary, &opened);
+/* Whether a name in a folder is still that of the open file: what removed it may have made another one there. */
+static bool is_named(int folder, const char *name, int descriptor) {
+  struct stat named, opened;
+  return fstatat(folder, name, &named, AT_SYMLINK_NOFOLLOW) == 0 && fstat(descriptor, &opened) == 0 &&
+         named.st_dev == opened.st_dev && named.st_ino == opened.st_ino;
 }
 
 /* Why a file that is open under the temporary name may not be written, in words; NULL: it is locked and may be. `made`:
@@ -118,7 +114,7 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
   }
   if (!made && (opened.st_mode & mark) == 0) return "is there, and was not made by this program";
   /* The process that held the lock may have renamed or removed the file in between. */
-  *again = !is_named(temporary, &opened);
+  *again = !is_named(AT_FDCWD, temporary, descriptor);
   /* What was left over goes, and with it rights that another umask gave. A kill between link() and unlink() leaves a
    * second name of a finished file: only the temporary name goes. */
   const bool fresh = made && opened.st_nlink == 1;
@@ -164,13 +160,10 @@ static void open_folder(struct ern_file_writer *writer) {
 }
 
 static void remove_temporary(const struct ern_file_writer *writer) {
-  struct stat opened, named;
   const char *name = writer->temporary + folder_length(writer->temporary);
-  if (owns_temporary(writer))
+  if (is_named(AT_FDCWD, writer->temporary, writer->descriptor))
     unlink(writer->temporary);
-  else if (writer->folder >= 0 && fstat(writer->descriptor, &opened) == 0 &&
-           fstatat(writer->folder, name, &named, AT_SYMLINK_NOFOLLOW) == 0 && named.st_dev == opened.st_dev &&
-           named.st_ino == opened.st_ino)
+  else if (writer->folder >= 0 && is_named(writer->folder, name, writer->descriptor))
     unlinkat(writer->folder, name, 0);
 }
 
@@ -214,7 +207,7 @@ void ern_file_writer_abandon(struct ern_file_writer *writer) {
   ern_release(writer->context, writer->place);
   ern_release(writer->context, writer->temporary);
   writer->path = writer->place = writer->temporary = NULL;
-  writer->descriptor = -1;
+  writer->descriptor = writer->folder = -1;
 }
 
 ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count) {
@@ -265,7 +258,7 @@ fail:
 /* Gives the file its name. link() never replaces; where a file system has no links, a look comes before the rename. */
 static ern_status put_in_place(struct ern_file_writer *writer) {
   const char *from = writer->temporary, *to = writer->place;
-  if (!owns_temporary(writer))
+  if (!is_named(AT_FDCWD, from, writer->descriptor))
     return ern_fail(writer->context, ERN_E_IO, "%s: cannot put in place: %s was removed or replaced by another process",
                     writer->path, from);
   if (writer->keep) {

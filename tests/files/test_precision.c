@@ -9,14 +9,7 @@ enum { STEPS = 6, RAYS = 200 };
 
 static struct made made;
 static ern_backend *fast, *plain; /* avx512bf16, NULL: not of this machine; another of the CPU's */
-static char told[4096];           /* warnings */
-
-static void keep_line(void *user, ern_log_level level, const char *line) {
-  (void)user;
-  if (level > ERN_LOG_WARNING) return;
-  const size_t used = strlen(told);
-  snprintf(told + used, sizeof told - used, "%s\n", line);
-}
+static char told[SUPPORT_LINES];  /* warnings */
 
 static ern_status open_backend(ern_backend **backend, const char *isa) {
   ern_backend_config config = ern_backend_config_default();
@@ -183,7 +176,8 @@ static int open_all(void **state) {
   ern_backend_free(&made.backend);
   ern_context_free(&made.context);
   ern_context_config config = ern_context_config_default();
-  config.log = keep_line;
+  config.user = told;
+  config.log = support_keep_warnings;
   assert_int_equal(ern_context_create(&made.context, &config), ERN_OK);
   support_ok(made.context, open_backend(&made.backend, "ref"));
   if (open_backend(&plain, "avx512") != ERN_OK) support_ok(made.context, open_backend(&plain, "ref"));

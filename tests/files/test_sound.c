@@ -322,10 +322,6 @@ static void test_late_track(void **state) {
   support_expect(context, ern_sound_read(context, "later.mka", &sound), ERN_E_UNSUPPORTED, "begins at 4000 s", NULL);
 }
 
-static void keep_line(void *user, ern_log_level level, const char *line) {
-  if (level <= ERN_LOG_WARNING) snprintf(user, 200, "%s", line);
-}
-
 /* Pieces of 0.5 s are put where their times are. */
 static void test_times(void **state) {
   (void)state;
@@ -351,14 +347,14 @@ static void test_times(void **state) {
   };
   for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
     struct piece piece[3];
-    char said[200] = "";
+    char said[SUPPORT_LINES] = "";
     ern_context *loud = NULL;
     ern_context_config config = ern_context_config_default();
     ern_sound sound = {0};
     ern_features features = {0};
     for (int i = 0; i < 3; i++) piece[i] = (struct piece){1, cases[k].at[i], (uint8_t)(i + 1)};
     write_tracks("times.mka", piece, 3);
-    config.log = keep_line;
+    config.log = support_keep_warnings;
     config.user = said;
     assert_int_equal(ern_context_create(&loud, &config), ERN_OK);
     support_ok(loud, ern_sound_read(loud, "times.mka", &sound));
@@ -434,11 +430,11 @@ static void test_cut_ogg(void **state) {
   (void)state;
   uint8_t *bytes = NULL;
   size_t count = 0, last = 0;
-  char said[200] = "";
+  char said[SUPPORT_LINES] = "";
   ern_sound read = {0};
   ern_context *loud = NULL;
   ern_context_config config = ern_context_config_default();
-  config.log = keep_line;
+  config.log = support_keep_warnings;
   config.user = said;
   assert_int_equal(ern_context_create(&loud, &config), ERN_OK);
   write_ogg("whole.ogg", 200000);

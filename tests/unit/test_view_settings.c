@@ -7,14 +7,7 @@
 #include "train/state_about.h"
 
 static struct made made;
-static char told[8192]; /* lines of the log */
-
-static void keep_line(void *user, ern_log_level level, const char *line) {
-  (void)user;
-  if (level > ERN_LOG_WARNING) return;
-  const size_t used = strlen(told);
-  snprintf(told + used, sizeof told - used, "%s\n", line);
-}
+static char told[SUPPORT_LINES]; /* lines of the log */
 
 static int open_clip(void **state) {
   (void)state;
@@ -22,7 +15,8 @@ static int open_clip(void **state) {
   ern_backend_free(&made.backend);
   ern_context_free(&made.context);
   ern_context_config config = ern_context_config_default();
-  config.log = keep_line;
+  config.log = support_keep_warnings;
+  config.user = told;
   assert_int_equal(ern_context_create(&made.context, &config), ERN_OK);
   support_ok(made.context, ern_backend_create(&made.backend, made.context, NULL));
   return 0;
