@@ -22,7 +22,8 @@ constexpr double shape_spread = 0.008;
 /* How much of a turn (radians), of a way aside and of one in depth (metres) changes from a frame to the next: what the
  * pictures do not say, as depth, is smoothed most. Cauchy's loss lets nods through. */
 constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0001;
-/* Errors of flow are alike over some pixels around, so a path believes so much of what the points say. */
+/* Errors of flow are alike over some pixels around and over frames, so a point's many sightings are so much of as many:
+ * in full they would outweigh the generic head's depth where the head turns little. */
 constexpr double believed = 0.1;
 /* No head is so far off; squares of larger ones may be no numbers. */
 constexpr double most_residual = 1e12;
@@ -186,7 +187,7 @@ extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t fr
 extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    Adjustment adjustment;
+    Adjustment adjustment(believed);
     ceres::Problem &problem = adjustment.problem;
     std::vector<bool> used(b.points, false);
     for (size_t i = 0; i < count; i++)
@@ -194,8 +195,8 @@ extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t 
         const struct ern_sighting &seen = b.seen[chosen[i]].list[k];
         if (!counts(b, seen)) continue;
         used[seen.point] = true;
-        add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), &adjustment.pointed,
-                     b.poses[chosen[i]].values, b.shape[seen.point]);
+        add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), &adjustment.scaled, b.poses[chosen[i]].values,
+                     b.shape[seen.point]);
       }
     for (size_t k = 0; k < b.points; k++)
       if (used[k]) add<3, 3>(adjustment, new NearPrior{b.prior[k]}, nullptr, b.shape[k]);

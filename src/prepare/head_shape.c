@@ -16,33 +16,31 @@ bool ern_head_project(const struct ern_head_pose *pose, double focal, double cen
   return true;
 }
 
-/* The nose stands 24 mm out of the ellipsoid at its tip, 43 mm under the eyes, and runs out to the bridge between them:
- * height over the ellipsoid, metres. */
+/* The tip of the nose stands 17 mm out of the ellipsoid, and so 20 mm before the root of the upper lip. */
+static const double nose = 0.017;
+/* Above the origin the face runs along an ellipsoid of this half axis: a forehead is nearly upright. It falls back by
+ * 11 degrees from the brows to the hair; that of the ellipsoid of the head by 38. */
+static const double forehead = 0.200;
+
+/* The nose's tip is 43 mm under the eyes, and it runs out to the bridge between them: height over the ellipsoid,
+ * metres. */
 static double nose_height(double x, double y) {
   const double below = ERN_HEAD_EYES_Y - y; /* 0 at the bridge, 0.043 at the tip */
   const double along = below < 0.043 ? below / 0.043 : (0.060 - below) / 0.017;
   if (along <= 0) return 0;
   const double half = 0.007 + 0.006 * along;
-  return 0.024 * along * exp(-0.5 * x * x / (half * half));
+  return nose * along * exp(-0.5 * x * x / (half * half));
 }
 
 double ern_head_surface(double x, double y) {
-  const double a = x / ERN_HEAD_WIDE, b = y / ERN_HEAD_TALL, inside = 1 - a * a - b * b;
-  return inside > 0 ? ERN_HEAD_DEEP * sqrt(inside) + nose_height(x, y) : 0;
+  const double a = x / ERN_HEAD_WIDE, b = y / ERN_HEAD_TALL, c = y > 0 ? y / forehead : b;
+  return a * a + b * b < 1 ? ERN_HEAD_DEEP * sqrt(1 - a * a - c * c) + nose_height(x, y) : 0;
 }
 
-bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
-                   double point[3]) {
-  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
-  const double way[3] = {(pixel[0] - centre) / focal, (centre - pixel[1]) / focal, -1};
-  double o[3], d[3]; /* of the line of sight, in the ellipsoid's axes */
+/* Where the line of sight o + along d, in the head's frame, meets an ellipsoid first. */
+static bool meet(const double axes[3], const double o[3], const double d[3], double point[3]) {
   double dd = 0, od = 0, oo = 0;
   for (int i = 0; i < 3; i++) {
-    o[i] = d[i] = 0;
-    for (int k = 0; k < 3; k++) {
-      o[i] -= pose->rotation[k][i] * pose->translation[k];
-      d[i] += pose->rotation[k][i] * way[k];
-    }
     dd += d[i] * d[i] / (axes[i] * axes[i]);
     od += o[i] * d[i] / (axes[i] * axes[i]);
     oo += o[i] * o[i] / (axes[i] * axes[i]);
@@ -51,8 +49,27 @@ bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre
   if (inside < 0) return false;
   const double along = (-od - sqrt(inside)) / dd;
   for (int i = 0; i < 3; i++) point[i] = o[i] + along * d[i];
+  return true;
+}
+
+bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
+                   double point[3]) {
+  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
+  const double high[3] = {ERN_HEAD_WIDE, forehead, ERN_HEAD_DEEP};
+  const double way[3] = {(pixel[0] - centre) / focal, (centre - pixel[1]) / focal, -1};
+  double o[3], d[3];
+  for (int i = 0; i < 3; i++) {
+    o[i] = d[i] = 0;
+    for (int k = 0; k < 3; k++) {
+      o[i] -= pose->rotation[k][i] * pose->translation[k];
+      d[i] += pose->rotation[k][i] * way[k];
+    }
+  }
+  if (!meet(axes, o, d, point)) return false;
+  if (!face) return true;
+  if (point[1] > 0) (void)meet(high, o, d, point);
   /* the nose's height is along z; one step along the line of sight is near enough where that is nearly z */
-  if (nose && point[2] > 0 && fabs(d[2]) > 0.5) {
+  if (point[2] > 0 && fabs(d[2]) > 0.5) {
     const double step = nose_height(point[0], point[1]) / fabs(d[2]);
     for (int i = 0; i < 3; i++) point[i] -= step * d[i];
   }

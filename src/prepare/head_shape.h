@@ -24,11 +24,11 @@ extern "C" {
 /* Pixels of a point of the head; false where it is behind the camera. `centre`: pixels, half of a side. */
 bool ern_head_project(const struct ern_head_pose *pose, double focal, double centre, const double point[3],
                       double pixel[2]);
-/* Where the line of sight through a pixel meets the ellipsoid first, or with `nose` the face on it; false where it
- * passes by. */
-bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool nose,
+/* Where the line of sight through a pixel meets the ellipsoid first, or with `face` the face on it, forehead and nose;
+ * false where it passes the ellipsoid by. */
+bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
                    double point[3]);
-/* z of the face (ellipsoid and nose) over x, y; 0 past the ellipsoid's outline. */
+/* z of the face (ellipsoid, forehead and nose) over x, y; 0 past the ellipsoid's outline. */
 double ern_head_surface(double x, double y);
 /* The box around the projected ellipsoid: least x, least y, greatest x, greatest y, pixels. */
 void ern_head_box(const struct ern_head_pose *pose, double focal, double centre, double box[4]);

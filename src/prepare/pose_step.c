@@ -68,7 +68,7 @@ static bool is_rigid(const void *user, float x, float y) {
                         sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
   const bool eye = fabs(fabs(p[0]) - 0.5 * ERN_HEAD_EYES) < 0.020 && fabs(p[1] - ERN_HEAD_EYES_Y) < 0.013;
   const bool mouth = p[1] < ERN_HEAD_EYES_Y - 0.052 && fabs(p[0]) < 0.045;
-  return facing > 0.25 && !eye && !mouth && p[1] > -0.095;
+  return facing > 0.4 && !eye && !mouth && p[1] > -0.095;
 }
 
 static ern_status add_reference(struct tracking *t, size_t frame) {

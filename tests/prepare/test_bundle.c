@@ -114,6 +114,28 @@ static void test_noise_and_outliers(void **state) {
   ern_context_free(&h.context);
 }
 
+/* The head turns little, and errors of flow, alike in all points and frames, make it look turned by less than it is:
+ * the generic head's depth holds against them. It does not (0.80 degrees) where every sighting counts in full. */
+static void test_little_turn(void **state) {
+  (void)state;
+  make(&h, 0.002, 0.1, 0);
+  for (size_t i = 0; i < FRAMES; i++) {
+    const double turn = 8 * sin(6.283185307179586 * ((double)i - FIXED) / FRAMES) / 57.29577951308232;
+    h.poses[i] = made_pose(turn * 57.29577951308232, 0, 0, 0, 0, 0.7);
+    for (int k = 0; k < POINTS; k++) {
+      double pixel[2];
+      assert_true(ern_head_project(&h.poses[i], 1200, 256, h.truth[k], pixel));
+      /* across, a turn shortens by 1 - cos: half of it is seen */
+      h.seen[i * POINTS + (size_t)k].at[0] =
+          (float)(pixel[0] + 0.5 * (1 - cos(turn)) * h.truth[k][0] * 1200 / (0.7 - h.truth[k][2]));
+      h.seen[i * POINTS + (size_t)k].at[1] = (float)pixel[1];
+    }
+    ern_bundle_pose_from(&h.poses[FIXED], &h.bundled[i]);
+  }
+  expect_below(adjust(&h, 3), 0.65);
+  ern_context_free(&h.context);
+}
+
 /* Every third point is a pixel off: with a share of 0 it moves nothing, with a tenth less than with all of it. */
 static void test_share(void **state) {
   (void)state;
@@ -278,9 +300,14 @@ static void test_extremes(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),        cmocka_unit_test(test_exact_points),
-                                     cmocka_unit_test(test_noise_and_outliers), cmocka_unit_test(test_share),
-                                     cmocka_unit_test(test_pose_round_trip),    cmocka_unit_test(test_degenerate),
-                                     cmocka_unit_test(test_no_numbers),         cmocka_unit_test(test_extremes)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_shape),
+                                     cmocka_unit_test(test_exact_points),
+                                     cmocka_unit_test(test_noise_and_outliers),
+                                     cmocka_unit_test(test_little_turn),
+                                     cmocka_unit_test(test_share),
+                                     cmocka_unit_test(test_pose_round_trip),
+                                     cmocka_unit_test(test_degenerate),
+                                     cmocka_unit_test(test_no_numbers),
+                                     cmocka_unit_test(test_extremes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

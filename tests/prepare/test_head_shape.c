@@ -41,26 +41,41 @@ static void test_meet_and_project(void **state) {
   assert_true(met > 500 && met < 1900);
 }
 
-/* With the nose the point still lies on the line, and before the ellipsoid at the nose's tip by 24 mm at most. */
-static void test_nose(void **state) {
+/* With the face the point still lies on the line, and on the face's surface: before the ellipsoid at the nose's tip by
+ * 17 mm, and at the forehead. */
+static void test_face(void **state) {
   (void)state;
-  const struct ern_head_pose pose = made_pose(5, 0, 0, 0, 0, 0.7);
-  double most = 0;
-  for (int v = -60; v <= 60; v++)
-    for (int u = -40; u <= 40; u++) {
+  const struct ern_head_pose pose = made_pose(0, 0, 0, 0, 0, 0.7);
+  double nose = 0, forehead = 0;
+  for (double u = -60; u <= 60; u += 1)
+    for (double v = -140; v <= 60; v += 1) {
+      double bare[3], face[3], seen[2];
       const double pixel[2] = {centre + u, centre + v};
-      double bare[3], nosed[3], seen[2];
       assert_true(ern_head_meet(&pose, focal, centre, pixel, false, bare));
-      assert_true(ern_head_meet(&pose, focal, centre, pixel, true, nosed));
-      assert_true(ern_head_project(&pose, focal, centre, nosed, seen));
+      assert_true(ern_head_meet(&pose, focal, centre, pixel, true, face));
+      assert_true(ern_head_project(&pose, focal, centre, face, seen));
       assert_true(hypot(seen[0] - pixel[0], seen[1] - pixel[1]) < 1e-6);
-      assert_true(nosed[2] >= bare[2]);
-      most = fmax(most, nosed[2] - bare[2]);
+      assert_true(face[2] >= bare[2]);
+      if (fabs(u) < 15 && fabs(v) < 40) nose = fmax(nose, face[2] - bare[2]);
+      if (face[1] > ERN_HEAD_EYES_Y) {
+        forehead = fmax(forehead, face[2] - bare[2]);
+        assert_true(fabs(face[2] - ern_head_surface(face[0], face[1])) < 1e-9);
+      }
     }
-  assert_true(most > 0.02 && most < 0.026);
+  if (!(nose > 0.015 && nose < 0.018)) fail_msg("the nose stands out by %.4f m", nose);
+  if (!(forehead > 0.02)) fail_msg("the forehead stands out by %.4f m", forehead);
   assert_true(fabs(ern_head_surface(0, ERN_HEAD_EYES_Y - 0.043) -
-                   (ERN_HEAD_DEEP * sqrt(1 - pow((ERN_HEAD_EYES_Y - 0.043) / ERN_HEAD_TALL, 2)) + 0.024)) < 1e-9);
+                   (ERN_HEAD_DEEP * sqrt(1 - pow((ERN_HEAD_EYES_Y - 0.043) / ERN_HEAD_TALL, 2)) + 0.017)) < 1e-9);
   assert_true(ern_head_surface(ERN_HEAD_WIDE, 0) == 0 && ern_head_surface(0, 2 * ERN_HEAD_TALL) == 0);
+}
+
+/* From the brows to the hair a person's forehead is nearly upright. */
+static void test_forehead(void **state) {
+  (void)state;
+  const double brows = ern_head_surface(0, ERN_HEAD_EYES_Y + 0.015),
+               hair = ern_head_surface(0, ERN_HEAD_EYES_Y + 0.070);
+  const double degrees = atan2(brows - hair, 0.055) * 57.29577951308232;
+  if (!(degrees > 1 && degrees < 15)) fail_msg("the forehead falls back by %.1f degrees", degrees);
 }
 
 static void test_behind(void **state) {
@@ -115,8 +130,8 @@ static void test_pose_of_eyes(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_meet_and_project), cmocka_unit_test(test_nose),
-                                     cmocka_unit_test(test_behind), cmocka_unit_test(test_box),
-                                     cmocka_unit_test(test_pose_of_eyes)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_meet_and_project), cmocka_unit_test(test_face), cmocka_unit_test(test_forehead),
+      cmocka_unit_test(test_behind),           cmocka_unit_test(test_box),  cmocka_unit_test(test_pose_of_eyes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
