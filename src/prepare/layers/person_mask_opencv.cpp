@@ -16,6 +16,9 @@ enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
 constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STANDS_STILL = 4;
 constexpr double STILL_SHARE = 0.2; /* of the examples */
+/* How many references in which a pixel moves with the person are outweighed by one in which it stands still. What is
+ * learnt of the place must be surer than a mask: a piece of hair in it would be in every frame's background. */
+constexpr float LEARNT = 3, SHOWN = 6;
 
 /* Dark colours lie closer: the bins are equal in the root of a value. */
 size_t bin_of(const cv::Vec3b &c) {
@@ -365,7 +368,7 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
     if (!model->brought) {
       ern_person_motion_learn(model);
       for (ern_person_example &example : model->examples)
-        example.motion = ern_person_motion_odds(*model, example.small, example.face);
+        example.motion = ern_person_motion_odds(*model, example.small, example.face, LEARNT);
     }
     for (int round = 0;; round++) {
       ern_person_background(model, background, key, found);
@@ -398,7 +401,7 @@ ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const er
       model->last = small_mask(*model, brought);
     } else {
       const cv::Mat small = small_of(*model, frame);
-      model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face));
+      model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face, SHOWN));
     }
     model->last_face = *face;
     model->last.copyTo(cv::Mat(model->work, model->work, CV_8U, mask));

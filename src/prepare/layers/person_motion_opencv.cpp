@@ -12,7 +12,6 @@ enum { GRID = 4, REFERENCES = 12 };
 constexpr float NOISE = 8;       /* grey values, of a mean over 3 x 3 pixels of work after compression */
 constexpr float FAR = 1 / 64.0F; /* of the picture: less motion tells nothing */
 constexpr float EVIDENCE = 5;    /* log odds where motion is sure */
-constexpr float STILL = 3;       /* a place that is uncovered in a third of the references is sure */
 
 cv::Mat grey_of(const cv::Mat &small) {
   cv::Mat grey;
@@ -144,8 +143,9 @@ void ern_person_motion_learn(ern_person_model *model) {
 
 /* In each reference in which the person has moved, a pixel is the place's if its surroundings are as they were, and the
  * person's if they are as the person's motion has them. The place beside the head is often covered, the person never
- * stands still: so a few references in which a pixel stands still outweigh many in which it does not. */
-cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
+ * stands still: so one reference in which a pixel stands still outweighs several in which it does not. */
+cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face,
+                               float outweighs) {
   const int n = model.work;
   cv::Mat odds(n, n, CV_32F, cv::Scalar(0)), counts = odds.clone(), picture;
   bool known = false;
@@ -159,7 +159,7 @@ cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &sma
       for (int x = 0; x < n; x++) {
         if (moved.far.at<float>(y, x) < FAR * float(n)) continue;
         const float gain = moved.unlike.at<float>(y, x) - still.at<float>(y, x);
-        odds.at<float>(y, x) += gain > 1 ? -STILL : gain < -1 ? 1.0F : 0.0F;
+        odds.at<float>(y, x) += gain > 1 ? -outweighs : gain < -1 ? 1.0F : 0.0F;
         counts.at<float>(y, x) += 1;
       }
   }
