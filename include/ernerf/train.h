@@ -23,7 +23,17 @@ typedef struct ern_dataset_frame {
   float eye;        /* 0..1 */
   bool has_face;
   ern_box face; /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
+  /* Regions that a head's rays are drawn in (ern_ray_sampling); parts outside of the picture are left out, and one
+   * without a pixel is not known. */
+  ern_box mouth, lower_face, eyes;
 } ern_dataset_frame;
+
+/* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
+typedef enum ern_ray_sampling {
+  ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
+  ERN_RAY_SAMPLING_REGIONS /* of a head: some of the rays in the frame's regions, uniform within each (docs/maths.md) */
+} ern_ray_sampling;
+ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
  * pointers must outlive the trainer. ern_trainer_create looks at all members, at the sizes and values of the features,
@@ -106,6 +116,7 @@ typedef struct ern_train_config {
                                   each time, 16 as published; 0 (default): 16 to 128 steps by `rays`, and after 256 steps
                                   what is empty in 16 turns */
   ern_precision precision;
+  ern_ray_sampling ray_sampling; /* regions */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -130,6 +141,7 @@ typedef struct ern_train_state {
   bool torso_layer; /* ern_dataset.has_torso */
   bool ema;         /* its model is the average */
   ern_precision precision;
+  ern_ray_sampling ray_sampling;
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

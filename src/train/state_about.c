@@ -11,6 +11,13 @@
 
 #include "core/memory.h"
 
+static const char *const ray_samplings[] = {"uniform", "regions"};
+
+const char *ern_ray_sampling_name(ern_ray_sampling sampling) {
+  const int index = (int)sampling;
+  return index >= 0 && index < (int)(sizeof ray_samplings / sizeof *ray_samplings) ? ray_samplings[index] : NULL;
+}
+
 /* A JSON number of the library has 63 bits: a larger seed is a string of its digits. */
 static json_t *seed_json(uint64_t seed) {
   char digits[24];
@@ -36,12 +43,12 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training =
-      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s}", "iters", (json_int_t)c->iters, "lr",
-                (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
-                (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
-                (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso,
-                "features", t->features, "precision", ern_precision_word(t->bf16));
+  json_t *training = json_pack(
+      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s}", "iters", (json_int_t)c->iters, "lr",
+      (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
+      (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
+      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
+      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling));
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -57,6 +64,16 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
 
 static bool whole_in(const json_t *value, int64_t least, int64_t most) {
   return json_is_integer(value) && json_integer_value(value) >= least && json_integer_value(value) <= most;
+}
+
+/* States of earlier versions do not say it: they are of uniform rays. */
+static bool read_ray_sampling(const json_t *value, ern_ray_sampling *sampling) {
+  *sampling = ERN_RAY_SAMPLING_UNIFORM;
+  for (int k = 0; json_is_string(value) && ern_ray_sampling_name((ern_ray_sampling)k) != NULL; k++) {
+    *sampling = (ern_ray_sampling)k;
+    if (strcmp(json_string_value(value), ray_samplings[k]) == 0) return true;
+  }
+  return value == NULL;
 }
 
 /* The name of the first field that is missing or out of range, NULL: none. */
@@ -97,6 +114,7 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
     *flags[i].to = json_is_true(value);
   }
   if (about->data_begin >= about->data_end) return "data_end";
+  if (!read_ray_sampling(json_object_get(root, "ray_sampling"), &about->ray_sampling)) return "ray_sampling";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");
@@ -234,7 +252,9 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
       {"ema_every", count(about->ema_every), count(c->ema_every)},
       {"ema", count(about->ema), count(c->ema)},
-      {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))}};
+      {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},
+
+      {"ray_sampling", word(ern_ray_sampling_name(about->ray_sampling)), word(ern_ray_sampling_name(c->ray_sampling))}};
   /* The number of samples may change from step to step; all else of the view may not. */
   struct ern_view_settings rest = *view;
   rest.max_steps = c->max_steps;

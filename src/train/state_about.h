@@ -17,6 +17,7 @@ struct ern_state_about {
   bool ema, layer;   /* the model is the average; the clip's torso lies behind the head */
   bool bf16;         /* of products; files of before do not say it, and were trained in fp32 */
   char features[65]; /* SHA-256 of the speech features */
+  ern_ray_sampling ray_sampling;
 };
 
 /* *text is the caller's (ern_release). */

@@ -8,6 +8,12 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
+/* Shares of a head's rays that are drawn in a region of the frame, found by trying (docs/performance.md); the others
+ * are anywhere in the picture. */
+#define ERN_MOUTH_SHARE 0.15f
+#define ERN_LOWER_FACE_SHARE 0.2f
+#define ERN_EYES_SHARE 0.05f
+
 enum {
   ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
   ERN_REFRESH_WARM_UP = 256, /* steps in which each refresh looks at all cells */

@@ -35,7 +35,8 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .save_every = 1000,
                                 .validate_every = 1000,
                                 .validate_frames = 16,
-                                .ema_every = 1000};
+                                .ema_every = 1000,
+                                .ray_sampling = ERN_RAY_SAMPLING_REGIONS};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -77,6 +78,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
   if ((int)c->precision < ERN_PRECISION_DEFAULT || (int)c->precision > ERN_PRECISION_AUTO)
     return ern_fail(context, ERN_E_ARGUMENT, "train: precision is %d, expected 0 to 3", (int)c->precision);
+  if (ern_ray_sampling_name(c->ray_sampling) == NULL)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: ray_sampling is %d, expected 0 or 1", (int)c->ray_sampling);
   return ERN_OK;
 }
 

@@ -413,7 +413,9 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .data_end = (size_t)about->data_end,
                                .torso_layer = about->layer,
                                .ema = about->ema,
-                               .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32};
+                               .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32,
+
+                               .ray_sampling = about->ray_sampling};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

@@ -78,6 +78,12 @@ static void refuse_failing(struct lie next, ern_status expected, const char *wor
 /* ---- train.h ----------------------------------------------------------------------------------------------------- */
 
 CHECK(ern_train_config_fill) { FILLS(ern_train_config, ern_train_config_fill); }
+CHECK(ern_ray_sampling_name) {
+  assert_string_equal(ern_ray_sampling_name(ERN_RAY_SAMPLING_UNIFORM), "uniform");
+  assert_string_equal(ern_ray_sampling_name(ERN_RAY_SAMPLING_REGIONS), "regions");
+  assert_null(ern_ray_sampling_name((ern_ray_sampling)2));
+  assert_null(ern_ray_sampling_name((ern_ray_sampling)-1));
+}
 CHECK(ern_train_config_default) { assert_int_not_equal(ern_train_config_default().cookie, 0); }
 
 static void refuse_config(ern_train_config config, const char *words) {
@@ -117,6 +123,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");
   REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
   REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
+  REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)2, "ray_sampling is 2");
 }
 
 static void check_datasets(void) {
@@ -282,14 +289,23 @@ CHECK(ern_trainer_folder) { assert_null(ern_trainer_folder(NULL)); }
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {ROW(ern_train_config_default),   ROW(ern_train_config_fill),
-                                               ROW(ern_trainer_create_sized),   ROW(ern_train_state_describe_sized),
-                                               ROW(ern_trainer_describe_sized), ROW(ern_trainer_step_sized),
-                                               ROW(ern_trainer_run_sized),      ROW(ern_trainer_create),
-                                               ROW(ern_train_state_describe),   ROW(ern_trainer_free),
-                                               ROW(ern_trainer_describe),       ROW(ern_trainer_step),
-                                               ROW(ern_trainer_check),          ROW(ern_trainer_run),
-                                               ROW(ern_trainer_save),           ROW(ern_trainer_model),
+static const struct arguments_check table[] = {ROW(ern_ray_sampling_name),
+                                               ROW(ern_train_config_default),
+                                               ROW(ern_train_config_fill),
+                                               ROW(ern_trainer_create_sized),
+                                               ROW(ern_train_state_describe_sized),
+                                               ROW(ern_trainer_describe_sized),
+                                               ROW(ern_trainer_step_sized),
+                                               ROW(ern_trainer_run_sized),
+                                               ROW(ern_trainer_create),
+                                               ROW(ern_train_state_describe),
+                                               ROW(ern_trainer_free),
+                                               ROW(ern_trainer_describe),
+                                               ROW(ern_trainer_step),
+                                               ROW(ern_trainer_check),
+                                               ROW(ern_trainer_run),
+                                               ROW(ern_trainer_save),
+                                               ROW(ern_trainer_model),
                                                ROW(ern_trainer_folder)};
 enum { CHECKS = sizeof table / sizeof *table };
 

@@ -5,260 +5,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ernerf/media.h"
 #include "ernerf/speech.h"
-#include "ernerf/train.h"
-#include "output/forecast.h"
-#include "output/progress.h"
-#include "session/clip_source.h"
-#include "session/effects.h"
-#include "session/session.h"
 #include "verbs.h"
 #include "verbs/inherit.h"
-#include "verbs/speech_copies.h"
-#include "verbs/validations.h"
+#include "verbs/train_options.h"
 
-enum {
-  GOAL_OPTIONS = 19,
-  NUMBER_OPTIONS = 22,
-  CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS,
-  VALIDATE_MOST = 1000,
-  VALIDATE_LEAST = 50
-};
-
-struct train_job {
-  struct session session;
-  ern_train_config config;
-  struct clip_source source;
-  const char *head_path, *effects_list;
-  struct speech_copies copies;
-  struct validations validations;
-  struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
-  uint64_t save_every, validate_every, ema_every, refresh_every, iters;
-  struct range data;
-  float scale;
-  int audio_pad, backbone, attention, eye_attention, precision;
-  ern_model_info from;   /* of --from, or of the state that is resumed */
-  ern_train_state state; /* that is resumed */
-  bool has_from, has_state;
-  /* made */
-  ern_clip *clip;
-  ern_clip_info clip_info;
-  ern_model *head;
-  ern_trainer *trainer;
-  struct progress progress;
-  struct forecast forecast;
-  ern_train_report last; /* the newest one */
-  bool stepped;          /* there is one */
-};
-
-/* ---- words ------------------------------------------------------------------------------------------------------- */
-
-static void goal_options(struct train_job *job, struct option options[GOAL_OPTIONS]) {
-  ern_train_config *config = &job->config;
-  const struct option rows[] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &config->output,
-       .choices = "X.safetensors",
-       .help = "the model; state, log and pictures go to the folder X.run beside it"},
-      {.name = "torso",
-       .kind = OPTION_FLAG,
-       .target = &config->torso,
-       .help = "train the torso under the head of --head"},
-      {.name = "head",
-       .alias = "head_ckpt",
-       .kind = OPTION_TEXT,
-       .target = &job->head_path,
-       .choices = "MODEL",
-       .help = "the head that the torso goes under; it stays as it is"},
-      {.name = "force",
-       .kind = OPTION_FLAG,
-       .target = &config->force,
-       .help = "take a head of another clip all the same"},
-      {.name = "torso-gamma",
-       .kind = OPTION_FLAG,
-       .target = &config->torso_gamma,
-       .help = "the paper's trained scale of the torso's key points"},
-      {.name = "iters",
-       .kind = OPTION_COUNT,
-       .target = &job->iters,
-       .low = 1,
-       .high = 1e12,
-       .help = "steps in all, also when resuming"},
-      {.name = "resume",
-       .kind = OPTION_FLAG,
-       .target = &config->resume,
-       .help = "go on from the newest good state in X.run, as it was trained where no option says otherwise"},
-      {.name = "from",
-       .kind = OPTION_TEXT,
-       .target = &config->from,
-       .choices = "FILE",
-       .help =
-           "start from the weights of a .safetensors or .pth file, from its levels, codes (what a longer clip needs "
-           "more is fresh) and kinds, and where it holds a state from its step"},
-      {.name = "save-every",
-       .kind = OPTION_COUNT,
-       .target = &job->save_every,
-       .low = 0,
-       .high = 1e12,
-       .help = "steps between saves; 0 only at the end"},
-      {.name = "validate-every",
-       .kind = OPTION_COUNT,
-       .target = &job->validate_every,
-       .low = 0,
-       .high = 1e12,
-       .help = "steps between validations, each with a picture and a point of the curve; 0 only at the end (default a "
-               "tenth of --iters, 50 to 1000)"},
-      {.name = "validate-frames",
-       .kind = OPTION_INT,
-       .target = &config->validate_frames,
-       .low = 0,
-       .high = 1000000,
-       .help = "most frames that a validation draws; 0 all"},
-      {.name = "ema",
-       .kind = OPTION_FLAG,
-       .target = &config->ema,
-       .help = "write the moving average of the weights as the model, from its 10th update on; with --resume at the "
-               "last step it only writes"},
-      {.name = "no-ema", .kind = OPTION_OFF, .target = &config->ema, .help = "the weights as they are (default)"},
-      {.name = "ema-every",
-       .kind = OPTION_COUNT,
-       .target = &job->ema_every,
-       .low = 1,
-       .high = 1e12,
-       .help = "steps between its updates, of which it needs 10"},
-      {.name = "effects",
-       .kind = OPTION_TEXT,
-       .target = &job->effects_list,
-       .choices = "auto|none|LIST",
-       .help = "what the head models, of eye,codes,view,torso (the torso as a layer of its own behind it); auto: what "
-               "`ernerf check` finds in the clip"},
-      {.name = "levels",
-       .kind = OPTION_INT,
-       .target = &config->levels,
-       .low = 2,
-       .high = 24,
-       .help = "of the hash encoder (default trihash 14, hash3d 16); public checkpoints have 12"},
-      {.name = "backbone",
-       .kind = OPTION_CHOICE,
-       .target = &job->backbone,
-       .choices = "trihash|hash3d|triplane|mlp",
-       .help = "what encodes a position: the paper's planes, or what its ablation has in their place"},
-      {.name = "attention",
-       .kind = OPTION_CHOICE,
-       .target = &job->attention,
-       .choices = "channel|feature|concat",
-       .help = "how speech reaches it: weighed by channel, as a whole, or not at all"},
-      {.name = "eye-attention",
-       .kind = OPTION_CHOICE,
-       .target = &job->eye_attention,
-       .choices = "sigmoid|concat",
-       .help = "how the eye value does: weighed, or as it is"}};
-  ARGS_FILL(options, rows, GOAL_OPTIONS);
-}
-
-static void number_options(struct train_job *job, struct option options[NUMBER_OPTIONS]) {
-  ern_train_config *config = &job->config;
-  const struct option rows[] = {
-      {.name = "rays",
-       .alias = "num_rays",
-       .kind = OPTION_INT,
-       .target = &config->rays,
-       .low = 1,
-       .high = 1048576,
-       .help = "a step"},
-      {.name = "lr",
-       .kind = OPTION_FLOAT,
-       .target = &config->lr,
-       .low = 1e-9,
-       .high = 10,
-       .help = "learning rate of the hash grids"},
-      {.name = "lr_net",
-       .kind = OPTION_FLOAT,
-       .target = &config->lr_net,
-       .low = 1e-9,
-       .high = 10,
-       .help = "learning rate of the networks; the one over speech windows learns at 5 times this"},
-      {.name = "max_steps",
-       .kind = OPTION_INT,
-       .target = &config->max_steps,
-       .low = 1,
-       .high = 1024,
-       .help = "samples a ray at most; kept in the model (default 16)"},
-      {.name = "refresh-every",
-       .alias = "update_extra_interval",
-       .kind = OPTION_COUNT,
-       .target = &job->refresh_every,
-       .low = 0,
-       .high = 1e12,
-       .help = "steps between looks at all of the scene for what is empty, as published 16; 0: by the rays, in parts"},
-      {.name = "precision",
-       .kind = OPTION_CHOICE,
-       .target = &job->precision,
-       .choices = "fp32|bf16|auto",
-       .help = "of a head's products; auto: bf16 with --isa avx512bf16 (default fp32, with --resume as before)"},
-      {.name = "ind_num",
-       .kind = OPTION_INT,
-       .target = &config->codes,
-       .low = 0,
-       .high = 1000000,
-       .help = "rows of the individual codes; 0: no codes (default one a training frame)"},
-      {.name = "dt_gamma",
-       .kind = OPTION_FLOAT,
-       .target = &config->dt_gamma,
-       .low = 0,
-       .high = 1,
-       .help = "growth of the step with distance; kept in the model (default 1/256)"},
-      {.name = "bound",
-       .kind = OPTION_FLOAT,
-       .target = &config->bound,
-       .low = ERN_BOUND_LEAST,
-       .high = ERN_BOUND_MOST,
-       .help = "half side of the scene"},
-      {.name = "torso_shrink",
-       .kind = OPTION_FLOAT,
-       .target = &config->torso_shrink,
-       .low = 0.001,
-       .high = 1,
-       .help = "factor of the torso's coordinates; kept in the model (default 0.8)"},
-      {.name = "scale",
-       .kind = OPTION_FLOAT,
-       .target = &job->scale,
-       .low = 0.001,
-       .high = 1000,
-       .help = "factor of the camera's place; kept in the model (default 4)"},
-      {.name = "data_range",
-       .kind = OPTION_RANGE_PAIR,
-       .target = &job->data,
-       .choices = "A:B | A B",
-       .help = "train on frames [A, B) of transforms_train.json alone; B -1: to the last"},
-      {.name = "audio-pad",
-       .kind = OPTION_CHOICE,
-       .target = &job->audio_pad,
-       .choices = "edge|zero",
-       .help = "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model "
-               "(default edge)"}};
-  ARGS_FILL(options, rows, NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
-  struct option *common = options + sizeof rows / sizeof rows[0];
-  session_compute_options(&job->session, common);
-  session_seed_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
-  session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
-}
-
-static void clip_options(struct train_job *job, struct option options[CLIP_OPTIONS]) {
-  const struct option rows[] = {
-      {.name = "audio",
-       .alias = "aud",
-       .kind = OPTION_TEXT,
-       .target = &job->source.features,
-       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
-  };
-  ARGS_FILL(options, rows, CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_COPIES_OPTIONS);
-  clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
-  speech_copies_options(&job->copies, options + sizeof rows / sizeof *rows + CLIP_SOURCE_OPTIONS);
-}
+enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
 static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
 
@@ -354,6 +106,8 @@ static void fill_config(struct train_job *job, const struct args *args) {
                                                               : tenth;
   config->threads = job->session.threads;
   config->audio_pad = (ern_audio_pad)job->audio_pad;
+  if (args_given(args, "ray-sampling"))
+    config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
   if (args_given(args, "precision")) config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
@@ -550,19 +304,9 @@ static void close_all(struct train_job *job) {
   session_close(&job->session);
 }
 
-static void set_defaults(struct train_job *job) {
-  *job = (struct train_job){.config = ern_train_config_default(), .scale = 4};
-  job->effects_list = "auto";
-  job->iters = job->config.iters;
-  job->save_every = job->config.save_every;
-  job->ema_every = job->config.ema_every;
-  job->refresh_every = job->config.refresh_every;
-  job->session.seed = job->config.seed;
-}
-
 int cmd_train(int argc, char **argv) {
   struct train_job job;
-  struct option goal[GOAL_OPTIONS], numbers[NUMBER_OPTIONS], clip[CLIP_OPTIONS];
+  struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS];
   struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
   struct args args = {
       .verb = "train",
@@ -577,13 +321,13 @@ int cmd_train(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 1,
-      .groups = {{"What is trained, and where to:", goal, GOAL_OPTIONS},
-                 {"Of the clip:", clip, CLIP_OPTIONS},
-                 {"How:", numbers, NUMBER_OPTIONS}}};
-  set_defaults(&job);
-  goal_options(&job, goal);
-  clip_options(&job, clip);
-  number_options(&job, numbers);
+      .groups = {{"What is trained, and where to:", goal, TRAIN_GOAL_OPTIONS},
+                 {"Of the clip:", clip, TRAIN_CLIP_OPTIONS},
+                 {"How:", numbers, TRAIN_NUMBER_OPTIONS}}};
+  train_set_defaults(&job);
+  train_goal_options(&job, goal);
+  train_clip_options(&job, clip);
+  train_number_options(&job, numbers);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = hearing_check(&job.source.hearing, &args, job.source.features);

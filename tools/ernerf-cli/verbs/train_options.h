@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ * What a call of `ernerf train` is about, and its options. */
+#ifndef ERN_CLI_TRAIN_OPTIONS_H
+#define ERN_CLI_TRAIN_OPTIONS_H
+
+#include "ernerf/media.h"
+#include "ernerf/train.h"
+#include "output/forecast.h"
+#include "output/progress.h"
+#include "session/clip_source.h"
+#include "session/effects.h"
+#include "session/session.h"
+#include "verbs/speech_copies.h"
+#include "verbs/validations.h"
+
+enum {
+  TRAIN_GOAL_OPTIONS = 19,
+  TRAIN_NUMBER_OPTIONS = 23,
+  TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
+};
+
+struct train_job {
+  struct session session;
+  ern_train_config config;
+  struct clip_source source;
+  const char *head_path, *effects_list;
+  struct speech_copies copies;
+  struct validations validations;
+  struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
+  uint64_t save_every, validate_every, ema_every, refresh_every, iters;
+  struct range data;
+  float scale;
+  int audio_pad, backbone, attention, eye_attention, precision,
+      ray_sampling;      /* places among the words of their options */
+  ern_model_info from;   /* of --from, or of the state that is resumed */
+  ern_train_state state; /* that is resumed */
+  bool has_from, has_state;
+  /* made */
+  ern_clip *clip;
+  ern_clip_info clip_info;
+  ern_model *head;
+  ern_trainer *trainer;
+  struct progress progress;
+  struct forecast forecast;
+  ern_train_report last; /* the newest one */
+  bool stepped;          /* there is one */
+};
+
+void train_set_defaults(struct train_job *job);
+
+/* What is trained and where to, how, and of which clip. */
+void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_OPTIONS]);
+void train_number_options(struct train_job *job, struct option options[TRAIN_NUMBER_OPTIONS]);
+void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_OPTIONS]);
+
+#endif
