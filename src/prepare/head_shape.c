@@ -19,7 +19,7 @@ bool ern_head_project(const struct ern_head_pose *pose, double focal, double cen
 /* The tip of the nose stands 20 mm out of the ellipsoid, and so 23 mm before the root of the upper lip. */
 static const double nose = 0.020;
 /* Above the origin the face runs along an ellipsoid of this half axis: a forehead is nearly upright. It falls back by
- * 11 degrees from the brows to the hair; that of the ellipsoid of the head by 38. */
+ * 18 degrees from the brows to the hair; that of the ellipsoid of the head by 38. */
 static const double forehead = 0.160;
 
 /* The nose's tip is 43 mm under the eyes, and it runs out to the bridge between them: height over the ellipsoid,
