@@ -22,16 +22,15 @@ typedef struct ern_dataset_frame {
   int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
   float eye;        /* 0..1 */
   bool has_face;
-  ern_box face; /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
-  /* Regions that a head's rays are drawn in (ern_ray_sampling); parts outside of the picture are left out, and one
-   * without a pixel is not known. */
-  ern_box mouth, lower_face, eyes;
+  ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
+  ern_box lower_face; /* from the tip of the nose to the chin; what is outside of the picture is left out, and one
+                         without a pixel is not known */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS /* of a head: some of the rays in the frame's regions, uniform within each (docs/maths.md) */
+  ERN_RAY_SAMPLING_REGIONS  /* of a head: 40 of 100 in the lower face, the others anywhere (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
@@ -117,6 +116,11 @@ typedef struct ern_train_config {
                                   what is empty in 16 turns */
   ern_precision precision;
   ern_ray_sampling ray_sampling; /* regions */
+  double seconds; /* 0 (default): `iters` steps. Else the training ends with the first step after so many seconds, up to
+                     1e9, those of resumed parts included, and the learning rates and weights of losses that follow
+                     step/iters follow the share of the time that is past. `iters`, `save_every` and `validate_every`
+                     say nothing then: it is saved each minute, and validated at each tenth of the time, but
+                     at most each minute. It cannot be repeated exactly */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -142,6 +146,8 @@ typedef struct ern_train_state {
   bool ema;         /* its model is the average */
   ern_precision precision;
   ern_ray_sampling ray_sampling;
+  double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
+  double seconds; /* of training, all runs together */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
@@ -173,7 +179,7 @@ ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a poin
 
 /* Plain data, may grow. */
 typedef struct ern_train_report {
-  uint64_t step, iters; /* steps done, and in all */
+  uint64_t step, iters; /* steps done, and in all; with ern_train_config.seconds as the pace so far gives them */
   double loss, psnr;    /* of the step's rays; means since the last report in ern_trainer_run */
   double samples_per_ray;
   double steps_per_second; /* since the run began, 0 in ern_trainer_step */
@@ -213,8 +219,9 @@ typedef struct ern_train_hooks {
   ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 
-/* Steps until config.iters, saving and validating on the way and at the end. Where a validation fails, a save that is
- * due at the same step is made before the error is returned, unless that is ERN_E_NONFINITE or ERN_E_DEVICE. */
+/* Steps until config.iters, or until config.seconds are past, saving and validating on the way and at the end. Where a
+ * validation fails, a save that is due at the same step is made before the error is returned, unless that is
+ * ERN_E_NONFINITE or ERN_E_DEVICE. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {

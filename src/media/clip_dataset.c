@@ -6,8 +6,8 @@
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
 
-/* Of landmarks [begin, end), with a margin on each side, in the box's width. */
-static ern_box box_of(const float (*landmarks)[2], int begin, int end, float margin) {
+/* Of landmarks [begin, end). */
+static ern_box box_of(const float (*landmarks)[2], int begin, int end) {
   float low[2] = {landmarks[begin][0], landmarks[begin][1]}, high[2] = {low[0], low[1]};
   for (int p = begin + 1; p < end; p++)
     for (int axis = 0; axis < 2; axis++) {
@@ -15,11 +15,7 @@ static ern_box box_of(const float (*landmarks)[2], int begin, int end, float mar
       if (value < low[axis]) low[axis] = value;
       if (value > high[axis]) high[axis] = value;
     }
-  const float more = margin * (high[0] - low[0]);
-  return (ern_box){.top = (int)(low[1] - more),
-                   .bottom = (int)(high[1] + more),
-                   .left = (int)(low[0] - more),
-                   .right = (int)(high[0] + more)};
+  return (ern_box){.top = (int)low[1], .bottom = (int)high[1], .left = (int)low[0], .right = (int)high[0]};
 }
 
 static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *out) {
@@ -27,11 +23,9 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   *out = (ern_dataset_frame){.aud_id = from->pose.aud_id, .eye = from->eye, .has_face = from->has_landmarks};
   memcpy(out->matrix, from->pose.matrix, sizeof out->matrix);
   if (!from->has_landmarks) return ERN_OK;
-  out->face = box_of(from->landmarks, 0, 68, 0);
-  out->mouth = box_of(from->landmarks, 48, 68, 0.25f);
-  out->eyes = box_of(from->landmarks, 36, 48, 0.25f);
-  out->lower_face = box_of(from->landmarks, 2, 15, 0); /* the jaw, from the nose's tip down */
-  out->lower_face.top = (int)from->landmarks[33][1];
+  out->face = box_of(from->landmarks, 0, 68);
+  out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
+  out->lower_face.top = (int)from->landmarks[33][1]; /* the tip of the nose */
   return ERN_OK;
 }
 

@@ -43,12 +43,13 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training = json_pack(
-      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s}", "iters", (json_int_t)c->iters, "lr",
-      (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
-      (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
-      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
-      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling));
+  json_t *training =
+      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f}", "iters",
+                (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
+                "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema,
+                "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer",
+                t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
+                ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside);
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -74,6 +75,12 @@ static bool read_ray_sampling(const json_t *value, ern_ray_sampling *sampling) {
     if (strcmp(json_string_value(value), ray_samplings[k]) == 0) return true;
   }
   return value == NULL;
+}
+
+/* 0 in states of earlier versions, which do not say it. */
+static bool read_seconds(const json_t *value, double *seconds) {
+  *seconds = json_number_value(value);
+  return value == NULL || (json_is_number(value) && *seconds >= 0 && *seconds <= ERN_TRAIN_MOST_SECONDS);
 }
 
 /* The name of the first field that is missing or out of range, NULL: none. */
@@ -114,6 +121,8 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
     *flags[i].to = json_is_true(value);
   }
   if (about->data_begin >= about->data_end) return "data_end";
+  if (!read_seconds(json_object_get(root, "budget"), &about->budget)) return "budget";
+  if (!read_seconds(json_object_get(root, "seconds_beside"), &about->beside)) return "seconds_beside";
   if (!read_ray_sampling(json_object_get(root, "ray_sampling"), &about->ray_sampling)) return "ray_sampling";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
@@ -245,7 +254,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
       both[0],
       both[1],
-      {"iters", count(about->iters), count(c->iters)},
+      {"iters", count(about->iters), count(c->seconds > 0 ? about->iters : c->iters)},
+      {"seconds in all", number((float)about->budget), number((float)c->seconds)},
       {"lr", number(about->lr), number(c->lr)},
       {"lr_net", number(about->lr_net), number(c->lr_net)},
       {"lr_att", number(about->lr_att), number(c->lr_att)},
@@ -253,8 +263,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"ema_every", count(about->ema_every), count(c->ema_every)},
       {"ema", count(about->ema), count(c->ema)},
       {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},
-
-      {"ray_sampling", word(ern_ray_sampling_name(about->ray_sampling)), word(ern_ray_sampling_name(c->ray_sampling))}};
+      {"ray_sampling", word(ern_ray_sampling_name(about->ray_sampling)),
+       word(ern_ray_sampling_name(c->torso ? about->ray_sampling : c->ray_sampling))}}; /* a torso's are uniform */
   /* The number of samples may change from step to step; all else of the view may not. */
   struct ern_view_settings rest = *view;
   rest.max_steps = c->max_steps;

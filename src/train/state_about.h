@@ -18,6 +18,7 @@ struct ern_state_about {
   bool bf16;         /* of products; files of before do not say it, and were trained in fp32 */
   char features[65]; /* SHA-256 of the speech features */
   ern_ray_sampling ray_sampling;
+  double budget, beside; /* seconds: of config.seconds, and of validations and saves */
 };
 
 /* *text is the caller's (ern_release). */

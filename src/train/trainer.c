@@ -24,6 +24,15 @@ static double seconds_now(void) {
 /* Progress of the coarse stage: s of model.md section 6. */
 static double progress(const ern_trainer *t) { return (double)t->step / (double)t->config.iters; }
 
+static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
+
+void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
+  const double share = spent(t) / t->config.seconds; /* of the time, and so step/iters */
+  if (!(t->config.seconds > 0) || t->step == 0) return;
+  const uint64_t steps = share < 1 ? (uint64_t)((double)t->step / fmax(share, 1e-6)) + 1 : t->step;
+  t->config.iters = steps > least ? steps : least;
+}
+
 static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertainty",   "static_uncertainty",
                                                       "entropy",     "audio_ambient", "eye_ambient",
                                                       "smoothness",  "key_points"};
@@ -160,6 +169,7 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   double terms[ERN_LOSS_TERMS] = {0};
   struct ern_batch batch;
   ern_status status = ERN_OK;
+  if (t->step < t->config.iters) ern_trainer_follow_time(t, t->step + 1);
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
@@ -174,6 +184,8 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += terms[i];
   t->seconds += seconds_now() - began;
+  ern_trainer_follow_time(t, t->step);
+  report->iters = t->config.iters;
 fail:
   report->step = t->step;
   report->seconds = t->seconds;
@@ -193,10 +205,13 @@ ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report
 
 /* ---- the loop ---------------------------------------------------------------------------------------------------- */
 
+enum { SAVE_SECONDS = 60 };
+
 /* Means since the last report, and the rate of this run. */
 struct tally {
-  double began, said, loss, psnr, samples;
+  double began, said, saved, loss, psnr, samples;
   uint64_t first, steps;
+  double validated; /* of the seconds of the training, at the last validation */
 };
 
 static ern_train_report tell(const ern_trainer *t, struct tally *tally) {
@@ -208,7 +223,10 @@ static ern_train_report tell(const ern_trainer *t, struct tally *tally) {
                              .samples_per_ray = tally->samples / n,
                              .seconds = t->seconds};
   report.steps_per_second = now > tally->began ? (double)(t->step - tally->first) / (now - tally->began) : 0;
-  if (report.steps_per_second > 0) report.seconds_left = (double)(t->config.iters - t->step) / report.steps_per_second;
+  if (t->config.seconds > 0)
+    report.seconds_left = fmax(t->config.seconds - spent(t), 0);
+  else if (report.steps_per_second > 0)
+    report.seconds_left = (double)(t->config.iters - t->step) / report.steps_per_second;
   tally->loss = tally->psnr = tally->samples = 0;
   tally->steps = 0;
   tally->said = now;
@@ -228,6 +246,15 @@ static ern_status note(ern_trainer *t, const ern_train_report *r, double validat
 
 static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
 
+/* With config.seconds: each minute; a validation each tenth, but no more often. */
+static bool save_due(const ern_trainer *t, const struct tally *tally) {
+  return t->config.seconds > 0 ? seconds_now() - tally->saved > SAVE_SECONDS : due(t->step, t->config.save_every);
+}
+static bool validation_due(const ern_trainer *t, const struct tally *tally) {
+  return t->config.seconds > 0 ? spent(t) - tally->validated > fmax(t->config.seconds / 10, SAVE_SECONDS)
+                               : due(t->step, t->config.validate_every);
+}
+
 /* Saves what was learnt before `failed`: a picture that cannot be read, or a validation, does not cost it. The values
  * are not known to be sound after ERN_E_NONFINITE, and cannot be had after ERN_E_DEVICE. */
 static ern_status save_after(ern_trainer *t, ern_status failed) {
@@ -241,8 +268,9 @@ static ern_status save_after(ern_trainer *t, ern_status failed) {
 
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
   const bool last = t->step == t->config.iters;
-  const bool save = t->output != NULL && (last || due(t->step, t->config.save_every));
-  const bool validate = last || due(t->step, t->config.validate_every);
+  const bool validate = last || validation_due(t, tally);
+  const bool save = t->output != NULL && (last || save_due(t, tally));
+  const double began = seconds_now();
   double validation = 0;
   ern_status status = ERN_OK;
   /* the pictures of an earlier training are replaced after the first save, as all of it is */
@@ -260,7 +288,10 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
     }
   }
   if (save) ERN_TRY(ern_trainer_save(t));
+  if (save) tally->saved = seconds_now();
 fail:
+  t->beside += seconds_now() - began;
+  if (validate) tally->validated = spent(t);
   return status;
 }
 
@@ -298,7 +329,8 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   ern_train_hooks own = {0};
   ern_status status = hooks != NULL ? ERN_TAKE(t->context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
   if (status != ERN_OK) return status;
-  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .first = t->step};
+  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
+  tally.validated = spent(t);
   struct ern_decline decline = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
   while (t->step < t->config.iters) {

@@ -8,11 +8,8 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
-/* Shares of a head's rays that are drawn in a region of the frame, found by trying (docs/performance.md); the others
- * are anywhere in the picture. */
-#define ERN_MOUTH_SHARE 0.15f
-#define ERN_LOWER_FACE_SHARE 0.2f
-#define ERN_EYES_SHARE 0.05f
+/* Share of a head's rays that are drawn in the lower face, found by trying (docs/performance.md). */
+#define ERN_LOWER_FACE_SHARE 0.4f
 
 enum {
   ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
@@ -22,6 +19,7 @@ enum {
 };
 
 #define ERN_TRAIN_MOST_RATE 1e3
+#define ERN_TRAIN_MOST_SECONDS 1e9
 
 /* Lines of a text file that are kept until the next save. */
 struct ern_lines {
@@ -61,6 +59,7 @@ struct ern_trainer {
   struct ern_view *views; /* [training frames] */
   uint64_t step, ema_updates;
   double seconds; /* of training, all runs together */
+  double beside;  /* seconds of validations and saves, all runs together */
   struct ern_run_folder run;
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
   bool declined;  /* since the last save, with a state of before in the folder */
@@ -99,6 +98,10 @@ ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, siz
 /* Whether a callback of the caller that failed left the text of the error as it was `before`: the trainer then says
  * what failed, as that text is of something else. */
 bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_BYTES]);
+
+/* trainer.c: with config.seconds, the steps in all become those that the pace so far gives: those that are made where
+ * the time is past, but `least` at least. */
+void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
 /* trainer_batch.c */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);

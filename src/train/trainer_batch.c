@@ -80,24 +80,14 @@ fail:
 
 enum { PATCHES = 4096 /* most patches of a picture */, LEAST_PATCH = 16 /* pixels a side */ };
 
-enum { REGIONS = 3 };
-
-/* A box of the picture; `below`: of numbers that are uniform in [0, 1), those up to which a ray is in it, or in one of
- * those before it. */
-struct region {
-  uint32_t left, top, width, height;
-  float below;
-};
-
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
   const uint8_t *truth, *torso; /* torso NULL: none */
   const ern_dataset_frame *about;
-  struct region region[REGIONS];
-  int regions;
-  uint32_t side, across, patches; /* of a patch; patches a row, in all */
-  int32_t *pixel;                 /* [rays], as drawn */
+  uint32_t left, top, width, height; /* of the lower face; 0 wide: rays go anywhere alike */
+  uint32_t side, across, patches;    /* of a patch; patches a row, in all */
+  int32_t *pixel;                    /* [rays], as drawn */
   float *jitter;
   int32_t *place; /* [patches][ERN_SHARDS]: rays of a patch that a shard drew, then where they go */
 };
@@ -115,34 +105,25 @@ static uint32_t patch_of(const struct draw *draw, int32_t pixel) {
   return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
 }
 
-/* Adds what the picture has of a box to `regions`; a share of nothing stays with the whole picture. */
-static void add_region(const ern_trainer *t, ern_box box, float share, struct region region[REGIONS], int *count) {
-  const int left = box.left > 0 ? box.left : 0, right = box.right < t->data.width ? box.right : t->data.width;
-  const int top = box.top > 0 ? box.top : 0, bottom = box.bottom < t->data.height ? box.bottom : t->data.height;
-  if (left >= right || top >= bottom) return;
-  region[*count] = (struct region){(uint32_t)left, (uint32_t)top, (uint32_t)(right - left), (uint32_t)(bottom - top),
-                                   share + (*count > 0 ? region[*count - 1].below : 0)};
-  ++*count;
-}
-
-static void find_regions(struct draw *draw) {
+/* What the picture has of the lower face. */
+static void find_lower_face(struct draw *draw) {
   const ern_trainer *t = draw->t;
-  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return;
-  add_region(t, draw->about->mouth, ERN_MOUTH_SHARE, draw->region, &draw->regions);
-  add_region(t, draw->about->lower_face, ERN_LOWER_FACE_SHARE, draw->region, &draw->regions);
-  add_region(t, draw->about->eyes, ERN_EYES_SHARE, draw->region, &draw->regions);
+  const ern_box *box = &draw->about->lower_face;
+  const int left = box->left > 0 ? box->left : 0, right = box->right < t->data.width ? box->right : t->data.width;
+  const int top = box->top > 0 ? box->top : 0, bottom = box->bottom < t->data.height ? box->bottom : t->data.height;
+  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || left >= right || top >= bottom) return;
+  draw->left = (uint32_t)left;
+  draw->top = (uint32_t)top;
+  draw->width = (uint32_t)(right - left);
+  draw->height = (uint32_t)(bottom - top);
 }
 
 static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
-  const float chosen = ern_uniform(random->word[2]);
-  for (int k = 0; k < draw->regions; k++) {
-    const struct region *in = &draw->region[k];
-    if (chosen >= in->below) continue;
-    const uint32_t at = ern_below(random->word[0], in->width * in->height);
-    return (int32_t)((in->top + at / in->width) * width + in->left + at % in->width);
-  }
-  return (int32_t)ern_below(random->word[0], width * height);
+  if (draw->width == 0 || ern_uniform(random->word[2]) >= ERN_LOWER_FACE_SHARE)
+    return (int32_t)ern_below(random->word[0], width * height);
+  const uint32_t at = ern_below(random->word[0], draw->width * draw->height);
+  return (int32_t)((draw->top + at / draw->width) * width + draw->left + at % draw->width);
 }
 
 static void draw_task(void *user, size_t shard, int lane) {
@@ -252,7 +233,7 @@ ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch) {
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
-  find_regions(&draw);
+  find_lower_face(&draw);
   ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, &batch->windows));

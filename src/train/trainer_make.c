@@ -55,6 +55,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     const char *name;
     double found, least, most;
   } ranges[] = {{"iters", (double)c->iters, 1, 1e12},
+                {"seconds", c->seconds, 0, ERN_TRAIN_MOST_SECONDS},
                 {"rays", c->rays, 1, 1 << 20},
                 {"levels", c->levels, 0, ERN_GRID_MAX_LEVELS},
                 {"lr", (double)c->lr, 0, ERN_TRAIN_MOST_RATE},
@@ -400,6 +401,7 @@ static ern_status fill(ern_trainer *t) {
   }
   if (t->config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
+    ern_trainer_follow_time(t, t->step);
     if (t->step > t->config.iters)
       ERN_TRY(ern_fail(t->context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",

@@ -283,6 +283,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   t->step = about->step;
   t->ema_updates = about->ema_updates;
   t->seconds = about->seconds;
+  t->beside = about->beside;
   if (about->rays == 0)
     ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
@@ -404,6 +405,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .rays = about->rays,
                                .has_settings = about->said,
                                .iters = about->iters,
+                               .budget = about->budget,
+                               .seconds = about->seconds,
                                .lr = about->lr,
                                .lr_net = about->lr_net,
                                .lr_att = about->lr_att,
@@ -414,7 +417,6 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .torso_layer = about->layer,
                                .ema = about->ema,
                                .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32,
-
                                .ray_sampling = about->ray_sampling};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);

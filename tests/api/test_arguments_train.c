@@ -124,6 +124,8 @@ static void check_configs(void) {
   REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
   REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
   REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)2, "ray_sampling is 2");
+  REFUSED_CONFIG(seconds, -1, "seconds is -1");
+  REFUSED_CONFIG(seconds, NAN, "seconds is nan");
 }
 
 static void check_datasets(void) {

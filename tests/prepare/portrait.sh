@@ -13,7 +13,7 @@ fail() { echo "portrait.sh: $1" >&2; exit 1; }
 "$ERNERF" synth truth --size 192 --frames 50 --seed 3 --video person.mp4 --quiet
 timeout -s INT 8 bash "$portrait" person.mp4 --minutes 0.05 --size 192 > stopped.log 2>&1 && fail "it ended within 8 s"
 bash "$portrait" person.mp4 --minutes 0.05 --size 192 > first.log 2>&1 || { tail -n 5 first.log; fail "it failed"; }
-for file in clip/report.html clip/overlay.mp4 head.safetensors portrait.safetensors unseen.mp4 eval.json; do
+for file in clip/report.html clip/overlay.mp4 portrait.head.safetensors portrait.safetensors unseen.mp4 eval.json; do
   [ -s "person/$file" ] || fail "person/$file is not there"
 done
 grep -q '"psnr"' person/eval.json || fail "eval.json has no PSNR"
@@ -28,7 +28,19 @@ bash "$portrait" person.mp4 --minutes 0.1 --size 192 > other.log 2>&1 && fail "o
 grep -q 'made with --minutes 0.05, found --minutes 0.1' other.log || fail "not said: --minutes"
 
 bash "$portrait" person.mp4 -o bare --minutes 0.05 --size 192 --head-only > bare.log 2>&1 || fail "--head-only failed"
-[ -s bare/head.safetensors ] && [ ! -e bare/portrait.safetensors ] || fail "--head-only made a torso"
+[ -s bare/portrait.safetensors ] && [ ! -e bare/portrait.head.safetensors ] || fail "--head-only made a torso"
+
+# a file that an option names has other content: nothing is drawn of a model that heard something else
+"$ERNERF" synth other --size 64 --frames 50 --seed 9 --quiet
+"$ERNERF" features truth/aud.wav -o one.npy --quiet
+"$ERNERF" features other/aud.wav -o two.npy --quiet
+cp one.npy heard.npy
+bash "$portrait" person.mp4 -o hears --minutes 0.02 --size 192 --head-only --features heard.npy > hears.log 2>&1 || fail "--features failed"
+before=$(sha256sum < hears/unseen.mp4)
+cp two.npy heard.npy
+bash "$portrait" person.mp4 -o hears --minutes 0.02 --size 192 --head-only --features heard.npy > hears.log 2>&1 && fail "other features were taken"
+grep -q 'hears/clip: has changed since' hears.log || fail "not said: has changed: $(tail -n 2 hears.log)"
+[ "$before" = "$(sha256sum < hears/unseen.mp4)" ] || fail "the video was replaced"
 
 mkdir others
 echo mine > others/eval.json

@@ -30,7 +30,7 @@ refused() {
 # the user's own folder with the names that portrait has
 "$ERNERF" prepare person.mp4 -o own/clip --size 128 > said.log 2>&1 && fail "a video of 0.4 s was taken"
 [ -e own/clip/prepare.json ] || fail "no record of the refusal"
-for name in eval.json unseen.mp4 head.safetensors; do echo mine > "own/$name"; done
+for name in eval.json unseen.mp4 portrait.safetensors; do echo mine > "own/$name"; done
 refused own/ 'did not make it' portrait.txt 'empty folder' -- -o own
 echo mine > own/portrait.txt
 refused own/portrait.txt 'did not write it' 'empty folder' -- -o own
@@ -47,17 +47,26 @@ refused made 'made with --from 0' 'found --from not given' -- -o made --size 128
 refused made '--to not given' '--to 1' -- -o made --size 128 --from 0 --to 1
 bash "$portrait" person.mp4 -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 > said.log 2>&1 && fail "it ended well"
 grep -q '^== clip' said.log || fail "other options were refused before a model was begun"
-echo mine > made/head.safetensors
-refused made/head.safetensors 'did not make it' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3
+echo mine > made/portrait.safetensors
+refused made/portrait.safetensors 'did not make it' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3
 
 # once a model is begun, all options are those of the first call
-echo 300 > made/head.safetensors.steps
+echo 0 > made/portrait.safetensors.clip
 refused made 'made with --minutes 3' '--minutes 10' -- -o made --size 128 --from 0 --au 'a b.csv'
 refused made '--focal not given' '--focal 300' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --focal 300
 refused made '--au a\ b.csv' '--au c.csv' -- -o made --size 128 --from 0 --au c.csv --minutes 3
 refused made '--head-only not given' '--head-only yes' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --head-only
 bash "$portrait" person.mp4 -o made --minutes 3 --from 0 --au 'a b.csv' --size 128 > said.log 2>&1 && fail "it ended well"
 grep -q '^== clip' said.log || fail "the same options were refused"
+
+# while another call works in the folder nothing is noted
+flock made/portrait.txt sleep 30 &
+for tries in {1..50}; do flock --nonblock made/portrait.txt true || break; sleep 0.1; done
+refused made 'another call works in it' -- -o made --minutes 3 --from 0 --au 'a b.csv' --size 128
+kill $!
+mkdir pipe
+mkfifo pipe/portrait.txt
+refused pipe/portrait.txt 'no regular file' -- -o pipe
 
 # a name without an ending would be that of the folder
 cp person.mp4 talk

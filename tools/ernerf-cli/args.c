@@ -200,6 +200,24 @@ static int take_bytes(const struct args *args, struct option *option, const char
   return -1;
 }
 
+static int take_seconds(const struct args *args, struct option *option, const char *text) {
+  static const struct {
+    const char *unit;
+    double seconds;
+  } units[] = {{"", 1}, {"s", 1}, {"m", 60}, {"h", 3600}};
+  const size_t digits = strspn(text, "0123456789.");
+  char number[32], *end = NULL;
+  double seconds = NAN;
+  snprintf(number, sizeof number, "%.*s", (int)digits, text);
+  for (size_t k = 0; k < sizeof units / sizeof *units; k++)
+    if (strcmp(text + digits, units[k].unit) == 0) seconds = strtod(number, &end) * units[k].seconds;
+  if (digits == 0 || digits >= sizeof number || end == NULL || *end != 0 ||
+      !(seconds >= option->low && seconds <= option->high))
+    return refuse_value(args, option, text, "a time such as 90s, 10m or 1.5h");
+  *(double *)option->target = seconds;
+  return -1;
+}
+
 static int take_choice(const struct args *args, struct option *option, const char *text) {
   char expected[TEXT_BYTES];
   int index = 0;
@@ -276,6 +294,7 @@ static int take_value(const struct args *args, struct option *option, const char
     case OPTION_FRAME:
     case OPTION_FLOAT: return take_number(args, option, text);
     case OPTION_BYTES: return take_bytes(args, option, text);
+    case OPTION_SECONDS: return take_seconds(args, option, text);
     case OPTION_CHOICE: return take_choice(args, option, text);
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return take_range(args, option, text);
@@ -398,6 +417,7 @@ static const char *value_name(const struct option *option) {
     case OPTION_FLOAT: return "X";
     case OPTION_TEXT: return "FILE";
     case OPTION_BYTES: return "BYTES";
+    case OPTION_SECONDS: return "T";
     case OPTION_RANGE:
     case OPTION_RANGE_PAIR: return "A:B";
     case OPTION_DIMENSIONS: return "WxH";

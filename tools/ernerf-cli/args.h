@@ -39,6 +39,7 @@ enum option_kind {
   OPTION_FLOAT,      /* float in [low, high] */
   OPTION_TEXT,       /* const char *, not empty */
   OPTION_BYTES,      /* uint64_t >= 1 with K, M, G for powers of 1024 */
+  OPTION_SECONDS,    /* double: seconds in [low, high], as 90, 90s, 10m or 1.5h */
   OPTION_CHOICE,     /* int: index of the word in `choices`, split at '|' */
   OPTION_RANGE,      /* struct range: A:B, either may be left out */
   OPTION_RANGE_PAIR, /* struct range: A:B, or the two words A B; B -1: to the last */

@@ -1,14 +1,22 @@
 /* SPDX-License-Identifier: MIT
  * ernerf train: a head, or the torso under it, from a preprocessed clip. */
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "ernerf/speech.h"
 #include "verbs.h"
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
+
+/* Of the time of a portrait, the head's; the rest is the torso's. */
+static const double head_share = 2 / 3.0;
+
+/* Steps of so many rays learn most in little time (docs/performance.md). */
+enum { TIMED_RAYS = 2048 };
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -32,14 +40,18 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (!config->torso)
     status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
   if (status < 0 && config->torso)
-    status = args_forbid(args, "levels bound ind_num effects backbone attention eye-attention " SPEECH_COPIES_NAMES,
-                         "is the head's, and --torso leaves the head alone");
+    status = args_forbid(
+        args, "levels bound ind_num effects backbone attention eye-attention ray-sampling " SPEECH_COPIES_NAMES,
+        "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
+  if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
+  if (status < 0 && job->seconds > 0)
+    status = args_forbid(args, "iters save-every validate-every", "counts steps, and --time says when it ends");
   return status;
 }
 
@@ -90,9 +102,17 @@ static void take_effects(struct train_job *job, const struct args *args, ern_dat
   job->effects.has[EFFECT_CODES] = job->config.codes != 0;
 }
 
+/* The public code's schedule of the coarse stage; iters and rays are the defaults. */
+static void follow_paper(const struct args *args, ern_train_config *config) {
+  if (!args_given(args, "refresh-every")) config->refresh_every = 16;
+  if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
+}
+
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
+  config->seconds = job->seconds;
+  if (job->seconds > 0 && !args_given(args, "rays")) config->rays = TIMED_RAYS;
   config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
   config->ema_every = job->ema_every;
@@ -108,6 +128,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
+  if (job->paper) follow_paper(args, config);
   if (args_given(args, "precision")) config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
@@ -137,6 +158,7 @@ static int open_clip(struct train_job *job, const struct args *args) {
   if (inherit_speech(&job->session, job->head, job->head_path, job->has_from ? &job->from : NULL, earlier, job->clip) !=
       0)
     return EXIT_FAILURE;
+  if (job->paper && !args_given(args, "speech-copies")) job->copies.count = 0;
   const int status = job->config.torso ? 0 : speech_copies_make(&job->copies, &job->session, args, job->clip);
   if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
@@ -170,9 +192,16 @@ static void say_plan(struct train_job *job) {
     effects_words(&job->effects, list, sizeof list);
     session_note(&job->session, "train: effects %s%s", list, asks_auto(job) ? " (`ernerf check` says why)" : "");
   }
-  session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
-               config->iters, config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
-               config->output, ern_trainer_folder(job->trainer));
+  char time[32];
+  progress_duration(config->seconds, time);
+  if (config->seconds > 0)
+    session_note(&job->session, "train: %s in all, steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s", time,
+                 config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
+                 config->output, ern_trainer_folder(job->trainer));
+  else
+    session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
+                 config->iters, config->rays, config->seed, job->session.backend_info.name,
+                 job->session.backend_info.isa, config->output, ern_trainer_folder(job->trainer));
 }
 
 /* What the file of --from is like: a training that goes on from it is the same. */
@@ -205,11 +234,77 @@ static int open_earlier(struct train_job *job) {
   return hearing_open(hearing, session, job->has_state ? job->config.output : job->config.from, &job->from);
 }
 
+/* ---- a head and its torso by the clock --------------------------------------------------------------------------- */
+
+/* The head goes on, unless it is alone and has the output itself, or there is none yet. Under a torso that has begun it
+ * stays as it is. */
+static int resume_portrait(struct train_job *job) {
+  struct session *session = &job->session;
+  ern_train_state head, torso;
+  ern_model_info model;
+  char trained[32];
+  const ern_status found = ern_train_state_describe(session->context, job->head_output, &head, &model);
+  const char *const output = job->config.output;
+  if (found == ERN_E_MISSING) return 0;
+  job->config.output = job->head_output; /* a state that cannot be read is told of when it is resumed */
+  if (found != ERN_OK || ern_train_state_describe(session->context, output, &torso, &model) != ERN_OK) return 0;
+  if (fabs(head.budget - head_share * job->seconds) < 0.5) return 0;
+  progress_duration(head.budget / head_share, trained);
+  return session_fail_with(session,
+                           "%s: its torso is trained under a head of --time %s, which would change; expected that "
+                           "time, or another -o",
+                           output, trained);
+}
+
+/* Names the head's file, X.head.safetensors, and finds out early whether X is free for the torso. */
+static int check_portrait(struct train_job *job) {
+  struct session *session = &job->session;
+  const char *output = job->config.output;
+  const size_t stem = strlen(output) - strlen(".safetensors"), bytes = stem + sizeof ".head.safetensors";
+  char folder[4096];
+  job->head_output = malloc(bytes);
+  if (job->head_output == NULL) return session_fail_with(session, "out of memory");
+  snprintf(job->head_output, bytes, "%.*s.head.safetensors", (int)stem, output);
+  if (session_check_training(session, job->head_output) != 0) return EXIT_FAILURE;
+  snprintf(folder, sizeof folder, "%.*s.run", (int)stem, output);
+  for (int k = 0; k < 2 && !job->config.resume && !session->overwrite; k++)
+    if (access(k == 0 ? output : folder, F_OK) == 0)
+      return session_fail_with(session,
+                               "%s: is there already, of an earlier training; expected --resume, which goes on with "
+                               "it, or --overwrite, which replaces it",
+                               k == 0 ? output : folder);
+  return job->config.resume ? resume_portrait(job) : 0;
+}
+
+/* Whether what is to go on is a portrait by the clock of which the head alone has begun: without --time a head would
+ * begin under the portrait's name. */
+static int check_resumed(struct train_job *job) {
+  struct session *session = &job->session;
+  const char *output = job->config.output;
+  char head[4096];
+  ern_train_state state;
+  ern_model_info model;
+  const int bytes =
+      snprintf(head, sizeof head, "%.*s.head.safetensors", (int)(strlen(output) - strlen(".safetensors")), output);
+  if (!job->config.resume || job->config.torso || bytes >= (int)sizeof head) return 0;
+  if (ern_train_state_describe(session->context, output, &state, &model) != ERN_E_MISSING) return 0;
+  if (ern_train_state_describe(session->context, head, &state, &model) != ERN_OK) return 0;
+  return session_fail_with(session, "%s: nothing of it was saved, but of its head, %s; expected --time beside --resume",
+                           output, head);
+}
+
+/* A head that is all of its portrait has the output to itself, and all of the time. */
+static void plan_portrait(struct train_job *job) {
+  if (!job->effects.has[EFFECT_TORSO]) return;
+  job->torso_follows = true;
+  job->config.output = job->head_output;
+  job->config.seconds = head_share * job->seconds;
+}
+
 static int open_all(struct train_job *job, const struct args *args) {
   struct session *session = &job->session;
   ern_dataset dataset;
-  int status = session_check_training(session, job->config.output);
-  if (status == 0) status = open_earlier(job);
+  int status = open_earlier(job);
   if (status == 0) status = open_clip(job, args);
   if (status != 0) return status;
   fill_config(job, args);
@@ -217,6 +312,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
   take_effects(job, args, &dataset);
+  if (job->seconds > 0 && !job->config.torso) plan_portrait(job);
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
@@ -229,7 +325,7 @@ static int open_all(struct train_job *job, const struct args *args) {
 static int say_progress(void *user, const ern_train_report *report) {
   struct train_job *job = user;
   char more[64];
-  forecast_say(&job->forecast, &job->session, report, &job->config);
+  if (!(job->config.seconds > 0)) forecast_say(&job->forecast, &job->session, report, &job->config);
   job->progress.rate = report->steps_per_second;
   job->last = *report;
   job->stepped = true;
@@ -292,16 +388,40 @@ static int run(struct train_job *job) {
   else
     session_note(session, "train: all %" PRIu64 " steps were done before; %s is written anew", job->config.iters,
                  job->config.output);
-  return session_report(session, report(job));
+  const bool more = job->torso_follows && !job->config.torso;
+  return more ? 0 : session_report(session, report(job));
 }
 
-static void close_all(struct train_job *job) {
+static void close_training(struct train_job *job) {
   ern_trainer_free(&job->trainer);
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
   hearing_close(&job->source.hearing);
   validations_free(&job->validations);
-  session_close(&job->session);
+}
+
+static int train(struct train_job *job, const struct args *args) {
+  int status = open_all(job, args);
+  if (status == 0) status = run(job);
+  close_training(job);
+  return status;
+}
+
+/* With --time: the head, then under it the torso, where the clip has one, in the rest of the time. */
+static int train_portrait(struct train_job *job, const struct args *args) {
+  const ern_train_config asked = job->config;
+  const double seconds = job->seconds;
+  int status = check_portrait(job);
+  if (status == 0) status = train(job, args);
+  if (status != 0 || !job->torso_follows) return status;
+  job->config = asked;
+  job->config.torso = true;
+  job->config.from = NULL;
+  job->head_path = job->head_output;
+  job->seconds = seconds * (1 - head_share);
+  job->source.hearing.needs = NULL; /* the head says it */
+  job->has_from = job->has_state = job->stepped = false;
+  return train(job, args);
 }
 
 int cmd_train(int argc, char **argv) {
@@ -313,7 +433,8 @@ int cmd_train(int argc, char **argv) {
       .summary = "Learns a head from a preprocessed clip, or the torso under it.",
       .usage =
           "train CLIP -o head.safetensors\n"
-          "train CLIP --torso --head head.safetensors -o portrait.safetensors",
+          "train CLIP --torso --head head.safetensors -o portrait.safetensors\n"
+          "train CLIP --time 10m -o portrait.safetensors",
       .notes =
           "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
           "X.run holds state.safetensors and its predecessor, log.jsonl, measures.csv, curve.csv and its plots over\n"
@@ -337,8 +458,11 @@ int cmd_train(int argc, char **argv) {
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  status = open_all(&job, &args);
-  if (status == 0) status = run(&job);
-  close_all(&job);
+  status = session_check_training(&job.session, job.config.output);
+  const bool portrait = job.seconds > 0 && !job.config.torso;
+  if (status == 0 && !portrait) status = check_resumed(&job);
+  if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);
+  free(job.head_output);
+  session_close(&job.session);
   return status;
 }

@@ -37,6 +37,7 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso && model->has_gamma;
   if (!state->has_settings) return;
   if (!args_given(args, "iters")) config->iters = state->iters;
+  if (!args_given(args, "iters") && !args_given(args, "time")) config->seconds = state->budget;
   if (!args_given(args, "lr")) config->lr = state->lr;
   if (!args_given(args, "lr_net")) {
     config->lr_net = state->lr_net;

@@ -44,6 +44,18 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .low = 1,
        .high = 1e12,
        .help = "steps in all, also when resuming"},
+      {.name = "time",
+       .kind = OPTION_SECONDS,
+       .target = &job->seconds,
+       .low = 0.1,
+       .high = 1e9,
+       .help = "train for so long, such as 10m, instead of --iters: a head, as X.head.safetensors, and the torso under "
+               "it, where the clip has one; with --resume in all"},
+      {.name = "paper",
+       .kind = OPTION_FLAG,
+       .target = &job->paper,
+       .help = "the published schedule, where no option says otherwise: 100000 steps of 65536 rays anywhere alike, "
+               "--refresh-every 16, no copies of the speech"},
       {.name = "resume",
        .kind = OPTION_FLAG,
        .target = &config->resume,
@@ -160,7 +172,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .kind = OPTION_CHOICE,
        .target = &job->ray_sampling,
        .choices = "regions|uniform",
-       .help = "where the rays of a head go: more through mouth, lower face and eyes where the clip has landmarks, or "
+       .help = "where the rays of a head go: 40 of 100 through the lower face where the clip has landmarks, or "
                "anywhere alike as published (default regions)"},
       {.name = "ind_num",
        .kind = OPTION_INT,

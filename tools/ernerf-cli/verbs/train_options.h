@@ -14,7 +14,7 @@
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 19,
+  TRAIN_GOAL_OPTIONS = 21,
   TRAIN_NUMBER_OPTIONS = 23,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
@@ -24,6 +24,10 @@ struct train_job {
   ern_train_config config;
   struct clip_source source;
   const char *head_path, *effects_list;
+  double seconds;     /* of --time, 0: none */
+  char *head_output;  /* with --time: where the head goes whose torso goes to --output */
+  bool torso_follows; /* it does */
+  bool paper;
   struct speech_copies copies;
   struct validations validations;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
