@@ -43,6 +43,7 @@ static ern_status render_frame(struct job *job, size_t t) {
                  .height = poses->height},
       .windows = job->windows,
       .window_length = job->speech.window_length,
+      .individual = ERN_INDIVIDUAL_MEAN,
       .background = job->background,
   };
   ern_camera_pose(input.camera.pose, pose->matrix, job->model.scale);

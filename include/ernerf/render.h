@@ -183,6 +183,10 @@ static inline ern_still_work ern_renderer_still_work(const ern_renderer *rendere
   return work;
 }
 
+/* Instead of a row of the individual codes: their mean. A row is that of one training frame, and stands for all that
+ * its pose, speech and eyes do not tell, such as where the body was. */
+#define ERN_INDIVIDUAL_MEAN SIZE_MAX
+
 /* Plain data, may grow. */
 typedef struct ern_frame_input {
   ern_camera camera;
@@ -190,7 +194,7 @@ typedef struct ern_frame_input {
   const float *windows;      /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
   int window_length;         /* 1..16, that of ern_model_info where it is known */
   float eye;                 /* 0 open .. 1 closed; ignored by a model without an eye branch */
-  size_t individual;         /* row of the individual codes; 0 when rendering */
+  size_t individual;         /* row of the individual codes, or ERN_INDIVIDUAL_MEAN */
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso;      /* [height][width][4] RGBA drawn between background and head; NULL: none. A model with a
                                 torso draws its own over it. */

@@ -105,7 +105,8 @@ ern_status ern_frame_input_check(ern_context *context, const struct ern_field *f
   for (int i = 0; i < ERN_AUDIO_CODE && input->rest > 0; i++)
     if (!isfinite(input->rest_code[i]))
       return ern_fail(context, ERN_E_NONFINITE, "render: rest_code: value %d is not finite", i);
-  if (field->config.codes > 0 && input->individual >= (size_t)field->config.codes)
+  if (field->config.codes > 0 && input->individual != ERN_INDIVIDUAL_MEAN &&
+      input->individual >= (size_t)field->config.codes)
     return ern_fail(context, ERN_E_ARGUMENT, "render: individual code %zu, expected 0 to %d", input->individual,
                     field->config.codes - 1);
   return ERN_OK;

@@ -34,7 +34,7 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
       .height = input->camera.height,
       .frame = {frame->top, frame->left, frame->right - frame->left, frame->bottom - frame->top},
       .shrink = r->options.torso_shrink,
-      .individual = input->individual,
+      .individual = r->individual,
       .parameters = ern_whole(r->parameters, r->field.parameters),
       .field = &r->field};
   memcpy(args.pose, input->camera.pose, sizeof args.pose);
@@ -114,7 +114,7 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
       .field = &r->field,
       .code = ern_whole(r->code, ERN_AUDIO_CODE),
       .eye_value = input->eye,
-      .individual = input->individual,
+      .individual = r->individual,
       .settings = {r->field.config.bound, r->options.max_steps, r->options.dt_gamma, ERN_NEAR_PLANE},
       .transmittance_stop = r->options.transmittance_stop,
       .profile = &r->profile,

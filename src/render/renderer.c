@@ -57,11 +57,42 @@ static ern_status check_options(ern_context *context, const ern_render_options *
   return ERN_OK;
 }
 
+enum { MEANS = ERN_CODE_WIDTH + ERN_TORSO_CODE_WIDTH };
+
+/* Of the columns of `codes`, [rows][width]. */
+static void mean_of_rows(const float *codes, size_t rows, size_t width, float *mean) {
+  for (size_t c = 0; c < width; c++) {
+    double sum = 0;
+    for (size_t r = 0; r < rows; r++) sum += (double)codes[r * width + c];
+    mean[c] = (float)(sum / (double)rows);
+  }
+}
+
+static ern_status upload_means(ern_renderer *r) {
+  const struct ern_field *field = &r->field;
+  const size_t rows = (size_t)field->config.codes;
+  float means[MEANS] = {0};
+  if (rows > 0) mean_of_rows(r->model->block + field->codes, rows, ERN_CODE_WIDTH, means);
+  if (rows > 0 && field->config.torso)
+    mean_of_rows(r->model->block + field->torso_codes, rows, ERN_TORSO_CODE_WIDTH, means + ERN_CODE_WIDTH);
+  const ern_span behind = {r->parameters, field->parameters, MEANS};
+  return r->backend->upload_reals(r->stream, behind, means, MEANS);
+}
+
+static void choose_codes(ern_renderer *r, size_t individual) {
+  const struct ern_field *own = &r->model->field;
+  const bool mean = individual == ERN_INDIVIDUAL_MEAN;
+  r->individual = mean ? 0 : individual;
+  r->field.codes = mean ? own->parameters : own->codes;
+  r->field.torso_codes = mean ? own->parameters + ERN_CODE_WIDTH : own->torso_codes;
+}
+
 static ern_status upload_model(ern_renderer *r) {
   struct ern_backend *backend = r->backend;
   const ern_model *model = r->model;
   ern_status status = ERN_OK;
-  ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, r->field.parameters, &r->parameters));
+  ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, r->field.parameters + MEANS, &r->parameters));
+  ERN_TRY(upload_means(r));
   ERN_TRY(backend->upload_reals(r->stream, ern_whole(r->parameters, r->field.parameters), model->block,
                                 r->field.parameters));
   struct ern_render_prepare_args prepare = {ern_whole(r->parameters, r->field.parameters), &r->field};
@@ -343,6 +374,7 @@ static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *inpu
   struct frame *frame = &renderer->frame;
   ern_status status = ERN_OK;
   ERN_TRY(ern_frame_input_check(renderer->context, &renderer->field, input));
+  choose_codes(renderer, input->individual);
   ERN_TRY(size_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height));
   ERN_TRY(take_wanted(renderer, output));
   ERN_TRY(ern_renderer_hear(renderer, input));

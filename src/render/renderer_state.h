@@ -50,7 +50,9 @@ struct ern_renderer {
   ern_context *context;
   struct ern_backend *backend;
   const ern_model *model;
-  struct ern_field field; /* the model's; the window length is that of the features at hand */
+  struct ern_field field; /* the model's; the window length is that of the features at hand, and the individual codes
+                             may be their means, behind the parameters */
+  size_t individual;      /* row of the frame's individual codes */
   ern_render_options options;
   struct ern_stream *stream;
   struct ern_buffer *parameters, *bits, *torso_grid, *code;

@@ -59,6 +59,7 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
       .windows = t->host_windows,
       .window_length = t->data.features->window_length,
       .eye = about.eye,
+      .individual = ERN_INDIVIDUAL_MEAN,
       .background = t->data.background,
       .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);

@@ -232,7 +232,7 @@ CHECK(ern_renderer_frame) {
   input.camera.width = -1;
   REFUSED(w.context, "size is -1 x", ern_renderer_frame(w.renderer, &input, &output, NULL));
   input.camera.width = SIDE;
-  input.individual = SIZE_MAX;
+  input.individual = SIZE_MAX - 1;
   REFUSED(w.context, "individual code", ern_renderer_frame(w.renderer, &input, &output, NULL));
 }
 

@@ -19,28 +19,35 @@ struct portrait {
 static struct portrait portrait;
 static const float facing[16] = {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1};
 
-static void model_make(void) {
-  const struct ern_model_config config = {
-      .levels = 2, .feature_width = WIDTH, .window_length = LENGTH, .head = true, .torso = true, .bound = 1};
-  support_ok(machines.context, ern_model_make(&portrait.model, machines.context, &config));
-  ern_parameters_init(portrait.model->block, &portrait.model->table, false, 5);
-  ern_parameters_init(portrait.model->block, &portrait.model->table, true, 5);
+static ern_model *model_make(int codes) {
+  ern_model *model = NULL;
+  const struct ern_model_config config = {.levels = 2,
+                                          .feature_width = WIDTH,
+                                          .window_length = LENGTH,
+                                          .head = true,
+                                          .torso = true,
+                                          .codes = codes,
+                                          .bound = 1};
+  support_ok(machines.context, ern_model_make(&model, machines.context, &config));
+  ern_parameters_init(model->block, &model->table, false, 5);
+  ern_parameters_init(model->block, &model->table, true, 5);
   for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) { /* a ball of radius 1/4 */
     const float x = (float)ern_morton_gather(c) / 64 - 1, y = (float)ern_morton_gather(c >> 1) / 64 - 1,
                 z = (float)ern_morton_gather(c >> 2) / 64 - 1;
-    if (x * x + y * y + z * z < 0.0625f) portrait.model->bits[c >> 3] |= (uint8_t)(1u << (c & 7));
+    if (x * x + y * y + z * z < 0.0625f) model->bits[c >> 3] |= (uint8_t)(1u << (c & 7));
   }
-  const struct ern_field *field = &portrait.model->field;
-  for (size_t i = 0; i < 64; i++) portrait.model->block[field->density.weight[2] + i] *= 100;
+  const struct ern_field *field = &model->field;
+  for (size_t i = 0; i < 64; i++) model->block[field->density.weight[2] + i] *= 100;
   for (int plane = 0; plane < ERN_PLANES; plane++) /* values of 1 make the density vary from cell to cell */
     for (uint32_t i = 0; i < field->encoder.grid[plane].entries; i++)
-      portrait.model->block[field->encoder.table[plane] + i] = machines_random(9 + (uint64_t)plane, i, 1);
-  for (size_t i = 0; i < ERN_TORSO_CELLS; i++) portrait.model->torso_grid[i] = i % 2 == 0 ? 1 : 0.001f;
+      model->block[field->encoder.table[plane] + i] = machines_random(9 + (uint64_t)plane, i, 1);
+  for (size_t i = 0; i < ERN_TORSO_CELLS; i++) model->torso_grid[i] = i % 2 == 0 ? 1 : 0.001f;
+  return model;
 }
 
 static int open_portrait(void **state) {
   open_machines(state);
-  model_make();
+  portrait.model = model_make(0);
   for (int k = 0; k < machines.count; k++)
     support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], portrait.model, NULL));
   for (size_t i = 0; i < WINDOWS; i++) portrait.windows[i] = sinf((float)i);
@@ -100,6 +107,45 @@ static void expect_drawn(const ern_frame_input *input) {
 static void expect_refused(const ern_frame_input *input, ern_status status, const char *word, const char *other) {
   for (int k = 0; k < machines.count; k++) support_expect(machines.context, draw(k, input), status, word, other, NULL);
 }
+/* ---- individual codes ---- */
+
+/* On each machine a frame of the mean of the codes is that of a model whose first row is the mean, also where sums
+ * leave float; other rows are as before. */
+static void test_frame_of_the_mean_code(void **state) {
+  (void)state;
+  enum { ROWS = 3 };
+  static float mean[3 * PIXELS], first[3 * PIXELS];
+  ern_model *model = model_make(ROWS), *same = model_make(ROWS);
+  const struct ern_field *field = &model->field;
+  for (size_t c = 0; c < ERN_CODE_WIDTH + ERN_TORSO_CODE_WIDTH; c++) {
+    const bool head = c < ERN_CODE_WIDTH;
+    const size_t at = head ? field->codes + c : field->torso_codes + c - ERN_CODE_WIDTH,
+                 width = head ? ERN_CODE_WIDTH : ERN_TORSO_CODE_WIDTH;
+    const float rows[ROWS] = {3e38f, -3e38f, machines_random(3, c, 2)};
+    for (size_t r = 0; r < ROWS; r++) model->block[at + r * width] = rows[r];
+    same->block[at] = (float)((double)rows[2] / ROWS);
+    same->block[at + width] = rows[2];
+  }
+  for (int k = 0; k < machines.count; k++) {
+    ern_renderer *renderer[2] = {NULL, NULL};
+    ern_frame_input input = usual();
+    const ern_frame_output to_mean = {.rgb = mean}, to_first = {.rgb = first};
+    support_ok(machines.context, ern_renderer_create(&renderer[0], machines.backend[k], model, NULL));
+    support_ok(machines.context, ern_renderer_create(&renderer[1], machines.backend[k], same, NULL));
+    for (int turn = 0; turn < 2; turn++) {
+      input.individual = turn == 0 ? ERN_INDIVIDUAL_MEAN : 2;
+      support_ok(machines.context, ern_renderer_frame(renderer[0], &input, &to_mean, NULL));
+      input.individual = (size_t)turn;
+      support_ok(machines.context, ern_renderer_frame(renderer[1], &input, &to_first, NULL));
+      if (memcmp(mean, first, sizeof mean) != 0) fail_msg("%s: turn %d: other pixels", machines.name[k], turn);
+    }
+    ern_renderer_free(&renderer[0]);
+    ern_renderer_free(&renderer[1]);
+  }
+  ern_model_free(&model);
+  ern_model_free(&same);
+}
+
 /* ---- frames that are kept ---- */
 
 /* Each speech twice, so often that the view counts as standing: against the same frames drawn from nothing. */
@@ -479,6 +525,7 @@ static void test_frame_of_no_size(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_frame_of_the_usual),
+      cmocka_unit_test(test_frame_of_the_mean_code),
       cmocka_unit_test(test_kept_frames_of_silent_and_huge_speech),
       cmocka_unit_test(test_frame_of_a_singular_pose),
       cmocka_unit_test(test_frame_of_a_pose_that_is_no_number),

@@ -51,6 +51,7 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
                              .windows = evaluation->windows,
                              .window_length = evaluation->features->window_length,
                              .eye = source_frame->eye,
+                             .individual = ERN_INDIVIDUAL_MEAN,
                              .background = evaluation->background.image.data,
                              .torso = torso};
   if (about.cameras > 0 && source_frame->split == ERN_SPLIT_TRAIN) {

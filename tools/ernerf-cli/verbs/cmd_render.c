@@ -271,6 +271,7 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
                                  .windows = job->windows,
                                  .window_length = job->features->window_length,
                                  .eye = source_frame->eye,
+                                 .individual = ERN_INDIVIDUAL_MEAN,
                                  .background = job->background.image.data,
                                  .torso = torso,
                                  .rest_code = job->rest.code,
