@@ -43,17 +43,21 @@ static ern_status take_form(struct ern_sound_decoder *sound, int rate, int chann
   return ern_sound_check_form(sound->decoder.context, sound->decoder.path, rate, channels);
 }
 
-/* The sound's track may begin after the pictures'. */
+/* The sound may begin after the pictures, or before them, where a part of it is not heard. Its first piece tells where:
+ * a decoder gives nothing of its first packets, with which the track begins. A file of sound alone begins with its
+ * first piece. */
 static ern_status find_silence(struct ern_sound_decoder *sound) {
   const AVFormatContext *container = sound->decoder.container;
   const AVStream *stream = sound->decoder.stream;
-  if (container->start_time == AV_NOPTS_VALUE || stream->start_time == AV_NOPTS_VALUE) return ERN_OK;
-  const double late =
-      (double)stream->start_time * av_q2d(stream->time_base) - (double)container->start_time / AV_TIME_BASE;
+  int64_t stamp = sound->decoder.frame->best_effort_timestamp;
+  if (stamp == AV_NOPTS_VALUE) stamp = stream->start_time;
+  if (container->nb_streams == 1 || container->start_time == AV_NOPTS_VALUE || stamp == AV_NOPTS_VALUE) return ERN_OK;
+  const double late = (double)stamp * av_q2d(stream->time_base) - (double)container->start_time / AV_TIME_BASE;
   if (late > MAX_SILENCE)
     return ern_fail(sound->decoder.context, ERN_E_UNSUPPORTED, "%s: its sound begins at %.0f s, expected %d s at most",
                     sound->decoder.path, late, MAX_SILENCE);
   if (late > 0) sound->silence = (size_t)(late * sound->rate + 0.5);
+  if (late < 0 && late > -BEGINS_ANEW) sound->skip = (size_t)(-late * sound->rate + 0.5);
   return ERN_OK;
 }
 
@@ -104,7 +108,7 @@ static ern_status find_place(struct ern_sound_decoder *sound) {
   if (stamp == AV_NOPTS_VALUE) return ERN_OK;
   const double at = (double)stamp * av_q2d(decoder->stream->time_base);
   if (!sound->has_begin) {
-    sound->begin = at - (double)sound->silence / sound->rate;
+    sound->begin = at + ((double)sound->skip - (double)sound->silence) / sound->rate;
     sound->has_begin = true;
     return ERN_OK;
   }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Sound files: what is written comes back to the sample, other forms become 16-bit, nonsense is refused. */
 #include <libavutil/channel_layout.h>
+#include <math.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -377,40 +378,77 @@ static void test_times(void **state) {
   }
 }
 
-/* One second of noise as FLAC in Ogg; pages of at most `page` microseconds. */
-static void write_ogg(const char *path, int64_t page) {
-  AVFormatContext *container = NULL;
-  AVCodecContext *codec = avcodec_alloc_context3(avcodec_find_encoder(AV_CODEC_ID_FLAC));
-  AVFrame *frame = av_frame_alloc();
-  AVPacket *packet = av_packet_alloc();
-  AVDictionary *options = NULL;
-  assert_true(codec != NULL && frame != NULL && packet != NULL &&
-              av_dict_set_int(&options, "page_duration", page, 0) >= 0);
-  codec->sample_rate = 16000;
-  codec->sample_fmt = AV_SAMPLE_FMT_S16;
+struct encoded {
+  enum AVCodecID codec;
+  const char *form; /* of FFmpeg's */
+  int tracks;       /* 2: and one of pictures, without any */
+  int64_t page;     /* of Ogg: the longest, microseconds */
+};
+
+static AVCodecContext *open_encoder(enum AVCodecID id, int rate) {
+  const AVCodec *how = avcodec_find_encoder(id);
+  AVCodecContext *codec = avcodec_alloc_context3(how);
+  assert_true(how != NULL && codec != NULL);
+  codec->sample_rate = rate;
+  codec->sample_fmt = how->sample_fmts[0];
+  codec->time_base = (AVRational){1, rate};
+  codec->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   av_channel_layout_default(&codec->ch_layout, 1);
   assert_true(avcodec_open2(codec, NULL, NULL) >= 0);
-  assert_true(avformat_alloc_output_context2(&container, NULL, "ogg", path) >= 0);
+  return codec;
+}
+
+static AVFormatContext *open_file(const char *path, const struct encoded *how, const AVCodecContext *codec) {
+  AVFormatContext *container = NULL;
+  AVDictionary *options = NULL;
+  assert_true(avformat_alloc_output_context2(&container, NULL, how->form, path) >= 0 &&
+              av_dict_set_int(&options, "page_duration", how->page, 0) >= 0);
   AVStream *stream = avformat_new_stream(container, NULL);
   assert_true(stream != NULL && avcodec_parameters_from_context(stream->codecpar, codec) >= 0);
+  if (how->tracks == 2) {
+    AVStream *pictures = avformat_new_stream(container, NULL);
+    assert_non_null(pictures);
+    pictures->codecpar->codec_type = AVMEDIA_TYPE_VIDEO;
+    pictures->codecpar->codec_id = AV_CODEC_ID_MJPEG;
+    pictures->codecpar->width = pictures->codecpar->height = 16;
+  }
   assert_true(avio_open(&container->pb, path, AVIO_FLAG_WRITE) >= 0);
   assert_true(avformat_write_header(container, &options) >= 0);
-  ern_sound sound = noise(16000, 1, 16000);
-  for (int at = 0; at <= 16000;) {
-    frame->format = AV_SAMPLE_FMT_S16;
-    frame->sample_rate = 16000;
-    frame->nb_samples = 16000 - at < codec->frame_size ? 16000 - at : codec->frame_size;
+  av_dict_free(&options);
+  return container;
+}
+
+/* One track; returns how much the file's times are later than the samples' own, s. */
+static double write_encoded(const char *path, const struct encoded *how, const ern_sound *sound) {
+  AVCodecContext *codec = open_encoder(how->codec, sound->rate);
+  AVFormatContext *container = open_file(path, how, codec);
+  AVFrame *frame = av_frame_alloc();
+  AVPacket *packet = av_packet_alloc();
+  int64_t first = AV_NOPTS_VALUE;
+  const int total = (int)sound->frames;
+  assert_true(frame != NULL && packet != NULL);
+  for (int at = 0; at <= total;) {
+    frame->format = codec->sample_fmt;
+    frame->sample_rate = sound->rate;
+    frame->nb_samples = total - at < codec->frame_size ? total - at : codec->frame_size;
     frame->pts = at;
     const bool last = frame->nb_samples == 0;
-    if (!last) {
+    if (!last)
       assert_true(av_channel_layout_copy(&frame->ch_layout, &codec->ch_layout) >= 0 &&
                   av_frame_get_buffer(frame, 0) >= 0);
-      memcpy(frame->data[0], sound.data + at, 2 * (size_t)frame->nb_samples);
+    for (int i = 0; i < frame->nb_samples; i++) {
+      const int16_t value = sound->data[at + i];
+      if (av_get_bytes_per_sample(codec->sample_fmt) == 2)
+        ((int16_t *)(void *)frame->data[0])[i] = value;
+      else
+        ((float *)(void *)frame->data[0])[i] = (float)value / 32768;
     }
     at += last ? 1 : frame->nb_samples;
     assert_true(avcodec_send_frame(codec, last ? NULL : frame) >= 0);
     while (avcodec_receive_packet(codec, packet) >= 0) {
-      av_packet_rescale_ts(packet, (AVRational){1, 16000}, stream->time_base);
+      if (first == AV_NOPTS_VALUE) first = packet->pts;
+      packet->stream_index = 0;
+      av_packet_rescale_ts(packet, (AVRational){1, sound->rate}, container->streams[0]->time_base);
       assert_true(av_write_frame(container, packet) >= 0);
     }
     av_frame_unref(frame);
@@ -418,10 +456,43 @@ static void write_ogg(const char *path, int64_t page) {
   assert_true(av_write_trailer(container) >= 0);
   avio_closep(&container->pb);
   avformat_free_context(container);
-  av_dict_free(&options);
   av_packet_free(&packet);
   av_frame_free(&frame);
   avcodec_free_context(&codec);
+  return first < 0 ? (double)-first / sound->rate : 0; /* a file's times begin at 0 */
+}
+
+/* A decoder of Vorbis or Opus gives nothing of what its encoder put before the sound: a click beside pictures is heard
+ * at its time by the file, and in a file of sound alone at its place in the sound. */
+static void test_encoders_delay(void **state) {
+  (void)state;
+  static const enum AVCodecID codecs[] = {AV_CODEC_ID_VORBIS, AV_CODEC_ID_OPUS, AV_CODEC_ID_FLAC};
+  for (int k = 0; k < 6; k++) {
+    const struct encoded how = {.codec = codecs[k / 2], .form = "matroska", .tracks = 1 + k % 2};
+    ern_sound sound = {.rate = 48000, .channels = 1, .frames = 48000}, read = {0};
+    support_ok(context, ERN_NEW(context, sound.frames, &sound.data));
+    for (int i = -3; i <= 3; i++) sound.data[24000 + i] = (int16_t)(30000 - 8000 * abs(i));
+    const double shift = write_encoded("click.mka", &how, &sound);
+    assert_true((shift > 0.002) == (how.codec != AV_CODEC_ID_FLAC));
+    support_ok(context, ern_sound_read(context, "click.mka", &read));
+    assert_int_equal(read.rate, 48000);
+    int loudest = 0;
+    for (int i = 0; i < (int)read.frames; i++)
+      if (abs(read.data[i]) > abs(read.data[loudest])) loudest = i;
+    const double expected = 24000 + (how.tracks == 2 ? shift * 48000 : 0);
+    if (fabs(loudest - expected) > 1.5 * 48) /* 1 ms: the file's unit of time */
+      fail_msg("codec %d, %d tracks: the click is heard at %d, expected %.0f", (int)how.codec, how.tracks, loudest,
+               expected);
+    ern_sound_free(context, &sound);
+    ern_sound_free(context, &read);
+  }
+}
+
+/* One second of noise as FLAC in Ogg; pages of at most `page` microseconds. */
+static void write_ogg(const char *path, int64_t page) {
+  ern_sound sound = noise(16000, 1, 16000);
+  const struct encoded how = {.codec = AV_CODEC_ID_FLAC, .form = "ogg", .tracks = 1, .page = page};
+  (void)write_encoded(path, &how, &sound);
   ern_sound_free(context, &sound);
 }
 
@@ -515,21 +586,14 @@ static void test_sizes(void **state) {
 int main(void) {
   signal(SIGXFSZ, SIG_IGN);
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_sizes),
-      cmocka_unit_test(test_round_trip),
-      cmocka_unit_test(test_bytes_of_a_wav),
-      cmocka_unit_test(test_other_forms_become_16_bit),
-      cmocka_unit_test(test_refused_files),
-      cmocka_unit_test(test_names_are_files),
-      cmocka_unit_test(test_no_samples),
-      cmocka_unit_test(test_refused_writes),
-      cmocka_unit_test(test_real_sound),
-      cmocka_unit_test(test_format_changes),
-      cmocka_unit_test(test_playlists),
-      cmocka_unit_test(test_late_track),
-      cmocka_unit_test(test_times),
-      cmocka_unit_test(test_cut_ogg),
-      cmocka_unit_test(test_shorter_than_it_says),
+      cmocka_unit_test(test_sizes),          cmocka_unit_test(test_round_trip),
+      cmocka_unit_test(test_bytes_of_a_wav), cmocka_unit_test(test_other_forms_become_16_bit),
+      cmocka_unit_test(test_refused_files),  cmocka_unit_test(test_names_are_files),
+      cmocka_unit_test(test_no_samples),     cmocka_unit_test(test_refused_writes),
+      cmocka_unit_test(test_real_sound),     cmocka_unit_test(test_format_changes),
+      cmocka_unit_test(test_playlists),      cmocka_unit_test(test_late_track),
+      cmocka_unit_test(test_times),          cmocka_unit_test(test_encoders_delay),
+      cmocka_unit_test(test_cut_ogg),        cmocka_unit_test(test_shorter_than_it_says),
   };
   return cmocka_run_group_tests_name("sound", tests, set_up, tear_down);
 }
