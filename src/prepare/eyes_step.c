@@ -183,6 +183,7 @@ static ern_status write_table(struct ern_prepare_job *job, const float *values, 
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], line[128];
   struct ern_file_writer file = {0};
+  ERN_TRY(ern_prepare_claim(job, "au.csv"));
   ERN_TRY(ern_prepare_path(job, path, "au.csv"));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
@@ -215,6 +216,7 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct eyes eyes = {.job = job};
   size_t count = 0;
+  ERN_TRY(ern_prepare_remove_made(job, "au.csv")); /* of other lids */
   if (job->options->au != NULL) return from_table(job);
   ERN_TRY(ERN_NEW(job->context, job->frames, &eyes.crops));
   ERN_TRY(ERN_NEW(job->context, job->frames, &eyes.signal));
@@ -231,7 +233,6 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
                         "%zu blinks in %.1f minutes are more than people make; --au FILE.csv brings OpenFace's", count,
                         minutes);
   } else {
-    ERN_TRY(ern_prepare_remove(job, "au.csv")); /* of other poses */
     ern_prepare_judge(job, ERN_PREPARE_GOOD, "no blink was found, so there is no au.csv and no blinking is learnt");
   }
 fail:

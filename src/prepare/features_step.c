@@ -11,8 +11,8 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
+  ERN_TRY(ern_prepare_remove_made(job, "aud.npy")); /* of other features */
   if (job->options->features == NULL) {
-    if (job->again) ERN_TRY(ern_prepare_remove(job, "aud.npy"));
     ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
     if (access(path, F_OK) != 0)
       ern_prepare_judge(job, ERN_PREPARE_REFUSED,
@@ -26,6 +26,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "%s has %zu windows for %zu frames; frames past the last one hear its end",
                       job->options->features, features.windows, job->frames);
+  ERN_TRY(ern_prepare_claim(job, "aud.npy"));
   ERN_TRY(ern_prepare_path(job, path, "aud.npy"));
   ERN_TRY(ern_features_save(job->context, path, &features));
 fail:

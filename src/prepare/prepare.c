@@ -127,9 +127,6 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   job->figures = json_object();
   if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
   ERN_TRY(ern_prepare_progress(job, 0, 1));
-  const char *with = json_string_value(
-      json_object_get(json_object_get(json_object_get(job->record, "steps"), steps[step].name), "settings"));
-  job->again = with != NULL && with[0] != 0 && with[strlen(with) - 1] != ' ';
   /* frames are behind all, poses and landmarks behind layers and eyes */
   stale[count++] = steps[step].name;
   for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;

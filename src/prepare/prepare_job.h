@@ -41,7 +41,6 @@ struct ern_prepare_job {
   json_t *record; /* prepare.json */
   /* of the step that runs */
   ern_prepare_verdict *verdict;
-  bool again;      /* an earlier call did it with something that the user brought */
   json_t *figures; /* an object of numbers for prepare.json and the report */
 };
 
@@ -98,6 +97,11 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
 /* Removes the file of that name right in the clip's folder, where there is one. */
 ERN_NODISCARD ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name);
+/* aud.npy or au.csv: removes what a call made; the user's own stays. */
+ERN_NODISCARD ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name);
+/* Before one of these is written: notes in the record that a call makes it. ERN_E_EXISTS where the user's own is there
+ * and options->anew is not set. */
+ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name);
 
 /* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */
 ERN_NODISCARD ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t total);

@@ -217,11 +217,16 @@ static ern_status take_away(struct ern_prepare_job *job, int folder, const char 
   return status == ERN_OK ? ern_file_refused(job->context, path, "remove") : status;
 }
 
-/* Whether aud.npy is what this program made of --features, and not the user's; -y asks for all of an earlier clip. */
-static bool made_features(const struct ern_prepare_job *job) {
-  const json_t *step = json_object_get(json_object_get(job->record, "steps"), "features");
+/* aud.npy and au.csv may be the user's own: record.made names those that a call wrote. */
+static bool is_made(const struct ern_prepare_job *job, const char *name) {
+  const bool lids = strcmp(name, "au.csv") == 0;
+  if (json_is_true(json_object_get(json_object_get(job->record, "made"), name))) return true;
+  /* a record of an earlier version tells by the step */
+  const json_t *step = json_object_get(json_object_get(job->record, "steps"), lids ? "eyes" : "features");
   const char *with = json_string_value(json_object_get(step, "settings"));
-  return job->options->anew || (with != NULL && strcmp(with, "features ") != 0);
+  if (with == NULL) return false;
+  return strcmp(with, lids ? "au " : "features ") != 0 ||
+         (lids && json_number_value(json_object_get(json_object_get(step, "figures"), "blinks")) > 0);
 }
 
 static ern_status clear_folder(struct ern_prepare_job *job, size_t which) {
@@ -239,7 +244,7 @@ static ern_status clear_folder(struct ern_prepare_job *job, size_t which) {
       ERN_TRY(take_away(job, folder, inside, name));
     }
   for (size_t k = 0; k < sizeof made[which].names / sizeof *made[which].names && made[which].names[k] != NULL; k++)
-    if (strcmp(made[which].names[k], "aud.npy") != 0 || made_features(job))
+    if (strcmp(made[which].names[k], "aud.npy") != 0 || job->options->anew || is_made(job, "aud.npy"))
       ERN_TRY(take_away(job, folder, inside, made[which].names[k]));
   if (inside[0] != 0) (void)rmdir(path); /* where nothing else is in it */
 fail:
@@ -252,6 +257,7 @@ ern_status ern_prepare_clear(struct ern_prepare_job *job) {
   for (size_t i = 0; i < sizeof made / sizeof *made; i++) ERN_TRY(clear_folder(job, i));
   job->frames = 0;
   (void)json_object_del(job->record, "frames");
+  (void)json_object_del(job->record, "made");
 fail:
   return status;
 }
@@ -263,5 +269,29 @@ ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name) {
   if (folder < 0) return ern_file_refused(job->context, job->folder, "open");
   status = take_away(job, folder, "", name);
   close(folder);
+  return status;
+}
+
+ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name) {
+  if (!is_made(job, name)) return ERN_OK;
+  const ern_status status = ern_prepare_remove(job, name);
+  if (status != ERN_OK) return status;
+  (void)json_object_del(json_object_get(job->record, "made"), name);
+  return ern_prepare_record_save(job);
+}
+
+ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  ERN_TRY(ern_prepare_path(job, path, "%s", name));
+  if (access(path, F_OK) == 0 && !job->options->anew && !is_made(job, name))
+    ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
+                     "%s: ernerf prepare did not make it; expected --overwrite to replace it, or no such file", path));
+  if (!json_is_object(json_object_get(job->record, "made")))
+    (void)json_object_set_new(job->record, "made", json_object());
+  if (json_object_set_new(json_object_get(job->record, "made"), name, json_true()) != 0)
+    ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
+  ERN_TRY(ern_prepare_record_save(job));
+fail:
   return status;
 }

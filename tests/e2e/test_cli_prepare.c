@@ -172,10 +172,27 @@ static void test_second_call(void **state) {
     cli_expect(&cli, 0, NULL);
     assert_true((changed("clip/au.csv") > before_this) == (i == 0));
   }
+  support_write_text("bad.npy", "no features"); /* nor do they stay behind a call that fails */
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --features bad.npy");
+  cli_expect(&cli, 1, "bad.npy", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_false(cli_there("clip/aud.npy"));
   cli_same_bytes("clip/au.csv", "au_first.csv");
+  /* features that the user put there are replaced with -y alone */
+  support_write_text("clip/aud.npy", "mine");
+  for (int i = 0; i < 3; i++) {
+    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet%s", i == 1 ? "" : " --features truth/aud_ds.npy");
+    cli_expect(&cli, i == 1 ? 0 : 1, i == 1 ? NULL : "clip/aud.npy: ernerf prepare did not make it", "--overwrite",
+               NULL);
+    assert_int_equal(system("printf mine | cmp - clip/aud.npy"), 0);
+  }
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --features truth/aud_ds.npy -y");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("clip/prepare.json") && system("printf mine | cmp -s - clip/aud.npy") != 0);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_false(cli_there("clip/aud.npy"));
   /* a step that fails no longer counts as done; another content under the same name is another input; a file that is
    * gone is made again */
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au none.csv");

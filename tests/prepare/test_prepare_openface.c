@@ -193,6 +193,14 @@ static void test_steps(void **state) {
   assert_int_equal(count, FRAMES);
   assert_true(fabsf(lids[3] - 0.2f) < 1e-5f && fabsf(lids[10] - 1) < 1e-5f);
   ern_release(m.job.context, lids);
+  /* the step's own table is replaced, the user's with -y alone */
+  support_ok(m.job.context, ern_prepare_eyes(&m.job));
+  assert_int_equal(json_object_del(m.job.record, "made"), 0);
+  support_write_text("clip/au.csv", "mine");
+  support_expect(m.job.context, ern_prepare_eyes(&m.job), ERN_E_EXISTS, "clip/au.csv", "--overwrite", NULL);
+  assert_int_equal(system("printf mine | cmp - clip/au.csv"), 0);
+  m.options.anew = true;
+  support_ok(m.job.context, ern_prepare_eyes(&m.job));
   made_job_close(&m);
 }
 
