@@ -199,6 +199,20 @@ static void test_brought(void **state) {
   ern_image_free(t->context, &torso);
   ern_image_free(t->context, &shown);
   ern_image_free(t->context, &background);
+  /* white is the background also in a file that has nothing else, and the folder's files are alike */
+  memset(rgb, 255, 3 * PIXELS);
+  support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
+  support_ok(t->context, ern_image_write(t->context, "brought/9.png", &image, 100));
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  for (int f = 0; f < 10; f += 9) {
+    ern_image parsing = picture(t->context, name_of("clip", "parsing/%d.png", f), 3);
+    for (int k = 0; k < PIXELS; k++) assert_false(is_person(parsing.data + 3 * k));
+    ern_image_free(t->context, &parsing);
+  }
+  memset(rgb, 128, 3 * PIXELS);
+  support_ok(t->context, ern_image_write(t->context, "brought/9.png", &image, 100));
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_FORMAT, "brought/9.png: is grey",
+                 "1.png is in colours", NULL);
   rgb[1] = 7; /* no colour of a part */
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_FORMAT, "brought/0.png", "expected", NULL);
