@@ -26,7 +26,7 @@ typedef struct ern_prepare_options {
   const char *landmarks;
   const char *poses; /* a transforms_*.json of all frames */
   const char *masks; /* a folder of ID.png in AD-NeRF's colours (docs/prepare.md), or a network, FILE.onnx */
-  const char *au;    /* a table with a column AU45_r: a row a frame of the clip, or by timestamp, as OpenFace writes */
+  const char *au;    /* a table with a column AU45_r: by its timestamp, seconds of the video; a row a frame without */
   const char *features; /* a .npy of speech features */
   bool anew;            /* what an earlier call made in the folder is made again, from whatever video */
   /* Called now and then; a non-zero answer cancels (ERN_E_CANCELLED), and what is done stays. NULL: none. */

@@ -183,13 +183,15 @@ static ern_status write_table(struct ern_prepare_job *job, const float *values, 
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], line[128];
   struct ern_file_writer file = {0};
+  double from = 0, to = 0;
+  ern_prepare_part(job, &from, &to); /* timestamps are of the video, as --au takes them */
   ERN_TRY(ern_prepare_claim(job, "au.csv"));
   ERN_TRY(ern_prepare_path(job, path, "au.csv"));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < count; i++) {
-    const int length = snprintf(line, sizeof line, "%zu, %.3f, 1.00, 1, %.2f\n", i + 1, (double)i / ERN_PREPARE_RATE,
-                                (double)values[i]);
+    const int length = snprintf(line, sizeof line, "%zu, %.3f, 1.00, 1, %.2f\n", i + 1,
+                                from + (double)i / ERN_PREPARE_RATE, (double)values[i]);
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }
   return ern_file_writer_commit(&file);

@@ -23,7 +23,8 @@ enum {
   ERN_PREPARE_PATH = 4096,
   ERN_PREPARE_MARK = ERN_PREPARE_PATH + 104,
   ERN_PREPARE_RATE = 25,
-  ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE
+  ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE,
+  ERN_PREPARE_REACH = 4 /* sides of the clip: a landmark lies less than that from the corner, along x and y */
 };
 
 struct ern_prepare_job {

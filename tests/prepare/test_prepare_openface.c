@@ -114,6 +114,8 @@ static void test_landmarks_refused(void **state) {
   static float points[FRAMES][POINTS][2];
   size_t held = 0;
   open_clip(&m);
+  write_table("far.csv", FRAMES, 25, 0, 0);
+  assert_int_equal(system("awk 'NR == 21 { $9 = \"2000,\" } 1' far.csv >moved.csv && mv moved.csv far.csv"), 0);
   write_table("bad.csv", FRAMES, 25, 0, FRAMES);
   support_expect(m.job.context, ern_openface_landmarks(&m.job, "bad.csv", points, &held), ERN_E_FORMAT, "bad.csv",
                  "success is 0 in all", NULL);
@@ -128,6 +130,8 @@ static void test_landmarks_refused(void **state) {
                  "column x_1 is missing", NULL);
   support_expect(m.job.context, ern_openface_landmarks(&m.job, "none.csv", points, &held), ERN_E_MISSING, "none.csv",
                  NULL);
+  support_expect(m.job.context, ern_openface_landmarks(&m.job, "far.csv", points, &held), ERN_E_FORMAT,
+                 "far.csv: row 20: x_3 is 2000", "pixel of the video, -550 to 1050", NULL);
   write_table("bad.csv", FRAMES, 1e9, 0, 0); /* all at 0.000 s */
   support_expect(m.job.context, ern_openface_landmarks(&m.job, "bad.csv", points, &held), ERN_E_FORMAT, "bad.csv",
                  "row 2: timestamp is 0 after 0", NULL);
@@ -155,8 +159,21 @@ static void test_lids(void **state) {
   expect_lids(&m, 0, 0, 2);
   m.options.from = 1;
   expect_lids(&m, 0, 50, 2);
-  write_table("lids.csv", FRAMES, 25, 0, 0); /* a row a frame of the clip */
+  write_table("lids.csv", FRAMES, 50, 0, 0); /* as many rows as frames, and not of them */
+  support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
+                 "no row near 1.00 s", "20 rows end at 0.38 s", NULL);
+  m.options.from = 0;
+  write_table("lids.csv", FRAMES, 20, 0, 0);
+  support_ok(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held));
+  for (size_t i = 0; i < FRAMES; i++) assert_true(fabs((double)values[i] - floor(0.8 * (double)i + 0.5) / 10) < 1e-5);
+  FILE *plain = fopen("lids.csv", "wb"); /* a row a frame of the clip, wherever that is */
+  assert_non_null(plain);
+  fprintf(plain, "AU45_r\n");
+  for (int i = 0; i < FRAMES; i++) fprintf(plain, "%.1f\n", 0.1 * i);
+  assert_int_equal(fclose(plain), 0);
+  m.options.from = 7;
   expect_lids(&m, 0, 0, 1);
+  m.options.from = 0;
   write_table("lids.csv", FRAMES, 25, 4, 6);
   support_ok(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held));
   assert_int_equal(held, 2);
@@ -201,6 +218,21 @@ static void test_steps(void **state) {
   assert_int_equal(system("printf mine | cmp - clip/au.csv"), 0);
   m.options.anew = true;
   support_ok(m.job.context, ern_prepare_eyes(&m.job));
+  /* the table of a part, brought again, is taken as it is */
+  m.options.from = 1;
+  for (int i = 0; i < 2; i++) {
+    support_ok(m.job.context, ern_prepare_eyes(&m.job));
+    support_ok(m.job.context, ern_csv_read_column(m.job.context, "clip/au.csv", "AU45_r", &lids, &count));
+    assert_true(count == FRAMES && fabsf(lids[0] - 2.5f) < 1e-5f && fabsf(lids[19] - 4.4f) < 1e-5f);
+    ern_release(m.job.context, lids);
+    m.options.au = "own.csv";
+    assert_int_equal(rename("clip/au.csv", "own.csv"), 0);
+  }
+  /* points far outside are told by the file that has them */
+  assert_int_equal(system("rm -rf points && cp -r clip/ori_imgs points && sed -i '4s/.*/5 -1024/' points/7.lms"), 0);
+  m.options.landmarks = "points";
+  support_expect(m.job.context, ern_prepare_landmarks(&m.job), ERN_E_FORMAT, "points/7.lms: line 4: point (5, -1024)",
+                 "of 256", NULL);
   made_job_close(&m);
 }
 

@@ -43,6 +43,10 @@ static ern_status from_folder(struct ern_prepare_job *job, const size_t *frames,
     if (snprintf(path, sizeof path, "%s/%zu.lms", job->options->landmarks, frame_of(frames, i)) >= (int)sizeof path)
       ERN_TRY(ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long", job->options->landmarks));
     ERN_TRY(ern_landmarks_read(job->context, path, points[i]));
+    for (int k = 0; k < ERN_LANDMARKS; k++)
+      if (!(fmaxf(fabsf(points[i][k][0]), fabsf(points[i][k][1])) < (float)(ERN_PREPARE_REACH * job->side)))
+        ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: line %d: point (%g, %g), expected pixels of a picture of %d",
+                         path, k + 1, (double)points[i][k][0], (double)points[i][k][1], job->side));
     ERN_TRY(ern_prepare_progress(job, i, count));
   }
 fail:

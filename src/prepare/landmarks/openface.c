@@ -77,10 +77,16 @@ ern_status ern_openface_landmarks(struct ern_prepare_job *job, const char *path,
   ERN_TRY(ERN_NEW(job->context, job->frames, &rows));
   ERN_TRY(rows_by_time(job, path, values[POINT_COLUMNS], count, rows));
   ERN_TRY(hold(job, path, values[POINT_COLUMNS + 1], rows, held));
+  const double begin[2] = {x, y}, size[2] = {width, side};
   for (size_t i = 0; i < job->frames; i++)
-    for (int k = 0; k < ERN_LANDMARKS; k++) {
-      points[i][k][0] = (float)(((double)values[2 * k][rows[i]] - x) * job->side / width);
-      points[i][k][1] = (float)(((double)values[2 * k + 1][rows[i]] - y) * job->side / side);
+    for (int k = 0; k < POINT_COLUMNS; k++) {
+      const double value = (double)values[k][rows[i]], in_clip = (value - begin[k % 2]) / size[k % 2];
+      if (!(fabs(in_clip) < ERN_PREPARE_REACH))
+        ERN_TRY(ern_fail(job->context, ERN_E_FORMAT,
+                         "%s: row %zu: %s is %g, expected a pixel of the video, %g to %g at most", path, rows[i] + 1,
+                         list[k], value, begin[k % 2] - ERN_PREPARE_REACH * size[k % 2],
+                         begin[k % 2] + ERN_PREPARE_REACH * size[k % 2]));
+      points[i][k / 2][k % 2] = (float)(in_clip * job->side);
     }
 fail:
   for (int k = 0; k < ALL_COLUMNS; k++) ern_release(job->context, values[k]);
@@ -108,7 +114,7 @@ ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, floa
   ERN_TRY(optional_column(job, path, "timestamp", &times, &again));
   ERN_TRY(optional_column(job, path, "success", &success, &again));
   ERN_TRY(ERN_NEW(job->context, job->frames, &rows));
-  if (times != NULL && count != job->frames) {
+  if (times != NULL) {
     ERN_TRY(rows_by_time(job, path, times, count, rows));
   } else {
     if (count < job->frames)

@@ -9,12 +9,12 @@
 
 /* points[job->frames], pixels of the clip: columns x_0..x_67 and y_0..y_67, pixels of the video as it is shown, of the
  * row nearest in time (column timestamp). A frame whose row has no success holds the last points that have;
- * *held counts such frames. */
+ * *held counts such frames. ERN_E_FORMAT where a point lies
+ * further than ERN_PREPARE_REACH from the clip. */
 ERN_NODISCARD ern_status ern_openface_landmarks(struct ern_prepare_job *job, const char *path,
                                                 float (*points)[ERN_LANDMARKS][2], size_t *held);
-/* values[job->frames]: column AU45_r. A table of as many rows as the clip has frames, or without a column timestamp,
- * has a row for each frame of the clip, in order; any other is taken by time. Where there is a column success, frames
- * hold as above. */
+/* values[job->frames]: column AU45_r, by the column timestamp, seconds of the video. A table without that column has a
+ * row for each frame of the clip, in order. Where there is a column success, frames hold as above. */
 ERN_NODISCARD ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held);
 /* The verdict's words where many frames are held. */
 void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t held);

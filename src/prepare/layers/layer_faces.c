@@ -88,7 +88,7 @@ ern_status ern_layer_faces_read(struct ern_prepare_job *job, struct ern_layer_fa
   struct ern_head_pose *poses = NULL;
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
   ERN_TRY(ern_prepare_poses_read(job, poses));
-  const float limit = 4.0f * (float)job->side;
+  const float limit = (float)(ERN_PREPARE_REACH * job->side);
   for (size_t f = 0; f < job->frames; f++) {
     ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.lms", f));
     ERN_TRY(ern_landmarks_read(job->context, path, faces[f].points));
