@@ -87,7 +87,15 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
     if (frame >= job->frames)
       ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH, "%s: img_id %zu is no frame of the clip, expected 0 to %zu", path,
                        frame, job->frames - 1));
+    if (seen[frame])
+      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: frame %zu: img_id %zu has a pose already, expected one of each",
+                       path, i, frame));
     from_matrix(list.poses[i].matrix, &poses[frame]);
+    if (!(poses[frame].translation[2] < 0))
+      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT,
+                       "%s: frame %zu: field transform_matrix has the head %g behind the camera, which looks along -z; "
+                       "expected it before the camera",
+                       path, i, poses[frame].translation[2]));
     seen[frame] = true;
   }
   job->focal = list.focal;

@@ -64,6 +64,18 @@ static void test_poses_refused(void **state) {
   support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISMATCH, "transforms_train.json",
                  "128 x 128", "256 x 256", NULL);
   m.job.side = SIDE;
+  /* each frame once, and before the camera */
+  m.options.poses = "clip/transforms_train.json";
+  assert_int_equal(system("sed -i 's/\"img_id\": 3,/\"img_id\": 2,/' clip/transforms_train.json"), 0);
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_FORMAT, "transforms_train.json",
+                 "frame 3: img_id 2 has a pose already", NULL);
+  poses_of(poses, 20);
+  poses[7].translation[2] = 0.5;
+  support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
+  support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_FORMAT, "transforms_train.json",
+                 "frame 7: field transform_matrix", "0.5 behind the camera", NULL);
+  poses_of(poses, 20);
+  support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
   m.options.poses = "nowhere.json";
   support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses), ERN_E_MISSING, "nowhere.json", NULL);
   remove("clip/transforms_val.json");
