@@ -14,8 +14,9 @@ typedef struct ern_prepare_options {
   uint32_t cookie, size; /* set by ern_prepare_options_default() */
   double from, to;       /* seconds of the video, 0 <= from < to; to 0: its end */
   int side;              /* pixels a side of the clip's pictures, 128..1024; 512 is the default */
-  double focal;          /* pixels of the clip, focal length; 0: 1100/450 of a side, as the public tracking has it */
-  bool head_only;        /* the clip gets empty torso pictures, and the frames show the head alone */
+  /* Pixels of the clip, focal length; 0: 1100/450 of a side, as the public tracking has it, or that of `poses`. */
+  double focal;
+  bool head_only; /* the clip gets empty torso pictures, and the frames show the head alone */
   /* One step alone, and again if it was done: "face", "pose", "landmarks", "layers", "eyes", "features". NULL: every
    * step that is not done yet. */
   const char *only;

@@ -117,6 +117,11 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   if (!(o->focal == 0 || (o->focal >= 0.2 * o->side && o->focal <= 20.0 * o->side)))
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: focal is %g, expected 0, or %g to %g pixels", o->focal,
                     0.2 * o->side, 20.0 * o->side);
+  if (o->focal > 0 && o->poses != NULL)
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "prepare: focal is %g beside poses (%s), whose file has the focal length they were found with; "
+                    "expected one of the two",
+                    o->focal, o->poses);
   return ERN_OK;
 }
 

@@ -59,6 +59,10 @@ CHECK(ern_prepare) {
   options.from = options.to = 2;
   REFUSED(context, "from 2 to 2", ern_prepare(context, junk, "clip", &options, &result));
   options = good;
+  options.focal = 600;
+  options.poses = "own.json";
+  REFUSED(context, "focal is 600 beside poses", ern_prepare(context, junk, "clip", &options, &result));
+  options = good;
   support_expect(context, ern_prepare(context, junk, "clip", &options, &result), ERN_E_MISSING, junk, NULL);
   static char longest[8192];
   memset(longest, 'a', sizeof longest - 1);

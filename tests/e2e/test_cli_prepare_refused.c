@@ -208,6 +208,8 @@ static void test_folders(void **state) {
   cli_expect(&cli, 2, "--size", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --focal 7");
   cli_expect(&cli, 1, "focal is 7", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --focal 600 --poses truth/transforms_train.json");
+  cli_expect(&cli, 2, "--focal and --poses exclude each other", NULL);
   support_clear("mine");
 }
 

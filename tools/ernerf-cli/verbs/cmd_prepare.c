@@ -195,6 +195,8 @@ int cmd_prepare(int argc, char **argv) {
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o CLIP is missing");
   if (status < 0 && job.to > 0 && job.to <= job.from)
     status = args_refuse(&args, "--from %g is not before --to %g", (double)job.from, (double)job.to);
+  if (status < 0 && job.focal > 0 && o->poses != NULL)
+    status = args_refuse(&args, "--focal and --poses exclude each other: the file of poses has its focal length");
   job.session.inputs[0] = job.video;
   const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features, o->background, o->detector};
   for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++) job.session.inputs[1 + i] = inputs[i];
