@@ -125,6 +125,16 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   return ERN_OK;
 }
 
+/* No training takes a clip some of whose files are of earlier results: it needs the poses and bc.jpg. */
+static ern_status break_clip(struct ern_prepare_job *job, size_t step) {
+  static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
+  ern_status status = ERN_OK;
+  for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove(job, poses[i]));
+  if (step <= 3) ERN_TRY(ern_prepare_remove(job, "bc.jpg"));
+fail:
+  return status;
+}
+
 static ern_status run_step(struct ern_prepare_job *job, size_t step, const char *settings) {
   const char *stale[ERN_PREPARE_STEPS];
   size_t count = 0;
@@ -135,15 +145,15 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   /* frames are behind all, poses and landmarks behind layers and eyes */
   stale[count++] = steps[step].name;
   for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
-  if (step > 0) ERN_TRY(ern_prepare_record_strike(job, stale, count)); /* else a step that is stopped counts as done */
+  if (step > 0) { /* else a step that is stopped counts as done */
+    ERN_TRY(ern_prepare_record_strike(job, stale, count));
+    ERN_TRY(break_clip(job, step));
+  }
   ERN_TRY(steps[step].run(job));
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
   if (job->verdict->grade == ERN_PREPARE_REFUSED) {
-    /* else a training takes what is there */
-    static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
-    for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove(job, poses[i]));
-    if (step == 3) ERN_TRY(ern_prepare_remove(job, "bc.jpg"));
+    ERN_TRY(break_clip(job, step));
     ERN_TRY(
         ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words));
   }

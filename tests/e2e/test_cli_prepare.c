@@ -142,6 +142,14 @@ static long long changed(const char *path) { /* nanoseconds */
   return about.st_mtim.tv_sec * 1000000000LL + about.st_mtim.tv_nsec;
 }
 
+/* Of a clip some of whose files are of earlier results. */
+static void expect_no_training(void) {
+  cli_run(&cli, "check clip");
+  cli_expect_out(&cli, 1, "bc.jpg", NULL);
+  cli_run(&cli, "train clip -o none.safetensors --iters 2 --rays 64 --levels 2 --quiet");
+  cli_expect(&cli, 1, "clip/bc.jpg", NULL);
+}
+
 static void test_second_call(void **state) {
   (void)state;
   static const char *const files[] = {"clip/transforms_train.json", "clip/ori_imgs/3.jpg", "clip/gt_imgs/3.jpg",
@@ -229,6 +237,19 @@ static void test_second_call(void **state) {
   }
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);
+  assert_int_equal(remove("masks/19.png"), 0); /* of no example: some frames are written before it is missed */
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --masks masks");
+  cli_expect(&cli, 1, "masks/19.png", NULL);
+  expect_no_training();
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --only pose --focal 600");
+  cli_expect(&cli, 0, "next: ernerf prepare VIDEO -o clip", "of earlier results: landmarks, layers, eyes\n", NULL);
+  expect_no_training();
+  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "check clip");
+  cli_expect_out(&cli, 0, NULL);
   cli_run(&cli, "prepare v.mp4 -o new --size 192 --only eyes");
   cli_expect(&cli, 1, "new", "\"face\"", "--only", NULL);
   assert_false(cli_there("new"));

@@ -79,11 +79,13 @@ static int make(struct prepare_job *job) {
     json_decref(verdicts);
     return session_fail(session);
   }
-  bool whole = true;
-  for (int i = 0; i < ERN_PREPARE_STEPS; i++) whole = whole && result.verdicts[i].step != NULL;
-  session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s", job->folder, result.frames, options->side,
-               options->side, whole ? "train" : "prepare VIDEO -o", job->folder,
-               whole ? " -o head.safetensors" : ", for the steps that are left");
+  char left[64] = ""; /* holds the names of all */
+  for (size_t i = 0, used = 0; i < ERN_PREPARE_STEPS; i++)
+    if (result.verdicts[i].step == NULL)
+      used += (size_t)snprintf(left + used, sizeof left - used, "%s%s", used > 0 ? ", " : "", steps[i]);
+  session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
+               options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
+               left[0] == 0 ? " -o head.safetensors" : ", for the steps that are left or of earlier results: ", left);
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
                                   session_text(job->folder), "frames", (json_int_t)result.frames, "size", options->side,
