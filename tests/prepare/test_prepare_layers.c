@@ -87,6 +87,7 @@ struct run {
   ern_prepare_options options;
   ern_prepare_verdict verdict;
   struct ern_prepare_job job;
+  json_t *crop; /* the job's own from then on; NULL: none */
 };
 
 static ern_status run_layers(struct run *run, ern_context *context, size_t frames) {
@@ -100,6 +101,7 @@ static ern_status run_layers(struct run *run, ern_context *context, size_t frame
                                       .record = json_object(),
                                       .verdict = &run->verdict,
                                       .figures = json_object()};
+  if (run->crop != NULL) assert_int_equal(json_object_set_new(run->job.record, "crop", run->crop), 0);
   const ern_status status = ern_prepare_layers(&run->job);
   json_decref(run->job.record);
   json_decref(run->job.figures);
@@ -224,6 +226,33 @@ static void test_brought(void **state) {
   free(rgb);
 }
 
+/* A picture of the place is cut as the video was, also where it is larger, and one of another form is refused. */
+static void test_background(void **state) {
+  struct truth *t = *state;
+  enum { WIDE = 4 * SIDE, HIGH = 2 * SIDE, LEFT = SIDE / 2 }; /* twice the video's size */
+  struct run run = {.options = ern_prepare_options_default()};
+  uint8_t *rgb = calloc(3, WIDE * HIGH);
+  ern_image image = {.width = WIDE, .height = HIGH, .channels = 3, .data = rgb};
+  assert_non_null(rgb);
+  for (int y = 0; y < HIGH; y++)
+    for (int x = LEFT; x < LEFT + HIGH; x++)
+      memcpy(rgb + 3 * (y * WIDE + x), t->background.data + 3 * (y / 2 * SIDE + (x - LEFT) / 2), 3);
+  support_ok(t->context, ern_image_write(t->context, "place.png", &image, 100));
+  run.options.background = "place.png";
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * LEFT, "y", 0.0, "width", 1.0 * SIDE, "side",
+                       1.0 * SIDE, "video_width", WIDE / 2, "video_height", HIGH / 2);
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  ern_image background = picture(t->context, "clip/bc.jpg", 3);
+  for (int k = 0; k < PIXELS; k++)
+    assert_true(difference(background.data + 3 * k, t->background.data + 3 * k) <= 40); /* of JPEG, at edges */
+  ern_image_free(t->context, &background);
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.0, "y", 0.0, "width", 1.0 * SIDE, "side", 1.0 * SIDE,
+                       "video_width", SIDE, "video_height", SIDE + 100);
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "place.png", "1024 x 512", "256 x 356",
+                 NULL);
+  free(rgb);
+}
+
 static int stop(void *user, const char *step, size_t done, size_t total) {
   assert_string_equal(step, "layers");
   assert_true(done <= total);
@@ -305,8 +334,9 @@ static void test_nothing(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),  cmocka_unit_test(test_brought),
-                                     cmocka_unit_test(test_cancel), cmocka_unit_test(test_cluttered),
-                                     cmocka_unit_test(test_key),    cmocka_unit_test(test_nothing)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),      cmocka_unit_test(test_brought),
+                                     cmocka_unit_test(test_background), cmocka_unit_test(test_cancel),
+                                     cmocka_unit_test(test_cluttered),  cmocka_unit_test(test_key),
+                                     cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

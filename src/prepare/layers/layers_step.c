@@ -89,22 +89,37 @@ static ern_status read_frame(const struct ern_prepare_job *job, size_t frame, er
   return ern_prepare_picture(job, name, 3, image);
 }
 
-/* The square of a picture of the whole place that the clip shows, at the clip's side. */
+/* To a hundredth. */
+static bool has_form(const ern_image *image, int width, int height) {
+  const double across = (double)image->width * height, along = (double)image->height * width;
+  return fabs(across - along) <= 0.01 * along;
+}
+
+/* The square that the clip shows, at the clip's side, of a picture in the form of the video; or of a square one. */
 static ern_status read_background(const struct ern_prepare_job *job, ern_image *background) {
   ern_status status = ERN_OK;
   ern_image whole = {0};
   const json_t *crop = json_object_get(job->record, "crop");
-  const double region[4] = {
-      json_number_value(json_object_get(crop, "x")), json_number_value(json_object_get(crop, "y")),
-      json_number_value(json_object_get(crop, "width")), json_number_value(json_object_get(crop, "side"))};
+  double region[4] = {json_number_value(json_object_get(crop, "x")), json_number_value(json_object_get(crop, "y")),
+                      json_number_value(json_object_get(crop, "width")),
+                      json_number_value(json_object_get(crop, "side"))};
+  const int width = (int)json_integer_value(json_object_get(crop, "video_width"));
+  const int height = (int)json_integer_value(json_object_get(crop, "video_height"));
   ERN_TRY(ern_image_read(job->context, job->options->background, 3, &whole));
-  const bool of_video = whole.width == json_integer_value(json_object_get(crop, "video_width")) &&
-                        whole.height == json_integer_value(json_object_get(crop, "video_height"));
+  const bool square = has_form(&whole, 1, 1), same = whole.width == width && whole.height == height;
+  const bool of_video = same || (!square && width > 0 && height > 0 && has_form(&whole, width, height));
   if (of_video && region[0] >= 0 && region[1] >= 0 && region[2] >= 1 && region[3] >= 1 &&
-      region[0] + region[2] <= whole.width && region[1] + region[3] <= whole.height)
+      region[0] + region[2] <= width && region[1] + region[3] <= height) {
+    for (int i = 0; i < 4; i++) region[i] *= i % 2 == 0 ? (double)whole.width / width : (double)whole.height / height;
     ERN_TRY(ern_picture_crop(job->context, &whole, region, job->side, background));
-  else
+  } else if (square) {
     ERN_TRY(ern_image_resize(job->context, &whole, job->side, job->side, background));
+  } else {
+    ERN_TRY(ern_fail(job->context, ERN_E_SHAPE,
+                     "%s: the background is %d x %d, expected the form of the video (%d x %d), or a square of what the "
+                     "clip shows",
+                     job->options->background, whole.width, whole.height, width, height));
+  }
 fail:
   ern_image_free(job->context, &whole);
   return status;
