@@ -17,6 +17,9 @@
 /* s: what is missing of the sound at its end, without a word. */
 #define SOUND_SHORTER 0.5
 
+/* s: what the video is shorter than --to, without a word: times are rounded. */
+#define PART_SHORTER 0.5
+
 enum {
   EVERY = 5,                         /* frames between looks */
   FACES = 8,                         /* most that are told apart in a look */
@@ -39,6 +42,7 @@ struct scan {
   float usual;                                     /* running mean of the change */
   size_t cut;                                      /* frame of a cut; 0: none */
   size_t frames;
+  double end;    /* seconds of the video's end, where the part reaches it; else 0 */
   size_t before; /* frames that were searched for the stretch, which progress counts too */
   bool has_sound;
   struct ern_segment_search *search; /* NULL where no stretch is looked for */
@@ -158,7 +162,10 @@ static ern_status scan_video(struct scan *s) {
   const size_t patience = s->search != NULL ? LONG_PATIENCE : PATIENCE;
   for (;; s->frames++) {
     ERN_TRY(ern_footage_next(&footage, &image));
-    if (image == NULL) break;
+    if (image == NULL) {
+      if (!footage.has_next) s->end = footage.now_at + footage.between - footage.first;
+      break;
+    }
     if (s->frames == most)
       ERN_TRY(ern_fail(s->job->context, ERN_E_SHAPE,
                        "%s: is longer than %zu minutes, expected a part of it: --from SECONDS --to SECONDS%s",
@@ -352,19 +359,30 @@ fail:
   return status;
 }
 
+/* Where --from and --to lie in the video; "" where neither is given. */
+static void describe_part(const struct scan *s, double from, double to, char text[128]) {
+  int used = 0;
+  text[0] = 0;
+  if (from > 0) used += snprintf(text, 128, " --from %g", from);
+  if (to > 0) used += snprintf(text + used, 128 - (size_t)used, " --to %g", to);
+  if (used > 0 && s->end > 0) snprintf(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
+}
+
 /* What can be said before a crop; true where it is to go on. */
 static bool judge_scan(struct scan *s) {
   struct ern_prepare_job *job = s->job;
   const double share = s->looks > 0 ? (double)s->found / (double)s->looks : 0;
   const double seconds = (double)s->frames / ERN_PREPARE_RATE;
   double from = 0, to = 0;
+  char part[128];
   ern_prepare_part(job, &from, &to);
+  describe_part(s, from, to, part);
   ern_prepare_figure(job, "frames", (double)s->frames);
   ern_prepare_figure(job, "faces", share);
   ern_prepare_figure(job, "sound", s->has_sound);
   if (s->frames < FEWEST_FRAMES)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part is %.2f s long, expected at least 1 s, and minutes at best",
-                      seconds);
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, and minutes at best",
+                      part, seconds);
   else if (!s->has_sound && job->options->features == NULL)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED,
                       "the video has no sound, and a mouth cannot be learnt without; expected a video with speech, or "
@@ -394,6 +412,8 @@ static bool judge_scan(struct scan *s) {
   if (s->frames < FEW_FRAMES)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "the part is %.1f s long; a mouth needs more to learn from, 60 s or more", seconds);
+  if (s->end > 0 && s->end + PART_SHORTER < to)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
   if (4 * s->with_others > s->looks)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "more than one face was found in %.0f %% of the frames; the largest that stays in its place is "

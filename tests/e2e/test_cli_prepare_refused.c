@@ -104,6 +104,13 @@ static void test_light(void **state) {
   cli_run(&cli, "prepare dim.mp4 -o clip --size 192 --only face");
   cli_expect(&cli, 0, "1.2 s long", NULL);
   assert_null(strstr(cli.err, "at once"));
+  support_clear("clip");
+  cli_run(&cli, "prepare dim.mp4 -o clip --size 192 --only face --to 1.3"); /* as good as its end */
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "ends at"));
+  support_clear("clip");
+  cli_run(&cli, "prepare dim.mp4 -o clip --size 192 --only face --to 99");
+  cli_expect(&cli, 0, "face: doubtful", "the video ends at 1.20 s, before --to 99", NULL);
 }
 
 /* What is read may not lie where the clip is written, a link of the clip is not written through, and --json is no file
@@ -203,7 +210,10 @@ static void test_folders(void **state) {
   cli_run(&cli, "prepare v.mp4 -o clip --from 2 --to 1");
   cli_expect(&cli, 2, "--from", "--to", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --from 9");
-  cli_expect(&cli, 1, "v.mp4", "0.00 s long", NULL);
+  cli_expect(&cli, 1, "v.mp4", "the part --from 9 of a video of 1.20 s is 0.00 s long", NULL);
+  support_clear("clip");
+  cli_run(&cli, "prepare v.mp4 -o clip --from 0.1 --to 0.4");
+  cli_expect(&cli, 1, "v.mp4", "the part --from 0.1 --to 0.4 is 0.32 s long", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --size 100");
   cli_expect(&cli, 2, "--size", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --focal 7");
