@@ -316,6 +316,31 @@ static void test_plots(void **state) {
   plot_end();
 }
 
+/* Names that one row has no room for: none begins left of the picture. */
+static void test_long_legend(void **state) {
+  (void)state;
+  enum { CURVES = 12 };
+  static const double x[] = {1, 2}, y[] = {3, 4};
+  struct plot_series series[CURVES];
+  struct bytes bytes = {0};
+  size_t glyphs = 0;
+  for (size_t k = 0; k < CURVES; k++)
+    series[k] = (struct plot_series){.name = "a training", .x = x, .y = y, .count = 2, .mark = PLOT_DOT, .line = true};
+  const struct plot plot = {
+      .title = "t", .x_label = "s", .y_label = "dB", .width = 400, .height = 300, .series = series, .count = CURVES};
+  assert_int_equal(plot_draw(&plot, PLOT_SVG, &bytes), 0);
+  for (const char *at = strstr(bytes.data, "<use "); at != NULL; at = strstr(at + 1, "<use ")) {
+    const char *place = strstr(at, " x=\"");
+    assert_non_null(place);
+    const double left = strtod(place + 4, NULL);
+    if (!(left >= 0 && left < 400)) fail_msg("a glyph is at %g of 400", left);
+    glyphs++;
+  }
+  assert_true(glyphs > 9 * CURVES);
+  bytes_free(&bytes);
+  plot_end();
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_words),         cmocka_unit_test(test_settings_json),
@@ -323,6 +348,7 @@ int main(void) {
       cmocka_unit_test(test_front_is_read), cmocka_unit_test(test_hostile_fronts),
       cmocka_unit_test(test_many_values),   cmocka_unit_test(test_bytes),
       cmocka_unit_test(test_axes),          cmocka_unit_test(test_plots),
+      cmocka_unit_test(test_long_legend),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

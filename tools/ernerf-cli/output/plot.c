@@ -12,7 +12,7 @@
 
 #include "output/plot_axis.h"
 
-enum { LEFT = 74, RIGHT = 24, TOP = 62, BOTTOM = 58, TICKS_ACROSS = 9, TICKS_DOWN = 7 };
+enum { LEFT = 74, RIGHT = 24, TOP = 62, BOTTOM = 58, LEGEND_ROW = 18, TICKS_ACROSS = 9, TICKS_DOWN = 7 };
 static const double text_size = 13, small_size = 11.5, title_size = 15, mark_radius = 4.5, cap = 3.5;
 static const unsigned ink = 0x22272b, faint = 0xe3e7ea;
 
@@ -255,27 +255,39 @@ static void draw_labels(struct drawing *d) {
   }
 }
 
-/* In a line above the frame, at its right end. */
-static void draw_legend(struct drawing *d) {
+/* x, y: of the middle of its mark. */
+static void draw_entry(struct drawing *d, const struct plot_series *s, double x, double y) {
+  set_colour(d->cairo, ink, 1);
+  put_text(d->cairo, s->name, x + 12, y, 0, 0.5);
+  cairo_set_line_width(d->cairo, 1.4);
+  set_colour(d->cairo, s->colour, 1);
+  cairo_move_to(d->cairo, x - 9, y);
+  cairo_line_to(d->cairo, x + 9, y);
+  if (s->line) cairo_stroke(d->cairo);
+  if (s->mark != PLOT_NONE) draw_mark(d->cairo, s->mark, x, y, s->colour);
+}
+
+/* Rows above the frame that end at its right, the upper one with what the lower ones have no room for. Returns how many
+ * there are. */
+static int lay_legend(struct drawing *d, bool draws) {
   double right = d->x.end;
+  int row = 0;
   cairo_text_extents_t text_box;
   cairo_set_font_size(d->cairo, small_size);
   for (size_t k = d->plot->count; k-- > 0;) {
     const struct plot_series *s = &d->plot->series[k];
     if (s->name == NULL || s->count == 0) continue;
     cairo_text_extents(d->cairo, s->name, &text_box);
-    right -= text_box.x_advance;
-    set_colour(d->cairo, ink, 1);
-    put_text(d->cairo, s->name, right, TOP - 14, 0, 0.5);
-    right -= 12;
-    cairo_set_line_width(d->cairo, 1.4);
-    set_colour(d->cairo, s->colour, 1);
-    cairo_move_to(d->cairo, right - 9, TOP - 14);
-    cairo_line_to(d->cairo, right + 9, TOP - 14);
-    if (s->line) cairo_stroke(d->cairo);
-    if (s->mark != PLOT_NONE) draw_mark(d->cairo, s->mark, right, TOP - 14, s->colour);
+    const double begin = right - text_box.x_advance - 21;
+    if (begin < LEFT && right < d->x.end) {
+      right = d->x.end;
+      row++;
+    }
+    right -= text_box.x_advance + 12;
+    if (draws) draw_entry(d, s, right, d->y.end - 14 - row * LEGEND_ROW);
     right -= 26;
   }
+  return row + 1;
 }
 
 /* ---- the whole --------------------------------------------------------------------------------------------------- */
@@ -319,10 +331,11 @@ static cairo_status_t add_bytes(void *user, const unsigned char *data, unsigned 
 
 static void draw_all(struct drawing *d) {
   cairo_select_font_face(d->cairo, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
+  d->y.end += LEGEND_ROW * (lay_legend(d, false) - 1);
   draw_frame(d);
   for (size_t k = 0; k < d->plot->count; k++) draw_series(d, &d->plot->series[k]);
   draw_labels(d);
-  draw_legend(d);
+  (void)lay_legend(d, true);
 }
 
 int plot_draw(const struct plot *plot, enum plot_form form, struct bytes *bytes) {
