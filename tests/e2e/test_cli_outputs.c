@@ -75,11 +75,13 @@ static const struct {
      "ablate clip -o table2 --iters 1 --rays 16 --frames 0:1 --repeats 3 --only trihash-concat --quiet"},
     {"trade/exact.svg", "tradeoff m.safetensors clip -o trade --frames 0:2 --split train --seconds 1 --quiet"},
     {"learnt/training_steps.png",
-     "tradeoff --training clip -o learnt --seconds 1 --seeds 1 --rays 16 --levels 5 --quiet"}};
+     "tradeoff --training clip -o learnt --seconds 1 --seeds 1 --rays 16 --levels 5 --quiet"},
+    {"learnt2/training_mouth_seconds.png",
+     "tradeoff --training clip -o learnt2 --seconds 1 --seeds 1 --rays 16 --levels 5 --quiet"}};
 
 static void test_refused(void **state) {
   (void)state;
-  static const char *const folders[] = {"table", "table2", "trade", "learnt"};
+  static const char *const folders[] = {"table", "table2", "trade", "learnt", "learnt2"};
   for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) assert_int_equal(mkdir(folders[i], 0777), 0);
   for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++) {
     support_write_text(outputs[i].file, "mine");

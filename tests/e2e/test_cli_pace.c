@@ -5,12 +5,15 @@
 
 #include <math.h>
 
+#include "core/cpu.h"
+
 static struct cli cli;
 static const char clip[] = "small";
 
 static int make_model(void **state) {
   (void)state;
-  static const char *const old[] = {"m.safetensors", "m.run", "m.tradeoff", "study", "a", "b", "small", "x.mp4"};
+  static const char *const old[] = {"m.safetensors", "m.run", "m.tradeoff", "study", "a", "b",
+                                    "small",         "bare",  "x.mp4"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth small --size 64 --frames 24 --seed 5 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -183,6 +186,34 @@ static void test_words(void **state) {
 
 /* ---- trainings --------------------------------------------------------------------------------------------------- */
 
+static const json_t *training_of(const json_t *trainings, const char *name) {
+  for (size_t i = 0; i < json_array_size(trainings); i++) {
+    const json_t *one = json_array_get(trainings, i);
+    if (strcmp(json_string_value(json_object_get(one, "name")), name) == 0) return one;
+  }
+  return NULL;
+}
+
+/* name NULL: the base. */
+static void expect_kind(const json_t *trainings, const char *name, const char *sampling, double refresh_every,
+                        const char *precision) {
+  const json_t *one = name != NULL ? training_of(trainings, name) : json_array_get(trainings, 0);
+  if (one == NULL) fail_msg("no training is %s", name != NULL ? name : "the base");
+  assert_string_equal(json_string_value(json_object_get(one, "ray_sampling")), sampling);
+  assert_string_equal(json_string_value(json_object_get(one, "precision")), precision);
+  assert_true(number(one, "refresh_every") == refresh_every && number(one, "rays") == 64 && number(one, "levels") == 5);
+}
+
+static void expect_kinds(const json_t *trainings, bool landmarks) {
+  const char *sampling = landmarks ? "regions" : "uniform";
+  expect_kind(trainings, NULL, sampling, 0, "fp32");
+  expect_kind(trainings, "as published", "uniform", 16, "fp32");
+  if (landmarks) expect_kind(trainings, "uniform rays", "uniform", 0, "fp32");
+  assert_true(landmarks || training_of(trainings, "uniform rays") == NULL); /* the base is one */
+  if (ern_isa_available(ERN_ISA_AVX512BF16)) expect_kind(trainings, "bf16", sampling, 0, "bf16");
+  assert_true(ern_isa_available(ERN_ISA_AVX512BF16) || training_of(trainings, "bf16") == NULL);
+}
+
 static void test_training(void **state) {
   (void)state;
   static char text[CLI_TEXT_BYTES];
@@ -190,22 +221,40 @@ static void test_training(void **state) {
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
   const json_t *trainings = json_object_get(object, "trainings");
+  bool any = false;                             /* figures of the mouth that training changes */
   assert_true(json_array_size(trainings) >= 6); /* base, three of rays, two of levels; instruction sets */
   for (size_t i = 0; i < json_array_size(trainings); i++) {
     const json_t *one = json_array_get(trainings, i), *curve = json_array_get(json_object_get(one, "seeds"), 0);
-    double last = 0;
+    double last = 0, explained = NAN;
     assert_true(number(one, "psnr_db_mean") > 3 && number(one, "steps") >= 1);
     assert_true(json_array_size(curve) >= 5);
+    assert_true(number(one, "mouth_explained_mean") <= 1);
+    assert_true(json_is_null(json_object_get(one, "mouth_explained_deviation"))); /* of one seed */
     for (size_t k = 0; k < json_array_size(curve); k++) {
       const double seconds = number(json_array_get(curve, k), "seconds");
       assert_true(seconds > last);
       last = seconds;
+      explained = number(json_array_get(curve, k), "mouth_explained");
     }
+    assert_true(number(one, "mouth_explained_mean") == explained);
+    any |= explained != number(json_array_get(curve, 0), "mouth_explained");
   }
+  assert_true(any);
+  expect_kinds(trainings, true);
   json_decref(object);
   cli_read("study/training.md", text);
   assert_non_null(strstr(text, "| 16 rays |"));
   assert_non_null(strstr(text, "| 9 levels |"));
+  assert_non_null(strstr(text, "| mouth's motion explained at the end |"));
+  cli_read("study/training.csv", text);
+  assert_non_null(strstr(text,
+                         "training,rays,levels,ray_sampling,refresh_every,precision,backend,isa,seed,step,seconds,"
+                         "psnr_db,mouth_explained\n"));
+  assert_non_null(strstr(text, "as published,64,5,uniform,16,fp32,cpu,"));
+  assert_null(strstr(text, ",\n")); /* the mouth's motion is known everywhere */
+  cli_read("study/training_mouth_seconds.svg", text);
+  assert_non_null(strstr(text, "</svg>"));
+  assert_true(cli_there("study/training_mouth_seconds.png"));
   cli_read("study/training_seconds.svg", text);
   assert_non_null(strstr(text, "</svg>"));
   cli_run(&cli, "tradeoff --training '%s'", clip);
@@ -214,9 +263,31 @@ static void test_training(void **state) {
   cli_expect(&cli, 1, "nowhere", NULL);
 }
 
+static void test_training_without_landmarks(void **state) {
+  (void)state;
+  static char text[CLI_TEXT_BYTES];
+  cli_copy(clip, "bare");
+  support_clear("bare/ori_imgs");
+  cli_run(&cli, "tradeoff --training bare -o a --seconds 1 --seeds 1 --rays 64 --levels 5 --json --quiet");
+  cli_expect(&cli, 0, NULL);
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *trainings = json_object_get(object, "trainings");
+  expect_kinds(trainings, false);
+  for (size_t i = 0; i < json_array_size(trainings); i++)
+    assert_true(json_is_null(json_object_get(json_array_get(trainings, i), "mouth_explained_mean")));
+  json_decref(object);
+  cli_read("a/training.md", text);
+  assert_null(strstr(text, "nan"));
+  assert_true(cli_there("a/training_mouth_seconds.svg"));
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),        cmocka_unit_test(test_quick_look),
-                                     cmocka_unit_test(test_out_of_reach), cmocka_unit_test(test_front),
-                                     cmocka_unit_test(test_words),        cmocka_unit_test(test_training)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
+                                     cmocka_unit_test(test_quick_look),
+                                     cmocka_unit_test(test_out_of_reach),
+                                     cmocka_unit_test(test_front),
+                                     cmocka_unit_test(test_words),
+                                     cmocka_unit_test(test_training),
+                                     cmocka_unit_test(test_training_without_landmarks)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

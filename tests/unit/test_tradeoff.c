@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Parts of `ernerf tradeoff`: settings in words and JSON, combinations, a front that is read back, bytes and plots. */
+ * Parts of `ernerf tradeoff`: settings in words and JSON, combinations, a front that is read back, bytes and plots;
+ * trainings over seeds. */
 #include "../support.h"
 
 #include <math.h>
@@ -8,6 +9,7 @@
 #include "lab/tradeoff_points.h"
 #include "output/plot.h"
 #include "output/plot_axis.h"
+#include "output/training_report.h"
 #include "session/pareto_read.h"
 #include "session/settings.h"
 
@@ -341,14 +343,62 @@ static void test_long_legend(void **state) {
   plot_end();
 }
 
+/* ---- trainings --------------------------------------------------------------------------------------------------- */
+
+static double member(const json_t *object, const char *name) {
+  const json_t *value = json_object_get(object, name);
+  return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+/* Two seeds of two points: 0.2 and 0.4 of the mouth's motion at the end; of the other training it is not known. */
+static void test_mouth_over_seeds(void **state) {
+  (void)state;
+  struct session session = {.verb = "test"};
+  struct training_study study = {.count = 2, .seeds = 2, .clip = "clip", .base_isa = "ref"};
+  for (size_t k = 0; k < 2; k++)
+    for (size_t seed = 0; seed < 2; seed++)
+      for (size_t i = 0; i < 2; i++) {
+        const double mouth = k == 1 ? NAN : i == 0 ? -0.5 : seed == 0 ? 0.2 : 0.4;
+        const struct curve_point point = {10 * (i + 1), (double)i + 1, 20 + (double)seed, mouth};
+        assert_int_equal(curve_add(&study.kind[k].curve[seed], &session, point), 0);
+      }
+  const struct training_end end = training_final(&study.kind[0], 2);
+  assert_true(fabs(end.psnr.mean - 20.5) < 1e-12 && fabs(end.mouth.mean - 0.3) < 1e-12);
+  assert_true(fabs(end.mouth.deviation - sqrt(0.02)) < 1e-12);
+  assert_true(isnan(training_final(&study.kind[1], 2).mouth.mean));
+  json_t *object = training_json(&study);
+  const json_t *trainings = json_object_get(object, "trainings"), *one = json_array_get(trainings, 0);
+  const json_t *points = json_array_get(json_object_get(one, "seeds"), 1);
+  assert_true(fabs(member(one, "mouth_explained_mean") - 0.3) < 1e-12);
+  assert_true(fabs(member(one, "mouth_explained_deviation") - sqrt(0.02)) < 1e-12);
+  assert_true(member(json_array_get(points, 0), "mouth_explained") == -0.5);
+  assert_true(member(json_array_get(points, 1), "mouth_explained") == 0.4);
+  assert_true(json_is_null(json_object_get(json_array_get(trainings, 1), "mouth_explained_mean")));
+  json_decref(object);
+  training_free(&study);
+}
+
+/* A training's own curve has three columns, and says nothing of the mouth. */
+static void test_curve_of_a_run(void **state) {
+  (void)state;
+  struct session session = {.verb = "test"};
+  struct curve curve = {0};
+  support_write_text("curve.csv", "step,seconds,psnr\n10,1.5,20\n20,3,21\n");
+  assert_int_equal(curve_read(&curve, &session, "curve.csv"), 0);
+  assert_int_equal(curve.count, 2);
+  assert_true(curve.point[1].psnr == 21 && isnan(curve.point[0].mouth) && isnan(curve.point[1].mouth));
+  curve_free(&curve);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_words),         cmocka_unit_test(test_settings_json),
-      cmocka_unit_test(test_combinations),  cmocka_unit_test(test_many_combinations),
-      cmocka_unit_test(test_front_is_read), cmocka_unit_test(test_hostile_fronts),
-      cmocka_unit_test(test_many_values),   cmocka_unit_test(test_bytes),
-      cmocka_unit_test(test_axes),          cmocka_unit_test(test_plots),
-      cmocka_unit_test(test_long_legend),
+      cmocka_unit_test(test_words),          cmocka_unit_test(test_settings_json),
+      cmocka_unit_test(test_combinations),   cmocka_unit_test(test_many_combinations),
+      cmocka_unit_test(test_front_is_read),  cmocka_unit_test(test_hostile_fronts),
+      cmocka_unit_test(test_many_values),    cmocka_unit_test(test_bytes),
+      cmocka_unit_test(test_axes),           cmocka_unit_test(test_plots),
+      cmocka_unit_test(test_long_legend),    cmocka_unit_test(test_mouth_over_seeds),
+      cmocka_unit_test(test_curve_of_a_run),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

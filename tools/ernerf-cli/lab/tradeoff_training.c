@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * ernerf tradeoff --training: what the next decibel of a training costs, by rays a step, levels and what computes. Each
- * kind of training gets the same seconds; one thing is changed at a time. */
+ * ernerf tradeoff --training: what the next decibel of a training costs, by rays a step, where they go, levels and
+ * what computes. Each kind of training gets the same seconds; one thing is changed at a time, but for the published
+ * way. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,6 +10,7 @@
 
 #include "ernerf/media.h"
 #include "ernerf/train.h"
+#include "evaluation/measures.h"
 #include "lab/tradeoff_training.h"
 #include "output/curve.h"
 #include "output/progress.h"
@@ -17,7 +19,13 @@
 #include "session/pareto.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS, PROBE_STEPS = 48, PROBE_WARM = 4, POINTS = 10, PATH_BYTES = 4096 };
+enum {
+  OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS,
+  PROBE_STEPS = 48,
+  PROBE_WARM = 4,
+  POINTS = 10,
+  PUBLISHED_REFRESH = 16 /* steps */
+};
 
 struct training_job {
   struct session session;
@@ -30,6 +38,7 @@ struct training_job {
   ern_clip *clip;
   struct training_study study;
   struct curve *taking; /* what validations are added to */
+  struct measures now;  /* of the validation that is under way */
   ern_trainer *trainer;
   struct progress progress;
 };
@@ -85,15 +94,26 @@ static void add_kind(struct training_study *study, struct training_kind kind) {
   if (study->count < TRAINING_KINDS) study->kind[study->count++] = kind;
 }
 
-/* Instruction sets whose training has kernels of its own; bf16 has none. */
+/* Instruction sets whose training has kernels of its own. */
 static bool trains(const char *isa) {
-  return strcmp(isa, "avx2") == 0 || strcmp(isa, "avx512") == 0 || strcmp(isa, "neon") == 0;
+  return strcmp(isa, "avx2") == 0 || strcmp(isa, "avx512") == 0 || strcmp(isa, "avx512bf16") == 0 ||
+         strcmp(isa, "neon") == 0;
+}
+
+/* Whether rays can go by region. */
+static bool has_regions(const ern_clip *clip) {
+  ern_clip_info info;
+  ern_clip_describe(clip, &info);
+  for (size_t i = 0; i < info.frames[ERN_SPLIT_TRAIN]; i++)
+    if (ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i)->has_landmarks) return true;
+  return false;
 }
 
 static void take_device(void *user, const ern_device_info *device) {
   struct training_job *job = user;
   struct training_study *study = &job->study;
-  struct training_kind kind = {.rays = job->rays, .levels = job->levels, .device = device->number};
+  struct training_kind kind = study->kind[0];
+  kind.device = device->number;
   if (strcmp(device->kind, "cpu") == 0) {
     char sets[256];
     snprintf(study->processor, sizeof study->processor, "%s", device->name);
@@ -102,7 +122,8 @@ static void take_device(void *user, const ern_device_info *device) {
     for (char *rest = sets, *isa; (isa = strtok_r(rest, " ", &rest)) != NULL;) {
       if (!trains(isa) || strcmp(isa, study->base_isa) == 0) continue;
       snprintf(kind.isa, sizeof kind.isa, "%s", isa);
-      snprintf(kind.name, sizeof kind.name, "%s", isa);
+      kind.bf16 = strcmp(isa, "avx512bf16") == 0; /* its products of floats are those of avx512 */
+      snprintf(kind.name, sizeof kind.name, "%s", kind.bf16 ? "bf16" : isa);
       add_kind(study, kind);
     }
   } else if (job->opencl) {
@@ -114,7 +135,11 @@ static void take_device(void *user, const ern_device_info *device) {
 
 static int choose_kinds(struct training_job *job) {
   struct training_study *study = &job->study;
-  const struct training_kind base = {.name = "base", .rays = job->rays, .levels = job->levels};
+  const bool regions = has_regions(job->clip);
+  const struct training_kind base = {.name = "base",
+                                     .rays = job->rays,
+                                     .levels = job->levels,
+                                     .ray_sampling = regions ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM};
   ern_backend *backend = NULL;
   ern_backend_info info;
   if (ern_backend_create(&backend, job->session.context, NULL) != ERN_OK) return session_fail(&job->session);
@@ -136,6 +161,13 @@ static int choose_kinds(struct training_job *job) {
     snprintf(kind.name, sizeof kind.name, "%d levels", kind.levels);
     if (kind.levels >= 2) add_kind(study, kind);
   }
+  for (int k = regions ? 0 : 1; k < 2; k++) {
+    struct training_kind kind = base;
+    kind.ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
+    if (k == 1) kind.refresh_every = PUBLISHED_REFRESH;
+    snprintf(kind.name, sizeof kind.name, "%s", k == 0 ? "uniform rays" : "as published");
+    add_kind(study, kind);
+  }
   if (job->in_double) {
     struct training_kind kind = base;
     snprintf(kind.isa, sizeof kind.isa, "ref64");
@@ -148,6 +180,14 @@ static int choose_kinds(struct training_job *job) {
 
 /* ---- a training -------------------------------------------------------------------------------------------------- */
 
+static ern_status take_frame(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth) {
+  struct training_job *job = user;
+  ern_clip_info info;
+  ern_clip_describe(job->clip, &info);
+  const ern_clip_frame *about = ern_clip_frame_at(job->clip, (ern_split)split, frame);
+  return measures_add(&job->now, about, info.width, info.height, truth, rgb) ? ERN_OK : ERN_E_NO_MEMORY;
+}
+
 static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
                                   int width, int height, const char *name) {
   struct training_job *job = user;
@@ -155,8 +195,10 @@ static ern_status take_validation(void *user, uint64_t step, double psnr, size_t
   (void)picture, (void)width, (void)height, (void)name;
   job->study.frames = frames;
   ern_trainer_describe(job->trainer, &now);
-  return curve_add(job->taking, &job->session, (struct curve_point){step, now.seconds, psnr}) == 0 ? ERN_OK
-                                                                                                   : ERN_E_NO_MEMORY;
+  const struct mouth_figures mouth = measures_figures(&job->now).mouth;
+  measures_free(&job->now);
+  const struct curve_point point = {step, now.seconds, psnr, mouth.known ? mouth.explained : NAN};
+  return curve_add(job->taking, &job->session, point) == 0 ? ERN_OK : ERN_E_NO_MEMORY;
 }
 
 static int say_progress(void *user, const ern_train_report *report) {
@@ -176,6 +218,9 @@ static ern_status make_trainer(struct training_job *job, const struct training_k
   config.iters = iters;
   config.rays = kind->rays;
   config.levels = kind->levels;
+  config.ray_sampling = kind->ray_sampling;
+  config.refresh_every = kind->refresh_every;
+  config.precision = kind->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
   config.seed = seed;
   config.threads = job->session.threads;
   config.validate_every = iters / POINTS > 0 ? iters / POINTS : 1;
@@ -206,7 +251,8 @@ static ern_status probe(struct training_job *job, const struct training_kind *ki
 }
 
 static int train_one(struct training_job *job, struct training_kind *kind, ern_backend *backend, int seed) {
-  const ern_train_hooks hooks = {.user = job, .progress = say_progress, .validation = take_validation};
+  const ern_train_hooks hooks = {
+      .user = job, .progress = say_progress, .validation = take_validation, .validation_frame = take_frame};
   struct session *session = &job->session;
   job->taking = &kind->curve[seed];
   ern_status status = seed == 0 ? probe(job, kind, backend, &kind->iters) : ERN_OK;
@@ -216,6 +262,7 @@ static int train_one(struct training_job *job, struct training_kind *kind, ern_b
     status = ern_trainer_run(job->trainer, &hooks);
     progress_end(&job->progress);
   }
+  measures_free(&job->now); /* of a validation that was not ended */
   ern_trainer_free(&job->trainer);
   if (session_interrupted()) return session_stop_with(session, "stopped: nothing is written");
   return status == ERN_OK ? 0 : session_fail(session);
@@ -231,19 +278,27 @@ static int train_kind(struct training_job *job, struct training_kind *kind) {
   if (ern_backend_create(&backend, job->session.context, &config) != ERN_OK) return session_fail(&job->session);
   for (int seed = 0; seed < job->seeds && status == 0; seed++) status = train_one(job, kind, backend, seed);
   ern_backend_free(&backend);
-  if (status == 0)
-    session_note(&job->session, "%s: %" PRIu64 " steps, PSNR %.2f dB", kind->name, kind->iters,
-                 training_final(kind, (size_t)job->seeds).mean);
-  return status;
+  if (status != 0) return status;
+  const struct training_end end = training_final(kind, (size_t)job->seeds);
+  char moves[64] = "";
+  if (isfinite(end.mouth.mean)) snprintf(moves, sizeof moves, ", %.1f %% of the mouth's motion", 100 * end.mouth.mean);
+  session_note(&job->session, "%s: %" PRIu64 " steps, PSNR %.2f dB%s", kind->name, kind->iters, end.psnr.mean, moves);
+  return 0;
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
 
 static int open_all(struct training_job *job) {
   struct session *session = &job->session;
-  static const char *const names[] = {"training.md",          "training.csv",         "training.json",
-                                      "training_seconds.svg", "training_seconds.png", "training_steps.svg",
-                                      "training_steps.png"};
+  static const char *const names[] = {"training.md",
+                                      "training.csv",
+                                      "training.json",
+                                      "training_seconds.svg",
+                                      "training_seconds.png",
+                                      "training_steps.svg",
+                                      "training_steps.png",
+                                      "training_mouth_seconds.svg",
+                                      "training_mouth_seconds.png"};
   if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
   const int opened = clip_source_open(&job->source, session, &job->clip);
   hearing_close(&job->source.hearing);
@@ -275,10 +330,14 @@ int tradeoff_training(int argc, char **argv) {
       .summary = "Compares trainings of a clip: what the next decibel costs.",
       .usage = "tradeoff --training CLIP -o DIR [--seconds 30] [--seeds 2]",
       .notes =
-          "One thing is changed at a time: rays a step, levels, instruction set, with --opencl devices, with --double\n"
-          "precision. DIR gets training.md, .csv, .json and the curves as training_seconds and training_steps, .svg "
+          "One thing is changed at a time: rays a step, levels, where the rays go, instruction set, with --opencl "
+          "devices,\n"
+          "with --double precision; bf16 where there is avx512bf16. One training is as published: rays anywhere alike, "
           "and\n"
-          ".png. All else is in single precision: there are no kernels that train in bf16.",
+          "each 16 steps a look at all of the occupancy. DIR gets training.md, .csv, .json and the curves as "
+          "training_seconds,\n"
+          "training_steps and training_mouth_seconds, .svg and .png: PSNR, and how much of the mouth's motion is "
+          "there.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,6 +33,7 @@ int curve_add(struct curve *curve, struct session *session, struct curve_point p
 
 static bool parse(const char *line, struct curve_point *point) {
   int used = 0;
+  point->mouth = NAN;
   return sscanf(line, "%" SCNu64 ",%lf,%lf%n", &point->step, &point->seconds, &point->psnr, &used) == 3 &&
          strcmp(line + used, "\n") == 0;
 }
@@ -60,13 +62,28 @@ int curve_read(struct curve *curve, struct session *session, const char *path) {
 
 /* ---- plots ------------------------------------------------------------------------------------------------------- */
 
+enum figure { PSNR_OVER_SECONDS, PSNR_OVER_STEPS, MOUTH_OVER_SECONDS };
+static const struct {
+  const char *name, *x_label, *y_label;
+} figures[] = {{"seconds", "training, seconds", "validation PSNR, dB"},
+               {"steps", "training steps", "validation PSNR, dB"},
+               {"mouth_seconds", "training, seconds", "share of the mouth's motion explained"}};
+
+static double across(enum figure figure, const struct curve_point *point) {
+  return figure == PSNR_OVER_STEPS ? (double)point->step : point->seconds;
+}
+
+static double up(enum figure figure, const struct curve_point *point) {
+  return figure == MOUTH_OVER_SECONDS ? point->mouth : point->psnr;
+}
+
 static int write_form(const struct plot *plot, enum plot_form form, struct session *session, const char *folder,
-                      const char *stem, const char *over) {
+                      const char *stem, enum figure figure) {
   struct bytes bytes = {0};
   char path[PATH_BYTES];
   int status = EXIT_FAILURE;
-  if (snprintf(path, sizeof path, "%s/%s_%s.%s", folder, stem, over, form == PLOT_SVG ? "svg" : "png") >=
-      (int)sizeof path)
+  if (snprintf(path, sizeof path, "%s/%s_%s.%s", folder, stem, figures[figure].name,
+               form == PLOT_SVG ? "svg" : "png") >= (int)sizeof path)
     session_fail_with(session, "%s: the name is too long", folder);
   else if (plot_draw(plot, form, &bytes) != 0 || bytes.failed)
     session_fail_with(session, "%s: cannot be drawn: no memory", path);
@@ -78,58 +95,53 @@ static int write_form(const struct plot *plot, enum plot_form form, struct sessi
   return status;
 }
 
-/* Values of all curves one behind the other: seconds, steps, PSNR. */
-struct values {
-  double *seconds, *steps, *psnr;
-};
-
-static int draw(const struct curve_named *curves, size_t count, const struct values *values, bool over_steps,
-                struct session *session, const char *folder, const char *stem, const char *title) {
-  /* Okabe and Ito's colours, told apart by all eyes */
+static int draw(const struct curve_named *curves, size_t count, enum figure figure, struct session *session,
+                const char *folder, const char *stem, const char *title) {
+  /* Okabe and Ito's colours, told apart by all eyes; further curves have the same with other marks */
   static const unsigned colours[] = {0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9, 0x000000};
+  static const enum plot_mark marks[] = {PLOT_DOT, PLOT_RING, PLOT_DIAMOND};
+  enum { COLOURS = sizeof colours / sizeof *colours, MARKS = sizeof marks / sizeof *marks };
   struct plot_series series[CURVES];
-  size_t at = 0;
+  size_t points = 0, at = 0;
+  if (count > CURVES) count = CURVES;
+  for (size_t c = 0; c < count; c++) points += curves[c].curve->count;
+  double *x = malloc((2 * points + 1) * sizeof *x);
+  if (x == NULL) return session_fail_with(session, "no memory for a plot of %zu points", points);
+  double *y = x + points;
   for (size_t c = 0; c < count; c++) {
-    const size_t points = curves[c].curve->count;
+    const struct curve *curve = curves[c].curve;
     series[c] = (struct plot_series){.name = count > 1 ? curves[c].name : NULL,
-                                     .x = (over_steps ? values->steps : values->seconds) + at,
-                                     .y = values->psnr + at,
-                                     .count = points,
-                                     .colour = colours[c % (sizeof colours / sizeof *colours)],
-                                     .mark = PLOT_DOT,
+                                     .x = x + at,
+                                     .y = y + at,
+                                     .count = curve->count,
+                                     .colour = colours[c % COLOURS],
+                                     .mark = marks[c / COLOURS % MARKS],
                                      .line = true};
-    at += points;
+    for (size_t i = 0; i < curve->count; i++, at++) {
+      x[at] = across(figure, &curve->point[i]);
+      y[at] = up(figure, &curve->point[i]);
+    }
   }
   const struct plot plot = {.title = title,
-                            .x_label = over_steps ? "training steps" : "training, seconds",
-                            .y_label = "validation PSNR, dB",
+                            .x_label = figures[figure].x_label,
+                            .y_label = figures[figure].y_label,
                             .width = WIDTH,
                             .height = HEIGHT,
                             .series = series,
                             .count = count};
-  const char *over = over_steps ? "steps" : "seconds";
-  const int status = write_form(&plot, PLOT_SVG, session, folder, stem, over);
-  return status != 0 ? status : write_form(&plot, PLOT_PNG, session, folder, stem, over);
+  int status = write_form(&plot, PLOT_SVG, session, folder, stem, figure);
+  if (status == 0) status = write_form(&plot, PLOT_PNG, session, folder, stem, figure);
+  free(x);
+  return status;
 }
 
 int curve_plot(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
                const char *stem, const char *title) {
-  size_t points = 0, at = 0;
-  if (count > CURVES) count = CURVES;
-  for (size_t c = 0; c < count; c++) points += curves[c].curve->count;
-  double *room = malloc((3 * points + 1) * sizeof *room);
-  if (room == NULL) return session_fail_with(session, "no memory for a plot of %zu points", points);
-  const struct values values = {room, room + points, room + 2 * points};
-  for (size_t c = 0; c < count; c++)
-    for (size_t i = 0; i < curves[c].curve->count; i++, at++) {
-      const struct curve_point *point = &curves[c].curve->point[i];
-      values.seconds[at] = point->seconds;
-      values.steps[at] = (double)point->step;
-      values.psnr[at] = point->psnr;
-    }
-  int status = 0;
-  for (int over_steps = 0; over_steps < 2 && status == 0; over_steps++)
-    status = draw(curves, count, &values, over_steps == 1, session, folder, stem, title);
-  free(room);
-  return status;
+  const int status = draw(curves, count, PSNR_OVER_SECONDS, session, folder, stem, title);
+  return status != 0 ? status : draw(curves, count, PSNR_OVER_STEPS, session, folder, stem, title);
+}
+
+int curve_plot_mouth(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
+                     const char *stem, const char *title) {
+  return draw(curves, count, MOUTH_OVER_SECONDS, session, folder, stem, title);
 }

@@ -10,6 +10,7 @@
 struct curve_point {
   uint64_t step;
   double seconds, psnr; /* of training behind it, without validations and saves; dB, the mean of the frames */
+  double mouth;         /* share of the mouth's motion that is explained, 1 at most; NaN: not known */
 };
 
 /* In the order of the steps. Zeroed: empty. */
@@ -22,7 +23,7 @@ void curve_free(struct curve *curve);
 /* Returns 0, or EXIT_FAILURE after a message, as the next ones do. Points that are not before `point` go: a training
  * that went on from an earlier state has taken other steps since. */
 int curve_add(struct curve *curve, struct session *session, struct curve_point point);
-/* Reads "step,seconds,psnr" and a line a validation. A file that is not there has none. */
+/* Reads "step,seconds,psnr" and a line a validation, which does not tell `mouth`. A file that is not there has none. */
 int curve_read(struct curve *curve, struct session *session, const char *path);
 
 /* A curve among others. */
@@ -34,5 +35,8 @@ struct curve_named {
  * steps. Points that are not finite are left out. */
 int curve_plot(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
                const char *stem, const char *title);
+/* The same of the mouth's motion over the seconds: FOLDER/STEM_mouth_seconds.svg and .png. */
+int curve_plot_mouth(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
+                     const char *stem, const char *title);
 
 #endif

@@ -23,16 +23,20 @@ static struct curve_point mean_point(const struct training_kind *kind, size_t se
   for (size_t seed = 0; seed < seeds; seed++) {
     mean.seconds += kind->curve[seed].point[i].seconds / (double)seeds;
     mean.psnr += kind->curve[seed].point[i].psnr / (double)seeds;
+    mean.mouth += kind->curve[seed].point[i].mouth / (double)seeds;
   }
   return mean;
 }
 
-struct mean_and_deviation training_final(const struct training_kind *kind, size_t seeds) {
-  double psnr[TRAINING_SEEDS];
+struct training_end training_final(const struct training_kind *kind, size_t seeds) {
+  double psnr[TRAINING_SEEDS], mouth[TRAINING_SEEDS];
   const size_t points = common_points(kind, seeds);
-  if (points == 0) return (struct mean_and_deviation){NAN, NAN};
-  for (size_t seed = 0; seed < seeds; seed++) psnr[seed] = kind->curve[seed].point[points - 1].psnr;
-  return mean_of(psnr, seeds);
+  if (points == 0) return (struct training_end){{NAN, NAN}, {NAN, NAN}};
+  for (size_t seed = 0; seed < seeds; seed++) {
+    psnr[seed] = kind->curve[seed].point[points - 1].psnr;
+    mouth[seed] = kind->curve[seed].point[points - 1].mouth;
+  }
+  return (struct training_end){mean_of(psnr, seeds), mean_of(mouth, seeds)};
 }
 
 double training_seconds_to(const struct training_kind *kind, size_t seeds, double psnr) {
@@ -53,9 +57,15 @@ double training_seconds_to(const struct training_kind *kind, size_t seeds, doubl
 /* Whole decibels up to the best end, the highest last. */
 static void marks_of(const struct training_study *study, double marks[TRAINING_MARKS]) {
   double best = 0;
-  for (size_t k = 0; k < study->count; k++) best = fmax(best, training_final(&study->kind[k], study->seeds).mean);
+  for (size_t k = 0; k < study->count; k++) best = fmax(best, training_final(&study->kind[k], study->seeds).psnr.mean);
   for (int m = 0; m < TRAINING_MARKS; m++) marks[m] = floor(best) - (TRAINING_MARKS - 1 - m);
 }
+
+static const char *isa_of(const struct training_study *study, const struct training_kind *kind) {
+  return kind->opencl ? "" : kind->isa[0] != 0 ? kind->isa : study->base_isa;
+}
+
+static const char *precision_of(const struct training_kind *kind) { return kind->bf16 ? "bf16" : "fp32"; }
 
 /* ---- JSON -------------------------------------------------------------------------------------------------------- */
 
@@ -63,13 +73,15 @@ static json_t *curve_json(const struct curve *curve) {
   json_t *points = json_array();
   for (size_t i = 0; i < curve->count; i++)
     json_array_append_new(
-        points, json_pack("{s:I, s:o, s:o}", "step", (json_int_t)curve->point[i].step, "seconds",
-                          session_number(curve->point[i].seconds), "psnr_db", session_number(curve->point[i].psnr)));
+        points, json_pack("{s:I, s:o, s:o, s:o}", "step", (json_int_t)curve->point[i].step, "seconds",
+                          session_number(curve->point[i].seconds), "psnr_db", session_number(curve->point[i].psnr),
+                          "mouth_explained", session_number(curve->point[i].mouth)));
   return points;
 }
 
 static json_t *kind_json(const struct training_study *study, const struct training_kind *kind) {
-  const struct mean_and_deviation end = training_final(kind, study->seeds);
+  const struct training_end end = training_final(kind, study->seeds);
+  const bool spread = study->seeds > 1;
   double marks[TRAINING_MARKS];
   json_t *curves = json_array(), *reached = json_array();
   for (size_t seed = 0; seed < study->seeds; seed++) json_array_append_new(curves, curve_json(&kind->curve[seed]));
@@ -77,13 +89,14 @@ static json_t *kind_json(const struct training_study *study, const struct traini
   for (int m = 0; m < TRAINING_MARKS; m++)
     json_array_append_new(reached, json_pack("{s:o, s:o}", "psnr_db", session_number(marks[m]), "seconds",
                                              session_number(training_seconds_to(kind, study->seeds, marks[m]))));
-  return json_pack("{s:s, s:i, s:i, s:s, s:s, s:I, s:o, s:o, s:o, s:o}", "name", kind->name, "rays", kind->rays,
-                   "levels", kind->levels, "backend", kind->opencl ? "opencl" : "cpu", "isa",
-                   kind->opencl        ? ""
-                   : kind->isa[0] != 0 ? kind->isa
-                                       : study->base_isa,
-                   "steps", (json_int_t)kind->iters, "psnr_db_mean", session_number(end.mean), "psnr_db_deviation",
-                   study->seeds > 1 ? session_number(end.deviation) : json_null(), "reached", reached, "seeds", curves);
+  return json_pack("{s:s, s:i, s:i, s:s, s:I, s:s, s:s, s:s, s:I, s:o, s:o, s:o, s:o, s:o, s:o}", "name", kind->name,
+                   "rays", kind->rays, "levels", kind->levels, "ray_sampling",
+                   ern_ray_sampling_name(kind->ray_sampling), "refresh_every", (json_int_t)kind->refresh_every,
+                   "precision", precision_of(kind), "backend", kind->opencl ? "opencl" : "cpu", "isa",
+                   isa_of(study, kind), "steps", (json_int_t)kind->iters, "psnr_db_mean", session_number(end.psnr.mean),
+                   "psnr_db_deviation", spread ? session_number(end.psnr.deviation) : json_null(),
+                   "mouth_explained_mean", session_number(end.mouth.mean), "mouth_explained_deviation",
+                   spread ? session_number(end.mouth.deviation) : json_null(), "reached", reached, "seeds", curves);
 }
 
 json_t *training_json(const struct training_study *study) {
@@ -96,30 +109,43 @@ json_t *training_json(const struct training_study *study) {
 
 /* ---- table ------------------------------------------------------------------------------------------------------- */
 
+static void add_cell(struct bytes *text, struct mean_and_deviation value, size_t seeds, int digits) {
+  if (isfinite(value.mean))
+    bytes_print(text, " %.*f", digits, value.mean);
+  else
+    bytes_print(text, " -");
+  if (isfinite(value.mean) && seeds > 1) bytes_print(text, " ± %.*f", digits, value.deviation);
+  bytes_print(text, " |");
+}
+
 static void add_table(const struct training_study *study, struct bytes *text) {
   double marks[TRAINING_MARKS];
   marks_of(study, marks);
-  bytes_print(
-      text,
-      "# What the next decibel costs\n\n%s; %g s of training for each curve, %zu seed%s; PSNR over %zu "
-      "validation frame%s.\n%s, %d cores. Seconds are those of training, without validations. ± is the standard "
-      "deviation over\nthe seeds; seconds to a PSNR are read off the mean curve between its points, at the "
-      "first point at the earliest.\n\n"
-      "| training | steps | steps/s | PSNR at the end, dB |",
-      study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
-      study->frames == 1 ? "" : "s", study->processor, study->cores);
+  bytes_print(text,
+              "# What the next decibel costs\n\n%s; %g s of training for each curve, %zu seed%s; PSNR over %zu "
+              "validation frame%s.\n%s, %d cores. Seconds are those of training, without validations. ± is the "
+              "standard deviation over\n"
+              "the seeds; seconds to a PSNR are read off the mean curve between its points, at the first point at the "
+              "earliest.\n"
+              "The mouth's motion is explained by 1 where the rendered mouth moves as the true one; -: it is not known "
+              "without\n"
+              "landmarks of three validation frames in which it moves. As published: rays anywhere alike, and a look "
+              "at all of\n"
+              "the occupancy each 16 steps.\n\n"
+              "| training | steps | steps/s | PSNR at the end, dB | mouth's motion explained at the end |",
+              study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
+              study->frames == 1 ? "" : "s", study->processor, study->cores);
   for (int m = 0; m < TRAINING_MARKS; m++) bytes_print(text, " s to %.0f dB |", marks[m]);
-  bytes_print(text, "\n| --- | ---: | ---: | ---: |");
+  bytes_print(text, "\n| --- | ---: | ---: | ---: | ---: |");
   for (int m = 0; m < TRAINING_MARKS; m++) bytes_print(text, " ---: |");
   for (size_t k = 0; k < study->count; k++) {
     const struct training_kind *kind = &study->kind[k];
-    const struct mean_and_deviation end = training_final(kind, study->seeds);
+    const struct training_end end = training_final(kind, study->seeds);
     const size_t points = common_points(kind, study->seeds);
     const double seconds = points > 0 ? mean_point(kind, study->seeds, points - 1).seconds : NAN;
-    bytes_print(text, "\n| %s | %" PRIu64 " | %.1f | %.2f", kind->name, kind->iters, (double)kind->iters / seconds,
-                end.mean);
-    if (study->seeds > 1) bytes_print(text, " ± %.2f", end.deviation);
-    bytes_print(text, " |");
+    bytes_print(text, "\n| %s | %" PRIu64 " | %.1f |", kind->name, kind->iters, (double)kind->iters / seconds);
+    add_cell(text, end.psnr, study->seeds, 2);
+    add_cell(text, end.mouth, study->seeds, 3);
     for (int m = 0; m < TRAINING_MARKS; m++) {
       const double needed = training_seconds_to(kind, study->seeds, marks[m]);
       if (isfinite(needed))
@@ -132,26 +158,28 @@ static void add_table(const struct training_study *study, struct bytes *text) {
 }
 
 static void add_csv(const struct training_study *study, struct bytes *csv) {
-  bytes_print(csv, "training,rays,levels,backend,isa,seed,step,seconds,psnr_db\n");
+  bytes_print(csv,
+              "training,rays,levels,ray_sampling,refresh_every,precision,backend,isa,seed,step,seconds,psnr_db,"
+              "mouth_explained\n");
   for (size_t k = 0; k < study->count; k++)
     for (size_t seed = 0; seed < study->seeds; seed++) {
       const struct training_kind *kind = &study->kind[k];
       const struct curve *curve = &kind->curve[seed];
       for (size_t i = 0; i < curve->count; i++) {
         bytes_print_csv(csv, kind->name);
-        bytes_print(csv, ",%d,%d,%s,%s,%zu,%" PRIu64 ",%.3f,%.4f\n", kind->rays, kind->levels,
-                    kind->opencl ? "opencl" : "cpu",
-                    kind->opencl        ? ""
-                    : kind->isa[0] != 0 ? kind->isa
-                                        : study->base_isa,
-                    seed, curve->point[i].step, curve->point[i].seconds, curve->point[i].psnr);
+        bytes_print(csv, ",%d,%d,%s,%" PRIu64 ",%s,%s,%s,%zu,%" PRIu64 ",%.3f,%.4f,", kind->rays, kind->levels,
+                    ern_ray_sampling_name(kind->ray_sampling), kind->refresh_every, precision_of(kind),
+                    kind->opencl ? "opencl" : "cpu", isa_of(study, kind), seed, curve->point[i].step,
+                    curve->point[i].seconds, curve->point[i].psnr);
+        if (isfinite(curve->point[i].mouth)) bytes_print(csv, "%.5g", curve->point[i].mouth);
+        bytes_print(csv, "\n");
       }
     }
 }
 
 /* ---- files ------------------------------------------------------------------------------------------------------- */
 
-/* The mean curves over the seeds on one plot. */
+/* The mean curves over the seeds; where nothing is known of the mouth, its plot is a frame that says so. */
 static int plot_all(const struct training_study *study, struct session *session, const char *folder) {
   struct curve mean[TRAINING_KINDS] = {{0}};
   struct curve_named named[TRAINING_KINDS];
@@ -163,10 +191,15 @@ static int plot_all(const struct training_study *study, struct session *session,
       status = curve_add(&mean[k], session, mean_point(kind, study->seeds, i));
     named[k] = (struct curve_named){kind->name, &mean[k]};
   }
+  const bool several = study->seeds > 1, known = isfinite(training_final(&study->kind[0], study->seeds).mouth.mean);
   if (status == 0)
-    status = curve_plot(
-        named, study->count, session, folder, "training",
-        study->seeds > 1 ? "What the next decibel costs (mean over the seeds)" : "What the next decibel costs");
+    status = curve_plot(named, study->count, session, folder, "training",
+                        several ? "What the next decibel costs (mean over the seeds)" : "What the next decibel costs");
+  if (status == 0)
+    status = curve_plot_mouth(named, known ? study->count : 0, session, folder, "training",
+                              !known    ? "Nothing is known of the mouth's motion"
+                              : several ? "How soon the mouth moves (mean over the seeds)"
+                                        : "How soon the mouth moves");
   for (size_t k = 0; k < study->count; k++) curve_free(&mean[k]);
   return status;
 }

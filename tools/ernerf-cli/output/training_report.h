@@ -5,6 +5,7 @@
 
 #include <jansson.h>
 
+#include "ernerf/train.h"
 #include "output/curve.h"
 #include "session/pareto.h"
 #include "session/session.h"
@@ -14,7 +15,9 @@ enum { TRAINING_KINDS = 20, TRAINING_SEEDS = 8, TRAINING_MARKS = 5 };
 struct training_kind {
   char name[80]; /* what is not the base's, in words */
   int rays, levels, device;
-  bool opencl;
+  ern_ray_sampling ray_sampling;
+  uint64_t refresh_every; /* as of ern_train_config */
+  bool opencl, bf16;
   char isa[24]; /* "": the base's */
   uint64_t iters;
   struct curve curve[TRAINING_SEEDS]; /* validations at the same steps for all seeds */
@@ -31,8 +34,11 @@ struct training_study {
 
 void training_free(struct training_study *study);
 
-/* PSNR of the last validation over the seeds, dB. */
-struct mean_and_deviation training_final(const struct training_kind *kind, size_t seeds);
+/* Of the last validation over the seeds; NaN: not known. */
+struct training_end {
+  struct mean_and_deviation psnr, mouth; /* dB; share of the mouth's motion that is explained */
+};
+struct training_end training_final(const struct training_kind *kind, size_t seeds);
 
 /* Seconds until the mean curve over the seeds first reaches `psnr`, between its points along a line; NaN where it does
  * not. The time of the first point is all that is known of what was before. */

@@ -87,7 +87,8 @@ static void extend_curve(struct validations *v, uint64_t step, double psnr) {
   const struct curve_named named = {v->title, &v->curve};
   ern_train_report now;
   ern_trainer_describe(v->trainer, &now);
-  if (curve_add(&v->curve, v->session, (struct curve_point){step, now.seconds, psnr}) != 0) return;
+  const struct curve_point point = {step, now.seconds, psnr, NAN}; /* measures.csv tells of the mouth */
+  if (curve_add(&v->curve, v->session, point) != 0) return;
   v->plotted = true; /* some of it even where it fails */
   (void)curve_plot(&named, 1, v->session, ern_trainer_folder(v->trainer), "curve", v->title);
 }
