@@ -39,8 +39,8 @@ static bool has_torso(const char *model) {
 static void test_head_and_torso(void **state) {
   (void)state;
   cli_run(&cli, TIMED " --time 3s");
-  cli_expect(&cli, 0, "2 s in all", "writes p.head.safetensors", "1 s in all", "the torso under p.head.safetensors",
-             "done, p.safetensors", NULL);
+  cli_expect(&cli, 0, "2 s in all", "a preview", "writes p.head.safetensors", "1 s in all",
+             "the torso under p.head.safetensors", "done, p.safetensors", NULL);
   assert_false(has_torso("p.head.safetensors"));
   assert_true(has_torso("p.safetensors"));
 

@@ -16,7 +16,7 @@
 static const double head_share = 2 / 3.0;
 
 /* Steps of so many rays learn most in little time (docs/performance.md). */
-enum { TIMED_RAYS = 2048 };
+enum { TIMED_RAYS = 2048, PREVIEW_SECONDS = 180 };
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -169,6 +169,21 @@ static int open_clip(struct train_job *job, const struct args *args) {
   return job->has_state ? inherit_frames(args, &job->session, &job->state, earlier, job->source.path, frames) : 0;
 }
 
+static void say_length(struct train_job *job) {
+  const ern_train_config *config = &job->config;
+  char length[64], time[32];
+  progress_duration(config->seconds, time);
+  if (config->seconds > 0)
+    snprintf(length, sizeof length, "%s in all, steps", time);
+  else
+    snprintf(length, sizeof length, "%" PRIu64 " steps", config->iters);
+  session_note(&job->session, "train: %s of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s", length, config->rays,
+               config->seed, job->session.backend_info.name, job->session.backend_info.isa, config->output,
+               ern_trainer_folder(job->trainer));
+  if (job->seconds > 0 && job->seconds < PREVIEW_SECONDS && !config->torso)
+    session_note(&job->session, "train: a preview: the mouth moves, and details are soft; some 5 min make them sharp");
+}
+
 /* What will be learnt from what, and where it goes. */
 static void say_plan(struct train_job *job) {
   const ern_clip_info *info = &job->clip_info;
@@ -192,16 +207,7 @@ static void say_plan(struct train_job *job) {
     effects_words(&job->effects, list, sizeof list);
     session_note(&job->session, "train: effects %s%s", list, asks_auto(job) ? " (`ernerf check` says why)" : "");
   }
-  char time[32];
-  progress_duration(config->seconds, time);
-  if (config->seconds > 0)
-    session_note(&job->session, "train: %s in all, steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s", time,
-                 config->rays, config->seed, job->session.backend_info.name, job->session.backend_info.isa,
-                 config->output, ern_trainer_folder(job->trainer));
-  else
-    session_note(&job->session, "train: %" PRIu64 " steps of %d rays, seed %" PRIu64 ", %s (%s); writes %s and %s",
-                 config->iters, config->rays, config->seed, job->session.backend_info.name,
-                 job->session.backend_info.isa, config->output, ern_trainer_folder(job->trainer));
+  say_length(job);
 }
 
 /* What the file of --from is like: a training that goes on from it is the same. */
