@@ -59,13 +59,18 @@ static ern_status check_options(ern_context *context, const ern_render_options *
 
 enum { MEANS = ERN_CODE_WIDTH + ERN_TORSO_CODE_WIDTH };
 
-/* Of the columns of `codes`, [rows][width]. */
+/* Of the columns of `codes`, [rows][width], over the rows that are not all 0: those fill a PyTorch file up to the
+ * public program's number. */
 static void mean_of_rows(const float *codes, size_t rows, size_t width, float *mean) {
-  for (size_t c = 0; c < width; c++) {
-    double sum = 0;
-    for (size_t r = 0; r < rows; r++) sum += (double)codes[r * width + c];
-    mean[c] = (float)(sum / (double)rows);
+  double sum[ERN_TORSO_CODE_WIDTH] = {0};
+  size_t count = 0;
+  for (size_t r = 0; r < rows; r++) {
+    bool own = false;
+    for (size_t c = 0; c < width; c++) own |= codes[r * width + c] != 0;
+    for (size_t c = 0; c < width; c++) sum[c] += (double)codes[r * width + c];
+    count += own;
   }
+  for (size_t c = 0; c < width; c++) mean[c] = count > 0 ? (float)(sum[c] / (double)count) : 0;
 }
 
 static ern_status upload_means(ern_renderer *r) {
