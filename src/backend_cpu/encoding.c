@@ -6,6 +6,11 @@ ERN_SHARDED_SLOT(sh_fwd, a->n, 64) {
   kernels->sh_fwd(reals(a->y.span) + r.begin, a->y.stride, reals(a->d.span) + r.begin, a->d.stride, r.end - r.begin);
 }
 
+ERN_SHARDED_SLOT(sh_bwd, a->n, 64) {
+  kernels->sh_bwd(reals(a->dd.span) + r.begin, a->dd.stride, reals(a->dy.span) + r.begin, a->dy.stride,
+                  reals(a->d.span) + r.begin, a->d.stride, r.end - r.begin);
+}
+
 ERN_SHARDED_SLOT(freq_fwd, a->n, 64) {
   kernels->freq_fwd(reals(a->y.span) + r.begin, a->y.stride, reals(a->x.span) + r.begin, a->x.stride, a->x.rows,
                     a->octaves, r.end - r.begin);

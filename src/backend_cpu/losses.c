@@ -102,3 +102,27 @@ ern_status ERN_REF(ern_cpu_key_points_loss)(struct ern_stream *stream, struct er
   a->term = kernels_of(stream)->key_points_loss(reals(a->danchors), reals(a->anchors));
   return ERN_OK;
 }
+
+struct pose_job {
+  const struct ern_cpu_kernels *kernels;
+  const struct ern_pose_bwd_args *args;
+  double part[ERN_SHARDS][ERN_POSE_SLOPES];
+};
+static void pose_task(void *user, size_t k, int lane) {
+  (void)lane;
+  struct pose_job *job = user;
+  const struct ern_pose_bwd_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->kernels->pose_bwd(job->part[k], reals(a->dx.span) + r.begin, a->dx.stride, reals(a->x.span) + r.begin,
+                         a->x.stride, after(reals(a->dd.span), r.begin), a->dd.stride, after(reals(a->d.span), r.begin),
+                         a->d.stride, r.end - r.begin);
+}
+ern_status ERN_REF(ern_cpu_pose_bwd)(struct ern_stream *stream, struct ern_pose_bwd_args *a) {
+  struct pose_job job = {.kernels = kernels_of(stream), .args = a};
+  ern_pool_run(pool_of(stream), ERN_SHARDS, pose_task, &job);
+  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
+    a->dpose[i] = 0;
+    for (size_t k = 0; k < ERN_SHARDS; k++) a->dpose[i] += job.part[k][i];
+  }
+  return ERN_OK;
+}

@@ -32,3 +32,8 @@ ERN_SHARDED_SLOT(samples, a->n, 64) {
                    reals(a->t) + r.begin * (size_t)a->settings.max_steps, int32s(a->first) + r.begin,
                    reals(a->dir.span) + r.begin, a->dir.stride, a->origin, &a->settings, r.begin, r.end - r.begin);
 }
+
+ERN_SHARDED_SLOT(sample_dirs, a->n, 64) {
+  kernels->sample_dirs(reals(a->d.span) + r.begin, a->d.stride, reals(a->dir.span), a->dir.stride,
+                       int32s(a->ray) + r.begin, r.end - r.begin);
+}

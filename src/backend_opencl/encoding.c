@@ -11,6 +11,17 @@ ern_status ern_cl_sh_fwd(struct ern_stream *stream, struct ern_sh_fwd_args *a) {
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
+ern_status ern_cl_sh_bwd(struct ern_stream *stream, struct ern_sh_bwd_args *a) {
+  if (a->n == 0) return ERN_OK;
+  const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "sh_bwd", "");
+  ern_cl_rows(&call, a->dd);
+  ern_cl_rows(&call, a->dy);
+  ern_cl_rows(&call, a->d);
+  ern_cl_size(&call, a->n);
+  return ern_cl_run(&call, shape.count, shape.group);
+}
+
 ern_status ern_cl_freq_fwd(struct ern_stream *stream, struct ern_freq_fwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_encoding, "freq_fwd", "");

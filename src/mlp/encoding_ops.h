@@ -13,6 +13,16 @@ struct ern_sh_fwd_args {
 };
 typedef void ern_sh_fwd_kernel(ern_real *y, size_t y_stride, const ern_real *d, size_t d_stride, size_t n);
 
+/* Their gradient with each component of d by itself, of any length. */
+struct ern_sh_bwd_args {
+  ern_rows dd; /* overwrites: [3] */
+  ern_rows dy; /* [16] */
+  ern_rows d;  /* [3] */
+  size_t n;
+};
+typedef void ern_sh_bwd_kernel(ern_real *dd, size_t dd_stride, const ern_real *dy, size_t dy_stride, const ern_real *d,
+                               size_t d_stride, size_t n);
+
 /* Rows: x (dims), then for octave o = 0 .. octaves-1: sin(2^o x) (dims), sin(2^o x + pi/2) (dims). */
 struct ern_freq_fwd_args {
   ern_rows y; /* out: [dims*(1 + 2*octaves)] */
@@ -33,6 +43,7 @@ typedef void ern_freq_bwd_kernel(ern_real *dx, size_t dx_stride, const ern_real 
 
 #define ERN_ENCODING_OPERATIONS(OP, X) \
   OP(X, sh_fwd, SLOT, FAST)            \
+  OP(X, sh_bwd, SLOT, REF)             \
   OP(X, freq_fwd, SLOT, FAST)          \
   OP(X, freq_bwd, SLOT, FAST)
 

@@ -43,6 +43,8 @@ static ern_status grids_bwd(struct ern_stream *stream, const struct ern_head_inp
         .dtable = ern_span_part(dparameters, encoder->table[g], table_count(&encoder->grid[g])),
         .df = rows_of(encoder, g, d->f),
         .forward = grid_args(in, g, x, batch->f, batch->n)};
+    for (int a = 0; d->x.span.buffer != NULL && a < encoder->grid[g].dims; a++)
+      grid.dx[a] = ern_span_of_row(d->x, encoder->axis[g][a], batch->n);
     status = stream->backend->grid_bwd(stream, &grid);
   }
   return status;
@@ -80,18 +82,26 @@ fail:
   return status;
 }
 
-static ern_status trunk_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+static ern_status trunk_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                             const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters) {
   const struct ern_backend *backend = stream->backend;
+  const bool moves = d->x.span.buffer != NULL;
   ern_status status = ERN_OK;
+  if (moves) ERN_TRY(backend->zero(stream, d->waves.span));
   struct ern_mlp_bwd_args mlp = {.dparameters = dparameters, .dy = d->f, .forward = trunk_args(in, 1, batch)};
+  if (moves) mlp.dx[0] = d->waves;
   mlp.dx[1] = d->hidden;
   ERN_TRY(backend->zero(stream, d->hidden.span));
   ERN_TRY(backend->mlp_bwd(stream, &mlp));
   struct ern_activate_bwd_args relu = {d->hidden, d->hidden, batch->hidden, ERN_ACT_RELU, batch->n};
   ERN_TRY(backend->activate_bwd(stream, &relu));
   mlp = (struct ern_mlp_bwd_args){.dparameters = dparameters, .dy = d->hidden, .forward = trunk_args(in, 0, batch)};
+  if (moves) mlp.dx[0] = d->waves;
   ERN_TRY(backend->mlp_bwd(stream, &mlp));
+  if (moves) {
+    struct ern_freq_bwd_args waves = {d->x, d->waves, x, ERN_X_OCTAVES, batch->n};
+    ERN_TRY(backend->freq_bwd(stream, &waves));
+  }
 fail:
   return status;
 }
@@ -106,5 +116,5 @@ ern_status ern_encode_fwd(struct ern_stream *stream, const struct ern_head_input
 ern_status ern_encode_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                           const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters) {
   return in->field->encoder.grids > 0 ? grids_bwd(stream, in, x, batch, d, dparameters)
-                                      : trunk_bwd(stream, in, batch, d, dparameters);
+                                      : trunk_bwd(stream, in, x, batch, d, dparameters);
 }

@@ -188,6 +188,7 @@ ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_
   if (status != ERN_OK) return status;
   struct ern_mlp_bwd_args mlp = {.dparameters = dparameters, .dy = d->rgb_raw, .forward = colour_args(in, batch)};
   const int geometry = in->field->config.no_view ? 0 : 1, code = geometry + 1;
+  if (geometry > 0) mlp.dx[0] = d->sh;
   mlp.dx[geometry] = ern_rows_part(d->h, 1, ERN_GEOMETRY);
   if (mlp.forward.pieces > code) {
     mlp.dx[code] = mlp.forward.x[code];

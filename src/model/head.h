@@ -21,7 +21,7 @@ ERN_NODISCARD ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, con
 
 /* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f and d->h and sets
  * d->sigma, d->rgb, d->unc, d->norm, d->eye. dparameters accumulates; so does dcode [A], unless it is zeroed
- * (detached). */
+ * (detached), and what the caller gave room for of d->x and d->sh (with in->sh per sample). */
 ERN_NODISCARD ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                              const struct ern_head_batch *batch, struct ern_head_batch *d,
                                              ern_span dparameters);

@@ -31,6 +31,7 @@ struct ern_head_batch {
   ern_rows sigma;         /* [1] */
   ern_rows rgb_raw, rgb;  /* [3] before and after the sigmoid */
   ern_rows unc_raw, unc;  /* [1] before and after the softplus */
+  ern_rows x, sh;         /* [3], [16] per sample, of gradients alone, accumulated; zeroed: not wanted */
 };
 
 enum { ERN_BATCH_ATTENTION = 1, ERN_BATCH_DENSITY = 2, ERN_BATCH_COLOUR = 4, ERN_BATCH_UNCERTAINTY = 8 };

@@ -77,11 +77,22 @@ typedef void ern_samples_kernel(ern_real *x, size_t x_stride, ern_real *dt, ern_
                                 const float origin[3], const struct ern_march_settings *settings, size_t ray_begin,
                                 size_t n);
 
+/* The direction of each sample's ray. */
+struct ern_sample_dirs_args {
+  ern_rows d;   /* out: [3] per sample */
+  ern_rows dir; /* [3] per ray */
+  ern_span ray; /* int32 [n] */
+  size_t n;     /* samples */
+};
+typedef void ern_sample_dirs_kernel(ern_real *d, size_t d_stride, const ern_real *dir, size_t dir_stride,
+                                    const int32_t *ray, size_t n);
+
 #define ERN_MARCH_OPERATIONS(OP, X) \
   OP(X, rays, SLOT, FAST)           \
   OP(X, march, SLOT, FAST)          \
   OP(X, march_from, NONE, FAST)     \
   OP(X, scan, SLOT, NONE)           \
-  OP(X, samples, SLOT, FAST)
+  OP(X, samples, SLOT, FAST)        \
+  OP(X, sample_dirs, SLOT, REF)
 
 #endif

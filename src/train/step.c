@@ -20,6 +20,7 @@ struct pass {
   struct ern_mse_args plain; /* figures of these come with `settle` */
   struct ern_head_loss_args loss;
   struct ern_smooth_loss_args smooth[3];
+  struct ern_pose_bwd_args pose;
 };
 
 /* Some of the rays, and their samples. */
@@ -136,6 +137,41 @@ static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, 
   return status != ERN_OK ? status : stream->backend->head_loss(stream, &p->loss);
 }
 
+/* Room for the gradients of a part's positions and directions, and its harmonics by sample. */
+static ern_status take_pose(struct ern_stream *stream, const struct ern_head_step_args *a, struct pass *p,
+                            struct part *part) {
+  const struct ern_backend *backend = stream->backend;
+  const size_t n = part->marched.total;
+  struct ern_pose_bwd_args *pose = &p->pose;
+  ern_status status = ERN_OK;
+  *pose = (struct ern_pose_bwd_args){.x = part->marched.x, .n = n};
+  ERN_TRY(ern_take_rows(stream, 3, n, &part->d.x));
+  ERN_TRY(backend->zero(stream, part->d.x.span));
+  pose->dx = part->d.x;
+  if (a->field->config.no_view) return ERN_OK;
+  ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->in.sh));
+  ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->d.sh));
+  ERN_TRY(backend->zero(stream, part->d.sh.span));
+  ERN_TRY(ern_take_rows(stream, 3, n, &pose->d));
+  ERN_TRY(ern_take_rows(stream, 3, n, &pose->dd));
+  struct ern_sample_dirs_args dirs = {pose->d, part->marched.dir, part->marched.ray, n};
+  ERN_TRY(backend->sample_dirs(stream, &dirs));
+  struct ern_sh_fwd_args sh = {part->in.sh, pose->d, n};
+  ERN_TRY(backend->sh_fwd(stream, &sh));
+fail:
+  return status;
+}
+
+/* Positions and directions of a part's samples to the camera. */
+static ern_status pose_bwd(struct ern_stream *stream, struct pass *p, const struct part *part) {
+  if (p->pose.dd.span.buffer != NULL) {
+    struct ern_sh_bwd_args sh = {p->pose.dd, part->d.sh, p->pose.d, p->pose.n};
+    const ern_status status = stream->backend->sh_bwd(stream, &sh);
+    if (status != ERN_OK) return status;
+  }
+  return stream->backend->pose_bwd(stream, &p->pose);
+}
+
 static ern_status backward(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
   const struct ern_backend *backend = stream->backend;
   const bool attends = ern_field_attends(a->field), eye = ern_field_attends_eye(a->field);
@@ -156,11 +192,14 @@ static ern_status backward(struct ern_stream *stream, struct ern_head_step_args 
   ERN_TRY(backend->composite_bwd(stream, &composite));
   ERN_TRY(backend->zero(stream, d->f.span));
   ERN_TRY(backend->zero(stream, d->h.span));
+  const bool pose = a->dpose != NULL && part->marched.total > 0;
+  if (pose) ERN_TRY(take_pose(stream, a, p, part));
   if (part->marched.total > 0) {
     ERN_TRY(ern_head_uncertainty_bwd(stream, &part->in, &part->batch, d, a->dparameters));
     ERN_TRY(ern_head_colour_bwd(stream, &part->in, &part->batch, d, a->dparameters));
     ERN_TRY(ern_head_density_bwd(stream, &part->in, part->marched.x, &part->batch, d, a->dparameters, p->dcode));
   }
+  if (pose) ERN_TRY(pose_bwd(stream, p, part));
 fail:
   return status;
 }
@@ -236,6 +275,14 @@ static ern_status mirror(struct ern_stream *stream, struct ern_head_step_args *a
   return status == ERN_OK && a->smooth ? smoothness(stream, a, p, part) : status;
 }
 
+/* What a part has added to the camera's gradient, once it is settled. */
+static void add_pose(struct ern_head_step_args *a, struct pass *p) {
+  for (size_t k = 0; a->dpose != NULL && k < ERN_POSE_SLOPES; k++) {
+    a->dpose[k] += p->pose.dpose[k];
+    p->pose.dpose[k] = 0;
+  }
+}
+
 /* Backward of the audio net; then the figures. */
 static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
@@ -243,6 +290,7 @@ static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, s
   if (status == ERN_OK) status = stream->backend->settle(stream);
   if (status != ERN_OK) return status;
   const double smooth = a->terms[ERN_LOSS_SMOOTHNESS];
+  add_pose(a, p);
   memcpy(a->terms, p->loss.terms, sizeof a->terms);
   a->terms[ERN_LOSS_SMOOTHNESS] = smooth;
   for (int i = 0; i < 3; i++) a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
@@ -266,6 +314,7 @@ static ern_status in_parts(struct ern_stream *stream, struct ern_head_step_args 
       samples += part.marched.total;
       ern_arena_release(stream, mark);
       if (status != ERN_OK) return status;
+      add_pose(a, p);
       for (int i = 0; i < 3; i++) {
         a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
         p->smooth[i].term = 0;
@@ -284,6 +333,7 @@ ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_a
   struct part all = {.rays = args->n};
   ern_status status = ERN_OK;
   memset(args->terms, 0, sizeof args->terms);
+  for (size_t k = 0; args->dpose != NULL && k < ERN_POSE_SLOPES; k++) args->dpose[k] = 0;
   ERN_TRY(begin(stream, args, &pass));
   if (at_once < args->n) {
     ERN_TRY(in_parts(stream, args, &pass, at_once > 0 ? at_once : 1));

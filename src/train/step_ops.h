@@ -47,6 +47,8 @@ struct ern_head_step_args {
       *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
   uint64_t seed, step;
   struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
+  double *dpose;               /* out, on the host: [ERN_POSE_SLOPES], as ern_pose_bwd_args has it, without the
+                                * smoothness term; NULL: not wanted */
   size_t n;                    /* rays */
 };
 

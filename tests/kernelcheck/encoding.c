@@ -32,6 +32,27 @@ static void test_harmonics(void **state) {
   }
 }
 
+/* Up to 11 terms of at most 5 products of sizes up to 30, rounded or fused, by value. */
+static const double fused_slopes = 30 * 16 * 0x1p-24;
+
+static void test_harmonics_bwd(void **state) {
+  (void)state;
+  for (size_t s = 0; s < size_count(); s++) {
+    const size_t n = test_sizes[s];
+    static float d[3 * MOST_SIZE], dy[16 * MOST_SIZE];
+    fill_random(d, 3 * n, s, 0.57f);
+    fill_random(dy, 16 * n, s + 100, 1);
+    const struct many_rows from = many_strided(d, 3, n, ERN_PER_SAMPLE),
+                           slope = many_strided(dy, 16, n, ERN_PER_SAMPLE),
+                           dd = many_strided(NULL, 3, n, ERN_PER_SAMPLE);
+    struct ern_sh_bwd_args args[MACHINES];
+    EACH_MACHINE (k) args[k] = (struct ern_sh_bwd_args){dd.on[k], slope.on[k], from.on[k], n};
+    RUN(sh_bwd, args);
+    EACH_OTHER (k) expect_near_on(k, "slopes of harmonics", of_rows(dd), 0, fused_slopes);
+    machines_clear();
+  }
+}
+
 /* ---- sines ---- */
 
 static float position(size_t i) {
@@ -197,7 +218,10 @@ static void bench(void) {
   bench_of(183000);
 }
 
-static const struct CMUnitTest tests[] = {cmocka_unit_test(test_harmonics), cmocka_unit_test(test_sines),
-                                          cmocka_unit_test(test_nothing), cmocka_unit_test(test_harmonics_in_double),
+static const struct CMUnitTest tests[] = {cmocka_unit_test(test_harmonics),
+                                          cmocka_unit_test(test_harmonics_bwd),
+                                          cmocka_unit_test(test_sines),
+                                          cmocka_unit_test(test_nothing),
+                                          cmocka_unit_test(test_harmonics_in_double),
                                           cmocka_unit_test(test_sines_in_double)};
 NOUN(encoding, bench, .isa = NULL)

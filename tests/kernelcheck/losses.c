@@ -491,6 +491,37 @@ static void test_failed_step(void **state) {
   machines_clear();
 }
 
+/* Sums of n products of three factors up to 1 in floats, 64 side by side: 2^-23 of the sizes' sum for each of n/64 + 16
+ * additions and for the products. */
+static void test_pose(void **state) {
+  (void)state;
+  for (size_t s = 0; s <= size_count(); s++) {
+    const size_t n = s < size_count() ? test_sizes[s] : is_small() ? 200 : MANY;
+    float *values = floats(3 * n);
+    struct many_rows rows[4];
+    for (size_t r = 0; r < COUNT_OF(rows); r++) {
+      fill_random(values, 3 * n, 4 * s + r, 1);
+      rows[r] = many_strided(values, 3, n, ERN_PER_SAMPLE);
+    }
+    struct ern_pose_bwd_args args[MACHINES];
+    EACH_MACHINE (k)
+      args[k] = (struct ern_pose_bwd_args){
+          .dx = rows[0].on[k], .x = rows[1].on[k], .dd = rows[2].on[k], .d = rows[3].on[k], .n = n};
+    for (int directions = 1; directions >= 0; directions--) {
+      EACH_MACHINE (k) {
+        if (directions == 0) args[k].dd = args[k].d = (ern_rows){0};
+        RUN_ON(k, pose_bwd, &args[k]);
+      }
+      EACH_OTHER (k)
+        for (size_t i = 0; i < ERN_POSE_SLOPES; i++)
+          assert_true(fabs(args[k].dpose[i] - args[0].dpose[i]) <=
+                      0x1p-23 * 4 * (double)n * ((double)n / (64 * 64) + 20));
+      assert_true(args[0].dpose[0] != 0);
+    }
+    machines_clear();
+  }
+}
+
 static void bench(void) {
   enum { N = 4096 };
   const struct batch b = batch_make(inputs_make(N, USUAL, 1), N, true, true);
@@ -517,6 +548,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_head),        cmocka_unit_test(test_softmax),     cmocka_unit_test(test_head_broken),
     cmocka_unit_test(test_nothing),     cmocka_unit_test(test_differences), cmocka_unit_test(test_broken_differences),
     cmocka_unit_test(test_key_points),  cmocka_unit_test(test_points),      cmocka_unit_test(test_many_figures),
-    cmocka_unit_test(test_failed_step),
+    cmocka_unit_test(test_failed_step), cmocka_unit_test(test_pose),
 };
 NOUN(losses, bench, .isa = NULL)

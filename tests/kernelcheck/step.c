@@ -148,7 +148,7 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
 /* What a step leaves behind. */
 struct result {
   const float *gradient; /* until machines_clear */
-  double terms[ERN_LOSS_TERMS], squared_error;
+  double terms[ERN_LOSS_TERMS], squared_error, dpose[ERN_POSE_SLOPES];
   size_t samples;
   size_t evaluated, counted; /* whose density was computed; those before the light is spent. Fused passes tell */
 };
@@ -157,16 +157,20 @@ struct result {
 static struct result step(struct stage *stage, int k) {
   struct ern_profile profile = {.timed = true};
   struct ern_head_step_args *args = &stage->args[k];
+  double dpose[ERN_POSE_SLOPES];
   args->profile = &profile;
+  args->dpose = dpose;
   support_ok(machines.context, machines.backend[k]->zero(machines.stream[k], stage->gradient.on[k]));
   RUN_ON(k, head_step, args);
   args->profile = NULL;
+  args->dpose = NULL;
   struct result result = {.gradient = floats_of(k, stage->gradient),
                           .squared_error = args->squared_error,
                           .samples = args->samples,
                           .evaluated = profile.count[ERN_PROFILE_SAMPLES],
                           .counted = profile.count[ERN_PROFILE_COLOURS]};
   memcpy(result.terms, args->terms, sizeof result.terms);
+  memcpy(result.dpose, dpose, sizeof dpose);
   return result;
 }
 
@@ -203,6 +207,24 @@ static bool meets_kink(struct stage *stage, const struct ern_parameter *row, dou
   return 2 * most >= off;
 }
 
+static double pose_distance(const struct result *a, const struct result *b) {
+  double sum = 0;
+  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) sum += pow(a->dpose[i] - b->dpose[i], 2);
+  return sqrt(sum);
+}
+
+/* The camera's gradient is a sum over samples of parts of both signs, each off as a tensor's gradient is: the sum is
+ * smaller than its parts by up to the root of their number, 80 of 6,400 samples, which the floor has room for. */
+static void compare_pose(int k, const struct stage *stage, const struct result *found, const struct result *plain,
+                         const struct result *truth) {
+  const struct result none = {.samples = 0};
+  const double size = pose_distance(truth, &none), off = pose_distance(found, truth);
+  if (!(off <= FACTOR * pose_distance(plain, truth) + 80 * FLOOR * size))
+    fail_msg("%s, %s: the camera's gradient is off by %.2e, the float reference by %.2e", machines.name[k],
+             stage->scene->name, off / size, pose_distance(plain, truth) / size);
+  assert_true((size > 0) == (truth->samples > 0));
+}
+
 /* Returns whether a kink was crossed. */
 static bool compare(int k, struct stage *stage, const struct result *found, const struct result *plain,
                     const struct result *truth) {
@@ -215,6 +237,7 @@ static bool compare(int k, struct stage *stage, const struct result *found, cons
       fail_msg("%s, %s: term %d is %.9g, expected %.9g", machines.name[k], name, t, found->terms[t], truth->terms[t]);
   }
   assert_true(fabs(found->squared_error - truth->squared_error) <= 1e-5 * truth->squared_error);
+  compare_pose(k, stage, found, plain, truth);
   for (int r = 0; r < stage->table.rows; r++) {
     const struct ern_parameter *row = &stage->table.row[r];
     const float *expected = truth->gradient + row->at;
@@ -274,6 +297,7 @@ static void test_threads(void **state) {
         const struct result other = step(&stage, k);
         assert_memory_equal(one.gradient, other.gradient, bytes);
         assert_memory_equal(one.terms, other.terms, sizeof one.terms);
+        assert_memory_equal(one.dpose, other.dpose, sizeof one.dpose);
         if (threads > 1) stream_restore(k, own);
       }
       machines.backend[k]->deterministic = deterministic;
@@ -312,7 +336,11 @@ static void test_parts(void **state) {
     struct ern_head_step_args *args = &stage.args[0];
     for (size_t i = 0; i < COUNT_OF(at_once); i++) {
       support_ok(machines.context, machines.backend[0]->zero(machines.stream[0], stage.gradient.on[0]));
+      struct result parts = {.samples = 0};
+      args->dpose = parts.dpose;
       support_ok(machines.context, ern_head_step_parts(machines.stream[0], args, at_once[i]));
+      args->dpose = NULL;
+      assert_true(pose_distance(&parts, &whole) <= 1e-10 * pose_distance(&whole, &(struct result){.samples = 0}));
       const float *found = floats_of(0, stage.gradient);
       assert_int_equal(args->samples, whole.samples);
       for (int t = 0; t < ERN_LOSS_TERMS; t++)

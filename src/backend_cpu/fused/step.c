@@ -184,12 +184,68 @@ static void backward_task(void *user, size_t k, int number) {
                                                .dunc = s->dunc + r.begin,
                                                .gradient = s->gradient + k * s->net.forward,
                                                .df = s->df + r.begin,
+                                               .dsh = s->dsh != NULL ? s->dsh + r.begin : NULL,
                                                .sh_stride = s->marched.sh.stride,
                                                .rgb_stride = s->live_stride,
                                                .stride = s->live_stride};
   memset(args.gradient, 0, s->net.forward * sizeof *args.gradient);
   s->train->backward(&s->net, &lane->tile, &args);
   lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began;
+}
+
+struct pose {
+  const struct ern_train_step *step;
+  ern_rows dx, d, dd; /* [3] per live sample */
+  double part[ERN_SHARDS][ERN_POSE_SLOPES];
+};
+
+/* Of a shard's samples: through the tables to positions, through the harmonics to directions, from both to the camera.
+ */
+static void pose_task(void *user, size_t k, int number) {
+  struct pose *pose = user;
+  const struct ern_train_step *s = pose->step;
+  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  const struct range r = shard(s->count, ERN_MLP_TILE, k);
+  const size_t stride = s->live_stride, n = r.end - r.begin, levels = (size_t)s->field->config.levels;
+  float *dx = reals(pose->dx.span) + r.begin, *d = after(reals(pose->d.span), r.begin),
+        *dd = after(reals(pose->dd.span), r.begin);
+  const double began = ern_profile_now();
+  for (size_t axis = 0; axis < 3; axis++) memset(dx + axis * pose->dx.stride, 0, n * sizeof *dx);
+  for (size_t p = 0; p < ERN_PLANES; p++) {
+    const size_t first = (size_t)s->field->encoder.axis[p][0], second = (size_t)s->field->encoder.axis[p][1];
+    const float *const x[ERN_GRID_MAX_DIMS] = {s->live_x + first * stride + r.begin,
+                                               s->live_x + second * stride + r.begin, NULL};
+    float *const to[ERN_GRID_MAX_DIMS] = {dx + first * pose->dx.stride, dx + second * pose->dx.stride, NULL};
+    s->kernels->grid_bwd(NULL, to, s->df + p * levels * stride + r.begin, stride, x,
+                         s->parameters + s->field->encoder.table[p], &s->field->encoder.grid[p], 0, (int)levels, n);
+  }
+  if (dd != NULL) {
+    s->kernels->sample_dirs(d, pose->d.stride, reals(s->marched.dir.span), s->marched.dir.stride, s->live_ray + r.begin,
+                            n);
+    s->kernels->sh_bwd(dd, pose->dd.stride, s->dsh + r.begin, stride, d, pose->d.stride, n);
+  }
+  s->kernels->pose_bwd(pose->part[k], dx, pose->dx.stride, s->live_x + r.begin, stride, dd, pose->dd.stride, d,
+                       pose->d.stride, n);
+  lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
+}
+
+static ern_status add_pose(double dpose[ERN_POSE_SLOPES], const struct ern_train_step *s) {
+  const struct ern_arena_mark mark = ern_arena_mark(s->stream);
+  struct pose pose = {.step = s};
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dx));
+  if (s->dsh != NULL) {
+    ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.d));
+    ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dd));
+  }
+  ern_pool_run(pool_of(s->stream), ERN_SHARDS, pose_task, &pose);
+  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
+    dpose[i] = 0;
+    for (size_t k = 0; k < ERN_SHARDS; k++) dpose[i] += pose.part[k][i];
+  }
+fail:
+  ern_arena_release(s->stream, mark);
+  return status;
 }
 
 /* The tables' gradients: a task a level and plane, samples in order. With the last of them, as two tasks more, what
@@ -235,16 +291,22 @@ static void add_tables(const struct tables *t) {
 
 /* All but the tables, which are to be added. */
 static ern_status backward(const struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
-  const ern_status status = take_slopes(s, s->live_stride);
+  ern_span dsh;
+  ern_status status = take_slopes(s, s->live_stride);
+  if (status == ERN_OK && a->dpose != NULL && s->net.harmonics > 0) {
+    status = ern_take(s->stream, ERN_ELEMENT_REAL, ERN_SH_ROWS * s->live_stride, &dsh);
+    if (status == ERN_OK) s->dsh = reals(dsh);
+  }
   if (status != ERN_OK) return status;
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, backward_task, s);
+  if (a->dpose != NULL) status = add_pose(a->dpose, s);
   const size_t stride = s->live_stride;
   *tables = (struct tables){.step = s,
                             .x = {s->live_x, s->live_x + stride, s->live_x + 2 * stride},
                             .stride = stride,
                             .n = s->count,
                             .dparameters = reals(a->dparameters)};
-  return ERN_OK;
+  return status;
 }
 
 /* ---- smoothness -------------------------------------------------------------------------------------------------- */

@@ -70,14 +70,15 @@ struct ern_train_uncertainty_args {
 typedef void ern_train_uncertainty_kernel(const struct ern_train_net *net, struct ern_train_tile *tile,
                                           const struct ern_train_uncertainty_args *args);
 
-/* gradient [net->forward] += that of all weights; df [features][stride] by list, with room for whole tiles. The slopes
- * of the outputs are by list. ray, feature_rows, harmonics as above, rays by list. deye NULL: no eye branch. */
+/* gradient [net->forward] += that of all weights; df [features][stride] by list, with room for whole tiles, and dsh
+ * [16][stride], that of the harmonics (NULL: not wanted). The slopes of the outputs are by list. ray, feature_rows,
+ * harmonics as above, rays by list. deye NULL: no eye branch. */
 struct ern_train_backward_args {
   struct ern_train_list list;
   const int32_t *ray;
   const float *feature_rows, *harmonics;
   const float *dsigma, *drgb, *dnorm, *deye, *dunc;
-  float *gradient, *df;
+  float *gradient, *df, *dsh;
   size_t sh_stride, rgb_stride, stride;
 };
 typedef void ern_train_backward_kernel(const struct ern_train_net *net, struct ern_train_tile *tile,

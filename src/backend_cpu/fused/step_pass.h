@@ -102,6 +102,7 @@ struct ern_train_step {
 
   float *gradient; /* [ERN_SHARDS][net.forward] */
   float *df;       /* [features][live_stride], of the moved points [features][stride] */
+  float *dsh;      /* [16][live_stride], of the harmonics; NULL: not wanted */
 };
 
 static inline struct ern_train_lane *ern_train_lane_of(const struct ern_train_step *s, int lane) {

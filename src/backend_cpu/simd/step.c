@@ -484,6 +484,9 @@ static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
     take(dnorm, a->dnorm, first, count);
     norm_bwd(net, t, dnorm);
     scene_bwd(net, t, a->gradient);
+    for (size_t k = 0; a->dsh != NULL && k < net->harmonics; k++)
+      dots(a->dsh + k * a->stride + first, t->d_colour, D_COLOUR_ROW,
+           net->weights + net->colour + (DENSITY + k) * COLOUR, COLOUR);
     if (net->eye) eye_bwd(net, t);
     attention_bwd(net, t, a->gradient, ROWS_ADD);
     channels_of_rows(a->df + first, a->stride, t->d_features, net->slope_row, net->features);

@@ -41,6 +41,38 @@ KERNEL sh_fwd(ROWS(float, y), ROWS(const float, d), ulong n) {
   }
 }
 
+/* dd_k = sum over c of dy_c dY_c/dd_k */
+KERNEL sh_bwd(ROWS(float, dd), ROWS(const float, dy), ROWS(const float, d), ulong n) {
+  const float c1 = 0.48860251190291992f;  /* 1/2 sqrt(3/pi) */
+  const float c2 = 1.0925484305920792f;   /* 1/2 sqrt(15/pi) */
+  const float c20 = 0.31539156525252005f; /* 1/4 sqrt(5/pi) */
+  const float c33 = 0.59004358992664352f; /* 1/4 sqrt(35/(2 pi)) */
+  const float c32 = 2.8906114426405538f;  /* 1/2 sqrt(105/pi) */
+  const float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
+  const float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
+  OPEN(float, dd);
+  OPEN(const float, dy);
+  OPEN(const float, d);
+  EACH_SAMPLE(i, get_group_id(0)) {
+    const floatw x = loadw_first(d + i, n - i), v = loadw_first(d + d_stride + i, n - i),
+                 z = loadw_first(d + 2 * d_stride + i, n - i);
+    floatw g[16];
+    for (uint c = 0; c < 16; c++) g[c] = loadw_first(dy + c * dy_stride + i, n - i);
+    const floatw in_x = -c1 * g[3] + c2 * (v * g[4] - z * g[7] + x * g[8]) - 6 * c33 * x * v * g[9] +
+                        c32 * v * z * g[10] + c31 * (1 - 5 * z * z) * g[13] + c32 * x * z * g[14] +
+                        3 * c33 * (v * v - x * x) * g[15];
+    const floatw in_v = -c1 * g[1] + c2 * (x * g[4] - z * g[5] - v * g[8]) + 3 * c33 * (v * v - x * x) * g[9] +
+                        c32 * x * z * g[10] + c31 * (1 - 5 * z * z) * g[11] - c32 * v * z * g[14] +
+                        6 * c33 * x * v * g[15];
+    const floatw in_z = c1 * g[2] - c2 * (v * g[5] + x * g[7]) + 6 * c20 * z * g[6] + c32 * x * v * g[10] -
+                        10 * c31 * z * (v * g[11] + x * g[13]) + c30 * (15 * z * z - 3) * g[12] +
+                        c32 / 2 * (x * x - v * v) * g[14];
+    storew_first(dd + i, in_x, n - i);
+    storew_first(dd + dd_stride + i, in_v, n - i);
+    storew_first(dd + 2 * dd_stride + i, in_z, n - i);
+  }
+}
+
 /* ---- sines of positions ---- */
 
 #define HALF_PI 1.57079632679489661923f

@@ -292,3 +292,13 @@ kernel void samples(ROWS(float, x), SPAN(float, dt), SPAN(float, depth), SPAN(in
     ray[begin + i] = (int)r;
   }
 }
+
+/* d of sample i is that of its ray. */
+kernel void sample_dirs(ROWS(float, d), ROWS(const float, dir), SPAN(const int, ray), ulong n) {
+  OPEN(float, d);
+  OPEN(const float, dir);
+  OPEN(const int, ray);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  for (ulong axis = 0; axis < 3; axis++) d[axis * d_stride + i] = dir[axis * dir_stride + ray[i]];
+}
