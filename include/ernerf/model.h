@@ -116,6 +116,13 @@ ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const cha
  * model does not take part. */
 ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
 
+/* The pose of a frame that was not trained on, as its neighbours in time have it: the mean of the refinements of the
+ * training frames, weighted by exp(-(d/w)^2/2), d being the distance to `frame` and w the least of them, or 3 where
+ * that is less. frames: [count] numbers of the training frames, in the order of the model's rows, as is `frame`:
+ * img_id, or any other count of frames. Nothing where the model has no refinement. */
+ERN_API void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
+                                     float pose[16]);
+
 /* Turns a model's file into the other form; the name of `out` decides: .safetensors, or .pth and .pt, which PyTorch's
  * torch.load(weights_only=True) opens and the public program loads. Optimizer and average go with it. What the public
  * program cannot hold is refused by name (ERN_E_UNSUPPORTED); what it needs to be told is said in the log. Files of

@@ -121,6 +121,8 @@ typedef struct ern_train_config {
                      step/iters follow the share of the time that is past. `iters`, `save_every` and `validate_every`
                      say nothing then: it is saved each minute, and validated at each tenth of the time, but
                      at most each minute. It cannot be repeated exactly */
+  bool refine_poses; /* of a head: the poses of the training frames are parameters too, and the model keeps
+                        what was added to them (ern_model_refine); false. A resume: as its state */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -148,6 +150,7 @@ typedef struct ern_train_state {
   ern_ray_sampling ray_sampling;
   double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
   double seconds; /* of training, all runs together */
+  bool refine_poses;
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

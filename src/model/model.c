@@ -92,12 +92,9 @@ static void euler_matrix(float m[9], const float radians[3]) {
   for (int i = 0; i < 9; i++) m[i] = (float)rows[i];
 }
 
-void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
-  ERN_PLAIN_FLOATS;
+/* angle: [3] degrees; move: [3] */
+static void refine(float pose[16], const float angle[3], const float move[3]) {
   const float degree = 3.14159265358979f / 180;
-  if (model == NULL || pose == NULL || model->cameras == 0) return;
-  const size_t row = index < model->cameras ? index : model->cameras - 1;
-  const float *angle = model->camera + 3 * row, *move = model->camera + 3 * (model->cameras + row);
   float turn[9], old[16];
   euler_matrix(turn, (float[]){angle[0] * degree + 1e-8f, angle[1] * degree + 1e-8f, angle[2] * degree + 1e-8f});
   memcpy(old, pose, sizeof old);
@@ -106,6 +103,38 @@ void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
       pose[4 * r + c] = turn[r] * old[c] + turn[3 + r] * old[4 + c] + turn[6 + r] * old[8 + c];
     pose[4 * r + 3] = old[4 * r + 3] + move[r];
   }
+}
+
+void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
+  ERN_PLAIN_FLOATS;
+  if (model == NULL || pose == NULL || model->cameras == 0) return;
+  const size_t row = index < model->cameras ? index : model->cameras - 1;
+  refine(pose, model->camera + 3 * row, model->camera + 3 * (model->cameras + row));
+}
+
+/* Frames on either side that count, at least: what one frame was corrected by says little of its neighbours. */
+static const double least_width = 3;
+
+void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
+                             float pose[16]) {
+  ERN_PLAIN_FLOATS;
+  double nearest = INFINITY, total = 0, sum[6] = {0};
+  float row[6];
+  if (model == NULL || frames == NULL || pose == NULL || model->cameras == 0) return;
+  const size_t rows = count < model->cameras ? count : model->cameras;
+  for (size_t i = 0; i < rows; i++) nearest = fmin(nearest, fabs((double)frames[i] - (double)frame));
+  const double width = fmax(least_width, nearest);
+  for (size_t i = 0; i < rows; i++) {
+    const double off = ((double)frames[i] - (double)frame) / width, weight = exp(-off * off / 2);
+    total += weight;
+    for (size_t k = 0; k < 3; k++) {
+      sum[k] += weight * (double)model->camera[3 * i + k];
+      sum[3 + k] += weight * (double)model->camera[3 * (model->cameras + i) + k];
+    }
+  }
+  if (rows == 0) return;
+  for (size_t k = 0; k < 6; k++) row[k] = (float)(sum[k] / total);
+  refine(pose, row, row + 3);
 }
 
 static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtype dtype, int dims, size_t first,

@@ -43,13 +43,13 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training =
-      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f}", "iters",
-                (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
-                "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema,
-                "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer",
-                t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
-                ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside);
+  json_t *training = json_pack(
+      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b}", "iters", (json_int_t)c->iters,
+      "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
+      (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
+      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
+      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling),
+      "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL);
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -124,6 +124,9 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (!read_seconds(json_object_get(root, "budget"), &about->budget)) return "budget";
   if (!read_seconds(json_object_get(root, "seconds_beside"), &about->beside)) return "seconds_beside";
   if (!read_ray_sampling(json_object_get(root, "ray_sampling"), &about->ray_sampling)) return "ray_sampling";
+  const json_t *refines = json_object_get(root, "refine_poses"); /* not there: an earlier version's state */
+  if (refines != NULL && !json_is_boolean(refines)) return "refine_poses";
+  about->refine_poses = json_is_true(refines);
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");
@@ -249,7 +252,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
        word(about->features), word(t->features)},
       {"data_begin", count(about->data_begin), count(c->data_begin)},
       {"data_end", count(about->data_end), count(c->data_end)},
-      {"torso_layer", count(about->layer), count(t->data.has_torso)}};
+      {"torso_layer", count(about->layer), count(t->data.has_torso)},
+      {"refine_poses", count(about->refine_poses), count(t->poses != NULL)}};
   const struct change loose[] = {
       {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
       both[0],

@@ -19,6 +19,7 @@ struct ern_state_about {
   char features[65]; /* SHA-256 of the speech features */
   ern_ray_sampling ray_sampling;
   double budget, beside; /* seconds: of config.seconds, and of validations and saves */
+  bool refine_poses;
 };
 
 /* *text is the caller's (ern_release). */

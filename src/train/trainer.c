@@ -14,6 +14,7 @@
 #include "core/sized.h"
 #include "train/decline.h"
 #include "train/step.h"
+#include "train/trainer_poses.h"
 
 static double seconds_now(void) {
   struct timespec now;
@@ -37,12 +38,13 @@ static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertaint
                                                       "entropy",     "audio_ambient", "eye_ambient",
                                                       "smoothness",  "key_points"};
 
-static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, double *terms, ern_train_report *report) {
+static ern_status head_step(ern_trainer *t, struct ern_batch *batch, double *terms, ern_train_report *report) {
   const struct ern_march_settings march = ern_trainer_march(t);
+  const struct ern_view view = ern_trainer_poses_view(t, batch->frame);
   struct ern_head_step_args args = {.dparameters = t->gradient,
                                     .parameters = t->parameters,
                                     .field = &t->model->field,
-                                    .view = &t->views[batch->frame],
+                                    .view = &view,
                                     .settings = &march,
                                     .bits = t->bits,
                                     .pixel_number = batch->pixel_number,
@@ -66,6 +68,7 @@ static ern_status head_step(ern_trainer *t, const struct ern_batch *batch, doubl
                                     .bf16 = t->bf16,
                                     .seed = t->config.seed,
                                     .step = t->step,
+                                    .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
                                     .n = (size_t)t->config.rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   memcpy(terms, args.terms, sizeof args.terms);
@@ -96,12 +99,19 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, doub
 }
 
 /* Every term and every gradient, or the name of the first that is not finite. */
-static ern_status check_finite(ern_trainer *t, const double *terms) {
+static ern_status check_finite(ern_trainer *t, const struct ern_batch *batch, const double *terms) {
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
                       terms[i]);
+  for (int i = 0; i < ERN_POSE_SLOPES; i++)
+    if (!isfinite(batch->dpose[i]))
+      return ern_fail(t->context, ERN_E_NONFINITE,
+                      "step %" PRIu64
+                      ": the gradient of the pose of training frame %zu is not finite; the parameters are "
+                      "as before",
+                      t->step, batch->frame);
   struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
   ern_status status = t->backend->finite(t->stream, &all);
   if (status != ERN_OK || all.finite) return status;
@@ -178,8 +188,9 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   if (t->step % ern_trainer_refresh_every(t) == 0) ERN_TRY(ern_trainer_refresh(t));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
   ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));
-  ERN_TRY(check_finite(t, terms));
+  ERN_TRY(check_finite(t, &batch, terms));
   ERN_TRY(update(t));
+  if (ern_trainer_poses_due(t)) ern_trainer_poses_step(t, batch.frame, batch.dpose);
   t->step++;
   if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += terms[i];
@@ -361,6 +372,11 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   memcpy((*model)->block, t->model->block, t->model->field.parameters * sizeof(float));
   memcpy((*model)->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
   if ((*model)->torso_grid != NULL) memcpy((*model)->torso_grid, t->model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
+  status = ern_trainer_copy_camera(*model, t->model);
+  if (status != ERN_OK) {
+    ern_model_free(model);
+    return status;
+  }
   (*model)->head_steps = t->model->head_steps;
   (*model)->torso_steps = t->model->torso_steps;
   (*model)->view = t->model->view;

@@ -56,7 +56,8 @@ struct ern_trainer {
 
   bool bf16; /* products of bf16 (config.precision) */
 
-  struct ern_view *views; /* [training frames] */
+  struct ern_view *views;          /* [training frames], as the clip has them */
+  struct ern_trainer_poses *poses; /* NULL: they stay as they are */
   uint64_t step, ema_updates;
   double seconds; /* of training, all runs together */
   double beside;  /* seconds of validations and saves, all runs together */
@@ -76,6 +77,7 @@ struct ern_batch {
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
+  double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
@@ -88,6 +90,8 @@ ERN_NODISCARD ern_status ern_trainer_choose_precision(ern_trainer *t, const char
 /* The rows of the torso, or those of the head, with what else belongs to either; of individual codes as many as both
  * have. Other rows have the same shape in both. */
 void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);
+/* The camera refinement, into a model without one. */
+ERN_NODISCARD ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from);
 /* A line of the log where a file has another number of individual codes than this training. */
 void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
 

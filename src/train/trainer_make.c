@@ -15,6 +15,7 @@
 #include "io/speech_description.h"
 #include "render/frame_input.h"
 #include "train/state_about.h"
+#include "train/trainer_poses.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 
@@ -219,6 +220,15 @@ void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso) {
   }
 }
 
+ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
+  if (from->cameras == 0) return ERN_OK;
+  const ern_status status = ERN_NEW(to->context, 6 * from->cameras, &to->camera);
+  if (status != ERN_OK) return status;
+  memcpy(to->camera, from->camera, 6 * from->cameras * sizeof(float));
+  to->cameras = from->cameras;
+  return ERN_OK;
+}
+
 void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found) {
   const int here = t->model->field.config.codes;
   if (found < here)
@@ -274,6 +284,7 @@ static ern_status make_model(ern_trainer *t) {
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);
+    ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
     ern_trainer_tell_codes(t, "the head", t->config.head->field.config.codes);
   }
 fail:
@@ -327,6 +338,7 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
   ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
+  ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
   ERN_TRY(ERN_NEW(t->context, 8 * rays, &t->host_rows));
   ERN_TRY(ERN_NEW(t->context,
@@ -475,6 +487,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->backend->buffer_free(t->backend, t->cells_buffer);
   t->backend->stream_free(t->stream);
   ern_pool_free(t->pool);
+  ern_trainer_poses_free(t);
   ern_release(t->context, t->views);
   ern_release(t->context, t->host_pixels);
   ern_release(t->context, t->host_rows);

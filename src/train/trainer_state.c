@@ -16,6 +16,7 @@
 #include "model/checkpoint.h"
 #include "model/kinds.h"
 #include "train/state_about.h"
+#include "train/trainer_poses.h"
 
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ern_model *model = t->model;
@@ -24,6 +25,7 @@ ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ERN_TRY(t->backend->download_bytes(t->stream, model->bits, t->bits, t->bits.count));
   if (model->field.config.torso)
     ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
+  ern_trainer_poses_download(t);
   *(t->config.torso ? &model->torso_steps : &model->head_steps) = t->step;
 fail:
   return status;
@@ -55,6 +57,23 @@ static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *
   }
 }
 
+static void add_poses(struct state_tensors *s, const ern_trainer *t) {
+  const size_t frames = t->data.frames[0];
+  if (t->poses == NULL) return;
+  s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera",
+                                              .dtype = ERN_F32,
+                                              .dims = 2,
+                                              .shape = {frames, ERN_POSE_SLOPES},
+                                              .count = frames * ERN_POSE_SLOPES,
+                                              .data = t->poses->row};
+  s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera_moment",
+                                              .dtype = ERN_F32,
+                                              .dims = 1,
+                                              .shape = {ERN_POSE_SLOPES},
+                                              .count = ERN_POSE_SLOPES,
+                                              .data = t->poses->mean_square};
+}
+
 static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
   const size_t n = t->model->field.parameters;
   ern_status status = ERN_OK;
@@ -78,6 +97,7 @@ static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
                                                 .shape = {ERN_OCCUPANCY_CELLS},
                                                 .count = ERN_OCCUPANCY_CELLS,
                                                 .data = s->grid};
+  add_poses(s, t);
 fail:
   return status;
 }
@@ -280,6 +300,11 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ERN_TRY(t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
     ERN_TRY(ern_trainer_list(t));
   }
+  if (t->poses != NULL && ern_tensor_file_find(file, "state.camera") != NULL) {
+    const size_t n = ERN_POSE_SLOPES, frames = t->data.frames[0];
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, (size_t[]){frames, n}, t->poses->row));
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &n, t->poses->mean_square));
+  }
   t->step = about->step;
   t->ema_updates = about->ema_updates;
   t->seconds = about->seconds;
@@ -417,7 +442,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .torso_layer = about->layer,
                                .ema = about->ema,
                                .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32,
-                               .ray_sampling = about->ray_sampling};
+                               .ray_sampling = about->ray_sampling,
+                               .refine_poses = about->refine_poses};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:
@@ -449,10 +475,12 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
-  if (c.model->cameras > 0)
+  ern_trainer_poses_take(t, c.model);
+  if (c.model->cameras > 0 && t->poses == NULL)
     ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is not trained on, nor applied while training",
             path);
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
+  if (t->config.torso && t->model->cameras == 0) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
   ERN_TRY(take_over(t, path, &c.model));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {

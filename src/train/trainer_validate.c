@@ -6,6 +6,7 @@
 
 #include "core/memory.h"
 #include "train/trainer.h"
+#include "train/trainer_poses.h"
 
 enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */
 
@@ -63,6 +64,13 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
       .background = t->data.background,
       .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);
+  if (t->poses != NULL) {
+    if (split == 0)
+      ern_model_refine(t->model, frame, view.pose);
+    else
+      ern_model_refine_unseen(t->model, t->poses->moment, t->data.frames[0], about.aud_id, view.pose);
+    input.head_pose = view.pose;
+  }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
   ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
 fail:

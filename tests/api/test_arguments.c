@@ -248,6 +248,15 @@ CHECK(ern_model_refine) {
   ern_model_refine(w.model, SIZE_MAX, pose);
   assert_true(pose[0] == 3);
 }
+CHECK(ern_model_refine_unseen) {
+  const int64_t frame = 3;
+  float pose[16] = {3};
+  ern_model_refine_unseen(NULL, &frame, 1, 4, pose);
+  ern_model_refine_unseen(w.model, NULL, 1, 4, pose);
+  ern_model_refine_unseen(w.model, &frame, 1, 4, NULL);
+  ern_model_refine_unseen(w.model, &frame, 0, INT64_MIN, pose);
+  assert_true(pose[0] == 3);
+}
 CHECK(ern_file_convert) {
   REFUSED_ALONE(ern_file_convert(NULL, junk, "a.pth"));
   REFUSED(w.context, "ern_file_convert: in is NULL", ern_file_convert(w.context, NULL, "a.pth"));
@@ -294,6 +303,7 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_file_tensors),
                                                ROW(ern_file_sha256),
                                                ROW(ern_model_refine),
+                                               ROW(ern_model_refine_unseen),
                                                ROW(ern_file_convert)};
 enum { CHECKS = sizeof table / sizeof *table };
 

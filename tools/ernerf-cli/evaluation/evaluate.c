@@ -54,9 +54,9 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
                              .individual = ERN_INDIVIDUAL_MEAN,
                              .background = evaluation->background.image.data,
                              .torso = torso};
-  if (about.cameras > 0 && source_frame->split == ERN_SPLIT_TRAIN) {
+  if (about.cameras > 0) {
     memcpy(evaluation->refined, camera.pose, sizeof evaluation->refined);
-    ern_model_refine(model, source_frame->index, evaluation->refined);
+    frame_source_refine(&evaluation->frame_source, model, source_frame, evaluation->refined);
     input->head_pose = evaluation->refined;
   }
   return 0;

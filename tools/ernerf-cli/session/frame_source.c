@@ -16,6 +16,7 @@ void frame_source_free(struct frame_source *frame_source) {
   free(frame_source->rows);
   free(frame_source->frame);
   free(frame_source->second);
+  free(frame_source->trained);
   *frame_source = (struct frame_source){0};
 }
 
@@ -39,6 +40,14 @@ static int number_frames(struct frame_source *frame_source, struct session *sess
   return 0;
 }
 
+void frame_source_refine(const struct frame_source *frame_source, const ern_model *model,
+                         const struct source_frame *frame, float pose[16]) {
+  if (frame->split == ERN_SPLIT_TRAIN)
+    ern_model_refine(model, frame->index, pose);
+  else
+    ern_model_refine_unseen(model, frame_source->trained, frame_source->trained_count, frame->pose.img_id, pose);
+}
+
 int frame_source_of_clip(struct frame_source *frame_source, struct session *session, const ern_clip *clip,
                          enum frame_source_split split) {
   static const char *const names[] = {"train", "val", "all"};
@@ -52,7 +61,11 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
   const bool wanted[2] = {split != FRAME_SOURCE_VAL, split != FRAME_SOURCE_TRAIN};
   const size_t most = info.frames[0] + info.frames[1];
   frame_source->source_frame = calloc(most > 0 ? most : 1, sizeof *frame_source->source_frame);
-  if (frame_source->source_frame == NULL) return no_memory(session, most);
+  frame_source->trained_count = info.frames[ERN_SPLIT_TRAIN];
+  frame_source->trained = calloc(most > 0 ? most : 1, sizeof *frame_source->trained);
+  if (frame_source->source_frame == NULL || frame_source->trained == NULL) return no_memory(session, most);
+  for (size_t i = 0; i < frame_source->trained_count; i++)
+    frame_source->trained[i] = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i)->pose.img_id;
   for (int s = 0; s < 2; s++) {
     for (size_t i = 0; wanted[s] && i < info.frames[s]; i++) {
       const ern_clip_frame *frame = ern_clip_frame_at(clip, (ern_split)s, i);

@@ -26,7 +26,9 @@ struct frame_source {
   size_t row_count;
   struct source_frame *frame; /* [row_count] frames at 25 a second; NULL where the frames are these */
   float *second;              /* room for windows, where there is `frame` */
-  ern_camera camera;          /* all but its pose; the size is that of the poses' file */
+  int64_t *trained;           /* [trained_count] img_id of a clip's training frames; NULL without a clip */
+  size_t trained_count;
+  ern_camera camera; /* all but its pose; the size is that of the poses' file */
 };
 
 enum frame_source_split { FRAME_SOURCE_TRAIN = 0, FRAME_SOURCE_VAL = 1, FRAME_SOURCE_ALL = 2 };
@@ -37,6 +39,11 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
                          enum frame_source_split split);
 int frame_source_of_poses(struct frame_source *frame_source, struct session *session, const char *path);
 void frame_source_free(struct frame_source *frame_source);
+
+/* The pose of a clip's frame, after ern_camera_pose, as the model's camera refinement has it: the frame's own, or that
+ * of its neighbours. */
+void frame_source_refine(const struct frame_source *frame_source, const ern_model *model,
+                         const struct source_frame *frame, float pose[16]);
 
 int frame_source_smooth_path(struct frame_source *frame_source, struct session *session, int window);
 /* All frames get the pose of frame `frame`, under frames->count. */

@@ -240,21 +240,16 @@ void portrait_close(struct portrait *portrait) {
   ern_model_free(&portrait->model);
 }
 
-/* Of a frame at 25 a second. */
-static void refine(const struct portrait *portrait, const struct source_frame *frame, float pose[16]) {
-  ern_camera_pose(pose, frame->pose.matrix, portrait->scale);
-  if (frame->split == ERN_SPLIT_TRAIN) ern_model_refine(portrait->model, frame->index, pose);
-}
-
 const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,
                               float refined[16]) {
   const struct source_frame *from = frame_source_before(frame_source, k), *to = frame_source_after(frame_source, k);
   float second[16];
-  if (portrait->info.cameras == 0 || portrait->clip == NULL) return NULL;
-  if (from->split != ERN_SPLIT_TRAIN && to->split != ERN_SPLIT_TRAIN) return NULL;
-  refine(portrait, from, refined);
+  if (portrait->info.cameras == 0 || frame_source->trained == NULL) return NULL;
+  ern_camera_pose(refined, from->pose.matrix, portrait->scale);
+  frame_source_refine(frame_source, portrait->model, from, refined);
   if (from == to) return refined;
-  refine(portrait, to, second);
+  ern_camera_pose(second, to->pose.matrix, portrait->scale);
+  frame_source_refine(frame_source, portrait->model, to, second);
   ern_pose_interpolate(refined, refined, second, (double)frame_source->source_frame[k].toward);
   return refined;
 }

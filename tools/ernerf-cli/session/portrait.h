@@ -46,8 +46,7 @@ void portrait_close(struct portrait *portrait);
 int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
                   const ern_features *features);
 
-/* The pose of the head in `refined` where the model has a camera refinement and frame k is, or lies beside, a training
- * frame; else NULL. */
+/* The pose of the head in `refined` where the model has a camera refinement and frame k is one of a clip; else NULL. */
 const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,
                               float refined[16]);
 

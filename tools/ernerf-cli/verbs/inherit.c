@@ -46,6 +46,8 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   if (!args_given(args, "refresh-every")) config->refresh_every = state->refresh_every;
   if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = state->ema;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = state->ray_sampling;
+  if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))
+    config->refine_poses = state->refine_poses;
   if (!args_given(args, "ema-every")) config->ema_every = state->ema_every;
   if (!args_given(args, "data_range")) {
     config->data_begin = state->data_begin;

@@ -174,6 +174,16 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .choices = "regions|uniform",
        .help = "where the rays of a head go: 40 of 100 through the lower face where the clip has landmarks, or "
                "anywhere alike as published (default regions)"},
+      {.name = "refine-poses",
+       .kind = OPTION_FLAG,
+       .target = &config->refine_poses,
+       .help =
+           "a head learns corrections to the poses of the training frames too, which the model keeps; --resume goes "
+           "on so"},
+      {.name = "no-refine-poses",
+       .kind = OPTION_OFF,
+       .target = &config->refine_poses,
+       .help = "the poses as the clip has them (default)"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,

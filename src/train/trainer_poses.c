@@ -1,0 +1,209 @@
+/* SPDX-License-Identifier: MIT
+ * Poses refined while training: a row a frame, moved when a step visits the frame. */
+#include "train/trainer_poses.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+
+enum { N = ERN_POSE_SLOPES };
+
+/* Found by trying (docs/performance.md): how far a row may go in a training if every visit pulls it the same way, and
+ * in one visit at most; radians, and metres of the clip. */
+static const double reach_turn = 0.5 * 3.14159265358979323846 / 180, reach_move = 3e-3;
+static const double most_turn = 0.1 * 3.14159265358979323846 / 180, most_move = 0.5e-3;
+static const double path_share = 0.1; /* of the way to where the path bends least, a visit */
+static const double beta2 = 0.99;
+
+/* ---- the clip's own path ----------------------------------------------------------------------------------------- */
+
+struct moment {
+  int64_t at;
+  size_t frame;
+};
+static int by_moment(const void *left, const void *right) {
+  const struct moment *a = left, *b = right;
+  if (a->at != b->at) return a->at < b->at ? -1 : 1;
+  return a->frame < b->frame ? -1 : a->frame > b->frame;
+}
+
+/* Frames of [data_begin, data_end) whose moments follow each other are beside each other. */
+static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
+  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
+  struct moment *moment = NULL;
+  ern_status status = ERN_NEW(t->context, count, &moment);
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < t->data.frames[0]; i++) {
+    ern_dataset_frame about;
+    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
+    p->moment[i] = about.aud_id;
+    p->beside[2 * i] = p->beside[2 * i + 1] = i;
+  }
+  for (size_t i = 0; i < count; i++) moment[i] = (struct moment){p->moment[begin + i], begin + i};
+  qsort(moment, count, sizeof *moment, by_moment);
+  for (size_t i = 1; i < count; i++) {
+    if (moment[i].at != moment[i - 1].at + 1) continue;
+    p->beside[2 * moment[i].frame] = moment[i - 1].frame;
+    p->beside[2 * moment[i - 1].frame + 1] = moment[i].frame;
+  }
+fail:
+  ern_release(t->context, moment);
+  return status;
+}
+
+/* sum += the row that takes pose `from` to pose `to`: to = exp([-angles]) from + move, to first order in the angles. */
+static void add_way(float sum[N], const float to[16], const float from[16]) {
+  double turn[3][3], axis[3], move[3];
+  for (int r = 0; r < 3; r++)
+    for (int c = 0; c < 3; c++) {
+      turn[r][c] = 0;
+      for (int i = 0; i < 3; i++) turn[r][c] += (double)to[4 * r + i] * (double)from[4 * c + i];
+    }
+  for (int r = 0; r < 3; r++) {
+    move[r] = (double)to[4 * r + 3];
+    for (int c = 0; c < 3; c++) move[r] -= turn[r][c] * (double)from[4 * c + 3];
+    axis[r] = (turn[(r + 2) % 3][(r + 1) % 3] - turn[(r + 1) % 3][(r + 2) % 3]) / 2;
+    sum[r] -= (float)axis[r];
+    sum[3 + r] += (float)move[r];
+  }
+}
+
+static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
+  return p->beside[2 * frame] != frame && p->beside[2 * frame + 1] != frame;
+}
+
+ern_status ern_trainer_poses_make(ern_trainer *t) {
+  const size_t frames = t->data.frames[0];
+  struct ern_trainer_poses *p = NULL;
+  ern_status status = ERN_OK;
+  if (!t->config.refine_poses || t->config.torso) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, 1, &p));
+  t->poses = p;
+  ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
+  ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
+  ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
+  ERN_TRY(ERN_NEW(t->context, frames, &p->moment));
+  if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
+  t->model->cameras = frames;
+  ERN_TRY(find_neighbours(t, p));
+  for (size_t i = 0; i < frames; i++) {
+    if (!has_both(p, i)) continue;
+    add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
+    add_way(p->bend + N * i, t->views[p->beside[2 * i + 1]].pose, t->views[i].pose);
+  }
+fail:
+  return status;
+}
+
+void ern_trainer_poses_free(ern_trainer *t) {
+  struct ern_trainer_poses *p = t->poses;
+  if (p == NULL) return;
+  ern_release(t->context, p->row);
+  ern_release(t->context, p->bend);
+  ern_release(t->context, p->beside);
+  ern_release(t->context, p->moment);
+  ern_release(t->context, p);
+  t->poses = NULL;
+}
+
+/* ---- from rows to poses ------------------------------------------------------------------------------------------ */
+
+/* The gauge: of all rows that are trained. */
+static void mean_of(double mean[N], const ern_trainer *t) {
+  const size_t begin = t->config.data_begin, end = t->config.data_end;
+  for (size_t k = 0; k < N; k++) mean[k] = 0;
+  for (size_t i = begin; i < end; i++)
+    for (size_t k = 0; k < N; k++) mean[k] += (double)t->poses->row[N * i + k];
+  for (size_t k = 0; k < N; k++) mean[k] /= (double)(end - begin);
+}
+
+/* Row `frame` of the model: degrees, and how far the camera goes, turn included. */
+static void give_row(ern_trainer *t, size_t frame, const double mean[N]) {
+  const double degree = 3.14159265358979323846 / 180;
+  const bool trained = frame >= t->config.data_begin && frame < t->config.data_end;
+  const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
+  float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
+  float turned[16];
+  for (size_t k = 0; k < 3; k++) {
+    angle[k] = trained ? (float)(((double)row[k] - mean[k]) / degree) : 0;
+    move[k] = 0;
+  }
+  if (!trained) return;
+  /* the columns of a rotation turn as any vector does: the origin stands where the first one was */
+  memcpy(turned, pose, sizeof turned);
+  for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
+  ern_model_refine(t->model, frame, turned);
+  for (int r = 0; r < 3; r++)
+    move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r] - mean[3 + r]);
+}
+
+struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
+  struct ern_view view = t->views[frame];
+  double mean[N];
+  if (t->poses == NULL) return view;
+  mean_of(mean, t);
+  give_row(t, frame, mean);
+  ern_model_refine(t->model, frame, view.pose);
+  return view;
+}
+
+void ern_trainer_poses_download(ern_trainer *t) {
+  double mean[N];
+  if (t->poses == NULL) return;
+  mean_of(mean, t);
+  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i, mean);
+}
+
+void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
+  const double degree = 3.14159265358979323846 / 180;
+  const size_t rows = model->cameras < t->data.frames[0] ? model->cameras : t->data.frames[0];
+  if (t->poses == NULL) return;
+  for (size_t i = 0; i < rows; i++) {
+    const float *pose = t->views[i].pose;
+    float *row = t->poses->row + N * i, turned[16];
+    memcpy(turned, pose, sizeof turned);
+    for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
+    ern_model_refine(model, i, turned); /* its last column has the model's move, its first the turn's */
+    for (int r = 0; r < 3; r++) {
+      row[r] = (float)((double)model->camera[3 * i + (size_t)r] * degree);
+      row[3 + r] = (float)((double)turned[4 * r + 3] - (double)turned[4 * r]);
+    }
+  }
+  ern_trainer_poses_download(t);
+}
+
+/* ---- a step ------------------------------------------------------------------------------------------------------ */
+
+static uint64_t first_step(const ern_trainer *t) { return t->config.iters / 10; }
+
+bool ern_trainer_poses_due(const ern_trainer *t) { return t->poses != NULL && t->step >= first_step(t); }
+
+/* r_k = bend + second difference of the rows: what the path bends by at a frame. */
+static double bend_at(const struct ern_trainer_poses *p, size_t frame, size_t k) {
+  if (!has_both(p, frame)) return 0;
+  return (double)p->bend[N * frame + k] + (double)p->row[N * p->beside[2 * frame] + k] -
+         2 * (double)p->row[N * frame + k] + (double)p->row[N * p->beside[2 * frame + 1] + k];
+}
+
+void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
+  struct ern_trainer_poses *p = t->poses;
+  const double left = (double)(t->config.iters - first_step(t)),
+               fall = (double)(t->config.iters - t->step) / left; /* from 1 to 0 */
+  const double visits = left / (double)(t->config.data_end - t->config.data_begin), scale = (double)t->data.scale;
+  for (size_t k = 0; k < N; k++) {
+    const double slope = k < 3 ? -dpose[k] : dpose[k], square = slope * slope;
+    const double reach = k < 3 ? reach_turn : scale * reach_move, most = k < 3 ? most_turn : scale * most_move;
+    const double rate = fall * fmin(2 * reach / visits, most);
+    const double kept = p->mean_square[k] > 0 ? beta2 * (double)p->mean_square[k] + (1 - beta2) * square : square;
+    p->mean_square[k] = (float)fmin(kept, 1e30);
+    const double root = sqrt((double)p->mean_square[k]);
+    double by = root > 0 ? rate * fmax(-3, fmin(3, slope / root)) : 0;
+    const size_t before = p->beside[2 * frame], after = p->beside[2 * frame + 1];
+    const double bends = (before != frame ? bend_at(p, before, k) : 0) - 2 * bend_at(p, frame, k) +
+                         (after != frame ? bend_at(p, after, k) : 0);
+    by += fall * path_share * bends / 6;
+    p->row[N * frame + k] -= (float)by;
+  }
+}
