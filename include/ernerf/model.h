@@ -117,9 +117,9 @@ ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const cha
 ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
 
 /* The pose of a frame that was not trained on, as its neighbours in time have it: the mean of the refinements of the
- * training frames, weighted by exp(-(d/w)^2/2), d being the distance to `frame` and w the least of them, or 3 where
- * that is less. frames: [count] numbers of the training frames, in the order of the model's rows, as is `frame`:
- * img_id, or any other count of frames. Nothing where the model has no refinement. */
+ * training frames, weighted by exp(-(d/3)^2/2), d being the distance to `frame`, and of none, weighted by 1. So a frame
+ * far from all of them keeps its pose. frames: [count] numbers of the training frames, in the order of the model's
+ * rows; they and `frame` are img_id, or any other count of frames. Nothing where the model has no refinement. */
 ERN_API void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                                      float pose[16]);
 

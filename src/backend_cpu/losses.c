@@ -115,7 +115,7 @@ static void pose_task(void *user, size_t k, int lane) {
   const struct range r = shard(a->n, 64, k);
   job->kernels->pose_bwd(job->part[k], reals(a->dx.span) + r.begin, a->dx.stride, reals(a->x.span) + r.begin,
                          a->x.stride, after(reals(a->dd.span), r.begin), a->dd.stride, after(reals(a->d.span), r.begin),
-                         a->d.stride, r.end - r.begin);
+                         a->d.stride, after(reals(a->weight), r.begin), r.end - r.begin);
 }
 ern_status ERN_REF(ern_cpu_pose_bwd)(struct ern_stream *stream, struct ern_pose_bwd_args *a) {
   struct pose_job job = {.kernels = kernels_of(stream), .args = a};

@@ -33,7 +33,7 @@ ERN_SHARDED_SLOT(samples, a->n, 64) {
                    reals(a->dir.span) + r.begin, a->dir.stride, a->origin, &a->settings, r.begin, r.end - r.begin);
 }
 
-ERN_SHARDED_SLOT(sample_dirs, a->n, 64) {
-  kernels->sample_dirs(reals(a->d.span) + r.begin, a->d.stride, reals(a->dir.span), a->dir.stride,
-                       int32s(a->ray) + r.begin, r.end - r.begin);
+ERN_SHARDED_SLOT(spread_rays, a->n, 64) {
+  kernels->spread_rays(reals(a->y.span) + r.begin, a->y.stride, reals(a->x.span), a->x.stride, int32s(a->ray) + r.begin,
+                       a->y.rows, r.end - r.begin);
 }

@@ -204,6 +204,7 @@ ern_status ern_cl_pose_bwd(struct ern_stream *stream, struct ern_pose_bwd_args *
   ern_cl_rows(&call, a->x);
   ern_cl_rows(&call, a->dd);
   ern_cl_rows(&call, a->d);
+  ern_cl_span(&call, a->weight);
   ern_cl_size(&call, a->n);
   return filled(&call, ERN_CL_SUMS * ERN_POSE_SLOPES, ern_cl_run_sums(&call));
 }

@@ -77,12 +77,13 @@ ern_status ern_cl_samples(struct ern_stream *stream, struct ern_samples_args *a)
   return ern_cl_each(&call, ern_cl_backend_of(stream)->device.cpu ? a->n : a->n * TEAM);
 }
 
-ern_status ern_cl_sample_dirs(struct ern_stream *stream, struct ern_sample_dirs_args *a) {
+ern_status ern_cl_spread_rays(struct ern_stream *stream, struct ern_spread_rays_args *a) {
   if (a->n == 0) return ERN_OK;
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "sample_dirs", "");
-  ern_cl_rows(&call, a->d);
-  ern_cl_rows(&call, a->dir);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "spread_rays", "");
+  ern_cl_rows(&call, a->y);
+  ern_cl_rows(&call, a->x);
   ern_cl_span(&call, a->ray);
+  ern_cl_int(&call, a->y.rows);
   ern_cl_size(&call, a->n);
   return ern_cl_each(&call, a->n);
 }

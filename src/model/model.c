@@ -112,27 +112,23 @@ void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
   refine(pose, model->camera + 3 * row, model->camera + 3 * (model->cameras + row));
 }
 
-/* Frames on either side that count, at least: what one frame was corrected by says little of its neighbours. */
-static const double least_width = 3;
+/* Frames on either side that count: what one frame was corrected by says little of those far away. */
+static const double unseen_width = 3;
 
 void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                              float pose[16]) {
   ERN_PLAIN_FLOATS;
-  double nearest = INFINITY, total = 0, sum[6] = {0};
+  double total = 1, sum[6] = {0}; /* one more, of no refinement */
   float row[6];
   if (model == NULL || frames == NULL || pose == NULL || model->cameras == 0) return;
-  const size_t rows = count < model->cameras ? count : model->cameras;
-  for (size_t i = 0; i < rows; i++) nearest = fmin(nearest, fabs((double)frames[i] - (double)frame));
-  const double width = fmax(least_width, nearest);
-  for (size_t i = 0; i < rows; i++) {
-    const double off = ((double)frames[i] - (double)frame) / width, weight = exp(-off * off / 2);
+  for (size_t i = 0; i < count && i < model->cameras; i++) {
+    const double off = ((double)frames[i] - (double)frame) / unseen_width, weight = exp(-off * off / 2);
     total += weight;
     for (size_t k = 0; k < 3; k++) {
       sum[k] += weight * (double)model->camera[3 * i + k];
       sum[3 + k] += weight * (double)model->camera[3 * (model->cameras + i) + k];
     }
   }
-  if (rows == 0) return;
   for (size_t k = 0; k < 6; k++) row[k] = (float)(sum[k] / total);
   refine(pose, row, row + 3);
 }

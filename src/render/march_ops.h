@@ -77,15 +77,15 @@ typedef void ern_samples_kernel(ern_real *x, size_t x_stride, ern_real *dt, ern_
                                 const float origin[3], const struct ern_march_settings *settings, size_t ray_begin,
                                 size_t n);
 
-/* The direction of each sample's ray. */
-struct ern_sample_dirs_args {
-  ern_rows d;   /* out: [3] per sample */
-  ern_rows dir; /* [3] per ray */
+/* What each sample's ray has. */
+struct ern_spread_rays_args {
+  ern_rows y;   /* out: per sample */
+  ern_rows x;   /* as many rows, per ray */
   ern_span ray; /* int32 [n] */
   size_t n;     /* samples */
 };
-typedef void ern_sample_dirs_kernel(ern_real *d, size_t d_stride, const ern_real *dir, size_t dir_stride,
-                                    const int32_t *ray, size_t n);
+typedef void ern_spread_rays_kernel(ern_real *y, size_t y_stride, const ern_real *x, size_t x_stride,
+                                    const int32_t *ray, int rows, size_t n);
 
 #define ERN_MARCH_OPERATIONS(OP, X) \
   OP(X, rays, SLOT, FAST)           \
@@ -93,6 +93,6 @@ typedef void ern_sample_dirs_kernel(ern_real *d, size_t d_stride, const ern_real
   OP(X, march_from, NONE, FAST)     \
   OP(X, scan, SLOT, NONE)           \
   OP(X, samples, SLOT, FAST)        \
-  OP(X, sample_dirs, SLOT, REF)
+  OP(X, spread_rays, SLOT, REF)
 
 #endif

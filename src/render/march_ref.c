@@ -174,8 +174,8 @@ void ERN_REF(ern_samples)(ern_real *x, size_t x_stride, ern_real *dt, ern_real *
   }
 }
 
-void ERN_REF(ern_sample_dirs)(ern_real *d, size_t d_stride, const ern_real *dir, size_t dir_stride, const int32_t *ray,
-                              size_t n) {
-  for (size_t axis = 0; axis < 3; axis++)
-    for (size_t i = 0; i < n; i++) d[axis * d_stride + i] = dir[axis * dir_stride + (size_t)ray[i]];
+void ERN_REF(ern_spread_rays)(ern_real *y, size_t y_stride, const ern_real *x, size_t x_stride, const int32_t *ray,
+                              int rows, size_t n) {
+  for (size_t r = 0; r < (size_t)rows; r++)
+    for (size_t i = 0; i < n; i++) y[r * y_stride + i] = x[r * x_stride + (size_t)ray[i]];
 }

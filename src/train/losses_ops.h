@@ -111,17 +111,18 @@ enum { ERN_POSE_SLOPES = 6 };
 /* The loss by a small motion of the camera about the scene's origin, of a rotation vector w (radians) and a move m:
  * x -> x + w cross x + m, d -> d + w cross d, at the distances t that the march found.
  *
- *   dL/dw = sum over samples of x cross dx + d cross dd,   dL/dm = sum of dx */
+ *   dL/dw = sum over samples of u (x cross dx + d cross dd),   dL/dm = sum of u dx */
 struct ern_pose_bwd_args {
   double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; with `settle` */
   ern_rows dx, x;                /* [3] per sample */
   ern_rows dd, d;                /* [3] per sample; zeroed: the colour is not told the direction */
+  ern_span weight;               /* u, real [n]; zeroed: 1 */
   size_t n;
 };
-/* Adds to dpose. dd, d NULL: none. All rows at one stride each. */
+/* Adds to dpose. dd, d NULL: none; weight NULL: 1. All rows at one stride each. */
 typedef void ern_pose_bwd_kernel(double dpose[ERN_POSE_SLOPES], const ern_real *dx, size_t dx_stride, const ern_real *x,
                                  size_t x_stride, const ern_real *dd, size_t dd_stride, const ern_real *d,
-                                 size_t d_stride, size_t n);
+                                 size_t d_stride, const ern_real *weight, size_t n);
 
 #define ERN_LOSSES_OPERATIONS(OP, X) \
   OP(X, head_loss, SLOT, FAST)       \

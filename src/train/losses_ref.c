@@ -145,22 +145,23 @@ double ERN_REF(ern_key_points_loss)(ern_real *danchors, const ern_real *anchors)
   return sum / POINTS;
 }
 
-/* sum += a cross da of sample i */
-static void add_moment(double sum[3], const ern_real *da, size_t da_stride, const ern_real *a, size_t a_stride,
-                       size_t i) {
+/* sum += u (a cross da), of sample i */
+static void add_moment(double sum[3], double u, const ern_real *da, size_t da_stride, const ern_real *a,
+                       size_t a_stride, size_t i) {
   const double x = (double)a[i], y = (double)a[a_stride + i], z = (double)a[2 * a_stride + i];
   const double dx = (double)da[i], dy = (double)da[da_stride + i], dz = (double)da[2 * da_stride + i];
-  sum[0] += y * dz - z * dy;
-  sum[1] += z * dx - x * dz;
-  sum[2] += x * dy - y * dx;
+  sum[0] += u * (y * dz - z * dy);
+  sum[1] += u * (z * dx - x * dz);
+  sum[2] += u * (x * dy - y * dx);
 }
 
 void ERN_REF(ern_pose_bwd)(double dpose[ERN_POSE_SLOPES], const ern_real *dx, size_t dx_stride, const ern_real *x,
                            size_t x_stride, const ern_real *dd, size_t dd_stride, const ern_real *d, size_t d_stride,
-                           size_t n) {
+                           const ern_real *weight, size_t n) {
   for (size_t i = 0; i < n; i++) {
-    add_moment(dpose, dx, dx_stride, x, x_stride, i);
-    if (dd != NULL) add_moment(dpose, dd, dd_stride, d, d_stride, i);
-    for (size_t axis = 0; axis < 3; axis++) dpose[3 + axis] += (double)dx[axis * dx_stride + i];
+    const double u = weight != NULL ? (double)weight[i] : 1;
+    add_moment(dpose, u, dx, dx_stride, x, x_stride, i);
+    if (dd != NULL) add_moment(dpose, u, dd, dd_stride, d, d_stride, i);
+    for (size_t axis = 0; axis < 3; axis++) dpose[3 + axis] += u * (double)dx[axis * dx_stride + i];
   }
 }

@@ -148,14 +148,22 @@ static ern_status take_pose(struct ern_stream *stream, const struct ern_head_ste
   ERN_TRY(ern_take_rows(stream, 3, n, &part->d.x));
   ERN_TRY(backend->zero(stream, part->d.x.span));
   pose->dx = part->d.x;
+  if (a->dpose_weight.buffer != NULL) {
+    const ern_span own = span_at(a->dpose_weight, part);
+    ern_rows weight;
+    ERN_TRY(ern_take_rows(stream, 1, n, &weight));
+    struct ern_spread_rays_args spread = {weight, {own, own.count, 1, ERN_PER_RAY}, part->marched.ray, n};
+    ERN_TRY(backend->spread_rays(stream, &spread));
+    pose->weight = weight.span;
+  }
   if (a->field->config.no_view) return ERN_OK;
   ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->in.sh));
   ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->d.sh));
   ERN_TRY(backend->zero(stream, part->d.sh.span));
   ERN_TRY(ern_take_rows(stream, 3, n, &pose->d));
   ERN_TRY(ern_take_rows(stream, 3, n, &pose->dd));
-  struct ern_sample_dirs_args dirs = {pose->d, part->marched.dir, part->marched.ray, n};
-  ERN_TRY(backend->sample_dirs(stream, &dirs));
+  struct ern_spread_rays_args dirs = {pose->d, part->marched.dir, part->marched.ray, n};
+  ERN_TRY(backend->spread_rays(stream, &dirs));
   struct ern_sh_fwd_args sh = {part->in.sh, pose->d, n};
   ERN_TRY(backend->sh_fwd(stream, &sh));
 fail:

@@ -49,6 +49,7 @@ struct ern_head_step_args {
   struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
   double *dpose;               /* out, on the host: [ERN_POSE_SLOPES], as ern_pose_bwd_args has it, without the
                                 * smoothness term; NULL: not wanted */
+  ern_span dpose_weight;       /* real [n], of a ray in dpose; zeroed: 1 */
   size_t n;                    /* rays */
 };
 

@@ -69,6 +69,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, double *ter
                                     .seed = t->config.seed,
                                     .step = t->step,
                                     .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
+                                    .dpose_weight = batch->rigid,
                                     .n = (size_t)t->config.rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   memcpy(terms, args.terms, sizeof args.terms);

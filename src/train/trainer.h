@@ -67,7 +67,7 @@ struct ern_trainer {
 
   struct ern_pool *pool; /* for work on the host */
   int32_t *host_pixels;  /* [rays] */
-  float *host_rows;      /* [8][rays]: truth, background, face, jitter */
+  float *host_rows;      /* [9][rays]: truth, background, face, jitter, rigid */
   float *host_windows;   /* [8][window_length][width] */
 };
 
@@ -77,6 +77,7 @@ struct ern_batch {
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
+  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves against the head, else 1 */
   double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
 };
 

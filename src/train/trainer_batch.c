@@ -11,7 +11,7 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "render/frame_input.h"
-#include "train/trainer.h"
+#include "train/trainer_poses.h"
 
 ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
   ern_dataset_frame about;
@@ -140,6 +140,10 @@ static void draw_task(void *user, size_t shard, int lane) {
   }
 }
 
+static bool lies_in(ern_box box, int row, int column) {
+  return row >= box.top && row < box.bottom && column >= box.left && column < box.right;
+}
+
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
  * to become. part: n/255 */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const float part[256]) {
@@ -158,6 +162,7 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const floa
                                        column >= about->face.left && column < about->face.right
                                    ? 1
                                    : 0;
+  t->host_rows[8 * rays + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
 }
 
 static void fill_task(void *user, size_t shard, int lane) {
@@ -220,6 +225,10 @@ static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   }
   ERN_TRY(backend->upload_reals(t->stream, batch->face, t->host_rows + 6 * rays, rays));
   ERN_TRY(backend->upload_reals(t->stream, batch->jitter, t->host_rows + 7 * rays, rays));
+  if (ern_trainer_poses_due(t)) {
+    ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->rigid));
+    ERN_TRY(backend->upload_reals(t->stream, batch->rigid, t->host_rows + 8 * rays, rays));
+  }
 fail:
   return status;
 }

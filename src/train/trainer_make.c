@@ -340,7 +340,7 @@ static ern_status take_host(ern_trainer *t) {
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
-  ERN_TRY(ERN_NEW(t->context, 8 * rays, &t->host_rows));
+  ERN_TRY(ERN_NEW(t->context, 9 * rays, &t->host_rows));
   ERN_TRY(ERN_NEW(t->context,
                   (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
                   &t->host_windows));

@@ -10,9 +10,9 @@
 
 enum { N = ERN_POSE_SLOPES };
 
-/* Found by trying (docs/performance.md): how far a row may go in a training if every visit pulls it the same way, and
- * in one visit at most; radians, and metres of the clip. */
-static const double reach_turn = 0.5 * 3.14159265358979323846 / 180, reach_move = 3e-3;
+/* Found by trying: how far a row may go in a training if every visit pulls it the same way, and in one visit at most;
+ * radians, and the length unit of the clip's poses, metres. */
+static const double reach_turn = 0.3 * 3.14159265358979323846 / 180, reach_move = 2e-3;
 static const double most_turn = 0.1 * 3.14159265358979323846 / 180, most_move = 0.5e-3;
 static const double path_share = 0.1; /* of the way to where the path bends least, a visit */
 static const double beta2 = 0.99;
@@ -187,23 +187,31 @@ static double bend_at(const struct ern_trainer_poses *p, size_t frame, size_t k)
          2 * (double)p->row[N * frame + k] + (double)p->row[N * p->beside[2 * frame + 1] + k];
 }
 
+/* The gradient's size by visit, of angles or of moves: one for three, so that a direction which the picture hardly
+ * shows, such as depth, is not moved as far as the others. Returns its root. */
+static double size_of(float *mean_square, const double slope[3]) {
+  double square = 0;
+  for (size_t k = 0; k < 3; k++) square += slope[k] * slope[k] / 3;
+  const double kept = *mean_square > 0 ? beta2 * (double)*mean_square + (1 - beta2) * square : square;
+  *mean_square = (float)fmin(kept, 1e30);
+  return sqrt((double)*mean_square);
+}
+
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   struct ern_trainer_poses *p = t->poses;
-  const double left = (double)(t->config.iters - first_step(t)),
-               fall = (double)(t->config.iters - t->step) / left; /* from 1 to 0 */
-  const double visits = left / (double)(t->config.data_end - t->config.data_begin), scale = (double)t->data.scale;
+  const double left = (double)(t->config.iters - first_step(t)), s = (double)(t->config.iters - t->step) / left;
+  const double fall = s * s, visits = left / (double)(t->config.data_end - t->config.data_begin);
+  const double scale = (double)t->data.scale;
+  const double rate[2] = {fall * fmin(3 * reach_turn / visits, most_turn),
+                          fall * scale * fmin(3 * reach_move / visits, most_move)};
+  const double size[2] = {size_of(&p->mean_square[0], dpose), size_of(&p->mean_square[1], dpose + 3)};
+  const size_t before = p->beside[2 * frame], after = p->beside[2 * frame + 1];
   for (size_t k = 0; k < N; k++) {
-    const double slope = k < 3 ? -dpose[k] : dpose[k], square = slope * slope;
-    const double reach = k < 3 ? reach_turn : scale * reach_move, most = k < 3 ? most_turn : scale * most_move;
-    const double rate = fall * fmin(2 * reach / visits, most);
-    const double kept = p->mean_square[k] > 0 ? beta2 * (double)p->mean_square[k] + (1 - beta2) * square : square;
-    p->mean_square[k] = (float)fmin(kept, 1e30);
-    const double root = sqrt((double)p->mean_square[k]);
-    double by = root > 0 ? rate * fmax(-3, fmin(3, slope / root)) : 0;
-    const size_t before = p->beside[2 * frame], after = p->beside[2 * frame + 1];
+    const double slope = k < 3 ? -dpose[k] : dpose[k]; /* a row's angles turn the other way */
     const double bends = (before != frame ? bend_at(p, before, k) : 0) - 2 * bend_at(p, frame, k) +
                          (after != frame ? bend_at(p, after, k) : 0);
-    by += fall * path_share * bends / 6;
+    double by = fall * path_share * bends / 6;
+    if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, slope / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
 }

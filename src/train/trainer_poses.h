@@ -9,11 +9,11 @@
 /* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
  * scene's origin. What counts is the row less the mean of those that are trained. */
 struct ern_trainer_poses {
-  float *row;      /* [frames][ERN_POSE_SLOPES] */
-  float *bend;     /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
-  size_t *beside;  /* [frames][2]: the frames before and after in time, the frame itself where there is none */
-  int64_t *moment; /* [frames]: their rows of the speech */
-  float mean_square[ERN_POSE_SLOPES]; /* of the gradient, of all frames together; 0: no step yet */
+  float *row;           /* [frames][ERN_POSE_SLOPES] */
+  float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
+  size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
+  int64_t *moment;      /* [frames]: their rows of the speech */
+  float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
 
 /* Nothing where config.refine_poses is not set. */

@@ -69,8 +69,8 @@ static void add_poses(struct state_tensors *s, const ern_trainer *t) {
   s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera_moment",
                                               .dtype = ERN_F32,
                                               .dims = 1,
-                                              .shape = {ERN_POSE_SLOPES},
-                                              .count = ERN_POSE_SLOPES,
+                                              .shape = {2},
+                                              .count = 2,
                                               .data = t->poses->mean_square};
 }
 
@@ -301,9 +301,9 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ERN_TRY(ern_trainer_list(t));
   }
   if (t->poses != NULL && ern_tensor_file_find(file, "state.camera") != NULL) {
-    const size_t n = ERN_POSE_SLOPES, frames = t->data.frames[0];
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, (size_t[]){frames, n}, t->poses->row));
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &n, t->poses->mean_square));
+    const size_t shape[2] = {t->data.frames[0], ERN_POSE_SLOPES}, two = 2;
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, t->poses->row));
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
   }
   t->step = about->step;
   t->ema_updates = about->ema_updates;

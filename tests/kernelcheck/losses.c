@@ -503,13 +503,14 @@ static void test_pose(void **state) {
       fill_random(values, 3 * n, 4 * s + r, 1);
       rows[r] = many_strided(values, 3, n, ERN_PER_SAMPLE);
     }
+    const struct many weight = many_reals(values, n);
     struct ern_pose_bwd_args args[MACHINES];
     EACH_MACHINE (k)
       args[k] = (struct ern_pose_bwd_args){
           .dx = rows[0].on[k], .x = rows[1].on[k], .dd = rows[2].on[k], .d = rows[3].on[k], .n = n};
     for (int directions = 1; directions >= 0; directions--) {
       EACH_MACHINE (k) {
-        if (directions == 0) args[k].dd = args[k].d = (ern_rows){0};
+        if (directions == 0) args[k].dd = args[k].d = (ern_rows){0}, args[k].weight = weight.on[k];
         RUN_ON(k, pose_bwd, &args[k]);
       }
       EACH_OTHER (k)

@@ -60,7 +60,7 @@ static void check_samples(size_t n, struct many t, struct many first, struct man
   expect_bits("depth", depth);
   expect_same_int32s("ray", ray);
   const struct many_rows d = many_strided(NULL, 3, total, ERN_PER_SAMPLE);
-  ON_EACH(sample_dirs, ern_sample_dirs_args, {d.on[k], dir.on[k], ray.on[k], total})
+  ON_EACH(spread_rays, ern_spread_rays_args, {d.on[k], dir.on[k], ray.on[k], total})
   expect_bits("d", of_rows(d));
 }
 

@@ -142,6 +142,7 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
                                                  .smooth = scene->smooth,
                                                  .seed = machines_seed(9),
                                                  .step = 4,
+                                                 .dpose_weight = scene->eye ? face.on[k].span : (ern_span){0},
                                                  .n = n};
 }
 

@@ -195,7 +195,8 @@ static void backward_task(void *user, size_t k, int number) {
 
 struct pose {
   const struct ern_train_step *step;
-  ern_rows dx, d, dd; /* [3] per live sample */
+  const struct ern_head_step_args *args;
+  ern_rows dx, d, dd, weight; /* [3], [1] per live sample */
   double part[ERN_SHARDS][ERN_POSE_SLOPES];
 };
 
@@ -208,7 +209,7 @@ static void pose_task(void *user, size_t k, int number) {
   const struct range r = shard(s->count, ERN_MLP_TILE, k);
   const size_t stride = s->live_stride, n = r.end - r.begin, levels = (size_t)s->field->config.levels;
   float *dx = reals(pose->dx.span) + r.begin, *d = after(reals(pose->d.span), r.begin),
-        *dd = after(reals(pose->dd.span), r.begin);
+        *dd = after(reals(pose->dd.span), r.begin), *weight = after(reals(pose->weight.span), r.begin);
   const double began = ern_profile_now();
   for (size_t axis = 0; axis < 3; axis++) memset(dx + axis * pose->dx.stride, 0, n * sizeof *dx);
   for (size_t p = 0; p < ERN_PLANES; p++) {
@@ -220,28 +221,31 @@ static void pose_task(void *user, size_t k, int number) {
                          s->parameters + s->field->encoder.table[p], &s->field->encoder.grid[p], 0, (int)levels, n);
   }
   if (dd != NULL) {
-    s->kernels->sample_dirs(d, pose->d.stride, reals(s->marched.dir.span), s->marched.dir.stride, s->live_ray + r.begin,
-                            n);
+    s->kernels->spread_rays(d, pose->d.stride, reals(s->marched.dir.span), s->marched.dir.stride, s->live_ray + r.begin,
+                            3, n);
     s->kernels->sh_bwd(dd, pose->dd.stride, s->dsh + r.begin, stride, d, pose->d.stride, n);
   }
+  if (weight != NULL)
+    s->kernels->spread_rays(weight, 0, reals(pose->args->dpose_weight), 0, s->live_ray + r.begin, 1, n);
   s->kernels->pose_bwd(pose->part[k], dx, pose->dx.stride, s->live_x + r.begin, stride, dd, pose->dd.stride, d,
-                       pose->d.stride, n);
+                       pose->d.stride, weight, n);
   lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
 }
 
-static ern_status add_pose(double dpose[ERN_POSE_SLOPES], const struct ern_train_step *s) {
+static ern_status add_pose(const struct ern_head_step_args *a, const struct ern_train_step *s) {
   const struct ern_arena_mark mark = ern_arena_mark(s->stream);
-  struct pose pose = {.step = s};
+  struct pose pose = {.step = s, .args = a};
   ern_status status = ERN_OK;
   ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dx));
+  if (a->dpose_weight.buffer != NULL) ERN_TRY(ern_take_rows(s->stream, 1, s->count, &pose.weight));
   if (s->dsh != NULL) {
     ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.d));
     ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dd));
   }
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, pose_task, &pose);
   for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
-    dpose[i] = 0;
-    for (size_t k = 0; k < ERN_SHARDS; k++) dpose[i] += pose.part[k][i];
+    a->dpose[i] = 0;
+    for (size_t k = 0; k < ERN_SHARDS; k++) a->dpose[i] += pose.part[k][i];
   }
 fail:
   ern_arena_release(s->stream, mark);
@@ -299,7 +303,7 @@ static ern_status backward(const struct ern_head_step_args *a, struct ern_train_
   }
   if (status != ERN_OK) return status;
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, backward_task, s);
-  if (a->dpose != NULL) status = add_pose(a->dpose, s);
+  if (a->dpose != NULL) status = add_pose(a, s);
   const size_t stride = s->live_stride;
   *tables = (struct tables){.step = s,
                             .x = {s->live_x, s->live_x + stride, s->live_x + 2 * stride},

@@ -269,34 +269,36 @@ kernel void smooth_points(ROWS(float, moved), ROWS(const float, x), float reach,
 
 /* ---- the camera ---- */
 
-/* sum += a cross da */
-void add_moment(floatw sum[3], global const float *da, ulong da_stride, global const float *a, ulong a_stride,
+/* sum += u (a cross da) */
+void add_moment(floatw sum[3], floatw u, global const float *da, ulong da_stride, global const float *a, ulong a_stride,
                 ulong count) {
   const floatw x = loadw_first(a, count), y = loadw_first(a + a_stride, count),
                z = loadw_first(a + 2 * a_stride, count);
   const floatw dx = loadw_first(da, count), dy = loadw_first(da + da_stride, count),
                dz = loadw_first(da + 2 * da_stride, count);
-  sum[0] += y * dz - z * dy;
-  sum[1] += z * dx - x * dz;
-  sum[2] += x * dy - y * dx;
+  sum[0] += u * (y * dz - z * dy);
+  sum[1] += u * (z * dx - x * dz);
+  sum[2] += u * (x * dy - y * dx);
 }
 
-/* sums: [PARTS][6], of x cross dx + d cross dd, and of dx; [3] per sample; dd null: none */
+/* sums: [PARTS][6], of u (x cross dx + d cross dd), and of u dx; [3] per sample; dd null: none; weight u [n], null: 1 */
 SUMMING void pose_bwd(SPAN(float, sums), ROWS(const float, dx), ROWS(const float, x), ROWS(const float, dd),
-                      ROWS(const float, d), ulong n) {
+                      ROWS(const float, d), SPAN(const float, weight), ulong n) {
   OPEN(float, sums);
   OPEN(const float, dx);
   OPEN(const float, x);
   OPEN(const float, dd);
   OPEN(const float, d);
+  OPEN(const float, weight);
   local float room[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
   floatw own[6] = {0, 0, 0, 0, 0, 0};
   for (ulong i = begin + get_local_id(0) * WIDTH; i < end; i += GROUP) {
     const ulong count = count_of(i, end);
-    add_moment(own, dx + i, dx_stride, x + i, x_stride, count);
-    if (dd) add_moment(own, dd + i, dd_stride, d + i, d_stride, count);
-    for (ulong axis = 0; axis < 3; axis++) own[3 + axis] += loadw_first(dx + axis * dx_stride + i, count);
+    const floatw u = weight ? loadw_first(weight + i, count) : 1;
+    add_moment(own, u, dx + i, dx_stride, x + i, x_stride, count);
+    if (dd) add_moment(own, u, dd + i, dd_stride, d + i, d_stride, count);
+    for (ulong axis = 0; axis < 3; axis++) own[3 + axis] += u * loadw_first(dx + axis * dx_stride + i, count);
   }
   for (uint k = 0; k < 6; k++) {
     const float sum = group_sum(room, own[k]);

@@ -293,12 +293,12 @@ kernel void samples(ROWS(float, x), SPAN(float, dt), SPAN(float, depth), SPAN(in
   }
 }
 
-/* d of sample i is that of its ray. */
-kernel void sample_dirs(ROWS(float, d), ROWS(const float, dir), SPAN(const int, ray), ulong n) {
-  OPEN(float, d);
-  OPEN(const float, dir);
+/* y of sample i is x of its ray. */
+kernel void spread_rays(ROWS(float, y), ROWS(const float, x), SPAN(const int, ray), int rows, ulong n) {
+  OPEN(float, y);
+  OPEN(const float, x);
   OPEN(const int, ray);
   const ulong i = get_global_id(0);
   if (i >= n) return;
-  for (ulong axis = 0; axis < 3; axis++) d[axis * d_stride + i] = dir[axis * dir_stride + ray[i]];
+  for (int r = 0; r < rows; r++) y[r * y_stride + i] = x[r * x_stride + ray[i]];
 }
