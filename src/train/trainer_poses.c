@@ -70,6 +70,34 @@ static void add_way(float sum[N], const float to[16], const float from[16]) {
   }
 }
 
+enum { FRAMES_A_MEMBER = 8 }; /* of the gauge, so that it leaves most of what few frames have */
+
+/* Gram and Schmidt over the frames that are trained: 1, then each of the six numbers that tell a frame's pose from that
+ * of the first. What is left of one after those before it is looked at twice, for its rounding. */
+static void make_gauge(ern_trainer *t, struct ern_trainer_poses *p) {
+  const size_t frames = t->data.frames[0], begin = t->config.data_begin, end = t->config.data_end;
+  for (size_t i = begin; i < end; i++) {
+    float way[N] = {0};
+    add_way(way, t->views[i].pose, t->views[begin].pose);
+    p->gauge[i] = 1;
+    for (size_t k = 0; k < N; k++) p->gauge[(1 + k) * frames + i] = (double)way[k];
+  }
+  for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
+    double *own = p->gauge + q * frames, before = 0, square = 0;
+    for (size_t i = begin; i < end; i++) before += own[i] * own[i];
+    for (size_t pass = 0; pass < 2 * q; pass++) {
+      const double *other = p->gauge + pass % q * frames;
+      double share = 0;
+      for (size_t i = begin; i < end; i++) share += own[i] * other[i];
+      for (size_t i = begin; i < end; i++) own[i] -= share * other[i];
+    }
+    for (size_t i = begin; i < end; i++) square += own[i] * own[i];
+    const bool many = q == 0 || q * FRAMES_A_MEMBER <= end - begin;
+    const bool there = many && isfinite(before) && square > 1e-6 * before; /* poses are floats */
+    for (size_t i = begin; i < end; i++) own[i] = there ? own[i] / sqrt(square) : 0;
+  }
+}
+
 static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
   return p->beside[2 * frame] != frame && p->beside[2 * frame + 1] != frame;
 }
@@ -83,11 +111,13 @@ ern_status ern_trainer_poses_make(ern_trainer *t) {
   t->poses = p;
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
+  ERN_TRY(ERN_NEW(t->context, ERN_POSE_GAUGE * frames, &p->gauge));
   ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
   ERN_TRY(ERN_NEW(t->context, frames, &p->moment));
   if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
   t->model->cameras = frames;
   ERN_TRY(find_neighbours(t, p));
+  make_gauge(t, p);
   for (size_t i = 0; i < frames; i++) {
     if (!has_both(p, i)) continue;
     add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
@@ -102,6 +132,7 @@ void ern_trainer_poses_free(ern_trainer *t) {
   if (p == NULL) return;
   ern_release(t->context, p->row);
   ern_release(t->context, p->bend);
+  ern_release(t->context, p->gauge);
   ern_release(t->context, p->beside);
   ern_release(t->context, p->moment);
   ern_release(t->context, p);
@@ -110,24 +141,32 @@ void ern_trainer_poses_free(ern_trainer *t) {
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
-/* The gauge: of all rows that are trained. */
-static void mean_of(double mean[N], const ern_trainer *t) {
-  const size_t begin = t->config.data_begin, end = t->config.data_end;
-  for (size_t k = 0; k < N; k++) mean[k] = 0;
-  for (size_t i = begin; i < end; i++)
-    for (size_t k = 0; k < N; k++) mean[k] += (double)t->poses->row[N * i + k];
-  for (size_t k = 0; k < N; k++) mean[k] /= (double)(end - begin);
+/* What the rows have of each member of the gauge. */
+struct share {
+  double of[ERN_POSE_GAUGE][N];
+};
+static struct share shares_of(const ern_trainer *t) {
+  struct share share = {{{0}}};
+  for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
+    const double *own = t->poses->gauge + q * t->data.frames[0];
+    for (size_t i = t->config.data_begin; i < t->config.data_end; i++)
+      for (size_t k = 0; k < N; k++) share.of[q][k] += own[i] * (double)t->poses->row[N * i + k];
+  }
+  return share;
 }
 
 /* Row `frame` of the model: degrees, and how far the camera goes, turn included. */
-static void give_row(ern_trainer *t, size_t frame, const double mean[N]) {
+static void give_row(ern_trainer *t, size_t frame, const struct share *share) {
   const double degree = 3.14159265358979323846 / 180;
   const bool trained = frame >= t->config.data_begin && frame < t->config.data_end;
   const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
   float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
   float turned[16];
+  double held[N] = {0};
+  for (size_t q = 0; q < ERN_POSE_GAUGE; q++)
+    for (size_t k = 0; k < N; k++) held[k] += t->poses->gauge[q * t->data.frames[0] + frame] * share->of[q][k];
   for (size_t k = 0; k < 3; k++) {
-    angle[k] = trained ? (float)(((double)row[k] - mean[k]) / degree) : 0;
+    angle[k] = trained ? (float)(((double)row[k] - held[k]) / degree) : 0;
     move[k] = 0;
   }
   if (!trained) return;
@@ -136,24 +175,22 @@ static void give_row(ern_trainer *t, size_t frame, const double mean[N]) {
   for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
   ern_model_refine(t->model, frame, turned);
   for (int r = 0; r < 3; r++)
-    move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r] - mean[3 + r]);
+    move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r] - held[3 + r]);
 }
 
 struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
   struct ern_view view = t->views[frame];
-  double mean[N];
   if (t->poses == NULL) return view;
-  mean_of(mean, t);
-  give_row(t, frame, mean);
+  const struct share share = shares_of(t);
+  give_row(t, frame, &share);
   ern_model_refine(t->model, frame, view.pose);
   return view;
 }
 
 void ern_trainer_poses_download(ern_trainer *t) {
-  double mean[N];
   if (t->poses == NULL) return;
-  mean_of(mean, t);
-  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i, mean);
+  const struct share share = shares_of(t);
+  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i, &share);
 }
 
 void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {

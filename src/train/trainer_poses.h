@@ -6,11 +6,14 @@
 #include "train/losses_ops.h"
 #include "train/trainer.h"
 
+enum { ERN_POSE_GAUGE = 1 + ERN_POSE_SLOPES };
+
 /* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
- * scene's origin. What counts is the row less the mean of those that are trained. */
+ * scene's origin. What counts is the row less what an affine function of the clip's pose makes of it: the gauge. */
 struct ern_trainer_poses {
   float *row;           /* [frames][ERN_POSE_SLOPES] */
   float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
+  double *gauge;        /* [ERN_POSE_GAUGE][frames]: orthonormal, of 1 and of the clip's poses, 0 where none is left */
   size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
   int64_t *moment;      /* [frames]: their rows of the speech */
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */

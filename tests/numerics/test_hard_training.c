@@ -167,6 +167,21 @@ static void test_training_on_mirrored_and_stretched_poses(void **state) {
   own_pose = NULL;
 }
 
+static void test_refining_mirrored_and_stretched_poses(void **state) {
+  (void)state;
+  static const float poses[][16] = {{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1},
+                                    {7, 0, 0, 0, 0, 0.1f, 0, 0, 0, 0, 3, 0.8f, 0, 0, 0, 1},
+                                    {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1e6f, 0, 0, 0, 1},
+                                    {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+  ern_train_config config = fast_config(1);
+  config.refine_poses = true;
+  for (size_t p = 0; p < sizeof poses / sizeof *poses; p++) {
+    own_pose = poses[p];
+    for (int k = 0; next_machine(&k, CHOSEN);) assert_int_equal(train_hard(&config, 12), 12);
+  }
+  own_pose = NULL;
+}
+
 static void test_training_on_a_feature_that_is_no_number(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY};
@@ -262,6 +277,7 @@ int main(void) {
       cmocka_unit_test(test_torso_at_learning_rates_100_times_too_high),
       cmocka_unit_test(test_training_on_a_pose_that_is_no_pose),
       cmocka_unit_test(test_training_on_mirrored_and_stretched_poses),
+      cmocka_unit_test(test_refining_mirrored_and_stretched_poses),
       cmocka_unit_test(test_training_on_a_feature_that_is_no_number),
       cmocka_unit_test(test_training_on_silent_and_huge_speech),
       cmocka_unit_test(test_training_on_pictures_of_one_colour),

@@ -3,7 +3,9 @@
  * rotations. */
 #include <math.h>
 
+#include "core/memory.h"
 #include "ernerf/render.h"
+#include "model/model.h"
 #include "support.h"
 
 static const double degree = 3.14159265358979323846 / 180;
@@ -112,8 +114,50 @@ static void test_no_rotations(void **state) {
   }
 }
 
+/* ---- the pose of a frame that was not trained on ---- */
+
+/* By the definition, of moves alone; far away, and without a refinement, nothing. */
+static void test_unseen(void **state) {
+  (void)state;
+  enum { ROWS = 3 };
+  const int64_t frames[ROWS] = {4, 6, 9};
+  const float moves[ROWS] = {0.3f, -0.6f, 0.9f}, place[3] = {0.1f, 0.2f, 3};
+  const struct ern_model_config config = {
+      .levels = 2, .feature_width = 5, .window_length = 16, .head = true, .bound = 1};
+  ern_context *context = support_context();
+  ern_model *model = NULL;
+  float pose[16], first[16];
+  turned(first, 1, 2, 3, 20, place);
+  support_ok(context, ern_model_make(&model, context, &config));
+  memcpy(pose, first, sizeof pose);
+  ern_model_refine_unseen(model, frames, ROWS, 5, pose);
+  assert_memory_equal(pose, first, sizeof pose);
+  support_ok(context, ERN_NEW(context, 6 * ROWS, &model->camera));
+  model->cameras = ROWS;
+  for (size_t i = 0; i < ROWS; i++) model->camera[3 * (ROWS + i) + 1] = moves[i];
+  for (int64_t frame = -2; frame < 14; frame++) {
+    double total = 1, sum = 0;
+    for (size_t i = 0; i < ROWS; i++) {
+      const double off = (double)(frames[i] - frame) / 3, weight = exp(-off * off / 2);
+      total += weight, sum += weight * (double)moves[i];
+    }
+    memcpy(pose, first, sizeof pose);
+    ern_model_refine_unseen(model, frames, ROWS, frame, pose);
+    float expected[16];
+    memcpy(expected, first, sizeof expected);
+    expected[7] += (float)(sum / total);
+    expect_near(pose, expected, "a frame that was not trained on");
+  }
+  memcpy(pose, first, sizeof pose);
+  ern_model_refine_unseen(model, frames, ROWS, INT64_MAX, pose);
+  expect_near(pose, first, "a frame far away");
+  ern_model_free(&model);
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_ends), cmocka_unit_test(test_shares),
-                                     cmocka_unit_test(test_halves), cmocka_unit_test(test_no_rotations)};
+                                     cmocka_unit_test(test_halves), cmocka_unit_test(test_no_rotations),
+                                     cmocka_unit_test(test_unseen)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,7 +4,7 @@
  * same bytes there, after a resume too. */
 #include "../made_clip.h"
 
-#include "train/trainer.h"
+#include "train/trainer_poses.h"
 
 enum { SPARSER = 512, STEPS = 2 };
 
@@ -188,6 +188,144 @@ static void test_late(void **state) {
   for (int k = 0; k < 2; k++) free(grid[k]), free(values[k]);
 }
 
+/* ---- refined poses ---- */
+
+/* A head that moves to and fro before the camera, without a turn: poses that differ by a move alone, so that an affine
+ * function of the move is one of the pose. */
+static ern_status swinging_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const ern_status status = made_frame(user, split, 1, frame);
+  frame->aud_id = (int64_t)index % WINDOWS;
+  frame->matrix[7] = 0.02f * sinf(0.3f * (float)index);
+  return status;
+}
+
+/* The model after so many steps of 20, the state of the 13th resumed where `stop`; and that the gauge holds: the rows
+ * are degrees and moves about the camera, so the mean of the angles is 0 as it stands. */
+static char *train_poses(int threads, bool stop, size_t *count) {
+  ern_train_config config = small_config(20, stop ? "poses2.safetensors" : "poses.safetensors");
+  ern_train_report report;
+  config.refine_poses = true;
+  config.threads = threads;
+  ern_trainer *trainer = make(&config);
+  take_steps(trainer, 13);
+  if (stop) {
+    support_ok(data.context, ern_trainer_save(trainer));
+    support_ok(data.context, ern_trainer_step(trainer, &report)); /* lost */
+    ern_trainer_free(&trainer);
+    config.resume = true;
+    trainer = make(&config);
+    assert_int_equal(trainer->step, 13);
+  }
+  support_ok(data.context, ern_trainer_run(trainer, NULL));
+  ern_trainer_free(&trainer);
+  return read_file(config.output, count);
+}
+
+static void test_poses(void **state) {
+  (void)state;
+  static const int threads[] = {1, 2, 4, 3};
+  size_t first = 0, count = 0;
+  ern_model *model = NULL;
+  char *expected = train_poses(1, false, &first);
+  for (size_t i = 0; i < sizeof threads / sizeof *threads; i++) {
+    char *found = train_poses(threads[i], i > 1, &count);
+    if (first != count || memcmp(expected, found, first) != 0)
+      fail_msg("refined poses: %d threads%s give other bytes", threads[i], i > 1 ? ", resumed," : "");
+    free(found);
+  }
+  free(expected);
+  support_ok(data.context, ern_model_load(&model, data.context, "poses.safetensors"));
+  assert_int_equal(model->cameras, FRAMES);
+  for (size_t k = 0; k < 3; k++) {
+    double sum = 0, size = 0;
+    for (size_t i = 0; i < FRAMES; i++)
+      sum += (double)model->camera[3 * i + k], size += fabs((double)model->camera[3 * i + k]);
+    assert_true(size > 1e-6 && fabs(sum) <= 1e-6 * size);
+  }
+  ern_model_free(&model);
+}
+
+/* Over many frames rows that are an affine function of the poses change nothing; others do. */
+static void test_pose_gauge(void **state) {
+  (void)state;
+  enum { MANY = 64 };
+  ern_dataset many = data.data;
+  ern_train_config config = small_config(20, NULL);
+  ern_trainer *trainer = NULL;
+  config.refine_poses = true;
+  many.frames[0] = MANY;
+  many.frame = swinging_frame;
+  support_ok(data.context, ern_trainer_create(&trainer, data.backend, &many, &config));
+  float *row = trainer->poses->row, *camera = trainer->model->camera;
+  for (size_t i = 0; i < MANY; i++) {
+    const float *pose = trainer->views[i].pose, *first = trainer->views[0].pose;
+    for (size_t k = 0; k < 6; k++) row[6 * i + k] = 0.01f * (float)k + 0.02f * (pose[3] - first[3]);
+  }
+  ern_trainer_poses_download(trainer);
+  for (size_t i = 0; i < 3 * MANY; i++) assert_true(fabsf(camera[i]) < 1e-3f); /* degrees, of 1.1 */
+  for (size_t i = 0; i < MANY; i++) row[6 * i] += i % 2 == 0 ? 0.01f : -0.01f;
+  ern_trainer_poses_download(trainer);
+  for (size_t i = 0; i < MANY; i++) assert_true(fabsf(camera[3 * i]) > 0.4f);
+  ern_trainer_free(&trainer);
+}
+
+/* Frames out of [begin, end) keep their poses, and so does a training without the setting. */
+static void test_poses_left_alone(void **state) {
+  (void)state;
+  ern_train_config config = small_config(20, NULL);
+  config.refine_poses = true;
+  config.data_begin = 1;
+  config.data_end = 3;
+  ern_trainer *trainer = make(&config);
+  ern_model *model = NULL;
+  take_steps(trainer, 20);
+  support_ok(data.context, ern_trainer_model(trainer, &model));
+  for (size_t k = 0; k < 3; k++) {
+    assert_true(model->camera[k] == 0 && model->camera[9 + k] == 0);
+    assert_true(model->camera[12 + k] == 0 && model->camera[21 + k] == 0);
+    assert_true(model->camera[3 + k] != 0 && model->camera[6 + k] != 0);
+  }
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+  config.refine_poses = false;
+  trainer = make(&config);
+  take_steps(trainer, 3);
+  support_ok(data.context, ern_trainer_model(trainer, &model));
+  assert_true(trainer->poses == NULL && model->cameras == 0);
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+}
+
+/* A resume goes on as its state began; a torso keeps the refinement of its head. */
+static void test_poses_are_kept(void **state) {
+  (void)state;
+  ern_train_config config = small_config(20, "poses.safetensors");
+  ern_trainer *trainer = NULL;
+  ern_model *head = NULL, *portrait = NULL;
+  ern_train_state about = {.refine_poses = false};
+  ern_model_info info;
+  size_t count = 0;
+  free(train_poses(1, false, &count));
+  support_ok(data.context, ern_train_state_describe(data.context, config.output, &about, &info));
+  assert_true(about.refine_poses && info.cameras == FRAMES);
+  config.resume = true;
+  config.overwrite = false;
+  support_expect(data.context, ern_trainer_create(&trainer, data.backend, &data.data, &config), ERN_E_MISMATCH,
+                 "refine_poses is 1, this training has 0", NULL);
+  support_ok(data.context, ern_model_load(&head, data.context, config.output));
+  config = small_config(3, NULL);
+  config.torso = true;
+  config.head = head;
+  trainer = make(&config);
+  take_steps(trainer, 3);
+  support_ok(data.context, ern_trainer_model(trainer, &portrait));
+  assert_int_equal(portrait->cameras, FRAMES);
+  assert_memory_equal(portrait->camera, head->camera, 6 * FRAMES * sizeof(float));
+  ern_model_free(&portrait);
+  ern_model_free(&head);
+  ern_trainer_free(&trainer);
+}
+
 static int prepare(void **state) {
   (void)state;
   made_open(&data);
@@ -201,9 +339,11 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),  cmocka_unit_test(test_hash3d),
-                                     cmocka_unit_test(test_triplane), cmocka_unit_test(test_mlp),
-                                     cmocka_unit_test(test_interval), cmocka_unit_test(test_turns),
-                                     cmocka_unit_test(test_late)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),       cmocka_unit_test(test_hash3d),
+                                     cmocka_unit_test(test_triplane),      cmocka_unit_test(test_mlp),
+                                     cmocka_unit_test(test_interval),      cmocka_unit_test(test_turns),
+                                     cmocka_unit_test(test_late),          cmocka_unit_test(test_poses),
+                                     cmocka_unit_test(test_pose_gauge),    cmocka_unit_test(test_poses_left_alone),
+                                     cmocka_unit_test(test_poses_are_kept)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

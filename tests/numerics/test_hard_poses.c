@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: MIT
+ * Poses refined while training, with gradients and rays at their ends (docs/numerics.md). */
+#include "../made_clip.h"
+#include "core/backend.h"
+#include "machines.h"
+#include "train/trainer_poses.h"
+
+enum { SAMPLES = 200 };
+
+/* dpose of every machine, of samples whose gradients are `slope`, but that of sample `odd` along y, which is `other`.
+ */
+static void add_up(double dpose[MACHINES][ERN_POSE_SLOPES], size_t n, float slope, size_t odd, float other) {
+  static float x[3 * SAMPLES], dx[3 * SAMPLES];
+  for (size_t i = 0; i < 3 * SAMPLES; i++) x[i] = machines_random(1, i, 1), dx[i] = slope;
+  if (odd < SAMPLES) dx[SAMPLES + odd] = other;
+  machines_clear();
+  const struct many at = many_reals(x, 3 * SAMPLES), slopes = many_reals(dx, 3 * SAMPLES);
+  for (int k = 0; k < machines.count; k++) {
+    struct ern_pose_bwd_args args = {.dpose = {9, 9, 9, 9, 9, 9},
+                                     .dx = {slopes.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
+                                     .x = {at.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
+                                     .n = n};
+    support_ok(machines.context, machines.backend[k]->pose_bwd(machines.stream[k], &args));
+    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    memcpy(dpose[k], args.dpose, sizeof args.dpose);
+  }
+}
+
+static void test_pose_without_a_sample(void **state) {
+  (void)state;
+  double dpose[MACHINES][ERN_POSE_SLOPES];
+  add_up(dpose, 0, 1, SAMPLES, 0);
+  for (int k = 0; k < machines.count; k++)
+    for (int i = 0; i < ERN_POSE_SLOPES; i++) assert_true(dpose[k][i] == 0);
+}
+
+/* Sums of 200 in floats: 2^-23 of the sizes' sum for each of 4 + 16 additions and 2 products. */
+static void test_pose_of_huge_and_denormal_slopes(void **state) {
+  (void)state;
+  static const float sizes[] = {1e35f, 1e30f, 1, 1e-30f, 1e-42f};
+  double dpose[MACHINES][ERN_POSE_SLOPES];
+  for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+    add_up(dpose, SAMPLES, sizes[s], SAMPLES, 0);
+    for (int k = 0; k < machines.count; k++)
+      for (int i = 0; i < ERN_POSE_SLOPES; i++)
+        assert_true(fabs(dpose[k][i] - dpose[0][i]) <=
+                    22 * 0x1p-23 * 2 * SAMPLES * (double)sizes[s] + 2 * SAMPLES * (double)FLT_MIN);
+  }
+}
+
+static void test_pose_with_a_nan_slope(void **state) {
+  (void)state;
+  double dpose[MACHINES][ERN_POSE_SLOPES];
+  add_up(dpose, SAMPLES, 1, 77, NAN);
+  for (int k = 0; k < machines.count; k++) {
+    assert_true(isnan(dpose[k][0]) && isnan(dpose[k][2]) && isnan(dpose[k][4])); /* y dz - z dy; x dy - y dx; dy */
+    assert_true(isfinite(dpose[k][1]) && isfinite(dpose[k][3]) && isfinite(dpose[k][5]));
+  }
+}
+
+/* ---- rows of poses ---- */
+
+static ern_trainer *refining(struct made *m) {
+  ern_train_config config = small_config(10, NULL);
+  ern_trainer *trainer = NULL;
+  config.refine_poses = true;
+  support_ok(m->context, ern_trainer_create(&trainer, m->backend, &m->data, &config));
+  return trainer;
+}
+
+/* A visit moves a row by three times its rate at most, 0.3 degrees and 1.5 mm at 4 units a metre, and a tenth of the
+ * way to its neighbours. */
+static void test_row_of_huge_and_tiny_gradients(void **state) {
+  (void)state;
+  static const double sizes[] = {1e300, -1e300, 1, 1e-20, 1e-300, 0};
+  struct made m;
+  made_open(&m);
+  ern_trainer *trainer = refining(&m);
+  trainer->step = 1; /* the first that moves a row, and moves it furthest */
+  for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+    float before[ERN_POSE_SLOPES];
+    const float *row = trainer->poses->row + 2 * ERN_POSE_SLOPES;
+    const double dpose[ERN_POSE_SLOPES] = {sizes[s], 0, sizes[s], sizes[s], -sizes[s], 0};
+    memcpy(before, row, sizeof before);
+    memset(trainer->poses->bend, 0, ERN_POSE_SLOPES * FRAMES * sizeof(float)); /* the path does not bend */
+    ern_trainer_poses_step(trainer, 2, dpose);
+    for (int i = 0; i < ERN_POSE_SLOPES; i++) {
+      assert_true(isfinite(row[i]));
+      assert_true(fabs((double)row[i] - (double)before[i]) <=
+                  (i < 3 ? 0.005237 : 0.006001) + 0.1 * fabs((double)before[i]));
+    }
+  }
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
+static ern_status (*true_step)(struct ern_stream *stream, struct ern_head_step_args *args);
+static ern_status broken_step(struct ern_stream *stream, struct ern_head_step_args *args) {
+  const ern_status status = true_step(stream, args);
+  if (args->dpose != NULL) args->dpose[4] = NAN;
+  return status;
+}
+
+/* It ends the step before anything of it is kept. */
+static void test_gradient_of_a_pose_that_is_no_number(void **state) {
+  (void)state;
+  struct made m;
+  ern_train_report report;
+  float before[ERN_POSE_SLOPES * FRAMES];
+  made_open(&m);
+  ern_trainer *trainer = refining(&m);
+  for (int step = 0; step < 3; step++) support_ok(m.context, ern_trainer_step(trainer, &report));
+  memcpy(before, trainer->poses->row, sizeof before);
+  true_step = m.backend->head_step;
+  m.backend->head_step = broken_step;
+  support_expect(m.context, ern_trainer_step(trainer, &report), ERN_E_NONFINITE, "step 3: the gradient of the pose of",
+                 "is not finite", NULL);
+  m.backend->head_step = true_step;
+  assert_memory_equal(before, trainer->poses->row, sizeof before);
+  support_ok(m.context, ern_trainer_step(trainer, &report));
+  assert_int_equal(report.step, 4);
+  ern_trainer_free(&trainer);
+  made_close(&m);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_pose_without_a_sample),
+      cmocka_unit_test(test_pose_of_huge_and_denormal_slopes),
+      cmocka_unit_test(test_pose_with_a_nan_slope),
+      cmocka_unit_test(test_row_of_huge_and_tiny_gradients),
+      cmocka_unit_test(test_gradient_of_a_pose_that_is_no_number),
+  };
+  return cmocka_run_group_tests(tests, open_machines, close_machines);
+}
