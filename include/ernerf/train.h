@@ -122,7 +122,7 @@ typedef struct ern_train_config {
                      say nothing then: it is saved each minute, and validated at each tenth of the time, but
                      at most each minute. It cannot be repeated exactly */
   bool refine_poses; /* of a head: the poses of the training frames are parameters too, and the model keeps
-                        what was added to them (ern_model_refine); false. A resume: as its state */
+                        what was added to them (ern_model_refine); false. A resume needs its state's */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -166,11 +166,11 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
  * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an
  * earlier training is there, and neither resume nor overwrite is set. ERN_E_MISMATCH: a state or head of
- * another clip or configuration: a resume takes no other speech features or copies of them, frames, torso layer, scale,
- * audio_pad, dt_gamma or (of a torso) torso_shrink than its state's, and logs what else has changed (rates, rays, seed,
- * iters, intervals, max_steps, precision); a torso takes no other scale, audio_pad, dt_gamma or max_steps than its
- * head's. What differs from the file of `from` is logged. ERN_E_NONFINITE: a pose or feature that is not finite.
- * `dataset` is copied; what it points to is not. */
+ * another clip or configuration: a resume takes no other speech features or copies of them, frames, torso layer,
+ * refine_poses, scale, audio_pad, dt_gamma or (of a torso) torso_shrink than its state's, and logs what else has
+ * changed (rates, rays, seed, iters, intervals, max_steps, precision); a torso takes no other scale, audio_pad,
+ * dt_gamma or max_steps than its head's. What differs from the file of `from` is logged. ERN_E_NONFINITE: a pose or
+ * feature that is not finite. `dataset` is copied; what it points to is not. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
                                                           const ern_dataset *dataset, size_t dataset_bytes,
                                                           const ern_train_config *config);
