@@ -141,32 +141,32 @@ void ern_trainer_poses_free(ern_trainer *t) {
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
-/* What the rows have of each member of the gauge. */
-struct share {
-  double of[ERN_POSE_GAUGE][N];
-};
-static struct share shares_of(const ern_trainer *t) {
-  struct share share = {{{0}}};
+/* q -= sum over k of G_k (G_k . q) */
+static void hold_gauge(ern_trainer *t) {
+  struct ern_trainer_poses *p = t->poses;
+  double share[ERN_POSE_GAUGE][N] = {{0}};
   for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
-    const double *own = t->poses->gauge + q * t->data.frames[0];
+    const double *own = p->gauge + q * t->data.frames[0];
     for (size_t i = t->config.data_begin; i < t->config.data_end; i++)
-      for (size_t k = 0; k < N; k++) share.of[q][k] += own[i] * (double)t->poses->row[N * i + k];
+      for (size_t k = 0; k < N; k++) share[q][k] += own[i] * (double)p->row[N * i + k];
   }
-  return share;
+  for (size_t i = t->config.data_begin; i < t->config.data_end; i++)
+    for (size_t k = 0; k < N; k++) {
+      double held = 0;
+      for (size_t q = 0; q < ERN_POSE_GAUGE; q++) held += p->gauge[q * t->data.frames[0] + i] * share[q][k];
+      p->row[N * i + k] = (float)((double)p->row[N * i + k] - held);
+    }
 }
 
 /* Row `frame` of the model: degrees, and how far the camera goes, turn included. */
-static void give_row(ern_trainer *t, size_t frame, const struct share *share) {
+static void give_row(ern_trainer *t, size_t frame) {
   const double degree = 3.14159265358979323846 / 180;
   const bool trained = frame >= t->config.data_begin && frame < t->config.data_end;
   const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
   float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
   float turned[16];
-  double held[N] = {0};
-  for (size_t q = 0; q < ERN_POSE_GAUGE; q++)
-    for (size_t k = 0; k < N; k++) held[k] += t->poses->gauge[q * t->data.frames[0] + frame] * share->of[q][k];
   for (size_t k = 0; k < 3; k++) {
-    angle[k] = trained ? (float)(((double)row[k] - held[k]) / degree) : 0;
+    angle[k] = trained ? (float)((double)row[k] / degree) : 0;
     move[k] = 0;
   }
   if (!trained) return;
@@ -174,23 +174,20 @@ static void give_row(ern_trainer *t, size_t frame, const struct share *share) {
   memcpy(turned, pose, sizeof turned);
   for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
   ern_model_refine(t->model, frame, turned);
-  for (int r = 0; r < 3; r++)
-    move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r] - held[3 + r]);
+  for (int r = 0; r < 3; r++) move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r]);
 }
 
 struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
   struct ern_view view = t->views[frame];
   if (t->poses == NULL) return view;
-  const struct share share = shares_of(t);
-  give_row(t, frame, &share);
+  give_row(t, frame);
   ern_model_refine(t->model, frame, view.pose);
   return view;
 }
 
 void ern_trainer_poses_download(ern_trainer *t) {
   if (t->poses == NULL) return;
-  const struct share share = shares_of(t);
-  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i, &share);
+  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i);
 }
 
 void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
@@ -208,6 +205,7 @@ void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
       row[3 + r] = (float)((double)turned[4 * r + 3] - (double)turned[4 * r]);
     }
   }
+  hold_gauge(t);
   ern_trainer_poses_download(t);
 }
 
@@ -251,4 +249,5 @@ void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
     if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, slope / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
+  hold_gauge(t);
 }

@@ -9,7 +9,7 @@
 enum { ERN_POSE_GAUGE = 1 + ERN_POSE_SLOPES };
 
 /* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
- * scene's origin. What counts is the row less what an affine function of the clip's pose makes of it: the gauge. */
+ * scene's origin. An affine function of the clip's pose has no part in them: the gauge. */
 struct ern_trainer_poses {
   float *row;           /* [frames][ERN_POSE_SLOPES] */
   float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
