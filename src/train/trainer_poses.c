@@ -13,7 +13,7 @@ enum { N = ERN_POSE_SLOPES };
 /* Found by trying: how far a row may go in a training if every visit pulls it the same way, and in one visit at most;
  * radians, and the length unit of the clip's poses, metres. */
 static const double reach_turn = 0.3 * 3.14159265358979323846 / 180, reach_move = 2e-3;
-static const double most_turn = 0.1 * 3.14159265358979323846 / 180, most_move = 0.5e-3;
+static const double most_turn = 0.06 * 3.14159265358979323846 / 180, most_move = 0.3e-3;
 static const double path_share = 0.1; /* of the way to where the path bends least, a visit */
 static const double beta2 = 0.99;
 

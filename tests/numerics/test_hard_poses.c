@@ -68,7 +68,7 @@ static ern_trainer *refining(struct made *m) {
   return trainer;
 }
 
-/* A visit moves a row by three times its rate at most, 0.3 degrees and 1.5 mm at 4 units a metre, and a tenth of the
+/* A visit moves a row by three times its rate at most, 0.18 degrees and 0.9 mm at 4 units a metre, and a tenth of the
  * way to its neighbours. */
 static void test_row_of_huge_and_tiny_gradients(void **state) {
   (void)state;
@@ -87,7 +87,7 @@ static void test_row_of_huge_and_tiny_gradients(void **state) {
     for (int i = 0; i < ERN_POSE_SLOPES; i++) {
       assert_true(isfinite(row[i]));
       assert_true(fabs((double)row[i] - (double)before[i]) <=
-                  (i < 3 ? 0.005237 : 0.006001) + 0.1 * fabs((double)before[i]));
+                  (i < 3 ? 0.003143 : 0.003601) + 0.1 * fabs((double)before[i]));
     }
   }
   ern_trainer_free(&trainer);
