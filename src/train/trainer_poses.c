@@ -72,16 +72,25 @@ static void add_way(float sum[N], const float to[16], const float from[16]) {
 
 enum { FRAMES_A_MEMBER = 8 }; /* of the gauge, so that it leaves most of what few frames have */
 
-/* Gram and Schmidt over the frames that are trained: 1, then each of the six numbers that tell a frame's pose from that
- * of the first. What is left of one after those before it is looked at twice, for its rounding. */
-static void make_gauge(ern_trainer *t, struct ern_trainer_poses *p) {
+/* The six numbers that tell a frame's pose from that of the first, as means over the frames around it: what is wrong
+ * with a single pose, and is to be corrected, has little part in them. */
+static void smooth_ways(double *gauge, const ern_trainer *t) {
   const size_t frames = t->data.frames[0], begin = t->config.data_begin, end = t->config.data_end;
   for (size_t i = begin; i < end; i++) {
-    float way[N] = {0};
-    add_way(way, t->views[i].pose, t->views[begin].pose);
-    p->gauge[i] = 1;
-    for (size_t k = 0; k < N; k++) p->gauge[(1 + k) * frames + i] = (double)way[k];
+    const size_t from = i - begin > ERN_POSE_HALF ? i - ERN_POSE_HALF : begin,
+                 to = end - i > ERN_POSE_HALF ? i + ERN_POSE_HALF + 1 : end;
+    float sum[N] = {0};
+    for (size_t j = from; j < to; j++) add_way(sum, t->views[j].pose, t->views[begin].pose);
+    for (size_t k = 0; k < N; k++) gauge[(1 + k) * frames + i] = (double)sum[k] / (double)(to - from);
   }
+}
+
+/* Gram and Schmidt over the frames that are trained: 1, then each of the six numbers. What is left of one after those
+ * before it is looked at twice, for its rounding. */
+static void make_gauge(ern_trainer *t, struct ern_trainer_poses *p) {
+  const size_t frames = t->data.frames[0], begin = t->config.data_begin, end = t->config.data_end;
+  for (size_t i = begin; i < end; i++) p->gauge[i] = 1;
+  smooth_ways(p->gauge, t);
   for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
     double *own = p->gauge + q * frames, before = 0, square = 0;
     for (size_t i = begin; i < end; i++) before += own[i] * own[i];

@@ -6,7 +6,10 @@
 #include "train/losses_ops.h"
 #include "train/trainer.h"
 
-enum { ERN_POSE_GAUGE = 1 + ERN_POSE_SLOPES };
+enum {
+  ERN_POSE_GAUGE = 1 + ERN_POSE_SLOPES,
+  ERN_POSE_HALF = 3 /* frames on either side that a pose is averaged over for the gauge */
+};
 
 /* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
  * scene's origin. An affine function of the clip's pose has no part in them: the gauge. */
