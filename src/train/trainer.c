@@ -14,7 +14,6 @@
 #include "core/sized.h"
 #include "train/decline.h"
 #include "train/step.h"
-#include "train/trainer_poses.h"
 
 static double seconds_now(void) {
   struct timespec now;

@@ -11,7 +11,7 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "render/frame_input.h"
-#include "train/trainer_poses.h"
+#include "train/trainer.h"
 
 ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
   ern_dataset_frame about;

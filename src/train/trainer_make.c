@@ -15,7 +15,6 @@
 #include "io/speech_description.h"
 #include "render/frame_input.h"
 #include "train/state_about.h"
-#include "train/trainer_poses.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Poses refined while training: a row a frame, moved when a step visits the frame. */
-#include "train/trainer_poses.h"
+#include "train/trainer.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -16,7 +16,6 @@
 #include "model/checkpoint.h"
 #include "model/kinds.h"
 #include "train/state_about.h"
-#include "train/trainer_poses.h"
 
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ern_model *model = t->model;

@@ -6,7 +6,6 @@
 
 #include "core/memory.h"
 #include "train/trainer.h"
-#include "train/trainer_poses.h"
 
 enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */
 

@@ -3,7 +3,7 @@
 #include "../made_clip.h"
 #include "core/backend.h"
 #include "machines.h"
-#include "train/trainer_poses.h"
+#include "train/trainer.h"
 
 enum { SAMPLES = 200 };
 
