@@ -4,17 +4,19 @@
 
 #include "core/kernels.h"
 
+/* Factors of the spherical harmonics. */
+static const ern_real c00 = (ern_real)0.28209479177387814; /* 1/2 sqrt(1/pi) */
+static const ern_real c1 = (ern_real)0.48860251190291992;  /* 1/2 sqrt(3/pi) */
+static const ern_real c2 = (ern_real)1.0925484305920792;   /* 1/2 sqrt(15/pi) */
+static const ern_real c20 = (ern_real)0.31539156525252005; /* 1/4 sqrt(5/pi) */
+static const ern_real c33 = (ern_real)0.59004358992664352; /* 1/4 sqrt(35/(2 pi)) */
+static const ern_real c32 = (ern_real)2.8906114426405538;  /* 1/2 sqrt(105/pi) */
+static const ern_real c31 = (ern_real)0.45704579946446572; /* 1/4 sqrt(21/(2 pi)) */
+static const ern_real c30 = (ern_real)0.37317633259011546; /* 1/4 sqrt(7/pi) */
+
 /* Real spherical harmonics Y_l^m, degrees 0..3, of the unit vector (x, y, z), in the order (0,0), (1,-1), (1,0), (1,1),
  * (2,-2) ..; sign (-1)^m, as NeRF codes have it. */
 void ERN_REF(ern_sh_fwd)(ern_real *y, size_t y_stride, const ern_real *d, size_t d_stride, size_t n) {
-  const ern_real c00 = (ern_real)0.28209479177387814; /* 1/2 sqrt(1/pi) */
-  const ern_real c1 = (ern_real)0.48860251190291992;  /* 1/2 sqrt(3/pi) */
-  const ern_real c2 = (ern_real)1.0925484305920792;   /* 1/2 sqrt(15/pi) */
-  const ern_real c20 = (ern_real)0.31539156525252005; /* 1/4 sqrt(5/pi) */
-  const ern_real c33 = (ern_real)0.59004358992664352; /* 1/4 sqrt(35/(2 pi)) */
-  const ern_real c32 = (ern_real)2.8906114426405538;  /* 1/2 sqrt(105/pi) */
-  const ern_real c31 = (ern_real)0.45704579946446572; /* 1/4 sqrt(21/(2 pi)) */
-  const ern_real c30 = (ern_real)0.37317633259011546; /* 1/4 sqrt(7/pi) */
   for (size_t i = 0; i < n; i++) {
     const ern_real x = d[i], v = d[d_stride + i], z = d[2 * d_stride + i];
     const ern_real value[16] = {
@@ -42,13 +44,6 @@ void ERN_REF(ern_sh_fwd)(ern_real *y, size_t y_stride, const ern_real *d, size_t
 /* dd_k = sum over c of dy_c dY_c/dd_k, of the polynomials above */
 void ERN_REF(ern_sh_bwd)(ern_real *dd, size_t dd_stride, const ern_real *dy, size_t dy_stride, const ern_real *d,
                          size_t d_stride, size_t n) {
-  const ern_real c1 = (ern_real)0.48860251190291992;  /* 1/2 sqrt(3/pi) */
-  const ern_real c2 = (ern_real)1.0925484305920792;   /* 1/2 sqrt(15/pi) */
-  const ern_real c20 = (ern_real)0.31539156525252005; /* 1/4 sqrt(5/pi) */
-  const ern_real c33 = (ern_real)0.59004358992664352; /* 1/4 sqrt(35/(2 pi)) */
-  const ern_real c32 = (ern_real)2.8906114426405538;  /* 1/2 sqrt(105/pi) */
-  const ern_real c31 = (ern_real)0.45704579946446572; /* 1/4 sqrt(21/(2 pi)) */
-  const ern_real c30 = (ern_real)0.37317633259011546; /* 1/4 sqrt(7/pi) */
   for (size_t i = 0; i < n; i++) {
     const ern_real x = d[i], v = d[d_stride + i], z = d[2 * d_stride + i];
     ern_real g[16];

@@ -27,8 +27,8 @@ static double progress(const ern_trainer *t) { return (double)t->step / (double)
 static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
 
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
-  const double share = spent(t) / t->config.seconds; /* of the time, and so step/iters */
   if (!(t->config.seconds > 0) || t->step == 0) return;
+  const double share = spent(t) / t->config.seconds; /* of the time, and so step/iters */
   const uint64_t steps = share < 1 ? (uint64_t)((double)t->step / fmax(share, 1e-6)) + 1 : t->step;
   t->config.iters = steps > least ? steps : least;
 }

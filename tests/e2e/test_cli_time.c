@@ -78,6 +78,11 @@ static void test_stopped_head(void **state) {
       support_clear("s.head.run");
   cli_run(&cli, "train clip -o s.head.safetensors --rays 32 --levels 2 --validate-frames 1 --iters 5 --quiet");
   cli_expect(&cli, 0, NULL);
+  /* what is no training's is not replaced, and that is said before any work */
+  support_write_text("s.safetensors", "mine");
+  cli_run(&cli, "train clip -o s.safetensors --time 2s --resume");
+  cli_expect(&cli, 1, "s.safetensors: is there, and no training of it can go on", NULL);
+  support_clear("s.safetensors");
   cli_run(&cli, "train clip -o s.safetensors --resume");
   cli_expect(&cli, 1, "s.safetensors: nothing of it was saved, but of its head, s.head.safetensors", NULL);
   cli_run(&cli, "train clip -o s.safetensors --validate-frames 1 --time 2s --resume --json -");
@@ -97,7 +102,8 @@ static void test_refused(void **state) {
                {"--time 1.2.3", "90s, 10m or 1.5h"},
                {"--time 10m --iters 5", "--iters counts steps"},
                {"--time 10m --save-every 5", "--save-every counts steps"},
-               {"--time 10m --paper", "--time and --paper"}};
+               {"--time 10m --paper", "--time and --paper"},
+               {"--torso --head p.head.safetensors --refine-poses", "--refine-poses is the head's"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     cli_run(&cli, "train clip -o n.safetensors %s", cases[i].options);
     cli_expect(&cli, 2, cases[i].words, NULL);

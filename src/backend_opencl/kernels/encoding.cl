@@ -3,17 +3,19 @@
 
 /* ---- directions ---- */
 
+/* Factors of the spherical harmonics. */
+constant float c00 = 0.28209479177387814f; /* 1/2 sqrt(1/pi) */
+constant float c1 = 0.48860251190291992f;  /* 1/2 sqrt(3/pi) */
+constant float c2 = 1.0925484305920792f;   /* 1/2 sqrt(15/pi) */
+constant float c20 = 0.31539156525252005f; /* 1/4 sqrt(5/pi) */
+constant float c33 = 0.59004358992664352f; /* 1/4 sqrt(35/(2 pi)) */
+constant float c32 = 2.8906114426405538f;  /* 1/2 sqrt(105/pi) */
+constant float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
+constant float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
+
 /* Real spherical harmonics Y_l^m, degrees 0..3, of the unit vector d = (x, v, z), in the order (0,0), (1,-1), (1,0),
  * (1,1), (2,-2) ..; sign (-1)^m, as NeRF codes have it. */
 KERNEL sh_fwd(ROWS(float, y), ROWS(const float, d), ulong n) {
-  const float c00 = 0.28209479177387814f; /* 1/2 sqrt(1/pi) */
-  const float c1 = 0.48860251190291992f;  /* 1/2 sqrt(3/pi) */
-  const float c2 = 1.0925484305920792f;   /* 1/2 sqrt(15/pi) */
-  const float c20 = 0.31539156525252005f; /* 1/4 sqrt(5/pi) */
-  const float c33 = 0.59004358992664352f; /* 1/4 sqrt(35/(2 pi)) */
-  const float c32 = 2.8906114426405538f;  /* 1/2 sqrt(105/pi) */
-  const float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
-  const float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
   OPEN(float, y);
   OPEN(const float, d);
   EACH_SAMPLE(i, get_group_id(0)) {
@@ -43,13 +45,6 @@ KERNEL sh_fwd(ROWS(float, y), ROWS(const float, d), ulong n) {
 
 /* dd_k = sum over c of dy_c dY_c/dd_k */
 KERNEL sh_bwd(ROWS(float, dd), ROWS(const float, dy), ROWS(const float, d), ulong n) {
-  const float c1 = 0.48860251190291992f;  /* 1/2 sqrt(3/pi) */
-  const float c2 = 1.0925484305920792f;   /* 1/2 sqrt(15/pi) */
-  const float c20 = 0.31539156525252005f; /* 1/4 sqrt(5/pi) */
-  const float c33 = 0.59004358992664352f; /* 1/4 sqrt(35/(2 pi)) */
-  const float c32 = 2.8906114426405538f;  /* 1/2 sqrt(105/pi) */
-  const float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
-  const float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
   OPEN(float, dd);
   OPEN(const float, dy);
   OPEN(const float, d);
