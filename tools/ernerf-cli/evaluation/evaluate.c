@@ -59,6 +59,7 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
     frame_source_refine(&evaluation->frame_source, model, source_frame, evaluation->refined);
     input->head_pose = evaluation->refined;
   }
+  if (evaluation->head_pose != NULL) input->head_pose = evaluation->head_pose;
   return 0;
 }
 

@@ -22,6 +22,7 @@ struct evaluation {
   struct frame_source frame_source;
   struct background background;
   float *windows, refined[16];
+  const float *head_pose;    /* [16] for evaluate_input in the place of the frame's own; NULL, the default: that */
   float *rgb;                /* [height][width][3], as drawn last; so is the next one */
   uint8_t *rgba;             /* [height][width][4] */
   struct measures *measures; /* evaluate_frame adds its frame; NULL: not wanted */
