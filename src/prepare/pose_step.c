@@ -441,38 +441,50 @@ struct findings {
   double tremble, turn; /* degrees */
 };
 
+/* False where the value is within its bound; else the grade. */
+static bool is_beyond(double value, double doubtful, double refused, ern_prepare_grade *grade) {
+  *grade = value > refused ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL;
+  return value > doubtful;
+}
+
 static void give_verdict(struct ern_prepare_job *job, const struct findings *f) {
-  static const char help[] = "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part";
-  if (f->residual > 4 || f->lost > 0.3 || f->tremble > 1.5)
+  ern_prepare_grade grade;
+  bool followed = true;
+  if (is_beyond(f->residual, 1, 4, &grade)) {
+    ern_prepare_judge(job, grade, "the head's points are %.1f pixels off, expected 1 at most", f->residual);
+    followed = false;
+  }
+  if (is_beyond(f->lost, 0.02, 0.3, &grade)) {
+    ern_prepare_judge(job, grade, "%.1f %% of the frames show too few of the head's points, expected 2 %% at most",
+                      100 * f->lost);
+    followed = false;
+  }
+  if (is_beyond(f->tremble, 0.6, 1.5, &grade)) {
     ern_prepare_judge(
-        job, ERN_PREPARE_REFUSED,
-        "the head could not be followed: its points are %.1f pixels off (expected 1 at most), too few are "
-        "seen in %.0f %% of the frames, and its turning changes by %.2f degrees from frame to frame "
-        "(expected 0.6 at most); %s",
-        f->residual, 100 * f->lost, f->tremble, help);
-  else if (f->residual > 1 || f->lost > 0.02 || f->tremble > 0.6)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head's points are %.1f pixels off (expected 1 at most), too few are seen in %.1f %% of the "
-                      "frames (expected 2 %% at most), and its turning changes by %.2f degrees from frame to frame "
-                      "(expected 0.6 at most); %s",
-                      f->residual, 100 * f->lost, f->tremble, help);
+        job, grade, "the head's turning changes by %.2f degrees from frame to frame, expected 0.6 at most", f->tremble);
+    followed = false;
+  }
   if (f->points < 150)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "the face shows %.0f points that can be followed, expected 150 or more: it is small, smooth or "
                       "partly hidden",
                       f->points);
-  if (f->hidden > 0.03)
+  if (f->hidden > 0.03) {
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "a third of the face's points are gone in %.0f %% of the frames, as with a hand or hair before "
-                      "the face, or a profile view; %s",
-                      100 * f->hidden, help);
+                      "the face, or a profile view",
+                      100 * f->hidden);
+    followed = false;
+  }
   if (f->turn < 1)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "the head turns by %.1f degrees in all; how deep it is cannot be told, expected 1 degree or more",
                       f->turn);
   if (f->turn > 35)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most; %s", f->turn,
-                      help);
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", f->turn);
+  if (!followed)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part");
 }
 
 static ern_status judge(struct tracking *t) {
