@@ -108,7 +108,7 @@ typedef struct ern_train_config {
                                   training frame stands in. */
   int validate_frames;         /* most validation frames to render; 0: all */
   bool force;                  /* take a head of another clip all the same */
-  bool ema;                    /* write the moving average as the model; it needs 10 updates by the last step, else
+  bool ema;                    /* write the moving average as the model; of `iters` it needs 10 updates, else
                                   ERN_E_ARGUMENT at the start. Saves before its 10th write the weights as they are */
   uint64_t ema_every;          /* steps between its updates; 1000 */
   uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0: all of it

@@ -347,12 +347,12 @@ fail:
   return status;
 }
 
-/* Whether the average can have enough updates by the last step. */
+/* Whether the average can have enough updates by the last step. How many steps a time holds is not known before. */
 static ern_status check_average(const ern_trainer *t) {
   const ern_train_config *c = &t->config;
   const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->step / every,
                  updates = t->ema_updates + (c->iters > t->step ? c->iters / every - done : 0);
-  if (!c->ema || t->output == NULL || updates >= least) return ERN_OK;
+  if (!c->ema || t->output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
   const uint64_t missing = least - t->ema_updates, left = c->iters > t->step ? c->iters - t->step : 0;
   char shorter[64] = "";
   if (left >= missing)
