@@ -130,7 +130,8 @@ static void fill_config(struct train_job *job, const struct args *args) {
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
   if (job->paper) follow_paper(args, config);
-  if (args_given(args, "precision")) config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
+  if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
+    config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
   config->attention = (ern_attention)job->attention;
