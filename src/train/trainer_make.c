@@ -179,6 +179,10 @@ static struct ern_model_config head_config(const ern_trainer *t) {
                                    .bound = t->config.bound};
 }
 
+bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model) {
+  return model->clip[0] != 0 && t->identity[0] != 0 && strcmp(model->clip, t->identity) != 0;
+}
+
 static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (head->field.config.feature_width != t->data.features->width)
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
@@ -193,12 +197,13 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (status != ERN_OK) return status;
   if (head->clip[0] == 0)
     ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
-  if (head->clip[0] != 0 && t->identity[0] != 0 && strcmp(head->clip, t->identity) != 0) {
+  if (ern_trainer_is_foreign(t, head)) {
     if (!t->config.force)
       return ern_fail(t->context, ERN_E_MISMATCH,
                       "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
                       t->identity);
-    ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip");
+    ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
+            head->cameras > 0 ? "; its camera refinement is of that one's frames, and is left out" : "");
   }
   return ERN_OK;
 }
@@ -283,7 +288,7 @@ static ern_status make_model(ern_trainer *t) {
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);
-    ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
+    if (!ern_trainer_is_foreign(t, t->config.head)) ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
     ern_trainer_tell_codes(t, "the head", t->config.head->field.config.codes);
   }
 fail:

@@ -299,7 +299,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ERN_TRY(t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
     ERN_TRY(ern_trainer_list(t));
   }
-  if (t->poses != NULL && ern_tensor_file_find(file, "state.camera") != NULL) {
+  if (t->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
     const size_t shape[2] = {t->data.frames[0], ERN_POSE_SLOPES}, two = 2;
     ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, t->poses->row));
     ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
@@ -459,6 +459,7 @@ static ern_status take_over(ern_trainer *t, const char *path, ern_model **model)
   if (status != ERN_OK) return status;
   memcpy(made->block, t->model->block, t->model->field.parameters * sizeof(float));
   memcpy(made->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
+  memcpy(made->clip, (*model)->clip, sizeof made->clip);
   made->head_steps = t->model->head_steps;
   if (t->config.head == NULL) ern_trainer_copy_rows(made, *model, false);
   if (t->config.torso) ern_trainer_copy_rows(made, *model, true);
@@ -474,12 +475,13 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
-  ern_trainer_poses_take(t, c.model);
-  if (c.model->cameras > 0 && t->poses == NULL)
-    ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is not trained on, nor applied while training",
-            path);
+  const bool foreign = ern_trainer_is_foreign(t, c.model);
+  if (!foreign) ern_trainer_poses_take(t, c.model);
+  if (c.model->cameras > 0 && (foreign || t->poses == NULL))
+    ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is %s", path,
+            foreign ? "of the frames of another clip, and is left out" : "not trained on, nor applied while training");
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
-  if (t->config.torso && t->model->cameras == 0) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
+  if (t->config.torso && t->model->cameras == 0 && !foreign) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
   ERN_TRY(take_over(t, path, &c.model));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * eval --refine-poses finds poses that were wrong by a known turn, and reports both figures apart. */
+ * eval --refine-poses finds poses that were wrong by a known turn, and reports both figures apart; corrections of one
+ * clip's frames are not applied to another's. */
 #include "cli.h"
 
 #include <math.h>
@@ -33,7 +34,7 @@ static void turn_poses(const char *path) {
 
 static int train_head(void **state) {
   (void)state;
-  static const char *const old[] = {"clip", "turned", "m.safetensors", "m.run"};
+  static const char *const old[] = {"clip", "turned", "other", "more", "m.safetensors", "m.run"};
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -91,7 +92,41 @@ static void test_own_figures_stay(void **state) {
   cli_expect(&cli, 2, "--smooth_lips", NULL);
 }
 
+/* A clip of the same frames is another one as soon as a byte of its poses' file differs. */
+static void test_of_another_clip(void **state) {
+  (void)state;
+  static const char *const old[] = {"r.safetensors", "r.run", "s.safetensors", "s.run", "own_3.png", "others_3.png"};
+  for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
+  size_t count = 0;
+  uint8_t *poses = cli_bytes("clip/transforms_train.json", &count);
+  poses[count] = '\n';
+  cli_copy("clip", "other");
+  cli_replace("other/transforms_train.json", poses, count + 1);
+  free(poses);
+  cli_run(&cli, "train clip -o r.safetensors --refine-poses --iters 40 --rays 256 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+
+  cli_run(&cli, "render r.safetensors --clip clip --split train --frames 3:4 -o own_%%d.png --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render r.safetensors --clip other --force --split train --frames 3:4 -o others_%%d.png");
+  cli_expect(&cli, 0, NULL);
+  size_t first = 0, second = 0;
+  uint8_t *own = cli_bytes("own_3.png", &first), *others = cli_bytes("others_3.png", &second);
+  assert_true(first != second || memcmp(own, others, first) != 0);
+  free(own);
+  free(others);
+  cli_expect(&cli, 0, "its camera refinement is of that one's frames, and is left out", NULL);
+
+  /* moments too: a state of another clip may be of another number of frames */
+  cli_run(&cli, "synth more --size 64 --frames 44 --seed 4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "train more -o s.safetensors --from r.run/state.safetensors --refine-poses --iters 41 --validate-frames 1");
+  cli_expect(&cli, 0, "its camera refinement is of the frames of another clip, and is left out", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_turn), cmocka_unit_test(test_own_figures_stay)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_turn), cmocka_unit_test(test_own_figures_stay),
+                                     cmocka_unit_test(test_of_another_clip)};
   return cmocka_run_group_tests(tests, train_head, NULL);
 }

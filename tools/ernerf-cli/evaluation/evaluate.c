@@ -54,7 +54,7 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
                              .individual = ERN_INDIVIDUAL_MEAN,
                              .background = evaluation->background.image.data,
                              .torso = torso};
-  if (about.cameras > 0) {
+  if (frame_source_refines(&about, &evaluation->info)) {
     memcpy(evaluation->refined, camera.pose, sizeof evaluation->refined);
     frame_source_refine(&evaluation->frame_source, model, source_frame, evaluation->refined);
     input->head_pose = evaluation->refined;

@@ -40,6 +40,11 @@ static int number_frames(struct frame_source *frame_source, struct session *sess
   return 0;
 }
 
+bool frame_source_refines(const ern_model_info *model, const ern_clip_info *clip) {
+  const bool known = model->clip[0] != 0 && clip->identity[0] != 0;
+  return model->cameras > 0 && (!known || strcmp(model->clip, clip->identity) == 0);
+}
+
 void frame_source_refine(const struct frame_source *frame_source, const ern_model *model,
                          const struct source_frame *frame, float pose[16]) {
   if (frame->split == ERN_SPLIT_TRAIN)

@@ -40,6 +40,8 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
 int frame_source_of_poses(struct frame_source *frame_source, struct session *session, const char *path);
 void frame_source_free(struct frame_source *frame_source);
 
+/* Whether the model has a camera refinement, and not that of another clip's frames. */
+bool frame_source_refines(const ern_model_info *model, const ern_clip_info *clip);
 /* The pose of a clip's frame, after ern_camera_pose, as the model's camera refinement has it: the frame's own, or that
  * of its neighbours. */
 void frame_source_refine(const struct frame_source *frame_source, const ern_model *model,

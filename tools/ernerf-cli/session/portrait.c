@@ -153,7 +153,8 @@ static int check_identity(struct portrait *portrait, struct session *session) {
         "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force goes "
         "on all the same",
         portrait->model_path, model, clip, portrait->source.path);
-  session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)", portrait->model_path, model, clip);
+  session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)%s", portrait->model_path, model, clip,
+               portrait->info.cameras > 0 ? "; its camera refinement is of that one's frames, and is left out" : "");
   return 0;
 }
 
@@ -244,7 +245,7 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
                               float refined[16]) {
   const struct source_frame *from = frame_source_before(frame_source, k), *to = frame_source_after(frame_source, k);
   float second[16];
-  if (portrait->info.cameras == 0 || frame_source->trained == NULL) return NULL;
+  if (!frame_source_refines(&portrait->info, &portrait->clip_info) || frame_source->trained == NULL) return NULL;
   ern_camera_pose(refined, from->pose.matrix, portrait->scale);
   frame_source_refine(frame_source, portrait->model, from, refined);
   if (from == to) return refined;
