@@ -99,6 +99,8 @@ static void test_refused(void **state) {
                {"--time 0", "90s, 10m or 1.5h"},
                {"--time 1e3", "90s, 10m or 1.5h"},
                {"--time s", "90s, 10m or 1.5h"},
+               {"--time 0.05s", "from 0.1s to 1000000000s"},
+               {"--time 99999999m", "from 0.1s to 1000000000s"},
                {"--time 1.2.3", "90s, 10m or 1.5h"},
                {"--time 10m --iters 5", "--iters counts steps"},
                {"--time 10m --save-every 5", "--save-every counts steps"},

@@ -212,8 +212,12 @@ static int take_seconds(const struct args *args, struct option *option, const ch
   for (size_t k = 0; k < sizeof units / sizeof *units; k++)
     if (strcmp(text + digits, units[k].unit) == 0) seconds = strtod(number, &end) * units[k].seconds;
   if (digits == 0 || digits >= sizeof number || end == NULL || *end != 0 ||
-      !(seconds >= option->low && seconds <= option->high))
-    return refuse_value(args, option, text, "a time such as 90s, 10m or 1.5h");
+      !(seconds >= option->low && seconds <= option->high)) {
+    char expected[TEXT_BYTES];
+    snprintf(expected, sizeof expected, "a time such as 90s, 10m or 1.5h, from %gs to %.0fs", option->low,
+             option->high);
+    return refuse_value(args, option, text, expected);
+  }
   *(double *)option->target = seconds;
   return -1;
 }
