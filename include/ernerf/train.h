@@ -121,8 +121,11 @@ typedef struct ern_train_config {
                      step/iters follow the share of the time that is past. `iters`, `save_every` and `validate_every`
                      say nothing then: it is saved each minute, and validated at each tenth of the time, but
                      at most each minute. It cannot be repeated exactly */
-  bool refine_poses; /* of a head: the poses of the training frames are parameters too, and the model keeps
-                        what was added to them (ern_model_refine); false. A resume needs its state's */
+  bool refine_poses;        /* of a head: the poses of the training frames are parameters too, and the model keeps
+                               what was added to them (ern_model_refine); false. A resume needs its state's */
+  const char *torso_output; /* of a head with an output: the output of the torso that will be trained under it, NULL:
+                               none. `resume` and `overwrite` hold for it too, what is in its way is told at the
+                               start, and the lock of its X.run is held until the trainer is freed */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {

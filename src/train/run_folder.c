@@ -136,12 +136,14 @@ static bool find_earlier(const char *folder, char name[256]) {
   return found;
 }
 
+static bool has_state(const struct ern_run_folder *run) {
+  return access(run->state, F_OK) == 0 || access(run->next, F_OK) == 0 || access(run->previous, F_OK) == 0;
+}
+
 ern_status ern_run_folder_check_free(ern_context *context, const char *output, const struct ern_run_folder *run,
                                      bool resume) {
   char name[256] = "";
-  const bool model = access(output, F_OK) == 0;
-  const bool resumable =
-      !resume && (access(run->state, F_OK) == 0 || access(run->next, F_OK) == 0 || access(run->previous, F_OK) == 0);
+  const bool model = access(output, F_OK) == 0, resumable = !resume && has_state(run);
   if (!model && !find_earlier(run->folder, name)) return ERN_OK;
   if (run->made) { /* by this call: it leaves nothing */
     char *lock = NULL;
@@ -153,6 +155,13 @@ ern_status ern_run_folder_check_free(ern_context *context, const char *output, c
                   "%s%s%s: is there already, from an earlier training; %s, --overwrite replaces it",
                   model ? output : run->folder, model ? "" : "/", name,
                   resumable ? "--resume goes on with it" : "it has no state that --resume could go on from");
+}
+
+ern_status ern_run_folder_reserve(ern_context *context, const char *output, bool resume, bool overwrite,
+                                  struct ern_run_folder *run) {
+  const ern_status status = ern_run_folder_open(context, output, run);
+  if (status != ERN_OK || overwrite || (resume && has_state(run))) return status;
+  return ern_run_folder_check_free(context, output, run, resume);
 }
 
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {

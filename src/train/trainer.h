@@ -81,6 +81,8 @@ struct ern_trainer {
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
   bool declined;  /* since the last save, with a state of before in the folder */
 
+  struct ern_run_folder torso_run; /* of config.torso_output: locked, and nothing else */
+
   struct ern_pool *pool; /* for work on the host */
   int32_t *host_pixels;  /* [rays] */
   float *host_rows;      /* [9][rays]: truth, background, face, jitter, rigid */
@@ -184,6 +186,10 @@ ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *o
  */
 ERN_NODISCARD ern_status ern_run_folder_check_free(ern_context *context, const char *output,
                                                    const struct ern_run_folder *run, bool resume);
+/* The folder of a training that is still to come, locked: what that would be refused for there is told now.
+ * ern_run_folder_close also after an error. */
+ERN_NODISCARD ern_status ern_run_folder_reserve(ern_context *context, const char *output, bool resume, bool overwrite,
+                                                struct ern_run_folder *run);
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run);
 ERN_NODISCARD ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...)
     ERN_PRINTF(3, 4);

@@ -73,6 +73,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     const ern_status status = check_range(context, ranges[i].name, ranges[i].found, ranges[i].least, ranges[i].most);
     if (status != ERN_OK) return status;
   }
+  if (c->torso_output != NULL && (c->torso || c->output == NULL))
+    return ern_fail(context, ERN_E_ARGUMENT, "train: torso_output is set, expected NULL without a head's output");
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
   if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
@@ -453,7 +455,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->backend = backend;
   t->data = data;
   t->config = chosen;
-  t->run.lock = -1;
+  t->run.lock = t->torso_run.lock = -1;
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(make_model(t));
@@ -465,6 +467,10 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   if (chosen.output != NULL) {
     ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
     if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
+    if (chosen.torso_output != NULL) {
+      ERN_TRY(ern_run_folder_reserve(context, chosen.torso_output, chosen.resume, chosen.overwrite, &t->torso_run));
+      ERN_TRY(ern_run_folder_check_outside(context, &t->torso_run, chosen.from));
+    }
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
     ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
     name_features(t);
@@ -472,7 +478,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(fill(t));
   ERN_TRY(check_average(t));
   t->config.output = t->output;
-  t->config.from = NULL; /* the caller's words and head are used up; only copies are kept */
+  t->config.from = t->config.torso_output = NULL; /* the caller's words and head are used up; only copies are kept */
   t->config.head = NULL;
   *trainer = t;
   return ERN_OK;
@@ -486,6 +492,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_trainer *t = *trainer;
   *trainer = NULL;
   ern_run_folder_close(t->context, &t->run);
+  ern_run_folder_close(t->context, &t->torso_run);
   t->backend->buffer_free(t->backend, t->reals);
   t->backend->buffer_free(t->backend, t->bits_buffer);
   t->backend->buffer_free(t->backend, t->cells_buffer);

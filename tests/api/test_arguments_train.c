@@ -126,6 +126,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)2, "ray_sampling is 2");
   REFUSED_CONFIG(seconds, -1, "seconds is -1");
   REFUSED_CONFIG(seconds, NAN, "seconds is nan");
+  REFUSED_CONFIG(torso_output, "t.safetensors", "torso_output is set, expected NULL without a head's output");
 }
 
 static void check_datasets(void) {

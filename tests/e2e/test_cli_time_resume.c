@@ -3,6 +3,10 @@
  * any work. */
 #include "cli.h"
 
+#include <math.h>
+#include <sys/file.h>
+#include <time.h>
+
 static struct cli cli;
 
 #define SMALL "--rays 32 --levels 2 --validate-frames 1 "
@@ -25,6 +29,21 @@ static void clear(const char *name) {
   }
 }
 
+/* Trains clip with these words, and stops it while it trains the head. */
+static void stop_in_head(const char *words) {
+  snprintf(cli.line, sizeof cli.line, "train clip " SMALL "%s", words);
+  support_clear("cli_err.txt");
+  cli_start(&cli, NULL, 0);
+  for (int i = 0; i < 3000; i++) {
+    cli_read("cli_err.txt", cli.err);
+    if (strstr(cli.err, "in all, steps of") != NULL) break;
+    nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+  }
+  assert_int_equal(kill(cli.pid, SIGINT), 0);
+  cli_wait(&cli);
+  cli_expect(&cli, 128 + SIGINT, "the state is saved", NULL);
+}
+
 /* The metadata "ernerf.state" of a state; the caller owns it. */
 static json_t *state_of(const char *path) {
   size_t count = 0;
@@ -40,6 +59,34 @@ static json_t *state_of(const char *path) {
   json_decref(header);
   free(file);
   return about;
+}
+
+/* A number or flag of a state, or of its "training". */
+static double said(const char *path, const char *name) {
+  json_t *about = state_of(path);
+  const json_t *value = json_object_get(about, name);
+  if (value == NULL) value = json_object_get(json_object_get(about, "training"), name);
+  assert_non_null(value);
+  const double number = json_is_boolean(value) ? json_is_true(value) : json_number_value(value);
+  json_decref(about);
+  return number;
+}
+
+static void test_torso_as_the_head(void **state) {
+  (void)state;
+  static const char *const names[] = {"seed", "rays", "data_begin", "data_end", "lr", "ema", "ema_every"};
+  static const double values[] = {7, 32, 2, 15, 0.005, 1, 50};
+  clear("a");
+  stop_in_head("-o a.safetensors --time 60s --seed 7 --data_range 2:15 --lr 0.005 --ema --ema-every 50");
+  cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1s --resume");
+  cli_expect(&cli, 0, "from 13 frames of 64", "steps of 32 rays, seed 7", "done, a.safetensors", NULL);
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    assert_true(fabs(said("a.head.run/state.safetensors", names[i]) - values[i]) < 1e-6);
+    assert_true(fabs(said("a.run/state.safetensors", names[i]) - values[i]) < 1e-6);
+  }
+  /* a time that is about the same leaves the head of a torso as it is */
+  cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1.3s --resume");
+  cli_expect(&cli, 0, "were done before; a.head.safetensors", "done, a.safetensors", NULL);
 }
 
 static void test_bf16(void **state) {
@@ -69,7 +116,80 @@ static void test_average(void **state) {
   cli_expect(&cli, 0, "the average has seen 0 updates", "were done before; e.safetensors", NULL);
 }
 
+/* A portrait that another replaces, stopped before its torso. */
+static void test_torso_of_another_head(void **state) {
+  (void)state;
+  clear("k");
+  cli_run(&cli, "train clip -o k.safetensors " SMALL "--time 0.5s --quiet");
+  cli_expect(&cli, 0, NULL);
+  stop_in_head("-o k.safetensors --time 60s --seed 7 --overwrite");
+  const double step = said("k.head.run/state.safetensors", "step");
+  cli_run(&cli, "train clip -o k.safetensors --time 60s --resume");
+  cli_expect(&cli, 1, "k.safetensors: its torso is trained under another head than that of k.head.safetensors",
+             "--overwrite", NULL);
+  assert_true(said("k.head.run/state.safetensors", "step") == step);
+  assert_true(said("k.run/state.safetensors", "seed") == 0);
+  cli_run(&cli, "train clip -o k.safetensors --validate-frames 1 --time 0.5s --resume --overwrite");
+  cli_expect(&cli, 0, "done, k.safetensors", NULL);
+  assert_true(said("k.run/state.safetensors", "seed") == 7 && said("k.run/state.safetensors", "rays") == 32);
+  cli_run(&cli, "train clip -o k.safetensors --time 0.5s --resume");
+  cli_expect(&cli, 0, "were done before; k.safetensors", NULL);
+
+  /* the torso's place is held too */
+  const int lock = open("k.run/lock", O_RDWR);
+  assert_true(lock >= 0 && flock(lock, LOCK_EX | LOCK_NB) == 0);
+  cli_run(&cli, "train clip -o k.safetensors " SMALL "--time 0.5s --overwrite");
+  cli_expect(&cli, 1, "k.run/lock: another training holds this lock", NULL);
+  assert_true(said("k.head.run/state.safetensors", "seed") == 7);
+  close(lock);
+
+  support_write_text("k.run/state.safetensors", "damaged");
+  support_clear("k.run/state.previous.safetensors");
+  support_clear("k.head.safetensors");
+  cli_run(&cli, "train clip -o k.safetensors --time 0.5s --resume");
+  cli_expect(&cli, 1, "k.run/state.safetensors: ", NULL);
+  assert_false(cli_there("k.head.safetensors"));
+}
+
+/* A head alone that has replaced a portrait goes on alone. */
+static void test_head_of_a_portrait_before(void **state) {
+  (void)state;
+  clear("m");
+  cli_run(&cli, "train clip -o m.safetensors " SMALL "--time 0.5s --quiet");
+  cli_expect(&cli, 0, NULL);
+  const double step = said("m.head.run/state.safetensors", "step");
+  cli_run(&cli, "train clip -o m.safetensors " SMALL "--time 0.5s --overwrite --effects eye,codes,view --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o m.safetensors --validate-frames 1 --time 1s --resume");
+  cli_expect(&cli, 0, "seconds in all was 0.5, going on with 1", "done, m.safetensors", NULL);
+  assert_null(strstr(cli.err, "m.head"));
+  assert_true(said("m.head.run/state.safetensors", "step") == step);
+  cli_run(&cli, "train clip -o m.safetensors --validate-frames 1 --time 2s --resume --effects eye,codes,view,torso");
+  cli_expect(&cli, 1, "m.safetensors: is that of a head alone", NULL);
+}
+
+static void test_torso_has_no_place(void **state) {
+  (void)state;
+  clear("f");
+  assert_int_equal(mkdir("f.run", 0777), 0);
+  support_write_text("f.run/measures.csv", "mine");
+  cli_run(&cli, "train clip -o f.safetensors " SMALL "--time 0.5s --resume");
+  cli_expect(&cli, 1, "f.run/measures.csv: is there already", NULL);
+  assert_false(cli_there("f.head.run") || cli_there("f.head.safetensors"));
+  clear("f");
+  assert_int_equal(symlink("nowhere", "f.run"), 0);
+  cli_run(&cli, "train clip -o f.safetensors " SMALL "--time 0.5s --overwrite");
+  cli_expect(&cli, 1, "f.run: is a symbolic link", NULL);
+  assert_false(cli_there("f.head.run") || cli_there("f.head.safetensors"));
+  assert_int_equal(unlink("f.run"), 0);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bf16), cmocka_unit_test(test_average)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_torso_as_the_head),
+                                     cmocka_unit_test(test_bf16),
+                                     cmocka_unit_test(test_average),
+                                     cmocka_unit_test(test_torso_of_another_head),
+                                     cmocka_unit_test(test_head_of_a_portrait_before),
+                                     cmocka_unit_test(test_torso_has_no_place)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

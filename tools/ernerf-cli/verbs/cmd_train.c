@@ -9,11 +9,9 @@
 
 #include "ernerf/speech.h"
 #include "verbs.h"
+#include "verbs/head_and_torso.h"
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
-
-/* Of the time of a portrait, the head's; the rest is the torso's. */
-static const double head_share = 2 / 3.0;
 
 /* Of 512, 1,024 and 2,048 rays a step none learns more in the same time on all clips (docs/performance.md). */
 enum { TIMED_RAYS = 2048, PREVIEW_SECONDS = 180 };
@@ -227,94 +225,24 @@ static int describe_from(struct train_job *job) {
 static int open_earlier(struct train_job *job) {
   struct session *session = &job->session;
   struct hearing *hearing = &job->source.hearing;
-  ern_model_info head;
+  ern_train_state state;
+  ern_model_info head, model;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
-  /* A state that cannot be read is told of when it is resumed. */
-  if (job->config.resume &&
-      ern_train_state_describe(session->context, job->config.output, &job->state, &job->from) == ERN_OK)
+  /* A state that cannot be read, or of the other kind, is told of when it is resumed. */
+  if (job->config.resume && ern_train_state_describe(session->context, job->config.output, &state, &model) == ERN_OK &&
+      state.torso == job->config.torso) {
+    job->state = state;
+    job->from = model;
     job->has_from = job->has_state = true;
+  }
   if (job->head != NULL) {
     ern_model_describe(job->head, &head);
     return hearing_open(hearing, session, job->head_path, &head);
   }
   if (!job->has_from || hearing->needs != NULL) return 0;
   return hearing_open(hearing, session, job->has_state ? job->config.output : job->config.from, &job->from);
-}
-
-/* ---- a head and its torso by the clock --------------------------------------------------------------------------- */
-
-/* The head goes on, unless it is alone and has the output itself, or there is none yet. Under a torso that has begun it
- * stays as it is. */
-static int resume_portrait(struct train_job *job) {
-  struct session *session = &job->session;
-  ern_train_state head, torso;
-  ern_model_info model;
-  char trained[32];
-  const ern_status found = ern_train_state_describe(session->context, job->head_output, &head, &model);
-  const char *const output = job->config.output;
-  if (found == ERN_E_MISSING && access(output, F_OK) != 0) return 0;
-  if (!session->overwrite && access(output, F_OK) == 0 &&
-      ern_train_state_describe(session->context, output, &torso, &model) == ERN_E_MISSING)
-    return session_fail_with(session,
-                             "%s: is there, and no training of it can go on; expected its X.run beside it, or another "
-                             "-o",
-                             output);
-  if (found == ERN_E_MISSING) return 0;
-  job->config.output = job->head_output; /* a state that cannot be read is told of when it is resumed */
-  if (found != ERN_OK || ern_train_state_describe(session->context, output, &torso, &model) != ERN_OK) return 0;
-  if (fabs(head.budget - head_share * job->seconds) < 0.5) return 0;
-  progress_duration(head.budget / head_share, trained);
-  return session_fail_with(session,
-                           "%s: its torso is trained under a head of --time %s, which would change; expected that "
-                           "time, or another -o",
-                           output, trained);
-}
-
-/* Names the head's file, X.head.safetensors, and finds out early whether X is free for the torso. */
-static int check_portrait(struct train_job *job) {
-  struct session *session = &job->session;
-  const char *output = job->config.output;
-  const size_t stem = strlen(output) - strlen(".safetensors"), bytes = stem + sizeof ".head.safetensors";
-  char folder[4096];
-  job->head_output = malloc(bytes);
-  if (job->head_output == NULL) return session_fail_with(session, "out of memory");
-  snprintf(job->head_output, bytes, "%.*s.head.safetensors", (int)stem, output);
-  if (session_check_training(session, job->head_output) != 0) return EXIT_FAILURE;
-  snprintf(folder, sizeof folder, "%.*s.run", (int)stem, output);
-  for (int k = 0; k < 2 && !job->config.resume && !session->overwrite; k++)
-    if (access(k == 0 ? output : folder, F_OK) == 0)
-      return session_fail_with(session,
-                               "%s: is there already, of an earlier training; expected --resume, which goes on with "
-                               "it, or --overwrite, which replaces it",
-                               k == 0 ? output : folder);
-  return job->config.resume ? resume_portrait(job) : 0;
-}
-
-/* Whether what is to go on is a portrait by the clock of which the head alone has begun: without --time a head would
- * begin under the portrait's name. */
-static int check_resumed(struct train_job *job) {
-  struct session *session = &job->session;
-  const char *output = job->config.output;
-  char head[4096];
-  ern_train_state state;
-  ern_model_info model;
-  const int bytes =
-      snprintf(head, sizeof head, "%.*s.head.safetensors", (int)(strlen(output) - strlen(".safetensors")), output);
-  if (!job->config.resume || job->config.torso || bytes >= (int)sizeof head) return 0;
-  if (ern_train_state_describe(session->context, output, &state, &model) != ERN_E_MISSING) return 0;
-  if (ern_train_state_describe(session->context, head, &state, &model) != ERN_OK) return 0;
-  return session_fail_with(session, "%s: nothing of it was saved, but of its head, %s; expected --time beside --resume",
-                           output, head);
-}
-
-/* A head that is all of its portrait has the output to itself, and all of the time. */
-static void plan_portrait(struct train_job *job) {
-  if (!job->effects.has[EFFECT_TORSO]) return;
-  job->torso_follows = true;
-  job->config.output = job->head_output;
-  job->config.seconds = head_share * job->seconds;
 }
 
 static int open_all(struct train_job *job, const struct args *args) {
@@ -328,7 +256,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
   take_effects(job, args, &dataset);
-  if (job->seconds > 0 && !job->config.torso) plan_portrait(job);
+  if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job)) != 0) return status;
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
@@ -426,17 +354,10 @@ static int train(struct train_job *job, const struct args *args) {
 /* With --time: the head, then under it the torso, where the clip has one, in the rest of the time. */
 static int train_portrait(struct train_job *job, const struct args *args) {
   const ern_train_config asked = job->config;
-  const double seconds = job->seconds;
-  int status = check_portrait(job);
+  int status = head_and_torso_check(job);
   if (status == 0) status = train(job, args);
   if (status != 0 || !job->torso_follows) return status;
-  job->config = asked;
-  job->config.torso = true;
-  job->config.from = NULL;
-  job->head_path = job->head_output;
-  job->seconds = seconds * (1 - head_share);
-  job->source.hearing.needs = NULL; /* the head says it */
-  job->has_from = job->has_state = job->stepped = false;
+  head_and_torso_turn(job, &asked);
   return train(job, args);
 }
 
@@ -476,7 +397,7 @@ int cmd_train(int argc, char **argv) {
   if (status >= 0) return status;
   status = session_check_training(&job.session, job.config.output);
   const bool portrait = job.seconds > 0 && !job.config.torso;
-  if (status == 0 && !portrait) status = check_resumed(&job);
+  if (status == 0 && !portrait) status = head_and_torso_check_resumed(&job);
   if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);
   free(job.head_output);
   session_close(&job.session);

@@ -24,9 +24,13 @@ struct train_job {
   ern_train_config config;
   struct clip_source source;
   const char *head_path, *effects_list;
-  double seconds;     /* of --time, 0: none */
-  char *head_output;  /* with --time: where the head goes whose torso goes to --output */
-  bool torso_follows; /* it does */
+  double seconds;       /* of --time, 0: none */
+  const char *portrait; /* with --time: --output */
+  char *head_output;    /* where the head goes whose torso goes to that */
+  double head_seconds;  /* of a head that is done, and stays as it is; 0: its share */
+  bool head_alone;      /* a head that has --output to itself is resumed */
+  bool torso_anew;      /* what the torso could be resumed from is of another head */
+  bool torso_follows;   /* the head is trained, and its torso will be, or is */
   bool paper;
   struct speech_copies copies;
   struct validations validations;
