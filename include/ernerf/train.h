@@ -154,6 +154,7 @@ typedef struct ern_train_state {
   double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
   double seconds; /* of training, all runs together */
   bool refine_poses;
+  bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

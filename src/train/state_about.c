@@ -43,13 +43,14 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training = json_pack(
-      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b}", "iters", (json_int_t)c->iters,
-      "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att, "refresh_every",
-      (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
-      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
-      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling),
-      "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL);
+  json_t *training =
+      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b}", "iters",
+                (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
+                "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema,
+                "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer",
+                t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
+                ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside,
+                "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma);
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -81,6 +82,12 @@ static bool read_ray_sampling(const json_t *value, ern_ray_sampling *sampling) {
 static bool read_seconds(const json_t *value, double *seconds) {
   *seconds = json_number_value(value);
   return value == NULL || (json_is_number(value) && *seconds >= 0 && *seconds <= ERN_TRAIN_MOST_SECONDS);
+}
+
+/* False in states of earlier versions, which do not say it. */
+static bool read_later_flag(const json_t *value, bool *flag) {
+  *flag = json_is_true(value);
+  return value == NULL || json_is_boolean(value);
 }
 
 /* The name of the first field that is missing or out of range, NULL: none. */
@@ -124,9 +131,8 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (!read_seconds(json_object_get(root, "budget"), &about->budget)) return "budget";
   if (!read_seconds(json_object_get(root, "seconds_beside"), &about->beside)) return "seconds_beside";
   if (!read_ray_sampling(json_object_get(root, "ray_sampling"), &about->ray_sampling)) return "ray_sampling";
-  const json_t *refines = json_object_get(root, "refine_poses"); /* not there: an earlier version's state */
-  if (refines != NULL && !json_is_boolean(refines)) return "refine_poses";
-  about->refine_poses = json_is_true(refines);
+  if (!read_later_flag(json_object_get(root, "refine_poses"), &about->refine_poses)) return "refine_poses";
+  if (!read_later_flag(json_object_get(root, "torso_gamma"), &about->torso_gamma)) return "torso_gamma";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");

@@ -20,6 +20,7 @@ struct ern_state_about {
   ern_ray_sampling ray_sampling;
   double budget, beside; /* seconds: of config.seconds, and of validations and saves */
   bool refine_poses;
+  bool torso_gamma; /* config.torso_gamma; of a head what its torso is to have */
 };
 
 /* *text is the caller's (ern_release). */

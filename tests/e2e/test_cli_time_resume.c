@@ -89,6 +89,23 @@ static void test_torso_as_the_head(void **state) {
   cli_expect(&cli, 0, "were done before; a.head.safetensors", "done, a.safetensors", NULL);
 }
 
+/* Options of the torso wait with the head, and are refused where there is no torso. */
+static void test_options_of_the_torso(void **state) {
+  (void)state;
+  clear("g");
+  stop_in_head("-o g.safetensors --time 60s --torso-gamma --torso_shrink 0.7");
+  stop_in_head("-o g.safetensors --time 60s --resume");
+  cli_run(&cli, "train clip -o g.safetensors --validate-frames 1 --time 1s --resume");
+  cli_expect(&cli, 0, "done, g.safetensors", NULL);
+  assert_true(said("g.run/state.safetensors", "torso_gamma") > 0);
+  cli_run(&cli, "info g.safetensors --json -");
+  cli_expect_out(&cli, 0, "\"torso_shrink\": 0.69999", NULL);
+  clear("n");
+  cli_run(&cli, "train clip -o n.safetensors --time 1s --effects eye --torso_shrink 0.7");
+  cli_expect(&cli, 2, "--torso_shrink is about the torso", NULL);
+  assert_false(cli_there("n.run") || cli_there("n.head.run"));
+}
+
 static void test_bf16(void **state) {
   (void)state;
   clear("b");
@@ -186,6 +203,7 @@ static void test_torso_has_no_place(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_torso_as_the_head),
+                                     cmocka_unit_test(test_options_of_the_torso),
                                      cmocka_unit_test(test_bf16),
                                      cmocka_unit_test(test_average),
                                      cmocka_unit_test(test_torso_of_another_head),

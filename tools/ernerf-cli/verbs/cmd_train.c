@@ -35,8 +35,9 @@ static int check_usage(struct train_job *job, const struct args *args) {
     return args_refuse(args, "-o is \"%s\", expected a name that ends in .safetensors", config->output);
   int status = -1;
   if (config->torso && job->head_path == NULL) status = args_refuse(args, "--torso needs the head: --head MODEL");
-  if (!config->torso)
-    status = args_forbid(args, "head torso-gamma torso_shrink force", "is about the torso, so it needs --torso");
+  if (!config->torso) status = args_forbid(args, "head force", "is about the torso, so it needs --torso");
+  if (status < 0 && !config->torso && !(job->seconds > 0))
+    status = args_forbid(args, "torso-gamma torso_shrink", "is about the torso, so it needs --torso or --time");
   if (status < 0 && config->torso)
     status = args_forbid(args,
                          "levels bound ind_num effects backbone attention eye-attention ray-sampling refine-poses "
@@ -139,7 +140,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
     inherit_model(args, &job->from, !asks_auto(job), config);
     if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
       config->codes = (int)frames; /* a longer clip */
-    inherit_view(args, &job->from, job->from.has_torso, config, &job->scale);
+    inherit_view(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
   }
   if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
@@ -256,7 +257,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
   take_effects(job, args, &dataset);
-  if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job)) != 0) return status;
+  if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job, args)) != 0) return status;
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)

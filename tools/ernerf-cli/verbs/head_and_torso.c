@@ -70,8 +70,11 @@ int head_and_torso_check(struct train_job *job) {
   return job->config.resume ? resume_portrait(job) : 0;
 }
 
-int head_and_torso_plan(struct train_job *job) {
-  if (!job->effects.has[EFFECT_TORSO]) return 0;
+int head_and_torso_plan(struct train_job *job, const struct args *args) {
+  if (!job->effects.has[EFFECT_TORSO]) {
+    const int status = args_forbid(args, "torso-gamma torso_shrink", "is about the torso, and there is none");
+    return status < 0 ? 0 : status;
+  }
   if (job->head_alone)
     return session_fail_with(&job->session,
                              "%s: is that of a head alone, and would have a torso; expected --resume without --time, "

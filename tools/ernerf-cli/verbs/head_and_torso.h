@@ -4,6 +4,7 @@
 #ifndef ERN_CLI_HEAD_AND_TORSO_H
 #define ERN_CLI_HEAD_AND_TORSO_H
 
+#include "args.h"
 #include "verbs/train_options.h"
 
 /* Of the time of a portrait, the head's; the rest is the torso's. */
@@ -15,7 +16,7 @@
 int head_and_torso_check(struct train_job *job);
 
 /* With the clip open: a head that is all of its portrait has X to itself, and all of the time. */
-int head_and_torso_plan(struct train_job *job);
+int head_and_torso_plan(struct train_job *job, const struct args *args);
 
 /* From the head to its torso: what the head was resumed from says how the torso is trained, where no state of its own
  * does. asked: the configuration of the command line. */

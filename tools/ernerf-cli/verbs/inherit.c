@@ -34,7 +34,7 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
                    ern_train_config *config) {
   if (!args_given(args, "seed")) config->seed = state->seed;
   if (!args_given(args, "rays") && state->rays > 0) config->rays = state->rays;
-  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso && model->has_gamma;
+  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso_gamma || (state->torso && model->has_gamma);
   if (!state->has_settings) return;
   if (!args_given(args, "iters")) config->iters = state->iters;
   if (!args_given(args, "iters") && !args_given(args, "time")) config->seconds = state->budget;
