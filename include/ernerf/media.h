@@ -173,7 +173,8 @@ typedef struct ern_clip_frame {
  * number of threads may look at the rest. */
 typedef struct ern_clip ern_clip;
 
-/* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error.
+/* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error;
+ * ERN_E_STATE where the clip is of ern_prepare() and a step is not done or was refused.
  * On success the caller owns *clip. */
 ERN_API ERN_NODISCARD ern_status ern_clip_open(ern_context *context, const char *folder,
                                                const ern_clip_options *options, ern_clip **clip);

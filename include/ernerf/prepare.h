@@ -72,9 +72,9 @@ typedef struct ern_prepare_result {
 /* Makes the clip `folder` of a video that FFmpeg reads, step by step, and its report. A step that an earlier call did
  * with the same options, and whose files are all there, is not done again. The folder must not exist, be empty, or be
  * of an earlier call for the same video and the same from, to and side (else ERN_E_EXISTS; see `anew`), and stay in its
- * place until the call ends (else ERN_E_IO). *result is filled also on failure. A step whose verdict is "refused" ends
- * the call with ERN_E_UNSUPPORTED and its words; the report is written then too. Uses the threads of OpenCV and Ceres
- * Solver. */
+ * place until the call ends (else ERN_E_IO). What the user brings is read before a step that needs it takes away what
+ * an earlier call made. *result is filled also on failure. A step whose verdict is "refused" ends the call with
+ * ERN_E_UNSUPPORTED and its words; the report is written then too. Uses the threads of OpenCV and Ceres Solver. */
 ERN_API ERN_NODISCARD ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                                                    const ern_prepare_options *options, ern_prepare_result *result,
                                                    size_t bytes);

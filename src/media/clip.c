@@ -273,6 +273,7 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   ern_clip *made = NULL;
   if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_clip_options, &chosen, options));
   ERN_TRY(check_folder(context, folder));
+  ERN_TRY(ern_clip_check_prepared(context, folder));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->budget = chosen.memory_bytes != 0 ? chosen.memory_bytes : half_of_memory();

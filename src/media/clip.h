@@ -18,6 +18,10 @@ ERN_NODISCARD ern_status ern_clip_has(ern_context *context, const char *folder, 
 ERN_NODISCARD ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part,
                                             int64_t img_id, char **path);
 
+/* ERN_E_STATE where FOLDER/prepare.json says that a step of `prepare` is not done or was refused; a clip without that
+ * file was made by others. */
+ERN_NODISCARD ern_status ern_clip_check_prepared(ern_context *context, const char *folder);
+
 /* ERN_E_SHAPE where the picture's header does not say width x height. */
 ERN_NODISCARD ern_status ern_clip_picture_check(ern_context *context, const char *path, int width, int height);
 

@@ -358,6 +358,8 @@ ern_status ern_clip_check(ern_context *context, const char *folder,
   ERN_NEED(context, say);
   struct report report = {.context = context, .folder = folder, .say = say, .user = user};
   if (check_folder(&report) == ERN_OK) {
+    const ern_status prepared = ern_clip_check_prepared(context, folder);
+    if (prepared != ERN_OK) say_wrong(&report, prepared, "");
     check_poses(&report);
     check_features(&report);
     check_background(&report);

@@ -8,6 +8,7 @@
 #include "core/memory.h"
 #include "io/csv.h"
 #include "io/file.h"
+#include "io/json.h"
 #include "media/clip.h"
 
 static const char *const part_folders[] = {
@@ -41,6 +42,36 @@ ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip
   return ern_fail(context, ERN_E_MISSING, "%s/%s/%" PRId64 ".%s: is missing, and img_id %" PRId64 " needs it", folder,
                   part_folders[part], img_id, part_endings[part][0], img_id);
 fail:
+  return status;
+}
+
+ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
+  static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
+  enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28 };
+  ern_status status = ERN_OK;
+  char *path = NULL;
+  uint8_t *text = NULL;
+  size_t length = 0;
+  json_t *record = NULL;
+  bool there = false;
+  ERN_TRY(ern_clip_has(context, folder, "prepare.json", &there));
+  if (!there) return ERN_OK;
+  ERN_TRY(ern_path_join(context, folder, "prepare.json", &path));
+  ERN_TRY(ern_file_read(context, path, RECORD_LIMIT, &text, &length));
+  ERN_TRY(ern_json_parse(context, path, "", (const char *)text, length, JSON_LIMIT, &record));
+  const json_t *done = json_object_get(record, "steps"); /* NULL: somebody else's file */
+  for (size_t i = 0; i < sizeof steps / sizeof *steps && json_is_object(done); i++) {
+    const char *verdict = json_string_value(json_object_get(json_object_get(done, steps[i]), "verdict"));
+    if (verdict == NULL || strcmp(verdict, "refused") == 0)
+      ERN_TRY(ern_fail(context, ERN_E_STATE,
+                       "%s: the step \"%s\" %s, so files of the clip are missing or of earlier results; expected a "
+                       "call of ernerf prepare that does the steps that are left",
+                       path, steps[i], verdict == NULL ? "is not done" : "was refused"));
+  }
+fail:
+  ern_release(context, path);
+  ern_release(context, text);
+  json_decref(record);
   return status;
 }
 

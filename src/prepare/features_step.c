@@ -33,3 +33,12 @@ fail:
   ern_features_free(job->context, &features);
   return status;
 }
+
+ern_status ern_prepare_features_check(struct ern_prepare_job *job) {
+  ern_features features = {0};
+  if (job->options->features == NULL) return ERN_OK;
+  ern_status status = ern_features_load(job->context, job->options->features, &features);
+  if (status == ERN_OK) status = ern_prepare_check_claim(job, "aud.npy");
+  ern_features_free(job->context, &features);
+  return status;
+}

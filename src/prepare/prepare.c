@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * From a video to a clip, step by step. */
 #define _XOPEN_SOURCE 700 /* realpath */
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,6 +10,7 @@
 
 #include "core/floats.h"
 #include "core/sized.h"
+#include "io/file.h"
 #include "prepare/prepare_job.h"
 #include "prepare/prepare_record.h"
 #include "prepare/report.h"
@@ -19,9 +21,13 @@ enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_MARK + 600 };
 static const struct step {
   const char *name;
   ern_status (*run)(struct ern_prepare_job *job);
-} steps[ERN_PREPARE_STEPS] = {{"face", ern_prepare_face},           {"pose", ern_prepare_pose},
-                              {"landmarks", ern_prepare_landmarks}, {"layers", ern_prepare_layers},
-                              {"eyes", ern_prepare_eyes},           {"features", ern_prepare_features}};
+  ern_status (*check)(struct ern_prepare_job *job); /* reads what is brought for it, and changes nothing */
+} steps[ERN_PREPARE_STEPS] = {{"face", ern_prepare_face, NULL},
+                              {"pose", ern_prepare_pose, ern_prepare_pose_check},
+                              {"landmarks", ern_prepare_landmarks, ern_prepare_landmarks_check},
+                              {"layers", ern_prepare_layers, ern_prepare_layers_check},
+                              {"eyes", ern_prepare_eyes, ern_prepare_eyes_check},
+                              {"features", ern_prepare_features, ern_prepare_features_check}};
 
 void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
   const ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
@@ -99,6 +105,34 @@ static ern_status check_paths(ern_context *context, const ern_prepare_options *o
   return ERN_OK;
 }
 
+/* Before the frames are there: whether each file and folder that is brought can be opened. */
+static ern_status open_brought(const struct ern_prepare_job *job) {
+  const ern_prepare_options *o = job->options;
+  const char *place = o->background != NULL && strcmp(o->background, "key") == 0 ? NULL : o->background;
+  const char *const paths[] = {place, o->landmarks, o->poses, o->masks, o->au, o->features, o->detector};
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+    const int file = paths[i] != NULL ? open(paths[i], O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1;
+    if (paths[i] != NULL && file < 0) return ern_file_refused(job->context, paths[i], "open");
+    if (file >= 0) close(file);
+  }
+  return ERN_OK;
+}
+
+/* What is brought is read before `step`, the first of those that are due after "face", and "face" itself take away what
+ * an earlier call made. What a step was done with is not read again. */
+static ern_status check_brought(struct ern_prepare_job *job, size_t step) {
+  ern_status status = ERN_OK;
+  if (step == 0) ERN_TRY(open_brought(job));
+  for (size_t k = step == 0 ? ERN_PREPARE_STEPS - 1 : 1; k < ERN_PREPARE_STEPS; k++) { /* features need no frames */
+    char settings[SETTINGS];
+    ern_prepare_verdict verdict;
+    settings_of(job, k, settings);
+    if (!ern_prepare_record_has(job, steps[k].name, settings, &verdict)) ERN_TRY(steps[k].check(job));
+  }
+fail:
+  return status;
+}
+
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
   *only = ERN_PREPARE_STEPS;
   for (size_t i = 0; i < ERN_PREPARE_STEPS && o->only != NULL; i++)
@@ -165,6 +199,7 @@ fail:
 
 static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepare_result *result) {
   char settings[SETTINGS];
+  bool checked = false;
   ern_status status = ERN_OK;
   for (size_t i = 0; i < ERN_PREPARE_STEPS; i++) {
     job->verdict = &result->verdicts[i];
@@ -180,7 +215,9 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
                        job->folder, steps[i].name, steps[only].name));
     }
     *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
-    status = run_step(job, i, settings);
+    if (!checked) status = check_brought(job, i);
+    checked = i > 0;
+    if (status == ERN_OK) status = run_step(job, i, settings);
     if (status != ERN_OK && job->verdict->grade != ERN_PREPARE_REFUSED) *job->verdict = (ern_prepare_verdict){0};
     result->frames = job->frames;
     ERN_TRY(status);

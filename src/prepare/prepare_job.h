@@ -100,8 +100,9 @@ ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name);
 /* aud.npy or au.csv: removes what a call made; the user's own stays. */
 ERN_NODISCARD ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name);
-/* Before one of these is written: notes in the record that a call makes it. ERN_E_EXISTS where the user's own is there
- * and options->anew is not set. */
+/* ERN_E_EXISTS where the user's own is there and options->anew is not set. */
+ERN_NODISCARD ern_status ern_prepare_check_claim(struct ern_prepare_job *job, const char *name);
+/* Before one of these is written: the same, and notes in the record that a call makes it. */
 ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name);
 
 /* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */
@@ -121,6 +122,12 @@ ern_status ern_prepare_landmarks(struct ern_prepare_job *job); /* -> ori_imgs/ID
 ern_status ern_prepare_layers(struct ern_prepare_job *job);    /* -> parsing, bc.jpg, torso_imgs, gt_imgs */
 ern_status ern_prepare_eyes(struct ern_prepare_job *job);      /* -> au.csv */
 ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are brought */
+/* What the user brings for a step, read as the step reads it, once the frames are there; nothing is written. */
+ERN_NODISCARD ern_status ern_prepare_pose_check(struct ern_prepare_job *job);
+ERN_NODISCARD ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job);
+ERN_NODISCARD ern_status ern_prepare_layers_check(struct ern_prepare_job *job);
+ERN_NODISCARD ern_status ern_prepare_eyes_check(struct ern_prepare_job *job);
+ERN_NODISCARD ern_status ern_prepare_features_check(struct ern_prepare_job *job); /* needs no frames */
 
 #ifdef __cplusplus
 }

@@ -132,3 +132,12 @@ ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_p
 ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses) {
   return read_poses(job, job->options->poses, poses);
 }
+
+ern_status ern_prepare_pose_check(struct ern_prepare_job *job) {
+  struct ern_head_pose *poses = NULL;
+  if (job->options->poses == NULL) return ERN_OK;
+  ern_status status = ERN_NEW(job->context, job->frames, &poses);
+  if (status == ERN_OK) status = ern_prepare_poses_bring(job, poses);
+  ern_release(job->context, poses);
+  return status;
+}

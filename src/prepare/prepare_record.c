@@ -280,13 +280,17 @@ ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name
   return ern_prepare_record_save(job);
 }
 
+ern_status ern_prepare_check_claim(struct ern_prepare_job *job, const char *name) {
+  char path[ERN_PREPARE_PATH];
+  const ern_status status = ern_prepare_path(job, path, "%s", name);
+  if (status != ERN_OK || access(path, F_OK) != 0 || job->options->anew || is_made(job, name)) return status;
+  return ern_fail(job->context, ERN_E_EXISTS,
+                  "%s: ernerf prepare did not make it; expected --overwrite to replace it, or no such file", path);
+}
+
 ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name) {
   ern_status status = ERN_OK;
-  char path[ERN_PREPARE_PATH];
-  ERN_TRY(ern_prepare_path(job, path, "%s", name));
-  if (access(path, F_OK) == 0 && !job->options->anew && !is_made(job, name))
-    ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
-                     "%s: ernerf prepare did not make it; expected --overwrite to replace it, or no such file", path));
+  ERN_TRY(ern_prepare_check_claim(job, name));
   if (!json_is_object(json_object_get(job->record, "made")))
     (void)json_object_set_new(job->record, "made", json_object());
   if (json_object_set_new(json_object_get(job->record, "made"), name, json_true()) != 0)

@@ -316,10 +316,39 @@ static void test_call(void **state) {
   ern_context_free(&context);
 }
 
+/* A clip is opened once its steps are done; one whose prepare.json is somebody else's, as one without. */
+static void test_unfinished(void **state) {
+  (void)state;
+#define DONE(step) "\"" step "\": {\"verdict\": \"good\"}"
+  static const char early[] = DONE("face") ", " DONE("pose") ", " DONE("landmarks") ", " DONE("layers");
+  static const struct {
+    const char *last, *word;
+  } steps[] = {{DONE("features"), "the step \"eyes\" is not done"},
+               {DONE("eyes") ", \"features\": {\"verdict\": \"refused\"}", "the step \"features\" was refused"},
+               {DONE("eyes") ", " DONE("features"), NULL}};
+  ern_context *context = support_context();
+  ern_clip *clip = NULL;
+  char text[1024];
+  support_clear("tiny");
+  assert_int_equal(system("cp -r \"$ERNERF_SOURCE/data/tiny\" tiny"), 0);
+  for (int i = 0; i < 3; i++) {
+    snprintf(text, sizeof text, "{\"version\": 1, \"steps\": {%s, %s}}", early, steps[i].last);
+    support_write_text("tiny/prepare.json", text);
+    support_expect(context, ern_clip_open(context, "tiny", NULL, &clip), i < 2 ? ERN_E_STATE : ERN_OK,
+                   i < 2 ? "tiny/prepare.json" : NULL, steps[i].word, NULL);
+    ern_clip_free(&clip);
+  }
+  support_write_text("tiny/prepare.json", "{\"camera\": 3}");
+  support_ok(context, ern_clip_open(context, "tiny", NULL, &clip));
+  ern_clip_free(&clip);
+  ern_context_free(&context);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_steps),       cmocka_unit_test(test_locked), cmocka_unit_test(test_another_video),
-      cmocka_unit_test(test_nanoseconds), cmocka_unit_test(test_moved),  cmocka_unit_test(test_folders_of_others),
-      cmocka_unit_test(test_damaged),     cmocka_unit_test(test_clear),  cmocka_unit_test(test_call)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),         cmocka_unit_test(test_locked),
+                                     cmocka_unit_test(test_another_video), cmocka_unit_test(test_nanoseconds),
+                                     cmocka_unit_test(test_moved),         cmocka_unit_test(test_folders_of_others),
+                                     cmocka_unit_test(test_damaged),       cmocka_unit_test(test_clear),
+                                     cmocka_unit_test(test_call),          cmocka_unit_test(test_unfinished)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

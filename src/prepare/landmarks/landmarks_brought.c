@@ -123,6 +123,24 @@ fail:
   return status;
 }
 
+ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  struct ern_landmark_network *network = NULL;
+  float(*points)[ERN_LANDMARKS][2] = NULL;
+  size_t held = 0;
+  if (job->options->landmarks == NULL) return ERN_OK;
+  if (ends_with(job->options->landmarks, ".onnx")) {
+    ERN_TRY(ern_landmark_network_open(job->context, job->options->landmarks, &network));
+  } else {
+    ERN_TRY(ERN_NEW(job->context, job->frames, &points));
+    ERN_TRY(ern_landmarks_bring(job, NULL, NULL, job->frames, points, &held));
+  }
+fail:
+  ern_landmark_network_free(network);
+  ern_release(job->context, points);
+  return status;
+}
+
 ern_status ern_landmarks_bring(struct ern_prepare_job *job, const size_t *frames, const struct ern_head_pose *poses,
                                size_t count, float (*points)[ERN_LANDMARKS][2], size_t *held) {
   *held = 0;

@@ -91,6 +91,8 @@ ERN_NODISCARD ern_status ern_person_network_run(struct ern_person_network *netwo
 /* The masks that the user brought: a folder, or a network. */
 struct ern_brought_masks;
 ERN_NODISCARD ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brought_masks **masks);
+/* Whether all can be read; of a network, whether it can be opened. */
+ERN_NODISCARD ern_status ern_brought_masks_check(struct ern_prepare_job *job);
 void ern_brought_masks_free(struct ern_brought_masks *masks); /* accepts NULL */
 /* mask[side][side] 0..255 of the person; parts[side][side] where *has_parts. */
 ERN_NODISCARD ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const uint8_t *rgb,

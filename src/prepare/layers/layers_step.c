@@ -307,3 +307,14 @@ fail:
   close_layers(&l);
   return status;
 }
+
+ern_status ern_prepare_layers_check(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  const char *place = job->options->background;
+  ern_image background = {0};
+  if (job->options->masks != NULL) ERN_TRY(ern_brought_masks_check(job));
+  if (place != NULL && strcmp(place, "key") != 0) ERN_TRY(read_background(job, &background));
+fail:
+  ern_image_free(job->context, &background);
+  return status;
+}

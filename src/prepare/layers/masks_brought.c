@@ -118,3 +118,23 @@ ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const
   if (masks->network == NULL) return read_mask(masks, frame, mask, parts, has_parts);
   return ern_person_network_run(masks->network, rgb, face, masks->job->side, mask);
 }
+
+ern_status ern_brought_masks_check(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  const size_t pixels = (size_t)job->side * (size_t)job->side;
+  struct ern_brought_masks *masks = NULL;
+  uint8_t *mask = NULL, *parts = NULL;
+  bool has_parts = false;
+  ERN_TRY(ern_brought_masks_open(job, &masks));
+  ERN_TRY(ERN_NEW(job->context, pixels, &mask));
+  ERN_TRY(ERN_NEW(job->context, pixels, &parts));
+  for (size_t i = 0; i < job->frames && masks->network == NULL; i++) {
+    ERN_TRY(read_mask(masks, i, mask, parts, &has_parts));
+    ERN_TRY(ern_prepare_progress(job, i, job->frames));
+  }
+fail:
+  ern_brought_masks_free(masks);
+  ern_release(job->context, mask);
+  ern_release(job->context, parts);
+  return status;
+}
