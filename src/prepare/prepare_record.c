@@ -90,6 +90,14 @@ static void take_nanoseconds(struct ern_prepare_job *job, const json_t *about) {
   (void)json_object_del(job->record, "segment");
 }
 
+/* Whether an earlier call has refused the video: the folder has no frames then. */
+static bool is_refused(const struct ern_prepare_job *job) {
+  const json_t *face = json_object_get(json_object_get(job->record, "steps"), "face");
+  const char *grade = json_string_value(json_object_get(face, "verdict"));
+  return json_integer_value(json_object_get(job->record, "frames")) == 0 && grade != NULL &&
+         strcmp(grade, grades[ERN_PREPARE_REFUSED]) == 0;
+}
+
 static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
@@ -106,7 +114,7 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
   ERN_TRY(read_record(job, path));
   take_nanoseconds(job, about);
   if (json_equal(json_object_get(job->record, "source"), about)) return read_segment(job, path);
-  if (!job->options->anew)
+  if (!job->options->anew && !is_refused(job))
     ERN_TRY(ern_fail(
         job->context, ERN_E_EXISTS,
         "%s: was prepared from another video, or with another --from, --to, --size or --segment; expected a new "

@@ -42,6 +42,12 @@ refused other/thesis.txt 'did not make it' -- -o other
 bash "$portrait" person.mp4 -o made --size 128 --from 0 > said.log 2>&1 && fail "a video of 0.4 s was taken"
 grep -q '0.40 s long' said.log || fail "not said: 0.40 s long"
 [ -e made/clip/report.html ] || fail "no report of the refusal"
+# a video of which no frame was taken may be cut otherwise
+for part in '--from 1000' '--from 0'; do
+  bash "$portrait" person.mp4 -o made --size 128 $part > said.log 2>&1 && fail "a video of 0.4 s was taken"
+  grep -q '^== clip' said.log && grep -q ' s long' said.log || fail "a clip without frames was kept"
+done
+mkdir made/clip/ori_imgs
 refused made 'made with --size 128' 'found --size 256' 'another folder' -- -o made --size 256 --from 0
 refused made 'made with --from 0' 'found --from not given' -- -o made --size 128
 refused made '--to not given' '--to 1' -- -o made --size 128 --from 0 --to 1
@@ -60,13 +66,21 @@ bash "$portrait" person.mp4 -o made --minutes 3 --from 0 --au 'a b.csv' --size 1
 grep -q '^== clip' said.log || fail "the same options were refused"
 
 # while another call works in the folder nothing is noted
-flock made/portrait.txt sleep 30 &
-for tries in {1..50}; do flock --nonblock made/portrait.txt true || break; sleep 0.1; done
+flock made sleep 30 &
+for tries in {1..50}; do flock --nonblock made true || break; sleep 0.1; done
 refused made 'another call works in it' -- -o made --minutes 3 --from 0 --au 'a b.csv' --size 128
 kill $!
 mkdir pipe
 mkfifo pipe/portrait.txt
 refused pipe/portrait.txt 'no regular file' -- -o pipe
+
+# a call that was killed before it had noted anything
+mkdir killed
+touch killed/portrait.txt killed/portrait.txt.new
+bash "$portrait" person.mp4 -o killed --size 128 > said.log 2>&1 && fail "a video of 0.4 s was taken"
+grep -q '^== clip' said.log || fail "an empty mark was refused"
+bash "$portrait" person.mp4 -o far --minutes 0.001 > said.log 2>&1 && fail "--minutes 0.001 were taken"
+[ ! -e far ] && grep -q 'expected a number of 0.002' said.log || fail "not said: 0.002"
 
 # a name without an ending would be that of the folder
 cp person.mp4 talk

@@ -344,11 +344,32 @@ static void test_unfinished(void **state) {
   ern_context_free(&context);
 }
 
+/* The frames of a video that was refused are none: another part of it may follow, and needs no -y. */
+static void test_refused_before(void **state) {
+  (void)state;
+  struct made_job m;
+  int lock = -1;
+  job_on(&m, "clip");
+  for (int refused = 1; refused >= 0; refused--) {
+    m.options.from = refused;
+    support_ok(m.job.context, open_record(&m, &lock));
+    m.verdict =
+        (ern_prepare_verdict){.step = "face", .grade = refused ? ERN_PREPARE_REFUSED : ERN_PREPARE_GOOD, .words = "so"};
+    support_ok(m.job.context, ern_prepare_record_enter(&m.job, "", NULL, 0));
+    shut(&lock);
+  }
+  m.options.from = 1;
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "another --from", NULL);
+  shut(&lock);
+  made_job_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),         cmocka_unit_test(test_locked),
                                      cmocka_unit_test(test_another_video), cmocka_unit_test(test_nanoseconds),
                                      cmocka_unit_test(test_moved),         cmocka_unit_test(test_folders_of_others),
                                      cmocka_unit_test(test_damaged),       cmocka_unit_test(test_clear),
-                                     cmocka_unit_test(test_call),          cmocka_unit_test(test_unfinished)};
+                                     cmocka_unit_test(test_call),          cmocka_unit_test(test_unfinished),
+                                     cmocka_unit_test(test_refused_before)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

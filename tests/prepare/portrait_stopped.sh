@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# What tools/portrait leaves where it is stopped or a training is refused, and how it goes on. A script stands in for ernerf: it notes its calls.
+# Usage: portrait_stopped.sh PORTRAIT FOLDER
+set -euo pipefail
+portrait=$1 folder=$2
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+fail() { echo "portrait_stopped.sh: $1" >&2; cat said.log calls.log >&2; exit 1; }
+export ERNERF=$folder/ernerf TRAIN=0
+cat > ernerf << 'END'
+#!/usr/bin/env bash
+echo "$*" >> calls.log
+case $1 in
+  prepare) mkdir -p "$4/ori_imgs" && echo poses > "$4/transforms_train.json" ;;
+  train)
+    case $TRAIN in
+      wait) trap 'echo ended >> calls.log; exit 143' TERM HUP; echo waits >> calls.log; for i in {1..300}; do sleep 0.1; done ;;
+      *) exit "$TRAIN" ;;
+    esac ;;
+esac
+END
+chmod +x ernerf
+echo video > person.mp4
+made() { bash "$portrait" person.mp4 -o "$@" > said.log 2>&1; }
+
+# refused before any work: other options may follow
+TRAIN=2 made made && fail "a training that was refused was taken for done"
+made made --minutes 5 || fail "other --minutes were refused after a training that made nothing"
+[ -e made/portrait.safetensors.done ] || fail "it did not end"
+
+# killed between two renames of a save
+for name in head.run/state.next head.run/state.previous run/state.next; do
+  rm -rf half
+  TRAIN=1 made half && fail "a training that failed was taken for done"
+  mkdir "half/portrait.${name%/*}"
+  touch "half/portrait.$name.safetensors"
+  made half || fail "$name: it did not go on"
+  tail -n 2 calls.log | grep -q '^train.* --resume' || fail "$name: trained anew"
+done
+
+# cd looks at CDPATH
+mkdir -p elsewhere/other/clip
+CDPATH=$folder/elsewhere made other || fail "CDPATH"
+cmp other/portrait.safetensors.clip made/portrait.safetensors.clip || fail "with CDPATH another clip was looked at"
+
+# stopped alone: the program is stopped too, and the script ends after it
+for signal in TERM HUP; do
+  : > calls.log
+  TRAIN=wait bash "$portrait" person.mp4 -o "stop_$signal" > said.log 2>&1 &
+  for tries in {1..100}; do ! grep -q waits calls.log || break; sleep 0.1; done
+  status=0
+  kill -s "$signal" $!
+  wait $! || status=$?
+  [ "$status" = "$((128 + $(kill -l "$signal")))" ] || fail "$signal: exit status $status"
+  grep -q ended calls.log || fail "$signal: the training goes on"
+  flock --nonblock "stop_$signal" true || fail "$signal: the folder is held still"
+done
+echo "portrait_stopped.sh: all goes on"
