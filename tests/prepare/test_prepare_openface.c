@@ -178,6 +178,14 @@ static void test_lids(void **state) {
   support_ok(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held));
   assert_int_equal(held, 2);
   assert_true(fabsf(values[5] - 0.3f) < 1e-5f);
+  static const char *const beyond[] = {"1e30", "-3", "5.1"}; /* row 4 */
+  for (int i = 0; i < 3; i++) {
+    char line[128], words[64];
+    snprintf(line, sizeof line, "(echo AU45_r; yes 5 | head -n 3; echo %s; yes 0 | head -n 16) >lids.csv", beyond[i]);
+    assert_int_equal(system(line), 0);
+    snprintf(words, sizeof words, "lids.csv: row 4: AU45_r is %g, expected 0", strtod(beyond[i], NULL));
+    support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_FORMAT, words, NULL);
+  }
   support_write_text("lids.csv", "AU45_r\n1\n2\n");
   support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
                  "has 2 rows", "20 frames", NULL);

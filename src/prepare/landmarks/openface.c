@@ -124,7 +124,12 @@ ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, floa
     for (size_t i = 0; i < job->frames; i++) rows[i] = i;
   }
   if (success != NULL) ERN_TRY(hold(job, path, success, rows, held));
-  for (size_t i = 0; i < job->frames; i++) values[i] = lids[rows[i]];
+  for (size_t i = 0; i < job->frames; i++) {
+    values[i] = lids[rows[i]];
+    if (!(values[i] >= 0 && values[i] <= 5))
+      ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: row %zu: AU45_r is %g, expected 0 (open) to 5", path,
+                       rows[i] + 1, (double)values[i]));
+  }
 fail:
   ern_release(job->context, lids);
   ern_release(job->context, times);

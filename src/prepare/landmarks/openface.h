@@ -14,7 +14,8 @@
 ERN_NODISCARD ern_status ern_openface_landmarks(struct ern_prepare_job *job, const char *path,
                                                 float (*points)[ERN_LANDMARKS][2], size_t *held);
 /* values[job->frames]: column AU45_r, by the column timestamp, seconds of the video. A table without that column has a
- * row for each frame of the clip, in order. Where there is a column success, frames hold as above. */
+ * row for each frame of the clip, in order. Where there is a column success, frames hold as above. ERN_E_FORMAT where a
+ * value is not of 0 to 5. */
 ERN_NODISCARD ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held);
 /* The verdict's words where many frames are held. */
 void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t held);
