@@ -529,9 +529,15 @@ fail:
 static ern_status bring(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct ern_head_pose *poses = NULL;
+  size_t unheard = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
-  ERN_TRY(ern_prepare_poses_bring(job, poses));
+  ERN_TRY(ern_prepare_poses_bring(job, poses, &unheard));
   ERN_TRY(ern_prepare_poses_write(job, poses));
+  if (unheard > 0)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: a frame of the clip hears "
+                      "what it shows",
+                      unheard, job->frames, job->options->poses);
 fail:
   ern_release(job->context, poses);
   return status;

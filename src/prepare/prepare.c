@@ -148,9 +148,10 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: from %g to %g, expected seconds of the video, from before to",
                     o->from, o->to);
-  if (!(o->focal == 0 || (o->focal >= 0.2 * o->side && o->focal <= 20.0 * o->side)))
+  if (!(o->focal == 0 ||
+        (o->focal >= ERN_PREPARE_FOCAL_LEAST * o->side && o->focal <= ERN_PREPARE_FOCAL_MOST * o->side)))
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: focal is %g, expected 0, or %g to %g pixels", o->focal,
-                    0.2 * o->side, 20.0 * o->side);
+                    ERN_PREPARE_FOCAL_LEAST * o->side, ERN_PREPARE_FOCAL_MOST * o->side);
   if (o->focal > 0 && o->poses != NULL)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "prepare: focal is %g beside poses (%s), whose file has the focal length they were found with; "

@@ -27,6 +27,10 @@ enum {
   ERN_PREPARE_REACH = 4 /* sides of the clip: a landmark lies less than that from the corner, along x and y */
 };
 
+/* Sides of the clip: the range of a focal length. */
+#define ERN_PREPARE_FOCAL_LEAST 0.2
+#define ERN_PREPARE_FOCAL_MOST 20.0
+
 struct ern_prepare_job {
   ern_context *context;
   const char *video, *folder;
@@ -76,8 +80,10 @@ ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, 
 
 /* poses[job->frames] from and to transforms_train.json (the first ten elevenths) and transforms_val.json. */
 ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses);
-/* The same from the file that options->poses names. */
-ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses);
+/* The same from the file that options->poses names, whose focal length and distances are those of a head in a picture.
+ * *unheard: frames whose aud_id is not their img_id. */
+ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses,
+                                                 size_t *unheard);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). The eyes are where the landmarks of

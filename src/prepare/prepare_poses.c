@@ -5,7 +5,11 @@
 #include <string.h>
 
 #include "io/file.h"
+#include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
+
+/* Sides of the picture: the height of a head whose pose is brought. */
+static const double least_head = 0.1, most_head = 3;
 
 /* The first ten elevenths are for training; each part has a frame at least. */
 static size_t training_frames(size_t frames) {
@@ -72,8 +76,28 @@ ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern
   return status == ERN_OK ? write_part(job, "transforms_train.json", poses, 0, middle) : status;
 }
 
-/* Takes the poses of a file by img_id; seen[frames] says which frames have one. */
-static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen) {
+static ern_status check_camera(struct ern_prepare_job *job, const char *path, double focal) {
+  const double least = ERN_PREPARE_FOCAL_LEAST * job->side, most = ERN_PREPARE_FOCAL_MOST * job->side;
+  if (focal >= least && focal <= most) return ERN_OK;
+  return ern_fail(job->context, ERN_E_FORMAT, "%s: field focal_len is %g, expected %g to %g pixels", path, focal, least,
+                  most);
+}
+
+/* Metres or not, a head has a size in the picture. */
+static ern_status check_distance(struct ern_prepare_job *job, const char *path, size_t frame, double focal,
+                                 double distance) {
+  const double height = 2 * ERN_HEAD_TALL * focal / distance / job->side;
+  if (height >= least_head && height <= most_head) return ERN_OK;
+  return ern_fail(job->context, ERN_E_FORMAT,
+                  "%s: frame %zu: field transform_matrix has the head %g m before the camera, where it takes %.3g of "
+                  "the picture's height; expected %g to %g, and metres",
+                  path, frame, distance, height, least_head, most_head);
+}
+
+/* Takes the poses of a file by img_id; seen[frames] says which frames have one. `unheard`: as in
+ * ern_prepare_poses_bring(), counted on; NULL: a file of the clip's own. */
+static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen,
+                            size_t *unheard) {
   ern_pose_list list = {0};
   ern_status status = ERN_OK;
   ERN_TRY(ern_pose_list_load(job->context, path, &list));
@@ -82,6 +106,7 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
     ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH,
                      "%s: is for pictures of %d x %d with the middle at %g, %g; expected %d x %d with the middle at %g",
                      path, list.width, list.height, list.cx, list.cy, job->side, job->side, 0.5 * job->side));
+  if (unheard != NULL) ERN_TRY(check_camera(job, path, list.focal));
   for (size_t i = 0; i < list.count; i++) {
     const size_t frame = (size_t)list.poses[i].img_id;
     if (frame >= job->frames)
@@ -96,6 +121,8 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
                        "%s: frame %zu: field transform_matrix has the head %g behind the camera, which looks along -z; "
                        "expected it before the camera",
                        path, i, poses[frame].translation[2]));
+    if (unheard != NULL) ERN_TRY(check_distance(job, path, i, list.focal, -poses[frame].translation[2]));
+    if (unheard != NULL) *unheard += list.poses[i].aud_id != list.poses[i].img_id;
     seen[frame] = true;
   }
   job->focal = list.focal;
@@ -105,16 +132,18 @@ fail:
 }
 
 /* From one file, or with NULL from the clip's two. */
-static ern_status read_poses(struct ern_prepare_job *job, const char *brought, struct ern_head_pose *poses) {
+static ern_status read_poses(struct ern_prepare_job *job, const char *brought, struct ern_head_pose *poses,
+                             size_t *unheard) {
   static const char *const parts[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   bool *seen = NULL;
+  if (unheard != NULL) *unheard = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &seen));
-  if (brought != NULL) ERN_TRY(read_file(job, brought, poses, seen));
+  if (brought != NULL) ERN_TRY(read_file(job, brought, poses, seen, unheard));
   for (int i = 0; i < 2 && brought == NULL; i++) {
     ERN_TRY(ern_prepare_path(job, path, "%s", parts[i]));
-    ERN_TRY(read_file(job, path, poses, seen));
+    ERN_TRY(read_file(job, path, poses, seen, unheard));
   }
   for (size_t i = 0; i < job->frames; i++)
     if (!seen[i])
@@ -126,18 +155,19 @@ fail:
 }
 
 ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses) {
-  return read_poses(job, NULL, poses);
+  return read_poses(job, NULL, poses, NULL);
 }
 
-ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses) {
-  return read_poses(job, job->options->poses, poses);
+ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses, size_t *unheard) {
+  return read_poses(job, job->options->poses, poses, unheard);
 }
 
 ern_status ern_prepare_pose_check(struct ern_prepare_job *job) {
   struct ern_head_pose *poses = NULL;
+  size_t unheard = 0;
   if (job->options->poses == NULL) return ERN_OK;
   ern_status status = ERN_NEW(job->context, job->frames, &poses);
-  if (status == ERN_OK) status = ern_prepare_poses_bring(job, poses);
+  if (status == ERN_OK) status = ern_prepare_poses_bring(job, poses, &unheard);
   ern_release(job->context, poses);
   return status;
 }
