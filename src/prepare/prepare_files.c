@@ -91,3 +91,19 @@ const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]) {
   }
   return mark;
 }
+
+ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder, const char *ending) {
+  DIR *list = opendir(folder);
+  size_t count = 0;
+  if (list == NULL) return ERN_OK; /* what reads the files tells */
+  for (struct dirent *entry = readdir(list); entry != NULL; entry = readdir(list)) {
+    const size_t digits = strspn(entry->d_name, "0123456789");
+    count += digits > 0 && strcmp(entry->d_name + digits, ending) == 0;
+  }
+  closedir(list);
+  if (count <= job->frames) return ERN_OK;
+  return ern_fail(
+      job->context, ERN_E_MISMATCH,
+      "%s: has %zu files ID%s, and the clip has %zu frames; expected those of the clip's frames, from 0%s on", folder,
+      count, ending, job->frames, ending);
+}

@@ -96,6 +96,10 @@ ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, co
 /* prepare_files.c. What the user brings, by its path, its bytes and its time, of a folder by the count, the bytes and
  * the newest time of its files: another content is another mark. Returns `mark`, "" for NULL. */
 const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]);
+/* Files of a brought folder by the names ID.ENDING (".lms"): ERN_E_MISMATCH where there are more than frames, as they
+ * are then those of a longer video, of which the clip may be another part. */
+ERN_NODISCARD ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder,
+                                                 const char *ending);
 /* Whether all files are there that a step which was done with these options has left; `step` counts from 0 ("face"). */
 bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 

@@ -241,6 +241,10 @@ static void test_steps(void **state) {
   m.options.landmarks = "points";
   support_expect(m.job.context, ern_prepare_landmarks(&m.job), ERN_E_FORMAT, "points/7.lms: line 4: point (5, -1024)",
                  "of 256", NULL);
+  support_write_text("points/020.lms", ""); /* of a longer video */
+  support_write_text("points/x20.lms", "");
+  support_expect(m.job.context, ern_prepare_landmarks(&m.job), ERN_E_MISMATCH, "points: has 21 files ID.lms",
+                 "20 frames", NULL);
   made_job_close(&m);
 }
 

@@ -39,6 +39,7 @@ static ern_status from_folder(struct ern_prepare_job *job, const size_t *frames,
                               float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
+  ERN_TRY(ern_prepare_check_count(job, job->options->landmarks, ".lms"));
   for (size_t i = 0; i < count; i++) {
     if (snprintf(path, sizeof path, "%s/%zu.lms", job->options->landmarks, frame_of(frames, i)) >= (int)sizeof path)
       ERN_TRY(ern_fail(job->context, ERN_E_ARGUMENT, "%s: the path is too long", job->options->landmarks));

@@ -58,6 +58,7 @@ static ern_status tell_form(struct ern_brought_masks *masks) {
   ern_status status = ERN_OK;
   ern_image image = {0};
   bool grey = true, coloured = true;
+  ERN_TRY(ern_prepare_check_count(masks->job, masks->job->options->masks, ".png"));
   for (size_t i = 0; i < masks->job->frames && grey == coloured; i++) {
     ERN_TRY(read_file(masks->job, i, &image, &grey, &coloured));
     ern_image_free(masks->job->context, &image);
