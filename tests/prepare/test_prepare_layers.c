@@ -221,6 +221,9 @@ static void test_brought(void **state) {
   image.height = SIDE / 2;
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "brought/0.png", "256 x 128", NULL);
+  support_ok(t->context, ern_image_write(t->context, name_of("brought", "%d.png", FRAMES), &image, 100));
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_MISMATCH, "brought: has 23 files ID.png",
+                 "22 frames", NULL);
   run.options.masks = "none";
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_MISSING, "none/0.png", NULL);
   free(rgb);
@@ -246,6 +249,19 @@ static void test_background(void **state) {
   for (int k = 0; k < PIXELS; k++)
     assert_true(difference(background.data + 3 * k, t->background.data + 3 * k) <= 40); /* of JPEG, at edges */
   ern_image_free(t->context, &background);
+  /* black and small */
+  ern_image small = {.width = WIDE / 16, .height = HIGH / 16, .channels = 3, .data = calloc(3, WIDE * HIGH / 256)};
+  support_ok(t->context, ern_image_write(t->context, "small.png", &small, 100));
+  free(small.data);
+  run.options.background = "small.png";
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * LEFT, "y", 0.0, "width", 1.0 * SIDE, "side",
+                       1.0 * SIDE, "video_width", WIDE / 2, "video_height", HIGH / 2);
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  const char *by = strstr(run.verdict.words, "beside the person by ");
+  assert_non_null(strstr(run.verdict.words, "--background small.png is enlarged 8 times"));
+  const double told = by != NULL ? strtod(by + strlen("beside the person by "), NULL) : 0;
+  if (!(told > 23 && told <= 255)) fail_msg("%s", run.verdict.words);
+  run.options.background = "place.png";
   run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.0, "y", 0.0, "width", 1.0 * SIDE, "side", 1.0 * SIDE,
                        "video_width", SIDE, "video_height", SIDE + 100);
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "place.png", "1024 x 512", "256 x 356",

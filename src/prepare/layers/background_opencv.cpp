@@ -134,7 +134,7 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
   }
   found->never_seen = double(behind) / (double(n) * n);
   found->unlike = outside > 0 ? double(unlike) / double(outside) : 0;
-  found->brought_difference = seen > 0 ? sum / double(seen) : 0;
+  found->brought_difference = seen > 0 ? sum / (std::sqrt(3.0) * double(seen)) : 0;
 }
 
 }  // namespace

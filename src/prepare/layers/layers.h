@@ -46,7 +46,8 @@ struct ern_person_found {
   double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
   double shifted;    /* share of the examples in which the background's motion could be told */
   double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
-  double brought_difference; /* mean difference of the picture that was brought from what was seen; 0 without one */
+  double brought_difference; /* grey values: mean over pixels of the root mean square over the three colours of how the
+                                picture that was brought differs from what was seen; 0 without one */
 };
 /* Learns colours, places and the background from the examples. `background`: side x side RGB of the place behind the
  * person, or NULL; `key`: the background has one colour. */

@@ -26,6 +26,7 @@ struct layers {
   struct ern_brought_masks *brought;
   struct ern_person_model *model;
   struct ern_person_found found;
+  double place;             /* as of read_background() */
   struct voter ring[VOTES]; /* frame f is at f % VOTES */
   uint8_t *mask, *voted, *alpha, *behind, *parts, *rgba;
   /* of the frames so far */
@@ -95,14 +96,16 @@ static bool has_form(const ern_image *image, int width, int height) {
   return fabs(across - along) <= 0.01 * along;
 }
 
-/* The square that the clip shows, at the clip's side, of a picture in the form of the video; or of a square one. */
-static ern_status read_background(const struct ern_prepare_job *job, ern_image *background) {
+/* The square that the clip shows, at the clip's side, of a picture in the form of the video; or of a square one.
+ * *place: its pixels a side over the clip's, or over the video's where these are fewer. */
+static ern_status read_background(const struct ern_prepare_job *job, ern_image *background, double *place) {
   ern_status status = ERN_OK;
   ern_image whole = {0};
   const json_t *crop = json_object_get(job->record, "crop");
   double region[4] = {json_number_value(json_object_get(crop, "x")), json_number_value(json_object_get(crop, "y")),
                       json_number_value(json_object_get(crop, "width")),
                       json_number_value(json_object_get(crop, "side"))};
+  const double needed = region[3] >= 1 ? fmin(region[3], job->side) : job->side;
   const int width = (int)json_integer_value(json_object_get(crop, "video_width"));
   const int height = (int)json_integer_value(json_object_get(crop, "video_height"));
   ERN_TRY(ern_image_read(job->context, job->options->background, 3, &whole));
@@ -111,8 +114,10 @@ static ern_status read_background(const struct ern_prepare_job *job, ern_image *
   if (of_video && region[0] >= 0 && region[1] >= 0 && region[2] >= 1 && region[3] >= 1 &&
       region[0] + region[2] <= width && region[1] + region[3] <= height) {
     for (int i = 0; i < 4; i++) region[i] *= i % 2 == 0 ? (double)whole.width / width : (double)whole.height / height;
+    *place = region[3] / needed;
     ERN_TRY(ern_picture_crop(job->context, &whole, region, job->side, background));
   } else if (square) {
+    *place = whole.height / needed;
     ERN_TRY(ern_image_resize(job->context, &whole, job->side, job->side, background));
   } else {
     ERN_TRY(ern_fail(job->context, ERN_E_SHAPE,
@@ -133,7 +138,7 @@ static ern_status learn(struct layers *l, size_t total) {
   const size_t count = job->frames < EXAMPLES ? job->frames : EXAMPLES;
   const char *place = job->options->background;
   const bool key = place != NULL && strcmp(place, "key") == 0;
-  if (place != NULL && !key) ERN_TRY(read_background(job, &background));
+  if (place != NULL && !key) ERN_TRY(read_background(job, &background, &l->place));
   for (size_t i = 0; i < count; i++) {
     const size_t frame = count > 1 ? i * (job->frames - 1) / (count - 1) : 0;
     bool has_parts = false;
@@ -249,9 +254,9 @@ static void judge_place(struct ern_prepare_job *job, const struct ern_person_fou
                       "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
                       "--masks helps, or a stretch where it stands still (--from, --to)",
                       100 * found->unlike);
-  if (found->brought_difference > 40)
+  if (found->brought_difference > 23)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "--background %s differs from what is seen beside the person by %.0f grey values, expected 40 at "
+                      "--background %s differs from what is seen beside the person by %.0f grey values, expected 23 at "
                       "most: a picture of the same place from the same camera",
                       job->options->background, found->brought_difference);
 }
@@ -302,6 +307,10 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   const ern_image background = {.width = job->side, .height = job->side, .channels = 3, .data = l.rgba};
   ERN_TRY(ern_prepare_path(job, path, "bc.jpg"));
   ERN_TRY(ern_image_write(job->context, path, &background, QUALITY));
+  if (l.place > 0 && l.place < 0.99)
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
+                      "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
+                      job->options->background, 1 / l.place);
   judge(job, &l.found, l.covered, l.trembles, l.border);
 fail:
   close_layers(&l);
@@ -312,8 +321,9 @@ ern_status ern_prepare_layers_check(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   const char *place = job->options->background;
   ern_image background = {0};
+  double share = 0;
   if (job->options->masks != NULL) ERN_TRY(ern_brought_masks_check(job));
-  if (place != NULL && strcmp(place, "key") != 0) ERN_TRY(read_background(job, &background));
+  if (place != NULL && strcmp(place, "key") != 0) ERN_TRY(read_background(job, &background, &share));
 fail:
   ern_image_free(job->context, &background);
   return status;
