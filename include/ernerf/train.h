@@ -75,6 +75,8 @@ typedef enum ern_precision {
                             where bf16 is faster; fp32 elsewhere, for a torso and for the heads of the ablation */
 } ern_precision;
 
+#define ERN_FRAMES_PER_STEP_MOST 64
+
 /* Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
@@ -126,6 +128,8 @@ typedef struct ern_train_config {
   const char *torso_output; /* of a head with an output: the output of the torso that will be trained under it, NULL:
                                none. `resume` and `overwrite` hold for it too, what is in its way is told at the
                                start, and the lock of its X.run is held until the trainer is freed */
+  int frames_per_step; /* that a step's rays are divided among, each with its own speech, 1..ERN_FRAMES_PER_STEP_MOST,
+                          at most `rays`; 1, the published way. The gradient is the sum of theirs */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -155,6 +159,7 @@ typedef struct ern_train_state {
   double seconds; /* of training, all runs together */
   bool refine_poses;
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have */
+  int frames_per_step;
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

@@ -44,13 +44,13 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
   json_t *training =
-      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b}", "iters",
+      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:i}", "iters",
                 (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
                 "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema,
                 "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer",
                 t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
                 ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside,
-                "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma);
+                "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma, "frames_per_step", c->frames_per_step);
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -133,6 +133,9 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (!read_ray_sampling(json_object_get(root, "ray_sampling"), &about->ray_sampling)) return "ray_sampling";
   if (!read_later_flag(json_object_get(root, "refine_poses"), &about->refine_poses)) return "refine_poses";
   if (!read_later_flag(json_object_get(root, "torso_gamma"), &about->torso_gamma)) return "torso_gamma";
+  const json_t *frames = json_object_get(root, "frames_per_step"); /* not there: an earlier version's */
+  if (frames != NULL && !whole_in(frames, 1, ERN_FRAMES_PER_STEP_MOST)) return "frames_per_step";
+  about->frames_per_step = frames != NULL ? (int)json_integer_value(frames) : 1;
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");
@@ -270,6 +273,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"lr_net", number(about->lr_net), number(c->lr_net)},
       {"lr_att", number(about->lr_att), number(c->lr_att)},
       {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
+      {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
       {"ema_every", count(about->ema_every), count(c->ema_every)},
       {"ema", count(about->ema), count(c->ema)},
       {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},

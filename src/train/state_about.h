@@ -21,6 +21,7 @@ struct ern_state_about {
   double budget, beside; /* seconds: of config.seconds, and of validations and saves */
   bool refine_poses;
   bool torso_gamma; /* config.torso_gamma; of a head what its torso is to have */
+  int frames_per_step;
 };
 
 /* *text is the caller's (ern_release). */

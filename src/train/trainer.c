@@ -37,7 +37,21 @@ static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertaint
                                                       "entropy",     "audio_ambient", "eye_ambient",
                                                       "smoothness",  "key_points"};
 
-static ern_status head_step(ern_trainer *t, struct ern_batch *batch, double *terms, ern_train_report *report) {
+/* What the parts of a step add up to; means over its rays. */
+struct step_sum {
+  double terms[ERN_LOSS_TERMS]; /* each frame's are means over its own rays */
+  double squared_error, samples;
+};
+
+static void add_part(const ern_trainer *t, struct step_sum *sum, const double *terms, double squared_error,
+                     size_t samples, size_t rays) {
+  const double share = (double)rays / t->config.rays;
+  for (int i = 0; i < ERN_LOSS_TERMS; i++) sum->terms[i] += share * terms[i];
+  sum->squared_error += share * squared_error;
+  sum->samples += (double)samples / t->config.rays;
+}
+
+static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct step_sum *sum) {
   const struct ern_march_settings march = ern_trainer_march(t);
   const struct ern_view view = ern_trainer_poses_view(t, batch->frame);
   struct ern_head_step_args args = {.dparameters = t->gradient,
@@ -69,15 +83,13 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, double *ter
                                     .step = t->step,
                                     .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
                                     .dpose_weight = batch->rigid,
-                                    .n = (size_t)t->config.rays};
+                                    .n = batch->rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
-  memcpy(terms, args.terms, sizeof args.terms);
-  report->psnr = -10 * log10(args.squared_error > 1e-10 ? args.squared_error : 1e-10);
-  report->samples_per_ray = (double)args.samples / t->config.rays;
+  add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
   return status;
 }
 
-static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, double *terms, ern_train_report *report) {
+static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, struct step_sum *sum) {
   struct ern_torso_step_args args = {.dparameters = t->gradient,
                                      .parameters = t->parameters,
                                      .field = &t->model->field,
@@ -89,29 +101,27 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, doub
                                      .truth = batch->truth,
                                      .background = batch->background,
                                      .individual = ern_trainer_code(t, batch->frame),
-                                     .n = (size_t)t->config.rays};
+                                     .n = batch->rays};
   const ern_status status = t->backend->torso_step(t->stream, &args);
-  memcpy(terms, args.terms, sizeof args.terms);
-  const double mse = args.terms[ERN_LOSS_PHOTOMETRIC];
-  report->psnr = -10 * log10(mse > 1e-10 ? mse : 1e-10);
-  report->samples_per_ray = (double)args.samples / t->config.rays;
+  add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);
   return status;
 }
 
 /* Every term and every gradient, or the name of the first that is not finite. */
-static ern_status check_finite(ern_trainer *t, const struct ern_batch *batch, const double *terms) {
+static ern_status check_finite(ern_trainer *t, const struct ern_batch *batches, const double *terms) {
+  const size_t frames = (size_t)t->config.frames_per_step;
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
                       terms[i]);
-  for (int i = 0; i < ERN_POSE_SLOPES; i++)
-    if (!isfinite(batch->dpose[i]))
+  for (size_t i = 0; i < frames * ERN_POSE_SLOPES; i++)
+    if (!isfinite(batches[i / ERN_POSE_SLOPES].dpose[i % ERN_POSE_SLOPES]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
-                      t->step, batch->frame);
+                      t->step, batches[i / ERN_POSE_SLOPES].frame);
   struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
   ern_status status = t->backend->finite(t->stream, &all);
   if (status != ERN_OK || all.finite) return status;
@@ -176,24 +186,29 @@ static ern_status average(ern_trainer *t) {
 static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
-  double terms[ERN_LOSS_TERMS] = {0};
-  struct ern_batch batch;
+  const size_t frames = (size_t)t->config.frames_per_step;
+  struct step_sum sum = {.samples = 0};
+  struct ern_batch batches[ERN_FRAMES_PER_STEP_MOST];
   ern_status status = ERN_OK;
   if (t->step < t->config.iters) ern_trainer_follow_time(t, t->step + 1);
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
-  ERN_TRY(
-      ern_trainer_batch(t, &batch)); /* first: where a picture cannot be read, the state is that after the last step */
+  /* first: where a picture cannot be read, the state is that after the last step */
+  for (size_t k = 0; k < frames; k++) ERN_TRY(ern_trainer_batch(t, k, &batches[k]));
   if (t->step % ern_trainer_refresh_every(t) == 0) ERN_TRY(ern_trainer_refresh(t));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
-  ERN_TRY(t->config.torso ? torso_step(t, &batch, terms, report) : head_step(t, &batch, terms, report));
-  ERN_TRY(check_finite(t, &batch, terms));
+  for (size_t k = 0; k < frames; k++)
+    ERN_TRY(t->config.torso ? torso_step(t, &batches[k], &sum) : head_step(t, &batches[k], &sum));
+  report->psnr = -10 * log10(fmax(sum.squared_error, 1e-10));
+  report->samples_per_ray = sum.samples;
+  ERN_TRY(check_finite(t, batches, sum.terms));
   ERN_TRY(update(t));
-  if (ern_trainer_poses_due(t)) ern_trainer_poses_step(t, batch.frame, batch.dpose);
+  for (size_t k = 0; ern_trainer_poses_due(t) && k < frames; k++)
+    ern_trainer_poses_step(t, batches[k].frame, batches[k].dpose);
   t->step++;
   if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
-  for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += terms[i];
+  for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
   t->seconds += seconds_now() - began;
   ern_trainer_follow_time(t, t->step);
   report->iters = t->config.iters;

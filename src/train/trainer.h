@@ -89,9 +89,9 @@ struct ern_trainer {
   float *host_windows;   /* [8][window_length][width] */
 };
 
-/* What one step trains on: a frame and its rays, on the backend (scratch). */
+/* What one step trains on, or a part of it: a frame and rays of it, on the backend (scratch). */
 struct ern_batch {
-  size_t frame;
+  size_t frame, rays;
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
@@ -129,10 +129,12 @@ bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
 /* trainer_batch.c */
-ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch);
-/* Uploads the speech of a training frame to `windows` (taken from scratch). */
-ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host);
-ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, ern_span *windows);
+/* Part k of config.frames_per_step. */
+ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
+/* The speech of a frame, of a training frame as part k of the step hears it. */
+ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host);
+/* The same of a training frame, uploaded to `windows` (taken from scratch). */
+ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 /* The camera of a frame. */
 ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view);
 /* A training frame of [data_begin, data_end), by a random word. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a step trains on: a frame, its speech, and random rays of it.
+ * What a step trains on: a frame or some, each with its speech and random rays of it.
  *
  * The rays are handed on patch by patch of the picture: rays of a patch pass through the same cells, so the tables that
  * they read and add to stay in the cache. Which rays they are does not depend on it. */
@@ -33,16 +33,16 @@ size_t ern_trainer_pick(const ern_trainer *t, uint32_t word) {
 }
 
 /* The speech, or one of its copies. */
-static const ern_features *heard_in_step(const ern_trainer *t) {
+static const ern_features *heard_in_step(const ern_trainer *t, size_t k) {
   if (t->data.copy_count == 0) return t->data.features;
-  const struct ern_random random = ern_random_at(t->config.seed, t->step, 0, ERN_RNG_SPEECH);
+  const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_SPEECH);
   if (!(ern_uniform(random.word[0]) < t->data.copy_share)) return t->data.features;
   return &t->data.copies[ern_below(random.word[1], (uint32_t)t->data.copy_count)];
 }
 
 /* --audio-pad edge: by row of the feature file; zero: by place in the split, as the public code. */
-ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host) {
-  const ern_features *features = split == 0 ? heard_in_step(t) : t->data.features;
+ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host) {
+  const ern_features *features = split == 0 ? heard_in_step(t, k) : t->data.features;
   ern_dataset_frame about;
   ern_status status = ern_trainer_frame(t, split, frame, &about);
   if (status != ERN_OK) return status;
@@ -52,9 +52,9 @@ ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *h
     return ERN_OK;
   }
   const size_t size = (size_t)features->window_length * (size_t)features->width;
-  for (int k = 0; k < ERN_AUDIO_WINDOWS && status == ERN_OK; k++) {
-    const int64_t at = (int64_t)frame - 4 + k;
-    float *to = host + (size_t)k * size;
+  for (int w = 0; w < ERN_AUDIO_WINDOWS && status == ERN_OK; w++) {
+    const int64_t at = (int64_t)frame - 4 + w;
+    float *to = host + (size_t)w * size;
     memset(to, 0, size * sizeof *to);
     if (at < 0 || at >= (int64_t)t->data.frames[split]) continue;
     status = ern_trainer_frame(t, split, (size_t)at, &about);
@@ -65,11 +65,11 @@ ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *h
   return status;
 }
 
-ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, ern_span *windows) {
+ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows) {
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_windows(t, 0, frame, t->host_windows));
+  ERN_TRY(ern_trainer_windows(t, 0, frame, k, t->host_windows));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, values, windows));
   ERN_TRY(t->backend->upload_reals(t->stream, *windows, t->host_windows, values));
 fail:
@@ -83,6 +83,7 @@ enum { PATCHES = 4096 /* most patches of a picture */, LEAST_PATCH = 16 /* pixel
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
+  size_t first, rays;           /* of those of the step */
   const uint8_t *truth, *torso; /* torso NULL: none */
   const ern_dataset_frame *about;
   uint32_t left, top, width, height; /* of the lower face; 0 wide: rays go anywhere alike */
@@ -95,9 +96,8 @@ struct draw {
 struct portion {
   size_t begin, end;
 };
-static struct portion portion_of(const ern_trainer *t, size_t shard) {
-  const size_t rays = (size_t)t->config.rays;
-  return (struct portion){rays * shard / ERN_SHARDS, rays * (shard + 1) / ERN_SHARDS};
+static struct portion portion_of(const struct draw *draw, size_t shard) {
+  return (struct portion){draw->rays * shard / ERN_SHARDS, draw->rays * (shard + 1) / ERN_SHARDS};
 }
 
 static uint32_t patch_of(const struct draw *draw, int32_t pixel) {
@@ -130,10 +130,10 @@ static void draw_task(void *user, size_t shard, int lane) {
   (void)lane;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
-  const struct portion p = portion_of(t, shard);
+  const struct portion p = portion_of(draw, shard);
   for (uint32_t patch = 0; patch < draw->patches; patch++) draw->place[patch * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
-    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)i, ERN_RNG_PIXEL);
+    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     draw->pixel[i] = pick_pixel(draw, &random);
     draw->jitter[i] = ern_uniform(random.word[1]);
     draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
@@ -149,7 +149,7 @@ static bool lies_in(ern_box box, int row, int column) {
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const float part[256]) {
   const ern_trainer *t = draw->t;
   const ern_dataset_frame *about = draw->about;
-  const size_t rays = (size_t)t->config.rays, width = (size_t)t->data.width;
+  const size_t rays = draw->rays, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
   for (size_t c = 0; c < 3; c++) {
@@ -169,13 +169,13 @@ static void fill_task(void *user, size_t shard, int lane) {
   (void)lane;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
-  const struct portion p = portion_of(t, shard);
+  const struct portion p = portion_of(draw, shard);
   float part[256];
   for (int value = 0; value < 256; value++) part[value] = (float)value / 255;
   for (size_t i = p.begin; i < p.end; i++) {
     const size_t to = (size_t)draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
     t->host_pixels[to] = draw->pixel[i];
-    t->host_rows[7 * (size_t)t->config.rays + to] = draw->jitter[i];
+    t->host_rows[7 * draw->rays + to] = draw->jitter[i];
     fill_ray(draw, to, (size_t)draw->pixel[i], part);
   }
 }
@@ -184,7 +184,7 @@ static void fill_task(void *user, size_t shard, int lane) {
 static ern_status draw_rays(struct draw *draw) {
   ern_trainer *t = draw->t;
   const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
-  const size_t rays = (size_t)t->config.rays;
+  const size_t rays = draw->rays;
   ern_status status = ERN_OK;
   for (draw->side = LEAST_PATCH;; draw->side *= 2) {
     draw->across = (width + draw->side - 1) / draw->side;
@@ -208,7 +208,7 @@ fail:
 }
 
 static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
-  const size_t rays = (size_t)t->config.rays;
+  const size_t rays = batch->rays;
   struct ern_backend *backend = t->backend;
   ern_status status = ERN_OK;
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_INT32, rays, &batch->pixel_number));
@@ -233,19 +233,20 @@ fail:
   return status;
 }
 
-ern_status ern_trainer_batch(ern_trainer *t, struct ern_batch *batch) {
-  const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, 0, ERN_RNG_FRAME);
+ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
+  const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
+  const size_t rays = (size_t)t->config.rays, frames = (size_t)t->config.frames_per_step, first = rays * k / frames;
   ern_dataset_frame about;
-  struct draw draw = {.t = t, .about = &about};
+  struct draw draw = {.t = t, .about = &about, .first = first, .rays = rays * (k + 1) / frames - first};
   ern_status status = ERN_OK;
-  *batch = (struct ern_batch){.frame = ern_trainer_pick(t, of_frame.word[0])};
+  *batch = (struct ern_batch){.frame = ern_trainer_pick(t, of_frame.word[0]), .rays = draw.rays};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   find_lower_face(&draw);
   ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));
-  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, &batch->windows));
+  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, k, &batch->windows));
 fail:
   return status;
 }

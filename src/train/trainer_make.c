@@ -36,7 +36,8 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .validate_every = 1000,
                                 .validate_frames = 16,
                                 .ema_every = 1000,
-                                .ray_sampling = ERN_RAY_SAMPLING_REGIONS};
+                                .ray_sampling = ERN_RAY_SAMPLING_REGIONS,
+                                .frames_per_step = 1};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -66,6 +67,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"dt_gamma", (double)c->dt_gamma, 0, 1},
                 {"torso_shrink", (double)c->torso_shrink, ERN_LEAST_SHRINK, 1},
                 {"threads", c->threads, 0, ERN_THREADS_MOST},
+                {"frames_per_step", c->frames_per_step, 1, ERN_FRAMES_PER_STEP_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 0, 1e12}};
@@ -75,6 +77,9 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   }
   if (c->torso_output != NULL && (c->torso || c->output == NULL))
     return ern_fail(context, ERN_E_ARGUMENT, "train: torso_output is set, expected NULL without a head's output");
+  if (c->frames_per_step > c->rays)
+    return ern_fail(context, ERN_E_ARGUMENT, "train: frames_per_step is %d, expected at most the %d rays of a step",
+                    c->frames_per_step, c->rays);
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
   if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)

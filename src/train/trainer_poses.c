@@ -244,7 +244,8 @@ static double size_of(float *mean_square, const double slope[3]) {
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   struct ern_trainer_poses *p = t->poses;
   const double left = (double)(t->config.iters - first_step(t)), s = (double)(t->config.iters - t->step) / left;
-  const double fall = s * s, visits = left / (double)(t->config.data_end - t->config.data_begin);
+  const double fall = s * s,
+               visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
   const double scale = (double)t->data.scale;
   const double rate[2] = {fall * fmin(3 * reach_turn / visits, most_turn),
                           fall * scale * fmin(3 * reach_move / visits, most_move)};

@@ -101,7 +101,7 @@ static ern_status refresh_head(ern_trainer *t, size_t frame) {
   ern_dataset_frame about;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_upload_windows(t, frame, &audio.windows));
+  ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
   ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
   ERN_TRY(list_due(t, decay.turn));

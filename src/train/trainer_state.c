@@ -443,7 +443,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32,
                                .ray_sampling = about->ray_sampling,
                                .refine_poses = about->refine_poses,
-                               .torso_gamma = about->torso_gamma};
+                               .torso_gamma = about->torso_gamma,
+                               .frames_per_step = about->frames_per_step};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

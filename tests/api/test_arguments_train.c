@@ -125,8 +125,17 @@ static void check_configs(void) {
   REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
   REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)2, "ray_sampling is 2");
   REFUSED_CONFIG(seconds, -1, "seconds is -1");
+  REFUSED_CONFIG(frames_per_step, 0, "frames_per_step is 0, expected 1 to 64");
+  REFUSED_CONFIG(frames_per_step, ERN_FRAMES_PER_STEP_MOST + 1, "frames_per_step is 65");
   REFUSED_CONFIG(seconds, NAN, "seconds is nan");
   REFUSED_CONFIG(torso_output, "t.safetensors", "torso_output is set, expected NULL without a head's output");
+}
+
+static void check_few_rays(void) {
+  ern_train_config config = small_config(3, NULL);
+  config.rays = 3;
+  config.frames_per_step = 4;
+  refuse_config(config, "frames_per_step is 4, expected at most the 3 rays of a step");
 }
 
 static void check_datasets(void) {
@@ -172,6 +181,7 @@ CHECK(ern_trainer_create) {
   REFUSED(w.context, "ern_trainer_create_sized: trainer is NULL",
           ern_trainer_create(NULL, w.backend, &w.clip.data, NULL));
   check_configs();
+  check_few_rays();
   check_datasets();
 }
 CHECK(ern_trainer_create_sized) {

@@ -121,9 +121,86 @@ static void test_uniform_and_torso(void **state) {
   ern_model_free(&head);
 }
 
+/* ---- several frames a step --------------------------------------------------------------------------------------- */
+
+static bool asked[FRAMES];
+static ern_status frame_asked_for(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  if (split == 0) asked[index] = true;
+  return frame_with_lower_face(user, split, index, frame);
+}
+
+/* One step of 10 rays in so many parts, from frames [begin, end). */
+static ern_train_report step_of(int frames_per_step, size_t begin, size_t end) {
+  ern_train_config config = small_config(1, NULL);
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  ern_dataset data = made.data;
+  data.frame = frame_asked_for;
+  data.has_eye = false; /* else each part has its own noise of the eye */
+  config.rays = 10;
+  config.data_begin = begin;
+  config.data_end = end;
+  config.frames_per_step = frames_per_step;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, &data, &config));
+  memset(asked, 0, sizeof asked);
+  support_ok(made.context, ern_trainer_step(trainer, &report));
+  ern_trainer_free(&trainer);
+  return report;
+}
+
+/* Of one frame the parts have the rays of the whole: 3, 3 and 4. */
+static void test_parts_of_one_frame(void **state) {
+  (void)state;
+  lower_face = (ern_box){8, 18, 4, 16};
+  const ern_train_report whole = step_of(1, 2, 3), parts = step_of(3, 2, 3), each = step_of(10, 2, 3);
+  assert_true(whole.samples_per_ray > 0);
+  assert_true(fabs(parts.samples_per_ray - whole.samples_per_ray) < 1e-9);
+  assert_true(fabs(each.samples_per_ray - whole.samples_per_ray) < 1e-9);
+  assert_true(fabs(parts.psnr - whole.psnr) < 1e-5 && fabs(each.psnr - whole.psnr) < 1e-5);
+}
+
+/* Each part draws its own frame. */
+static void test_frames_of_a_step(void **state) {
+  (void)state;
+  size_t one = 0, eight = 0;
+  (void)step_of(1, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++) one += asked[i];
+  (void)step_of(8, 0, 0);
+  for (size_t i = 0; i < FRAMES; i++) eight += asked[i];
+  assert_in_range(one, 1, 2); /* the refresh draws one too */
+  assert_in_range(eight, 3, FRAMES);
+}
+
+static void train_on(const char *output, bool resume, uint64_t steps, ern_train_config config) {
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  config.output = output;
+  config.resume = resume;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
+  for (uint64_t k = 0; k < steps; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
+  support_ok(made.context, ern_trainer_save(trainer));
+  ern_trainer_free(&trainer);
+}
+
+/* With poses refined, and a resume in the middle: the same bytes for any number of threads. */
+static void test_resumed_parts(void **state) {
+  (void)state;
+  ern_train_config config = small_config(12, NULL);
+  config.frames_per_step = 3;
+  config.refine_poses = true;
+  config.overwrite = true;
+  config.threads = 1;
+  train_on("parts_whole.safetensors", false, 12, config);
+  config.threads = 2;
+  train_on("parts_resumed.safetensors", false, 5, config);
+  train_on("parts_resumed.safetensors", true, 7, config);
+  expect_same("parts_whole.safetensors", "parts_resumed.safetensors");
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_share_of_the_lower_face),
-                                     cmocka_unit_test(test_no_face_in_the_frame),
-                                     cmocka_unit_test(test_uniform_and_torso)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_share_of_the_lower_face), cmocka_unit_test(test_no_face_in_the_frame),
+      cmocka_unit_test(test_uniform_and_torso),       cmocka_unit_test(test_parts_of_one_frame),
+      cmocka_unit_test(test_frames_of_a_step),        cmocka_unit_test(test_resumed_parts)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }

@@ -14,7 +14,7 @@
 #include "verbs/train_options.h"
 
 /* Of 512, 1,024 and 2,048 rays a step none learns more in the same time on all clips (docs/performance.md). */
-enum { TIMED_RAYS = 2048, PREVIEW_SECONDS = 180 };
+enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -113,6 +113,8 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->iters = job->iters;
   config->seconds = job->seconds;
   if (job->seconds > 0 && !args_given(args, "rays")) config->rays = TIMED_RAYS;
+  if (job->seconds > 0 && !args_given(args, "frames-per-step") && !config->torso)
+    config->frames_per_step = config->rays < TIMED_FRAMES ? config->rays : TIMED_FRAMES;
   config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
   config->ema_every = job->ema_every;

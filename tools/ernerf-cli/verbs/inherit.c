@@ -45,6 +45,8 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   }
   if (!args_given(args, "refresh-every")) config->refresh_every = state->refresh_every;
   if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = state->ema;
+  if (!args_given(args, "frames-per-step") && state->torso == config->torso)
+    config->frames_per_step = state->frames_per_step;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = state->ray_sampling;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))
     config->refine_poses = state->refine_poses;

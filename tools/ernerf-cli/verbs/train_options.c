@@ -174,6 +174,13 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .choices = "regions|uniform",
        .help = "where the rays of a head go: 40 of 100 through the lower face where the clip has landmarks, or "
                "anywhere alike as published (default regions)"},
+      {.name = "frames-per-step",
+       .kind = OPTION_INT,
+       .target = &config->frames_per_step,
+       .low = 1,
+       .high = ERN_FRAMES_PER_STEP_MOST,
+       .help = "frames that a step's rays are divided among, so that it hears as many sounds (default 1 as published; "
+               "4 with --time)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,
