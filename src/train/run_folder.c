@@ -94,13 +94,18 @@ fail:
   return status;
 }
 
+/* path: X.run/lock */
+static bool is_held(const struct ern_run_folder *run, const char *path) {
+  struct stat held, there;
+  return fstat(run->lock, &held) == 0 && stat(path, &there) == 0 && held.st_dev == there.st_dev &&
+         held.st_ino == there.st_ino;
+}
+
 ern_status ern_run_folder_check_held(ern_context *context, const struct ern_run_folder *run) {
   char *path = NULL;
-  struct stat held, there;
   ern_status status = ern_path_join(context, run->folder, "lock", &path);
   if (status != ERN_OK) return status;
-  if (fstat(run->lock, &held) != 0 || stat(path, &there) != 0 || held.st_dev != there.st_dev ||
-      held.st_ino != there.st_ino)
+  if (!is_held(run, path))
     status =
         ern_fail(context, ERN_E_IO,
                  "%s: is not the lock of this training any more: the folder was moved, removed or replaced, or the "
@@ -145,12 +150,6 @@ ern_status ern_run_folder_check_free(ern_context *context, const char *output, c
   char name[256] = "";
   const bool model = access(output, F_OK) == 0, resumable = !resume && has_state(run);
   if (!model && !find_earlier(run->folder, name)) return ERN_OK;
-  if (run->made) { /* by this call: it leaves nothing */
-    char *lock = NULL;
-    if (ern_path_join(context, run->folder, "lock", &lock) == ERN_OK) (void)unlink(lock);
-    ern_release(context, lock);
-    (void)rmdir(run->folder);
-  }
   return ern_fail(context, ERN_E_EXISTS,
                   "%s%s%s: is there already, from an earlier training; %s, --overwrite replaces it",
                   model ? output : run->folder, model ? "" : "/", name,
@@ -164,7 +163,18 @@ ern_status ern_run_folder_reserve(ern_context *context, const char *output, bool
   return ern_run_folder_check_free(context, output, run, resume);
 }
 
+/* A folder of this call's making in which nothing was saved goes, with its lock. */
+static void remove_empty(ern_context *context, const struct ern_run_folder *run) {
+  char name[256], *lock = NULL;
+  if (!run->made || find_earlier(run->folder, name)) return;
+  if (run->lock >= 0 && ern_path_join(context, run->folder, "lock", &lock) == ERN_OK && is_held(run, lock))
+    (void)unlink(lock);
+  ern_release(context, lock);
+  (void)rmdir(run->folder);
+}
+
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
+  remove_empty(context, run);
   if (run->lock >= 0) {
     (void)flock(run->lock, LOCK_UN); /* a child that the host forked holds the same open file */
     close(run->lock);

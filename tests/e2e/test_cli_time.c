@@ -43,9 +43,6 @@ static void test_head_and_torso(void **state) {
              "the torso under p.head.safetensors", "done, p.safetensors", NULL);
   assert_false(has_torso("p.head.safetensors"));
   assert_true(has_torso("p.safetensors"));
-  cli_run(&cli, "train clip -o p.head.safetensors --resume --frames-per-step 2");
-  cli_expect(&cli, 0, "frames_per_step was 4, going on with 2", NULL);
-
   cli_run(&cli, TIMED " --time 3s");
   cli_expect(&cli, 1, "p.safetensors: is there already", "--resume", "--overwrite", NULL);
   support_clear("p.safetensors");

@@ -77,13 +77,16 @@ static void test_torso_as_the_head(void **state) {
   static const char *const names[] = {"seed", "rays", "data_begin", "data_end", "lr", "ema", "ema_every"};
   static const double values[] = {7, 32, 2, 15, 0.005, 1, 50};
   clear("a");
-  stop_in_head("-o a.safetensors --time 60s --seed 7 --data_range 2:15 --lr 0.005 --ema --ema-every 50");
+  stop_in_head(
+      "-o a.safetensors --time 60s --seed 7 --data_range 2:15 --lr 0.005 --ema --ema-every 50 --frames-per-step 3");
   cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1s --resume");
   cli_expect(&cli, 0, "from 13 frames of 64", "steps of 32 rays, seed 7", "done, a.safetensors", NULL);
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
     assert_true(fabs(said("a.head.run/state.safetensors", names[i]) - values[i]) < 1e-6);
     assert_true(fabs(said("a.run/state.safetensors", names[i]) - values[i]) < 1e-6);
   }
+  assert_true(said("a.head.run/state.safetensors", "frames_per_step") == 3);
+  assert_true(said("a.run/state.safetensors", "frames_per_step") == 1); /* as uninterrupted: it is the head's */
   /* a time that is about the same leaves the head of a torso as it is */
   cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1.3s --resume");
   cli_expect(&cli, 0, "were done before; a.head.safetensors", "done, a.safetensors", NULL);
@@ -103,6 +106,11 @@ static void test_options_of_the_torso(void **state) {
   clear("n");
   cli_run(&cli, "train clip -o n.safetensors --time 1s --effects eye --torso_shrink 0.7");
   cli_expect(&cli, 2, "--torso_shrink is about the torso", NULL);
+  assert_false(cli_there("n.run") || cli_there("n.head.run"));
+  /* a refusal leaves neither folder */
+  support_write_text("n.head.safetensors", "mine");
+  cli_run(&cli, "train clip -o n.safetensors --time 1s");
+  cli_expect(&cli, 1, "n.head.safetensors: is there already", NULL);
   assert_false(cli_there("n.run") || cli_there("n.head.run"));
 }
 

@@ -65,6 +65,18 @@ refused made '--head-only not given' '--head-only yes' -- -o made --size 128 --f
 bash "$portrait" person.mp4 -o made --minutes 3 --from 0 --au 'a b.csv' --size 128 > said.log 2>&1 && fail "it ended well"
 grep -q '^== clip' said.log || fail "the same options were refused"
 
+# a name that begins with a dash is no option, and a video that is not there makes no folder
+cp person.mp4 ./-person.mp4
+status=0
+bash "$portrait" ./-person.mp4 --minutes 1 > said.log 2>&1 || status=$?
+[ "$status" = 1 ] || fail "a name with a dash: exit status $status"
+grep -qF -e '-person.mp4: face: the part is' said.log || fail 'a name with a dash: the video was not looked at'
+[ -s ./-person/portrait.txt ] || fail 'a name with a dash: no portrait.txt'
+status=0
+bash "$portrait" nothing.mp4 -o new/folder > said.log 2>&1 || status=$?
+[ "$status" = 1 ] && grep -qF 'nothing.mp4' said.log || fail 'a video that is not there'
+[ ! -e new ] || fail 'a video that is not there: a folder was made'
+
 # while another call works in the folder nothing is noted
 flock made sleep 30 &
 for tries in {1..50}; do flock --nonblock made true || break; sleep 0.1; done

@@ -92,6 +92,7 @@ void head_and_torso_turn(struct train_job *job, const ern_train_config *asked) {
   job->config.torso = true;
   job->config.resume = asked->resume && !job->torso_anew;
   job->config.from = NULL;
+  job->config.frames_per_step = 1; /* the option is the head's, as --precision is */
   job->head_path = job->head_output;
   job->seconds *= 1 - HEAD_SHARE;
   job->source.hearing.needs = NULL; /* the head says it */

@@ -179,8 +179,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->frames_per_step,
        .low = 1,
        .high = ERN_FRAMES_PER_STEP_MOST,
-       .help = "frames that a step's rays are divided among, so that it hears as many sounds (default 1 as published; "
-               "4 with --time)"},
+       .help = "frames that a step's rays are divided among, so that it hears as many sounds; with --time of the "
+               "head (default 1 as published; 4 with --time)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,
