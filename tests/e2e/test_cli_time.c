@@ -38,25 +38,25 @@ static bool has_torso(const char *model) {
 
 static void test_head_and_torso(void **state) {
   (void)state;
-  cli_run(&cli, TIMED " --time 3s");
-  cli_expect(&cli, 0, "2 s in all", "a preview", "writes p.head.safetensors", "1 s in all",
+  cli_run(&cli, TIMED " --time 6s");
+  cli_expect(&cli, 0, "5 s in all", "a preview", "writes p.head.safetensors", "1 s in all",
              "the torso under p.head.safetensors", "done, p.safetensors", NULL);
   assert_false(has_torso("p.head.safetensors"));
   assert_true(has_torso("p.safetensors"));
-  cli_run(&cli, TIMED " --time 3s");
+  cli_run(&cli, TIMED " --time 6s");
   cli_expect(&cli, 1, "p.safetensors: is there already", "--resume", "--overwrite", NULL);
   support_clear("p.safetensors");
-  cli_run(&cli, TIMED " --time 3s");
+  cli_run(&cli, TIMED " --time 6s");
   cli_expect(&cli, 1, "p.run/", ": is there already", NULL);
 
   /* all of it is done; what was removed comes back from the state */
-  cli_run(&cli, "train clip -o p.safetensors --time 3s --resume --json -");
+  cli_run(&cli, "train clip -o p.safetensors --time 6s --resume --json -");
   cli_expect(&cli, 0, "were done before; p.head.safetensors", "were done before; p.safetensors", NULL);
   const double steps = number_of("step");
   assert_true(steps > 1);
   assert_true(has_torso("p.safetensors"));
-  cli_run(&cli, "train clip -o p.safetensors --time 6s --resume");
-  cli_expect(&cli, 1, "p.safetensors: its torso is trained under a head of --time 3 s", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 12s --resume");
+  cli_expect(&cli, 1, "p.safetensors: its torso is trained under a head of --time 6 s", NULL);
 }
 
 static void test_head_alone(void **state) {
@@ -85,7 +85,7 @@ static void test_stopped_head(void **state) {
   cli_run(&cli, "train clip -o s.safetensors --resume");
   cli_expect(&cli, 1, "s.safetensors: nothing of it was saved, but of its head, s.head.safetensors", NULL);
   cli_run(&cli, "train clip -o s.safetensors --validate-frames 1 --time 2s --resume --json -");
-  cli_expect(&cli, 0, "seconds in all was 0, going on with 1.33", "done, s.head.safetensors", "done, s.safetensors",
+  cli_expect(&cli, 0, "seconds in all was 0, going on with 1.66", "done, s.head.safetensors", "done, s.safetensors",
              NULL);
   assert_true(has_torso("s.safetensors"));
 }

@@ -108,13 +108,20 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
 }
 
+/* What a time is best spent on (docs/performance.md), where no option says it. */
+static void choose_timed(const struct args *args, ern_train_config *config) {
+  if (!args_given(args, "rays")) config->rays = TIMED_RAYS;
+  if (config->torso) return;
+  if (!args_given(args, "frames-per-step"))
+    config->frames_per_step = config->rays < TIMED_FRAMES ? config->rays : TIMED_FRAMES;
+  if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
+}
+
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
   config->seconds = job->seconds;
-  if (job->seconds > 0 && !args_given(args, "rays")) config->rays = TIMED_RAYS;
-  if (job->seconds > 0 && !args_given(args, "frames-per-step") && !config->torso)
-    config->frames_per_step = config->rays < TIMED_FRAMES ? config->rays : TIMED_FRAMES;
+  if (job->seconds > 0) choose_timed(args, config);
   config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
   config->ema_every = job->ema_every;

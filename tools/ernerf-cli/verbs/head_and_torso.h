@@ -8,7 +8,7 @@
 #include "verbs/train_options.h"
 
 /* Of the time of a portrait, the head's; the rest is the torso's. */
-#define HEAD_SHARE (2 / 3.0)
+#define HEAD_SHARE (5 / 6.0)
 
 /* Each returns 0, or an exit status after a message. */
 

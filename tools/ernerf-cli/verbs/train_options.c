@@ -186,11 +186,11 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->refine_poses,
        .help =
            "a head learns corrections to the poses of the training frames too, which the model keeps; --resume goes "
-           "on so"},
+           "on so (default with --time)"},
       {.name = "no-refine-poses",
        .kind = OPTION_OFF,
        .target = &config->refine_poses,
-       .help = "the poses as the clip has them (default)"},
+       .help = "the poses as the clip has them (default without --time)"},
       {.name = "ind_num",
        .kind = OPTION_INT,
        .target = &config->codes,
