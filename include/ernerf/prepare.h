@@ -74,7 +74,9 @@ typedef struct ern_prepare_result {
  * of an earlier call for the same video and the same from, to and side (else ERN_E_EXISTS; see `anew`), and stay in its
  * place until the call ends (else ERN_E_IO). What the user brings is read before a step that needs it takes away what
  * an earlier call made. *result is filled also on failure. A step whose verdict is "refused" ends the call with
- * ERN_E_UNSUPPORTED and its words; the report is written then too. Uses the threads of OpenCV and Ceres Solver. */
+ * ERN_E_UNSUPPORTED and its words; the report is written then too, unless "face" is refused in a folder with a clip of
+ * an earlier call, which stays as it is. Files there by a clip's names that no call made are refused (ERN_E_EXISTS; see
+ * `anew`). Uses the threads of OpenCV and Ceres Solver. */
 ERN_API ERN_NODISCARD ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                                                    const ern_prepare_options *options, ern_prepare_result *result,
                                                    size_t bytes);

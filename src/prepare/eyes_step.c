@@ -249,7 +249,6 @@ ern_status ern_prepare_eyes_check(struct ern_prepare_job *job) {
   if (job->options->au == NULL) return ERN_OK;
   ern_status status = ERN_NEW(job->context, job->frames, &values);
   if (status == ERN_OK) status = ern_openface_lids(job, job->options->au, values, &held);
-  if (status == ERN_OK) status = ern_prepare_check_claim(job, "au.csv");
   ern_release(job->context, values);
   return status;
 }

@@ -292,7 +292,7 @@ static ern_status begin_frames(struct scan *s) {
        json_object_set_new(job->record, "segment",
                            json_pack("{s:f, s:f}", "from", job->segment[0], "to", job->segment[1])) != 0))
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
-  ERN_TRY(ern_prepare_record_save(job));
+  ERN_TRY(ern_prepare_claim_files(job, 0));
 fail:
   return status;
 }
@@ -350,6 +350,7 @@ static ern_status write_sound(struct scan *s) {
     data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
   }
   const ern_sound sound = {.rate = SOUND_RATE, .channels = 1, .frames = length, .data = data};
+  ERN_TRY(ern_prepare_claim(job, "aud.wav"));
   ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
   ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
 fail:
@@ -383,10 +384,6 @@ static bool judge_scan(struct scan *s) {
   if (s->frames < FEWEST_FRAMES)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, and minutes at best",
                       part, seconds);
-  else if (!s->has_sound && job->options->features == NULL)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "the video has no sound, and a mouth cannot be learnt without; expected a video with speech, or "
-                      "--features FILE.npy");
   else if (s->found == 0)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED,
                       "no face was found in %.0f s, expected a person who looks into the camera, the face at least a "
@@ -449,10 +446,7 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   bool found = false;
   ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
-  if (!found || !judge_scan(&scan)) {
-    ERN_TRY(ern_prepare_clear(job));
-    goto fail;
-  }
+  if (!found || !judge_scan(&scan)) goto fail;
   ERN_TRY(drop_strays(&scan, &face));
   place_crop(&scan, face, region);
   judge_crop(&scan, face, region);

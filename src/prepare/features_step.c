@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * The step "features": those that the user brings are checked and put into the clip; else aud.wav speaks for itself. */
+ * The step "features": those that the user brings are checked and put into the clip; else aud.wav speaks for itself,
+ * and a video without sound is refused before any frame is read. */
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "ernerf/speech.h"
 #include "prepare/prepare_job.h"
@@ -11,15 +11,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
-  ERN_TRY(ern_prepare_remove_made(job, "aud.npy")); /* of other features */
-  if (job->options->features == NULL) {
-    ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
-    if (access(path, F_OK) != 0)
-      ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                        "the video has no sound, and a mouth cannot be learnt without; expected a video with speech, "
-                        "or --features FILE.npy");
-    goto fail;
-  }
+  if (job->options->features == NULL) return ern_prepare_remove_made(job, "aud.npy"); /* of an earlier call */
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);
   if (features.windows + 2 < job->frames)
@@ -34,11 +26,24 @@ fail:
   return status;
 }
 
+static ern_status check_sound(const struct ern_prepare_job *job) {
+  ern_video_reader *reader = NULL;
+  ern_video_info info = {0};
+  ern_status status = ern_video_reader_open(job->context, job->video, &reader);
+  if (status != ERN_OK) return status;
+  ern_video_reader_info(reader, &info);
+  ern_video_reader_free(&reader);
+  if (info.has_sound) return ERN_OK;
+  return ern_fail(job->context, ERN_E_UNSUPPORTED,
+                  "%s: the video has no sound, and a mouth cannot be learnt without; expected a video with speech, or "
+                  "--features FILE.npy",
+                  job->video);
+}
+
 ern_status ern_prepare_features_check(struct ern_prepare_job *job) {
   ern_features features = {0};
-  if (job->options->features == NULL) return ERN_OK;
+  if (job->options->features == NULL) return check_sound(job);
   ern_status status = ern_features_load(job->context, job->options->features, &features);
-  if (status == ERN_OK) status = ern_prepare_check_claim(job, "aud.npy");
   ern_features_free(job->context, &features);
   return status;
 }

@@ -133,6 +133,21 @@ fail:
   return status;
 }
 
+/* What `step` and the steps behind it will write may not be the user's own. */
+static ern_status check_files(struct ern_prepare_job *job, size_t step, size_t only) {
+  ern_status status = ERN_OK;
+  for (size_t k = step; k < ERN_PREPARE_STEPS; k++) {
+    char settings[SETTINGS];
+    ern_prepare_verdict verdict;
+    settings_of(job, k, settings);
+    const bool stale = k == step || step == 0 || (step < 3 && k < 5) || /* as run_step() has them */
+                       !ern_prepare_record_has(job, steps[k].name, settings, &verdict);
+    if (stale && (only == ERN_PREPARE_STEPS || k == only)) ERN_TRY(ern_prepare_check_files(job, k, step == 0));
+  }
+fail:
+  return status;
+}
+
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
   *only = ERN_PREPARE_STEPS;
   for (size_t i = 0; i < ERN_PREPARE_STEPS && o->only != NULL; i++)
@@ -164,8 +179,8 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
 static ern_status break_clip(struct ern_prepare_job *job, size_t step) {
   static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
-  for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove(job, poses[i]));
-  if (step <= 3) ERN_TRY(ern_prepare_remove(job, "bc.jpg"));
+  for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove_made(job, poses[i]));
+  if (step <= 3) ERN_TRY(ern_prepare_remove_made(job, "bc.jpg"));
 fail:
   return status;
 }
@@ -176,22 +191,25 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   ern_status status = ERN_OK;
   job->figures = json_object();
   if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
-  ERN_TRY(ern_prepare_progress(job, 0, 1));
   /* frames are behind all, poses and landmarks behind layers and eyes */
   stale[count++] = steps[step].name;
   for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
   if (step > 0) { /* else a step that is stopped counts as done */
     ERN_TRY(ern_prepare_record_strike(job, stale, count));
     ERN_TRY(break_clip(job, step));
+    ERN_TRY(ern_prepare_claim_files(job, step));
   }
   ERN_TRY(steps[step].run(job));
+  const bool refused = job->verdict->grade == ERN_PREPARE_REFUSED;
+  if (refused && step == 0 && job->frames > 0) goto refuse; /* what an earlier call made stays, and its record */
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
-  if (job->verdict->grade == ERN_PREPARE_REFUSED) {
-    ERN_TRY(break_clip(job, step));
-    ERN_TRY(
-        ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words));
-  }
+  if (refused) ERN_TRY(break_clip(job, step));
+  job->refused = refused;
+refuse:
+  if (refused)
+    status =
+        ern_fail(job->context, ERN_E_UNSUPPORTED, "%s: %s: %s", job->video, job->verdict->step, job->verdict->words);
 fail:
   json_decref(job->figures);
   job->figures = NULL;
@@ -216,7 +234,9 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
                        job->folder, steps[i].name, steps[only].name));
     }
     *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
-    if (!checked) status = check_brought(job, i);
+    status = ern_prepare_progress(job, 0, 1);
+    if (!checked && status == ERN_OK) status = check_files(job, i, only);
+    if (!checked && status == ERN_OK) status = check_brought(job, i);
     checked = i > 0;
     if (status == ERN_OK) status = run_step(job, i, settings);
     if (status != ERN_OK && job->verdict->grade != ERN_PREPARE_REFUSED) *job->verdict = (ern_prepare_verdict){0};
@@ -266,7 +286,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;
   status = run_steps(&job, only, &found);
-  if (status == ERN_OK || status == ERN_E_UNSUPPORTED) ERN_TRY(report(&job, &found, status));
+  if (status == ERN_OK || job.refused) ERN_TRY(report(&job, &found, status));
 fail:
   if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* an empty one */
   if (lock >= 0) close(lock);

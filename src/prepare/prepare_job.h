@@ -36,6 +36,7 @@ struct ern_prepare_job {
   const char *video, *folder;
   const ern_prepare_options *options;
   bool made;     /* the folder is this call's: it goes where nothing came into it */
+  bool refused;  /* a step refused the video, and the record says so */
   dev_t device;  /* of the folder that the record was opened in */
   ino_t inode;   /* of it; 0: none is open */
   int side;      /* pixels a side of a frame */
@@ -100,20 +101,23 @@ const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]);
  * are then those of a longer video, of which the clip may be another part. */
 ERN_NODISCARD ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder,
                                                  const char *ending);
-/* Whether all files are there that a step which was done with these options has left; `step` counts from 0 ("face"). */
-bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 
-/* prepare_record.c. Removes what an earlier call made of the frames 0..job->frames - 1, and the clip's other files by
- * their names, but no link and nothing behind one; job->frames is 0 then. */
-ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
-/* Removes the file of that name right in the clip's folder, where there is one. */
-ERN_NODISCARD ern_status ern_prepare_remove(struct ern_prepare_job *job, const char *name);
-/* aud.npy or au.csv: removes what a call made; the user's own stays. */
-ERN_NODISCARD ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name);
-/* ERN_E_EXISTS where the user's own is there and options->anew is not set. */
-ERN_NODISCARD ern_status ern_prepare_check_claim(struct ern_prepare_job *job, const char *name);
-/* Before one of these is written: the same, and notes in the record that a call makes it. */
+/* prepare_made.c; `step` counts from 0 ("face"). Whether all files are there that a step which was done with these
+ * options has left. */
+bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
+/* ERN_E_EXISTS where a file is there that the step may write, no call made it, and options->anew is not set. `anew`:
+ * "face" runs before it, so the clip may get more frames than job->frames. */
+ERN_NODISCARD ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew);
+/* Notes in the record that a call makes the step's files, but aud.wav, au.csv and aud.npy, which a step need not
+ * write. */
+ERN_NODISCARD ern_status ern_prepare_claim_files(struct ern_prepare_job *job, size_t step);
+/* Before one of those three is written: checks it, and notes it. */
 ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name);
+/* Removes what calls made, of the frames 0..job->frames - 1; with options->anew whatever file has such a name. No link
+ * goes, and nothing behind one. job->frames is 0 then. */
+ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);
+/* Removes the file of that name right in the clip's folder, where a call made it. */
+ERN_NODISCARD ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name);
 
 /* Tells the caller how far the step is; ERN_E_CANCELLED where the caller has enough. */
 ERN_NODISCARD ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t total);
@@ -132,7 +136,8 @@ ern_status ern_prepare_landmarks(struct ern_prepare_job *job); /* -> ori_imgs/ID
 ern_status ern_prepare_layers(struct ern_prepare_job *job);    /* -> parsing, bc.jpg, torso_imgs, gt_imgs */
 ern_status ern_prepare_eyes(struct ern_prepare_job *job);      /* -> au.csv */
 ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are brought */
-/* What the user brings for a step, read as the step reads it, once the frames are there; nothing is written. */
+/* What the user brings for a step, read as the step reads it, once the frames are there, and what is missing for it;
+ * nothing is written. */
 ERN_NODISCARD ern_status ern_prepare_pose_check(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_layers_check(struct ern_prepare_job *job);

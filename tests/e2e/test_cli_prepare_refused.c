@@ -138,21 +138,56 @@ static void test_inputs_and_links(void **state) {
   cli_expect(&cli, 1, "lies in clip", NULL);
 }
 
-/* No speech, no mouth: the first step says so; brought features help. */
+/* A folder that an earlier call was refused in has nothing of a clip: files of such names are the user's. */
+static void test_files_of_others(void **state) {
+  (void)state;
+  static const char *const mine[] = {"aud.wav", "transforms_train.json", "bc.jpg",
+                                     "au.csv",  "ori_imgs/3.jpg",        "ori_imgs/3.lms"};
+  support_clear("clip");
+  cli_run(&cli, "prepare still.mp4 -o clip --size 192");
+  cli_expect(&cli, 1, "still", NULL);
+  assert_int_equal(mkdir("clip/ori_imgs", 0777), 0);
+  for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) {
+    char path[64], same[128];
+    snprintf(path, sizeof path, "clip/%s", mine[i]);
+    snprintf(same, sizeof same, "printf mine | cmp - %s", path);
+    support_write_text(path, "mine");
+    for (int k = 0; k < 2; k++) {
+      cli_run(&cli, "prepare %s -o clip --size 192 --quiet", k == 0 ? "still.mp4" : "v.mp4");
+      cli_expect(&cli, 1, path, "ernerf prepare did not make it", NULL);
+      assert_int_equal(system(same), 0);
+    }
+    assert_int_equal(remove(path), 0);
+  }
+}
+
+/* No speech, no mouth: told before a frame is read; brought features help. A call that is refused takes nothing away
+ * that an earlier one made. */
 static void test_silent(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare silent.mp4 -o clip --size 192");
-  cli_expect(&cli, 1, "silent.mp4", "face: the video has no sound", "--features FILE.npy", NULL);
-  assert_false(cli_there("clip/aud.wav") || cli_there("clip/aud.npy"));
-  cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --quiet");
-  cli_expect(&cli, 1, "clip", NULL);
+  cli_expect(&cli, 1, "silent.mp4: the video has no sound", "--features FILE.npy", NULL);
+  assert_false(cli_there("clip"));
   cli_run(&cli, "prepare silent.mp4 -o clip --size 192 --features truth/aud_ds.npy --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o m.safetensors --iters 2 --rays 64 --levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   support_clear("m.safetensors");
   support_clear("m.run");
+  static const char *const refused[] = {"silent.mp4 --quiet", "silent.mp4 --only face", "still.mp4 -y",
+                                        "silent.mp4 --quiet" /* and a frame is gone */};
+  static const char list[] = "find clip -type f -printf '%p %T@ %s\\n' | sort";
+  char command[256];
+  for (int i = 0; i < 4; i++) {
+    if (i == 3) assert_int_equal(remove("clip/ori_imgs/7.jpg"), 0);
+    snprintf(command, sizeof command, "%s >before.txt", list);
+    assert_int_equal(system(command), 0);
+    cli_run(&cli, "prepare %s -o clip --size 192", refused[i]);
+    cli_expect(&cli, 1, i == 2 ? "still" : "has no sound", NULL);
+    snprintf(command, sizeof command, "%s | cmp - before.txt", list);
+    assert_int_equal(system(command), 0);
+  }
 }
 
 /* Nor does what is no network of faces. */
@@ -225,8 +260,8 @@ static void test_folders(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),         cmocka_unit_test(test_light),
-                                     cmocka_unit_test(test_inputs_and_links), cmocka_unit_test(test_silent),
-                                     cmocka_unit_test(test_no_detector),      cmocka_unit_test(test_no_videos),
-                                     cmocka_unit_test(test_folders)};
+                                     cmocka_unit_test(test_inputs_and_links), cmocka_unit_test(test_files_of_others),
+                                     cmocka_unit_test(test_silent),           cmocka_unit_test(test_no_detector),
+                                     cmocka_unit_test(test_no_videos),        cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

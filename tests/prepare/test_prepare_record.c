@@ -152,7 +152,7 @@ static void test_moved(void **state) {
     m.job.frames = 3;
     support_expect(m.job.context, ern_prepare_record_save(&m.job), ERN_E_IO, "clip", "moved", NULL);
     support_expect(m.job.context, ern_prepare_path(&m.job, path, "au.csv"), ERN_E_IO, "clip", "moved", NULL);
-    support_expect(m.job.context, ern_prepare_remove(&m.job, "au.csv"), ERN_E_IO, "clip", "moved", NULL);
+    support_expect(m.job.context, ern_prepare_remove_made(&m.job, "report.html"), ERN_E_IO, "clip", "moved", NULL);
     support_expect(m.job.context, ern_prepare_clear(&m.job), ERN_E_IO, "clip", "moved", NULL);
   }
   assert_int_equal(system("printf mine | cmp - clip/prepare.json && printf mine | cmp - clip/au.csv"), 0);
@@ -240,13 +240,13 @@ static void test_clear(void **state) {
     snprintf(path, sizeof path, "clip/%s", folders[i]);
     assert_int_equal(mkdir(path, 0777), 0);
   }
-  static const char *const goes[] = {
-      "ori_imgs/0.jpg",      "ori_imgs/2.lms", "gt_imgs/1.jpg", "torso_imgs/2.png", "prepare/pose.csv",
-      "prepare/shown_7.jpg", "au.csv",         "aud.wav",       "bc.jpg",           "overlay.mp4",
-      "transforms_val.json", "report.html",    "gt_imgs/2.jpg", "gt_imgs/0.jpg",    "torso_imgs/0.png"};
-  static const char *const stays[] = {"ori_imgs/3.jpg", "ori_imgs/00.jpg", "prepare/notes.txt",
-                                      "prepare.json",   "aud_ds.npy",      "ori_imgs/0.png",
-                                      "thesis.txt",     "aud.npy" /* no step says that it made it */};
+  static const char *const goes[] = {"ori_imgs/0.jpg",   "ori_imgs/2.lms",      "gt_imgs/1.jpg", "torso_imgs/2.png",
+                                     "prepare/pose.csv", "prepare/shown_7.jpg", "aud.wav",       "bc.jpg",
+                                     "overlay.mp4",      "transforms_val.json", "report.html",   "gt_imgs/2.jpg",
+                                     "gt_imgs/0.jpg",    "torso_imgs/0.png"};
+  static const char *const stays[] = {"ori_imgs/3.jpg", "ori_imgs/00.jpg", "prepare/notes.txt", "prepare.json",
+                                      "aud_ds.npy",     "ori_imgs/0.png",  "thesis.txt",        "au.csv",
+                                      "aud.npy" /* no step says that it made them */};
   for (size_t i = 0; i < sizeof goes / sizeof *goes; i++) {
     snprintf(path, sizeof path, "clip/%s", goes[i]);
     support_write_text(path, "made");
@@ -276,6 +276,55 @@ static void test_clear(void **state) {
   assert_true(m.job.frames == 0 && json_object_get(m.job.record, "frames") == NULL);
   support_ok(m.job.context, ern_prepare_clear(&m.job));
   support_clear("elsewhere");
+  made_job_close(&m);
+}
+
+/* Files by the names of a clip's in a folder without frames are the user's: no step writes them, and none goes. Nor
+ * does one that lies in a clip where a step is not done yet, or beyond its frames. */
+static void test_not_made(void **state) {
+  (void)state;
+  static const struct {
+    const char *name;
+    size_t step;
+  } mine[] = {
+      {"ori_imgs/3.jpg", 0}, {"prepare/shown_0.jpg", 0}, {"aud.wav", 0}, {"overlay.mp4", 0}, {"transforms_val.json", 1},
+      {"ori_imgs/0.lms", 2}, {"parsing/12.png", 3},      {"bc.jpg", 3},  {"au.csv", 4},      {"aud.npy", 5}};
+  struct made_job m;
+  char path[64];
+  made_job_open(&m, "clip", 128, 0);
+  m.options.features = "own.npy";
+  for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) {
+    snprintf(path, sizeof path, "clip/%s", mine[i].name);
+    assert_int_equal(system("mkdir -p clip/ori_imgs clip/prepare clip/parsing"), 0);
+    for (int anew = 0; anew < 2; anew++) {
+      support_write_text(path, "mine");
+      m.options.anew = anew > 0;
+      support_expect(m.job.context, ern_prepare_check_files(&m.job, mine[i].step, true),
+                     anew > 0 ? ERN_OK : ERN_E_EXISTS, anew > 0 ? NULL : path, "did not make it", NULL);
+      if (anew == 0) support_ok(m.job.context, ern_prepare_clear(&m.job));
+      assert_true(there(path));
+      assert_int_equal(remove(path), 0);
+    }
+    for (size_t step = 0; step < ERN_PREPARE_STEPS; step++)
+      support_ok(m.job.context, ern_prepare_check_files(&m.job, step, true));
+  }
+  m.options.anew = false;
+  support_ok(m.job.context, ern_prepare_claim_files(&m.job, 0)); /* "face" is done, and nothing else */
+  m.job.frames = 3;
+  assert_int_equal(system("mkdir -p clip/ori_imgs"), 0);
+  support_write_text("clip/ori_imgs/2.jpg", "made");
+  support_ok(m.job.context, ern_prepare_check_files(&m.job, 0, true));
+  support_write_text("clip/ori_imgs/3.jpg", "mine");
+  support_expect(m.job.context, ern_prepare_check_files(&m.job, 0, true), ERN_E_EXISTS, "ori_imgs/3.jpg", NULL);
+  support_write_text("clip/ori_imgs/3.lms", "mine");
+  support_ok(m.job.context, ern_prepare_check_files(&m.job, 2, false));
+  support_write_text("clip/ori_imgs/2.lms", "mine");
+  support_expect(m.job.context, ern_prepare_check_files(&m.job, 2, false), ERN_E_EXISTS, "ori_imgs/2.lms", NULL);
+  support_write_text("clip/bc.jpg", "mine");
+  support_ok(m.job.context, ern_prepare_remove_made(&m.job, "bc.jpg"));
+  support_ok(m.job.context, ern_prepare_clear(&m.job));
+  assert_true(there("clip/bc.jpg") && there("clip/ori_imgs/2.lms") && there("clip/ori_imgs/3.jpg"));
+  assert_false(there("clip/ori_imgs/2.jpg"));
   made_job_close(&m);
 }
 
@@ -365,11 +414,10 @@ static void test_refused_before(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),         cmocka_unit_test(test_locked),
-                                     cmocka_unit_test(test_another_video), cmocka_unit_test(test_nanoseconds),
-                                     cmocka_unit_test(test_moved),         cmocka_unit_test(test_folders_of_others),
-                                     cmocka_unit_test(test_damaged),       cmocka_unit_test(test_clear),
-                                     cmocka_unit_test(test_call),          cmocka_unit_test(test_unfinished),
-                                     cmocka_unit_test(test_refused_before)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_steps),       cmocka_unit_test(test_locked),     cmocka_unit_test(test_another_video),
+      cmocka_unit_test(test_nanoseconds), cmocka_unit_test(test_moved),      cmocka_unit_test(test_folders_of_others),
+      cmocka_unit_test(test_damaged),     cmocka_unit_test(test_clear),      cmocka_unit_test(test_not_made),
+      cmocka_unit_test(test_call),        cmocka_unit_test(test_unfinished), cmocka_unit_test(test_refused_before)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,260 @@
+/* SPDX-License-Identifier: MIT
+ * Whose files they are. record.made has what a call made, by the names of the table below; nothing else that lies in
+ * the clip is removed or replaced without options->anew. */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "io/file.h"
+#include "prepare/prepare_record.h"
+
+enum { FACE, POSE, LANDMARKS, LAYERS, EYES, FEATURES, REPORT, NAME = 64 };
+
+/* Those of one folder follow each other; "": the clip's own. */
+static const struct file {
+  const char *folder;
+  const char *name; /* ".jpg": ID.jpg of every frame */
+  int step;
+} files[] = {{"ori_imgs", ".jpg", FACE},
+             {"ori_imgs", ".lms", LANDMARKS},
+             {"parsing", ".png", LAYERS},
+             {"gt_imgs", ".jpg", LAYERS},
+             {"torso_imgs", ".png", LAYERS},
+             {"prepare", "faces.csv", FACE},
+             {"prepare", "pose.csv", POSE},
+             {"prepare", "shown_0.jpg", REPORT},
+             {"prepare", "shown_1.jpg", REPORT},
+             {"prepare", "shown_2.jpg", REPORT},
+             {"prepare", "shown_3.jpg", REPORT},
+             {"prepare", "shown_4.jpg", REPORT},
+             {"prepare", "shown_5.jpg", REPORT},
+             {"prepare", "shown_6.jpg", REPORT},
+             {"prepare", "shown_7.jpg", REPORT},
+             {"", "aud.wav", FACE},
+             {"", "transforms_train.json", POSE},
+             {"", "transforms_val.json", POSE},
+             {"", "bc.jpg", LAYERS},
+             {"", "au.csv", EYES},
+             {"", "aud.npy", FEATURES},
+             {"", "overlay.mp4", REPORT},
+             {"", "report.html", REPORT}};
+enum { FILES = sizeof files / sizeof *files };
+
+/* FOLDER/NAME; of a frame's file FOLDER/.ENDING, which stands for those of all frames. */
+static void name_of(const struct file *file, char name[NAME]) {
+  snprintf(name, NAME, "%s%s%s", file->folder, file->folder[0] != 0 ? "/" : "", file->name);
+}
+
+static bool is_one_of(const struct file *file, const char *name) {
+  return file->folder[0] == 0 && strcmp(file->name, name) == 0;
+}
+
+/* A step that ends without it is done all the same: it says itself that it writes the file. */
+static bool is_left_to_step(const struct file *file) {
+  return is_one_of(file, "aud.wav") || is_one_of(file, "au.csv") || is_one_of(file, "aud.npy");
+}
+
+/* Whether the step's record has no such figure, or one that is not 0. */
+static bool has(const struct ern_prepare_job *job, const char *step, const char *figure) {
+  const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
+  const json_t *value = json_object_get(json_object_get(done, "figures"), figure);
+  return value == NULL || json_number_value(value) != 0;
+}
+
+/* Whether a step that was done with these options has written the file. */
+static bool is_written(const struct ern_prepare_job *job, const struct file *file) {
+  if (is_one_of(file, "aud.wav")) return has(job, "face", "sound");
+  if (strcmp(file->name, "pose.csv") == 0) return job->options->poses == NULL;
+  if (is_one_of(file, "au.csv")) return job->options->au != NULL || has(job, "eyes", "blinks");
+  if (is_one_of(file, "aud.npy")) return job->options->features != NULL;
+  return true;
+}
+
+static bool is_file(const struct ern_prepare_job *job, const char *name) {
+  char path[ERN_PREPARE_PATH];
+  struct stat about;
+  return snprintf(path, sizeof path, "%s/%s", job->folder, name) < (int)sizeof path && stat(path, &about) == 0 &&
+         S_ISREG(about.st_mode);
+}
+
+bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step) {
+  char name[NAME];
+  if (job->frames == 0) return false;
+  for (int k = 0; k < FILES; k++) {
+    if (files[k].step != (int)step || !is_written(job, &files[k])) continue;
+    const bool numbered = files[k].name[0] == '.';
+    name_of(&files[k], name);
+    for (size_t i = 0; i < (numbered ? job->frames : 1); i++) {
+      if (numbered) snprintf(name, sizeof name, "%s/%zu%s", files[k].folder, i, files[k].name);
+      if (!is_file(job, name)) return false;
+    }
+  }
+  return true;
+}
+
+/* A record of an earlier version, which has aud.npy and au.csv alone in `made`, tells the others by its frames. */
+static bool is_made_before(const struct ern_prepare_job *job, const char *name) {
+  const bool lids = strcmp(name, "au.csv") == 0;
+  if (json_integer_value(json_object_get(job->record, "frames")) == 0) return false;
+  if (strcmp(name, "aud.wav") == 0) return has(job, "face", "sound");
+  if (!lids && strcmp(name, "aud.npy") != 0) return true;
+  const json_t *step = json_object_get(json_object_get(job->record, "steps"), lids ? "eyes" : "features");
+  const char *with = json_string_value(json_object_get(step, "settings"));
+  if (with == NULL) return false;
+  return strcmp(with, lids ? "au " : "features ") != 0 ||
+         (lids && json_number_value(json_object_get(json_object_get(step, "figures"), "blinks")) > 0);
+}
+
+static bool is_made(const struct ern_prepare_job *job, const char *name) {
+  const json_t *made = json_object_get(job->record, "made");
+  if (json_is_true(json_object_get(made, name)) || strcmp(name, "report.html") == 0) return true;
+  return json_object_get(made, "ori_imgs/.jpg") == NULL && is_made_before(job, name);
+}
+
+/* A file that is no link goes; what else has that name stays. */
+static ern_status take_away(struct ern_prepare_job *job, int folder, const char *inside, const char *name) {
+  char path[ERN_PREPARE_PATH];
+  struct stat about;
+  if (fstatat(folder, name, &about, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(about.st_mode)) return ERN_OK;
+  if (unlinkat(folder, name, 0) == 0) return ERN_OK;
+  const int refused = errno;
+  const ern_status status = ern_prepare_path(job, path, "%s%s%s", inside, inside[0] != 0 ? "/" : "", name);
+  errno = refused;
+  return status == ERN_OK ? ern_file_refused(job->context, path, "remove") : status;
+}
+
+/* The files of the table from `first` on that lie in its folder; *next is the first one that does not. */
+static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH], name[NAME];
+  const char *inside = files[first].folder;
+  int folder = -1;
+  for (*next = first; *next < FILES && strcmp(files[*next].folder, inside) == 0;) (*next)++;
+  if (snprintf(path, sizeof path, "%s/%s", job->folder, inside) >= (int)sizeof path) return ERN_OK;
+  ERN_TRY(ern_prepare_check_stays(job));
+  folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
+  if (folder < 0) return ERN_OK; /* there is none, or it is a link */
+  for (int k = first; k < *next; k++) {
+    const bool numbered = files[k].name[0] == '.';
+    name_of(&files[k], name);
+    if (!job->options->anew && !is_made(job, name)) continue;
+    for (size_t i = 0; i < (numbered ? job->frames : 1); i++) {
+      snprintf(name, sizeof name, "%zu%s", i, files[k].name);
+      ERN_TRY(take_away(job, folder, inside, numbered ? name : files[k].name));
+    }
+  }
+  if (inside[0] != 0) (void)rmdir(path); /* where nothing else is in it */
+fail:
+  if (folder >= 0) close(folder);
+  return status;
+}
+
+ern_status ern_prepare_clear(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  for (int i = 0; i < FILES;) ERN_TRY(clear_folder(job, i, &i));
+  job->frames = 0;
+  (void)json_object_del(job->record, "frames");
+  (void)json_object_del(job->record, "made");
+fail:
+  return status;
+}
+
+ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name) {
+  if (!is_made(job, name)) return ERN_OK;
+  ern_status status = ern_prepare_check_stays(job);
+  if (status != ERN_OK) return status;
+  const int folder = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (folder < 0) return ern_file_refused(job->context, job->folder, "open");
+  status = take_away(job, folder, "", name);
+  close(folder);
+  if (status != ERN_OK) return status;
+  (void)json_object_del(json_object_get(job->record, "made"), name);
+  return ern_prepare_record_save(job);
+}
+
+static ern_status refuse_file(const struct ern_prepare_job *job, const char *path) {
+  return ern_fail(job->context, ERN_E_EXISTS,
+                  "%s: ernerf prepare did not make it; expected --overwrite to replace it, or no such file", path);
+}
+
+/* The file of a frame, as it may be written: of the clip's frames, or of any where their count is not known yet. */
+static ern_status check_numbered(const struct ern_prepare_job *job, const struct file *file, bool made, bool any) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  DIR *list = NULL;
+  ERN_TRY(ern_prepare_path(job, path, "%s", file->folder));
+  list = opendir(path);
+  for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list)) {
+    const size_t digits = strspn(entry->d_name, "0123456789");
+    if (digits == 0 || (digits > 1 && entry->d_name[0] == '0') || strcmp(entry->d_name + digits, file->name) != 0)
+      continue;
+    const bool beyond = digits > 9 || strtoul(entry->d_name, NULL, 10) >= job->frames;
+    if (beyond ? !any : made) continue;
+    ERN_TRY(ern_prepare_path(job, path, "%s/%s", file->folder, entry->d_name));
+    ERN_TRY(refuse_file(job, path));
+  }
+fail:
+  if (list != NULL) closedir(list);
+  return status;
+}
+
+static ern_status check_named(const struct ern_prepare_job *job, const char *name) {
+  char path[ERN_PREPARE_PATH];
+  const ern_status status = ern_prepare_path(job, path, "%s", name);
+  if (status != ERN_OK || access(path, F_OK) != 0 || job->options->anew || is_made(job, name)) return status;
+  return refuse_file(job, path);
+}
+
+/* The report is written with whatever step is done. */
+static bool is_of(const struct file *file, size_t step) {
+  return file->step == (int)step || (file->step == REPORT && step == FACE);
+}
+
+ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew) {
+  ern_status status = ERN_OK;
+  char name[NAME];
+  for (int k = 0; k < FILES && !job->options->anew; k++) {
+    if (!is_of(&files[k], step)) continue;
+    if (is_one_of(&files[k], "aud.npy") && job->options->features == NULL) continue;
+    name_of(&files[k], name);
+    if (files[k].name[0] == '.')
+      ERN_TRY(check_numbered(job, &files[k], is_made(job, name), anew));
+    else
+      ERN_TRY(check_named(job, name));
+  }
+fail:
+  return status;
+}
+
+static ern_status note(struct ern_prepare_job *job, const char *name) {
+  if (!json_is_object(json_object_get(job->record, "made")))
+    (void)json_object_set_new(job->record, "made", json_object());
+  if (json_object_set_new(json_object_get(job->record, "made"), name, json_true()) == 0) return ERN_OK;
+  return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder);
+}
+
+ern_status ern_prepare_claim_files(struct ern_prepare_job *job, size_t step) {
+  ern_status status = ERN_OK;
+  char name[NAME];
+  for (int k = 0; k < FILES; k++) {
+    name_of(&files[k], name);
+    if (is_of(&files[k], step) && !is_left_to_step(&files[k])) ERN_TRY(note(job, name));
+  }
+  ERN_TRY(ern_prepare_record_save(job));
+fail:
+  return status;
+}
+
+ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name) {
+  ern_status status = ERN_OK;
+  ERN_TRY(check_named(job, name));
+  ERN_TRY(note(job, name));
+  ERN_TRY(ern_prepare_record_save(job));
+fail:
+  return status;
+}
