@@ -53,13 +53,18 @@ ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
   uint8_t *text = NULL;
   size_t length = 0;
   json_t *record = NULL;
+  char kept[ERN_ERROR_BYTES];
   bool there = false;
   ERN_TRY(ern_clip_has(context, folder, "prepare.json", &there));
   if (!there) return ERN_OK;
   ERN_TRY(ern_path_join(context, folder, "prepare.json", &path));
   ERN_TRY(ern_file_read(context, path, RECORD_LIMIT, &text, &length));
-  ERN_TRY(ern_json_parse(context, path, "", (const char *)text, length, JSON_LIMIT, &record));
-  const json_t *done = json_object_get(record, "steps"); /* NULL: somebody else's file */
+  ern_error_keep(context, kept);
+  status = ern_json_parse(context, path, "", (const char *)text, length, JSON_LIMIT, &record);
+  if (status == ERN_E_FORMAT) ern_error_restore(context, kept); /* no JSON object: somebody else's file */
+  if (status != ERN_E_FORMAT) ERN_TRY(status);
+  status = ERN_OK;
+  const json_t *done = json_object_get(record, "steps"); /* NULL: somebody else's too */
   for (size_t i = 0; i < sizeof steps / sizeof *steps && json_is_object(done); i++) {
     const char *verdict = json_string_value(json_object_get(json_object_get(done, steps[i]), "verdict"));
     if (verdict == NULL || strcmp(verdict, "refused") == 0)

@@ -387,9 +387,12 @@ static void test_unfinished(void **state) {
                    i < 2 ? "tiny/prepare.json" : NULL, steps[i].word, NULL);
     ern_clip_free(&clip);
   }
-  support_write_text("tiny/prepare.json", "{\"camera\": 3}");
-  support_ok(context, ern_clip_open(context, "tiny", NULL, &clip));
-  ern_clip_free(&clip);
+  static const char *const others[] = {"{\"camera\": 3}", "[]", "Notes of the day.", ""};
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+    support_write_text("tiny/prepare.json", others[i]);
+    support_ok(context, ern_clip_open(context, "tiny", NULL, &clip));
+    ern_clip_free(&clip);
+  }
   ern_context_free(&context);
 }
 
