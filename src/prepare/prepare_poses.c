@@ -10,6 +10,8 @@
 
 /* Sides of the picture: the height of a head whose pose is brought. */
 static const double least_head = 0.1, most_head = 3;
+/* Degrees about the line of sight, of most frames of those. */
+static const double most_roll = 60;
 
 /* The first ten elevenths are for training; each part has a frame at least. */
 static size_t training_frames(size_t frames) {
@@ -94,6 +96,39 @@ static ern_status check_distance(struct ern_prepare_job *job, const char *path, 
                   path, frame, distance, height, least_head, most_head);
 }
 
+/* The head's middle is a point of the picture. */
+static ern_status check_place(struct ern_prepare_job *job, const char *path, size_t frame, double focal,
+                              const struct ern_head_pose *pose) {
+  const double *at = pose->translation;
+  const double x = 0.5 * job->side - focal * at[0] / at[2], y = 0.5 * job->side + focal * at[1] / at[2];
+  if (x >= 0 && x <= job->side && y >= 0 && y <= job->side) return ERN_OK;
+  return ern_fail(job->context, ERN_E_FORMAT,
+                  "%s: frame %zu: field transform_matrix has the head's middle at pixel %.0f, %.0f; expected it in the "
+                  "picture, 0 to %d",
+                  path, frame, x, y, job->side);
+}
+
+/* Degrees that the head is rolled by in the picture. */
+static double roll_of(const struct ern_head_pose *pose) {
+  return atan2(-pose->rotation[0][1], pose->rotation[1][1]) * 57.29577951308232;
+}
+
+/* A head may lie aside for a while, not in most frames. */
+static ern_status check_upright(struct ern_prepare_job *job, const char *path, const struct ern_head_pose *poses) {
+  size_t rolled = 0, first = 0;
+  for (size_t i = job->frames; i-- > 0;)
+    if (fabs(roll_of(&poses[i])) > most_roll) {
+      rolled++;
+      first = i;
+    }
+  if (2 * rolled <= job->frames) return ERN_OK;
+  return ern_fail(
+      job->context, ERN_E_FORMAT,
+      "%s: img_id %zu: field transform_matrix has the head rolled by %.0f degrees, and %zu of %zu frames by "
+      "more than %g; expected an upright head, and a camera whose y goes up",
+      path, first, roll_of(&poses[first]), rolled, job->frames, most_roll);
+}
+
 /* Takes the poses of a file by img_id; seen[frames] says which frames have one. `unheard`: as in
  * ern_prepare_poses_bring(), counted on; NULL: a file of the clip's own. */
 static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen,
@@ -122,6 +157,7 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
                        "expected it before the camera",
                        path, i, poses[frame].translation[2]));
     if (unheard != NULL) ERN_TRY(check_distance(job, path, i, list.focal, -poses[frame].translation[2]));
+    if (unheard != NULL) ERN_TRY(check_place(job, path, i, list.focal, &poses[frame]));
     if (unheard != NULL) *unheard += list.poses[i].aud_id != list.poses[i].img_id;
     seen[frame] = true;
   }
@@ -149,6 +185,7 @@ static ern_status read_poses(struct ern_prepare_job *job, const char *brought, s
     if (!seen[i])
       ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: has no pose of frame %zu, expected all of 0 to %zu",
                        brought != NULL ? brought : job->folder, i, job->frames - 1));
+  if (brought != NULL) ERN_TRY(check_upright(job, brought, poses));
 fail:
   ern_release(job->context, seen);
   return status;

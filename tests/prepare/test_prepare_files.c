@@ -90,6 +90,18 @@ static void test_poses_refused(void **state) {
                    "transforms_train.json: frame 0: field transform_matrix has the head",
                    i == 0 ? "700 m before" : "0.07 m before", NULL);
   }
+  /* in the picture, and most of them upright */
+  for (int i = 0; i < 3; i++) {
+    static const char *const words[] = {
+        "frame 0: field transform_matrix has the head's middle at pixel 64, 503",
+        "img_id 9: field transform_matrix has the head rolled by 170 degrees, and 11 of"};
+    for (int k = 0; k < 22; k++) poses[k] = made_pose(0, 0, k >= (i == 1 ? 9 : 10) ? 170 : 59, 0, i == 0 ? -1 : 0, 0.7);
+    m.job.frames = 22;
+    support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
+    m.job.frames = 20;
+    support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses, &unheard), i < 2 ? ERN_E_FORMAT : ERN_OK,
+                   i < 2 ? words[i] : NULL, NULL);
+  }
   poses_of(poses, 20);
   m.job.frames = 22;
   support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
