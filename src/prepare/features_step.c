@@ -14,7 +14,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   if (job->options->features == NULL) return ern_prepare_remove_made(job, "aud.npy"); /* of an earlier call */
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);
-  if (features.windows + 2 < job->frames)
+  if (features.windows + ERN_PREPARE_MORE < job->frames)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "%s has %zu windows for %zu frames; frames past the last one hear its end",
                       job->options->features, features.windows, job->frames);
@@ -44,6 +44,11 @@ ern_status ern_prepare_features_check(struct ern_prepare_job *job) {
   ern_features features = {0};
   if (job->options->features == NULL) return check_sound(job);
   ern_status status = ern_features_load(job->context, job->options->features, &features);
+  if (status == ERN_OK && job->frames > 0 && features.windows > job->frames + ERN_PREPARE_MORE)
+    status = ern_fail(job->context, ERN_E_MISMATCH,
+                      "%s: has %zu windows, and the clip has %zu frames; expected those of the clip's own sound, one "
+                      "for each frame",
+                      job->options->features, features.windows, job->frames);
   ern_features_free(job->context, &features);
   return status;
 }

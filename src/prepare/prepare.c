@@ -122,7 +122,9 @@ static ern_status open_brought(const struct ern_prepare_job *job) {
  * an earlier call made. What a step was done with is not read again. */
 static ern_status check_brought(struct ern_prepare_job *job, size_t step) {
   ern_status status = ERN_OK;
+  const size_t frames = job->frames;
   if (step == 0) ERN_TRY(open_brought(job));
+  if (step == 0) job->frames = 0;                                                      /* those of an earlier call */
   for (size_t k = step == 0 ? ERN_PREPARE_STEPS - 1 : 1; k < ERN_PREPARE_STEPS; k++) { /* features need no frames */
     char settings[SETTINGS];
     ern_prepare_verdict verdict;
@@ -130,6 +132,7 @@ static ern_status check_brought(struct ern_prepare_job *job, size_t step) {
     if (!ern_prepare_record_has(job, steps[k].name, settings, &verdict)) ERN_TRY(steps[k].check(job));
   }
 fail:
+  job->frames = frames;
   return status;
 }
 

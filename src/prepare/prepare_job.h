@@ -24,6 +24,7 @@ enum {
   ERN_PREPARE_MARK = ERN_PREPARE_PATH + 104,
   ERN_PREPARE_RATE = 25,
   ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE,
+  ERN_PREPARE_MORE = 2, /* rows or windows of one part of a video may be more or fewer than its frames */
   ERN_PREPARE_REACH = 4 /* sides of the clip: a landmark lies less than that from the corner, along x and y */
 };
 
@@ -142,7 +143,7 @@ ERN_NODISCARD ern_status ern_prepare_pose_check(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_layers_check(struct ern_prepare_job *job);
 ERN_NODISCARD ern_status ern_prepare_eyes_check(struct ern_prepare_job *job);
-ERN_NODISCARD ern_status ern_prepare_features_check(struct ern_prepare_job *job); /* needs no frames */
+ERN_NODISCARD ern_status ern_prepare_features_check(struct ern_prepare_job *job); /* job->frames 0: not known yet */
 
 #ifdef __cplusplus
 }

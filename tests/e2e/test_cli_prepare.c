@@ -162,10 +162,14 @@ static void test_brought_unread(void **state) {
   static const char *const bad[] = {
       "au none.csv",     "features none.npy", "features v.mp4",      "poses none.json",    "landmarks none",
       "masks none",      "masks holed",       "background none.png", "detector none.onnx", "landmarks none.csv",
-      "masks none.onnx", "poses small.json",  "au short.csv"};
+      "masks none.onnx", "poses small.json",  "au short.csv",        "au long.csv",        "features long.npy"};
   assert_int_equal(system("rm -rf holed && cp -r clip/parsing holed && rm holed/19.png"), 0); /* of no example */
   assert_int_equal(system("sed 's/: 192,/: 128,/; s/: 96.0,/: 64.0,/' truth/transforms_train.json >small.json"), 0);
   support_write_text("short.csv", "AU45_r\n1\n");
+  assert_int_equal(system("(echo AU45_r; yes 0 | head -n 43) >long.csv"), 0);
+  cli_run(&cli, "synth longer --size 128 --frames 60 --quiet"); /* of the whole of a longer video */
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(system("mv longer/aud_ds.npy long.npy && rm -r longer"), 0);
   list_clip("before.txt");
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --%s", bad[i]);

@@ -121,6 +121,11 @@ ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, floa
       ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH,
                        "%s: has %zu rows, expected one for each of the clip's %zu frames, or a column timestamp", path,
                        count, job->frames));
+    if (count > job->frames + ERN_PREPARE_MORE)
+      ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH,
+                       "%s: has %zu rows, and the clip has %zu frames; expected one row for each of them, or a column "
+                       "timestamp",
+                       path, count, job->frames));
     for (size_t i = 0; i < job->frames; i++) rows[i] = i;
   }
   if (success != NULL) ERN_TRY(hold(job, path, success, rows, held));
