@@ -25,9 +25,11 @@ uint8_t median_of(std::vector<uint8_t> &values) {
 }
 
 /* Median and noise (1.48 times the median absolute deviation, of the channel with the most) of each pixel over the
- * examples that see it. */
+ * examples that see it. What fewer than an eighth of them see is taken as not seen: close to the person these are the
+ * examples whose masks lack a piece of hair or an ear. */
 void medians(ern_person_model *model, cv::Mat &noise) {
   const int n = model->side;
+  const size_t least = (model->examples.size() + 7) / 8;
   std::vector<cv::Mat> places;
   for (const ern_person_example &example : model->examples) places.push_back(free_of(*model, example));
   model->background.create(n, n, CV_8UC3);
@@ -51,7 +53,7 @@ void medians(ern_person_model *model, cv::Mat &noise) {
         for (uint8_t &v : values) v = uint8_t(std::abs(int(v) - int(b[i])));
         most = std::max(most, 1.48F * float(median_of(values)));
       }
-      model->seen.at<uchar>(y, x) = count > 0 ? 255 : 0;
+      model->seen.at<uchar>(y, x) = count >= least ? 255 : 0;
       noise.at<float>(y, x) = std::min(most, NOISE_MOST);
     }
 }
@@ -167,7 +169,7 @@ void ern_person_background(ern_person_model *model, const uint8_t *background, b
   area = area < 255;
   cv::distanceTransform(area, model->small_trust, cv::DIST_L2, 3);
   model->small_noise += model->small_trust;
-  model->small_trust *= -8.0 / model->work;
+  model->small_trust *= -32.0 / model->work;
   cv::exp(model->small_trust, model->small_trust);
 }
 

@@ -84,10 +84,8 @@ cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, con
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
 /* Takes the examples as references for motion. */
 void ern_person_motion_learn(ern_person_model *model);
-/* Log odds of the person in each pixel of work by motion against the references, -5..5. A reference in which the pixel
- * stands still counts as much as `outweighs` in which it moves with the person. */
-cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face,
-                               float outweighs);
+/* Log odds of the person in each pixel of work by motion against the references, -5..5. */
+cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face);
 /* How far the place moves between the examples. */
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
 /* The points of a closed line, times `scale` about their centre. */

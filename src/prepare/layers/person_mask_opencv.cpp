@@ -16,9 +16,6 @@ enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
 constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STANDS_STILL = 4;
 constexpr double STILL_SHARE = 0.2; /* of the examples */
-/* How many references in which a pixel moves with the person are outweighed by one in which it stands still. What is
- * learnt of the place must be surer than a mask: a piece of hair in it would be in every frame's background. */
-constexpr float LEARNT = 3, SHOWN = 6;
 
 /* Dark colours lie closer: the bins are equal in the root of a value. */
 size_t bin_of(const cv::Vec3b &c) {
@@ -101,8 +98,8 @@ void seed(const ern_person_model &model, ern_person_example &example) {
 cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   const double shrink = double(model.work) / model.side;
   cv::Mat percent(model.work, model.work, CV_8U, cv::Scalar(3));
-  fill(percent, shoulders(face, 0.9, -0.12, 0.25, false), shrink, 20);
   fill(percent, head_of(face, HAIR, HAIR), shrink, 10);
+  fill(percent, shoulders(face, 0.9, -0.3, 0.25, false), shrink, 50);
   fill(percent, head_of(face, 1.3, 1.1), shrink, 35);
   fill(percent, shoulders(face, 0.45, -0.05, 0.4, false), shrink, 70);
   fill(percent, shoulders(face, 0.38, 0.02, 0.9, false), shrink, 85);
@@ -118,8 +115,8 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   const double shrink = double(model.work) / model.side;
   cv::Mat wide;
   cv::dilate(mask, wide, disk(margin));
-  fill(wide, head_of(face, 1.3, 1.08), shrink, 255);
-  fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
+  fill(wide, head_of(face, 1.3, 1.3), shrink, 255);
+  fill(wide, shoulders(face, 0.6, -0.1, 0.8, false), shrink, 255);
   return wide == 0;
 }
 
@@ -368,7 +365,7 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
     if (!model->brought) {
       ern_person_motion_learn(model);
       for (ern_person_example &example : model->examples)
-        example.motion = ern_person_motion_odds(*model, example.small, example.face, LEARNT);
+        example.motion = ern_person_motion_odds(*model, example.small, example.face);
     }
     for (int round = 0;; round++) {
       ern_person_background(model, background, key, found);
@@ -401,7 +398,7 @@ ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const er
       model->last = small_mask(*model, brought);
     } else {
       const cv::Mat small = small_of(*model, frame);
-      model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face, SHOWN));
+      model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face));
     }
     model->last_face = *face;
     model->last.copyTo(cv::Mat(model->work, model->work, CV_8U, mask));

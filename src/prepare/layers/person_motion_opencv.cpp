@@ -9,9 +9,11 @@
 namespace {
 
 enum { GRID = 4, REFERENCES = 12 };
-constexpr float NOISE = 8;       /* grey values, of a mean over 3 x 3 pixels of work after compression */
-constexpr float FAR = 1 / 64.0F; /* of the picture: less motion tells nothing */
-constexpr float EVIDENCE = 5;    /* log odds where motion is sure */
+constexpr float NOISE = 4;     /* grey values, of a mean over 3 x 3 pixels of work after compression */
+constexpr float ALIKE = 1.5F;  /* the most unlikeness of pictures of the same surface */
+constexpr float FAR = 0.01F;   /* of the picture: less motion tells nothing */
+constexpr float EVIDENCE = 5;  /* log odds where motion is sure */
+constexpr float OUTWEIGHS = 3; /* references in which a pixel moves with the person by one in which it stands still */
 
 cv::Mat grey_of(const cv::Mat &small) {
   cv::Mat grey;
@@ -104,18 +106,20 @@ void add_motion(const cv::Mat &picture, const cv::Mat &reference, const cv::Mat 
   cv::min(unlike, unlikeness(d, 3), unlike);
 }
 
-/* Head above the neck, body below it, either between. What is seen of the head moves with its surface, or, at its
- * outline, with its middle. */
+/* Head above the shoulders, body below the neck, either between. The shoulders of a person who leans to the camera
+ * reach above the chin. What is seen of the head moves with its surface, or, at its outline, with its middle. */
 struct moved person_motion(const ern_person_model &model, const cv::Mat &picture, const ern_layer_face &face,
                            const ern_person_reference &r, const cv::Point2f &body) {
-  const int n = model.work, chin = int(face.points[8][1] * float(n) / float(model.side));
-  const int jaw = chin - n / 16, collar = chin + n / 8;
-  const float shrink = float(n) / float(model.side);
+  const int n = model.work;
+  const float shrink = float(n) / float(model.side), chin = face.points[8][1] * shrink;
+  const float tall =
+      std::hypot(face.points[8][0] - face.points[27][0], face.points[8][1] - face.points[27][1]) * shrink;
+  const int shoulders = int(chin - 0.35F * tall), collar = int(chin + 0.5F * tall);
   struct moved moved = {cv::Mat(n, n, CV_32F, cv::Scalar(1e9)), cv::Mat(n, n, CV_32F, cv::Scalar(1e9))};
   const cv::Scalar middle((r.face.centre[0] - face.centre[0]) * shrink, (r.face.centre[1] - face.centre[1]) * shrink);
   add_motion(picture, r.small, head_motion(model, face, r.face), 0, collar, &moved);
   add_motion(picture, r.small, cv::Mat(n, n, CV_32FC2, middle), 0, collar, &moved);
-  add_motion(picture, r.small, cv::Mat(n, n, CV_32FC2, cv::Scalar(body.x, body.y)), jaw, n, &moved);
+  add_motion(picture, r.small, cv::Mat(n, n, CV_32FC2, cv::Scalar(body.x, body.y)), shoulders, n, &moved);
   return moved;
 }
 
@@ -143,9 +147,9 @@ void ern_person_motion_learn(ern_person_model *model) {
 
 /* In each reference in which the person has moved, a pixel is the place's if its surroundings are as they were, and the
  * person's if they are as the person's motion has them. The place beside the head is often covered, the person never
- * stands still: so one reference in which a pixel stands still outweighs several in which it does not. */
-cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face,
-                               float outweighs) {
+ * stands still: so one reference in which a pixel stands still outweighs several in which it does not. A reference
+ * that is alike in neither way, as of a part that turns or bends, tells nothing. */
+cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
   const int n = model.work;
   cv::Mat odds(n, n, CV_32F, cv::Scalar(0)), counts = odds.clone(), picture;
   bool known = false;
@@ -158,8 +162,9 @@ cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &sma
     for (int y = 0; y < n; y++)
       for (int x = 0; x < n; x++) {
         if (moved.far.at<float>(y, x) < FAR * float(n)) continue;
-        const float gain = moved.unlike.at<float>(y, x) - still.at<float>(y, x);
-        odds.at<float>(y, x) += gain > 1 ? -outweighs : gain < -1 ? 1.0F : 0.0F;
+        const float person = moved.unlike.at<float>(y, x), place = still.at<float>(y, x);
+        if (place < ALIKE && person - place > 1) odds.at<float>(y, x) -= OUTWEIGHS;
+        if (person < ALIKE && place - person > 1) odds.at<float>(y, x) += 1;
         counts.at<float>(y, x) += 1;
       }
   }
