@@ -9,11 +9,12 @@
 namespace {
 
 enum { GRID = 4, REFERENCES = 12 };
-constexpr float NOISE = 4;     /* grey values, of a mean over 3 x 3 pixels of work after compression */
-constexpr float ALIKE = 1.5F;  /* the most unlikeness of pictures of the same surface */
-constexpr float FAR = 0.01F;   /* of the picture: less motion tells nothing */
-constexpr float EVIDENCE = 5;  /* log odds where motion is sure */
-constexpr float OUTWEIGHS = 3; /* references in which a pixel moves with the person by one in which it stands still */
+constexpr float NOISE = 4;      /* grey values, of a mean over 3 x 3 pixels of work after compression */
+constexpr float ALIKE = 1.5F;   /* the most unlikeness of pictures of the same surface */
+constexpr float FAR = 0.01F;    /* of the picture: less motion tells nothing */
+constexpr float BEND = 0.0125F; /* of the picture: a body bends; it tells nothing where it moves less */
+constexpr float EVIDENCE = 5;   /* log odds where motion is sure */
+constexpr float OUTWEIGHS = 3;  /* references in which a pixel moves with the person by one in which it stands still */
 
 cv::Mat grey_of(const cv::Mat &small) {
   cv::Mat grey;
@@ -156,8 +157,9 @@ cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &sma
   const cv::Point2f body = body_of(model, small, &known);
   small.convertTo(picture, CV_32FC3);
   for (const ern_person_reference &r : model.references) {
-    const bool told = known && r.body_known;
-    const struct moved moved = person_motion(model, picture, face, r, told ? r.body - body : cv::Point2f(0, 0));
+    const cv::Point2f shift = r.body - body;
+    const bool told = known && r.body_known && cv::norm(shift) >= double(BEND) * n;
+    const struct moved moved = person_motion(model, picture, face, r, told ? shift : cv::Point2f(0, 0));
     const cv::Mat still = unlikeness(picture - r.small, 1);
     for (int y = 0; y < n; y++)
       for (int x = 0; x < n; x++) {
