@@ -116,7 +116,7 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   cv::Mat wide;
   cv::dilate(mask, wide, disk(margin));
   fill(wide, head_of(face, 1.3, 1.3), shrink, 255);
-  fill(wide, shoulders(face, 0.45, 0, 0.8, false), shrink, 255);
+  fill(wide, shoulders(face, 0.6, -0.1, 0.8, false), shrink, 255);
   return wide == 0;
 }
 
