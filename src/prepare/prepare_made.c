@@ -205,9 +205,12 @@ fail:
 
 static ern_status check_named(const struct ern_prepare_job *job, const char *name) {
   char path[ERN_PREPARE_PATH];
+  struct stat about;
   const ern_status status = ern_prepare_path(job, path, "%s", name);
-  if (status != ERN_OK || access(path, F_OK) != 0 || job->options->anew || is_made(job, name)) return status;
-  return refuse_file(job, path);
+  if (status != ERN_OK || stat(path, &about) != 0 || job->options->anew) return status;
+  if (!S_ISREG(about.st_mode)) /* it would stay where the clip's own files are removed, and be in the way then */
+    return ern_fail(job->context, ERN_E_EXISTS, "%s: is no regular file; expected one, or nothing by that name", path);
+  return is_made(job, name) ? ERN_OK : refuse_file(job, path);
 }
 
 /* The report is written with whatever step is done. */

@@ -180,13 +180,26 @@ static void test_silent(void **state) {
   static const char list[] = "find clip -type f -printf '%p %T@ %s\\n' | sort";
   char command[256];
   for (int i = 0; i < 4; i++) {
-    if (i == 3) assert_int_equal(remove("clip/ori_imgs/7.jpg"), 0);
+    if (i == 3) assert_int_equal(rename("clip/ori_imgs/7.jpg", "7.jpg"), 0);
     snprintf(command, sizeof command, "%s >before.txt", list);
     assert_int_equal(system(command), 0);
     cli_run(&cli, "prepare %s -o clip --size 192", refused[i]);
     cli_expect(&cli, 1, i == 2 ? "still" : "has no sound", NULL);
     snprintf(command, sizeof command, "%s | cmp - before.txt", list);
     assert_int_equal(system(command), 0);
+  }
+  assert_int_equal(rename("7.jpg", "clip/ori_imgs/7.jpg"), 0);
+  /* nor one that meets a pipe or a folder in the place of a file */
+  assert_int_equal(remove("clip/transforms_val.json"), 0);
+  for (int i = 0; i < 2; i++) {
+    assert_int_equal(i == 0 ? mkfifo("clip/transforms_val.json", 0644) : mkdir("clip/transforms_val.json", 0755), 0);
+    snprintf(command, sizeof command, "%s >before.txt", list);
+    assert_int_equal(system(command), 0);
+    cli_run(&cli, "prepare silent.mp4 -o clip --size 192 --features truth/aud_ds.npy --only pose");
+    cli_expect(&cli, 1, "clip/transforms_val.json: is no regular file", NULL);
+    snprintf(command, sizeof command, "%s | cmp - before.txt", list);
+    assert_int_equal(system(command), 0);
+    assert_int_equal(remove("clip/transforms_val.json"), 0);
   }
 }
 

@@ -77,6 +77,12 @@ bash "$portrait" nothing.mp4 -o new/folder > said.log 2>&1 || status=$?
 [ "$status" = 1 ] && grep -qF 'nothing.mp4' said.log || fail 'a video that is not there'
 [ ! -e new ] || fail 'a video that is not there: a folder was made'
 
+# a link in the place of a file that the last step writes
+echo keep > kept.json
+ln -s ../kept.json made/eval.json
+refused made/eval.json 'is a symbolic link' -- -o made --minutes 3 --from 0 --au 'a b.csv' --size 128
+rm made/eval.json
+
 # while another call works in the folder nothing is noted
 flock made sleep 30 &
 for tries in {1..50}; do flock --nonblock made true || break; sleep 0.1; done

@@ -254,8 +254,8 @@ int cmd_eval(int argc, char **argv) {
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &job.refine_poses,
-       .help =
-           "each frame also at the pose that the model draws it best at, in figures of their own; some 3 s a frame"}};
+       .help = "each frame also at the pose that the model draws it best at, in figures of their own; draws it up to "
+               "200 times"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};

@@ -13,7 +13,7 @@
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
 
-/* Of 512, 1,024 and 2,048 rays a step none learns more in the same time on all clips (docs/performance.md). */
+/* Found by trying (docs/performance.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
