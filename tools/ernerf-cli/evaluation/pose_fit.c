@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "evaluation/regions.h"
+#include "ernerf/train.h"
 
 enum {
   N = 6,           /* a rotation vector about the scene's origin, then a move */
@@ -197,8 +197,13 @@ static int take_truth(struct search *search, size_t k) {
   if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
     return session_fail(evaluation->session);
   for (size_t i = 0; i < search->values; i++) search->truth[i] = (float)truth.data[i] / 255;
-  const ern_clip_frame *frame = ern_clip_frame_at(evaluation->clip, source_frame->split, source_frame->index);
-  if (!region_lower_face(frame, truth.width, truth.height, &search->left_out)) search->left_out = (ern_box){0};
+  /* as a training has it; nothing where the landmarks are not known */
+  ern_dataset dataset;
+  ern_dataset_frame frame;
+  ern_clip_dataset(evaluation->clip, &dataset);
+  if (dataset.frame(dataset.user, source_frame->split, source_frame->index, &frame) != ERN_OK)
+    return session_fail(evaluation->session);
+  search->left_out = frame.lower_face;
   return 0;
 }
 

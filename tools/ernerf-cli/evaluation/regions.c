@@ -1,16 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "evaluation/regions.h"
 
-enum {
-  JAW_BEGIN = 2,
-  JAW_END = 15,
-  NOSE_TIP = 33,
-  EYES_BEGIN = 36,
-  EYES_END = 48,
-  LIPS_BEGIN = 48,
-  LIPS_END = 60,
-  LANDMARKS = 68
-};
+enum { EYES_BEGIN = 36, EYES_END = 48, LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS = 68 };
 
 static int clip_to(int value, int most) { return value < 0 ? 0 : value > most ? most : value; }
 
@@ -51,13 +42,6 @@ bool region_mouth(const ern_clip_frame *frame, int width, int height, ern_box *b
   const int row = (lips.top + lips.bottom) / 2, column = (lips.left + lips.right) / 2;
   const ern_box square = {.top = row - half, .bottom = row + half, .left = column - half, .right = column + half};
   return cut(square, width, height, box);
-}
-
-bool region_lower_face(const ern_clip_frame *frame, int width, int height, ern_box *box) {
-  if (!frame->has_landmarks) return false;
-  ern_box jaw = box_of(frame->landmarks, JAW_BEGIN, JAW_END);
-  jaw.top = whole(frame->landmarks[NOSE_TIP][1]);
-  return cut(jaw, width, height, box);
 }
 
 bool region_eyes(const ern_clip_frame *frame, int width, int height, ern_box *box) {

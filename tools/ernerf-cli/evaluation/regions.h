@@ -7,11 +7,9 @@
 
 /* Boxes in pixels, half-open and cut at the picture. False without landmarks, and where nothing is left of the box.
  * head: of all 68 landmarks, integer-truncated minima and maxima. mouth: the square around landmarks 48..59.
- * eyes: of landmarks 36..47, and a quarter of its width on each side. lower_face: of landmarks 2..14, the jaw, below
- * 33, the tip of the nose. */
+ * eyes: of landmarks 36..47, and a quarter of its width on each side. */
 bool region_head(const ern_clip_frame *frame, int width, int height, ern_box *box);
 bool region_mouth(const ern_clip_frame *frame, int width, int height, ern_box *box);
-bool region_lower_face(const ern_clip_frame *frame, int width, int height, ern_box *box);
 bool region_eyes(const ern_clip_frame *frame, int width, int height, ern_box *box);
 
 #endif
