@@ -64,8 +64,9 @@ ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
   if (status == ERN_E_FORMAT) ern_error_restore(context, kept); /* no JSON object: somebody else's file */
   if (status != ERN_E_FORMAT) ERN_TRY(status);
   status = ERN_OK;
-  const json_t *done = json_object_get(record, "steps"); /* NULL: somebody else's too */
-  for (size_t i = 0; i < sizeof steps / sizeof *steps && json_is_object(done); i++) {
+  const json_t *done = json_object_get(record, "steps");
+  const bool ours = json_is_integer(json_object_get(record, "version")) && json_is_object(done);
+  for (size_t i = 0; i < sizeof steps / sizeof *steps && ours; i++) {
     const char *verdict = json_string_value(json_object_get(json_object_get(done, steps[i]), "verdict"));
     if (verdict == NULL || strcmp(verdict, "refused") == 0)
       ERN_TRY(ern_fail(context, ERN_E_STATE,

@@ -185,8 +185,7 @@ static ern_status write_table(struct ern_prepare_job *job, const float *values, 
   struct ern_file_writer file = {0};
   double from = 0, to = 0;
   ern_prepare_part(job, &from, &to); /* timestamps are of the video, as --au takes them */
-  ERN_TRY(ern_prepare_claim(job, "au.csv"));
-  ERN_TRY(ern_prepare_path(job, path, "au.csv"));
+  ERN_TRY(ern_prepare_claim(job, "au.csv", path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < count; i++) {

@@ -292,7 +292,7 @@ static ern_status begin_frames(struct scan *s) {
        json_object_set_new(job->record, "segment",
                            json_pack("{s:f, s:f}", "from", job->segment[0], "to", job->segment[1])) != 0))
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
-  ERN_TRY(ern_prepare_claim_files(job, 0));
+  ERN_TRY(ern_prepare_record_save(job));
 fail:
   return status;
 }
@@ -303,7 +303,7 @@ static ern_status write_frames(struct scan *s, const double region[4]) {
   struct ern_footage footage = {0};
   const ern_image *image = NULL;
   ern_image crop = {0};
-  char path[ERN_PREPARE_PATH];
+  char path[ERN_PREPARE_PATH], name[64];
   ERN_TRY(ern_prepare_path(job, path, "ori_imgs"));
   ERN_TRY(ern_folder_make(job->context, path));
   ERN_TRY(ern_footage_open(job, &footage));
@@ -311,7 +311,8 @@ static ern_status write_frames(struct scan *s, const double region[4]) {
     ERN_TRY(ern_footage_next(&footage, &image));
     if (image == NULL) ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: changed while it was read", job->video));
     ERN_TRY(ern_picture_crop(job->context, image, region, job->side, &crop));
-    ERN_TRY(ern_prepare_path(job, path, "ori_imgs/%zu.jpg", i));
+    snprintf(name, sizeof name, "ori_imgs/%zu.jpg", i);
+    ERN_TRY(ern_prepare_claim(job, name, path));
     ERN_TRY(ern_image_write(job->context, path, &crop, QUALITY));
     ern_image_free(job->context, &crop);
     ERN_TRY(ern_prepare_progress(job, s->before + s->frames + i + 1, s->before + 2 * s->frames));
@@ -350,8 +351,7 @@ static ern_status write_sound(struct scan *s) {
     data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
   }
   const ern_sound sound = {.rate = SOUND_RATE, .channels = 1, .frames = length, .data = data};
-  ERN_TRY(ern_prepare_claim(job, "aud.wav"));
-  ERN_TRY(ern_prepare_path(job, path, "aud.wav"));
+  ERN_TRY(ern_prepare_claim(job, "aud.wav", path));
   ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
 fail:
   ern_release(job->context, samples);

@@ -18,8 +18,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "%s has %zu windows for %zu frames; frames past the last one hear its end",
                       job->options->features, features.windows, job->frames);
-  ERN_TRY(ern_prepare_claim(job, "aud.npy"));
-  ERN_TRY(ern_prepare_path(job, path, "aud.npy"));
+  ERN_TRY(ern_prepare_claim(job, "aud.npy", path));
   ERN_TRY(ern_features_save(job->context, path, &features));
 fail:
   ern_features_free(job->context, &features);

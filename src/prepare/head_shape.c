@@ -3,6 +3,12 @@
 
 #include <math.h>
 
+double ern_head_turn(const struct ern_head_pose *a, const struct ern_head_pose *b) {
+  double dot = 0;
+  for (int i = 0; i < 3; i++) dot += a->rotation[i][2] * b->rotation[i][2];
+  return acos(fmin(fmax(dot, -1), 1)) * 57.29577951308232;
+}
+
 bool ern_head_project(const struct ern_head_pose *pose, double focal, double centre, const double point[3],
                       double pixel[2]) {
   double seen[3];

@@ -24,6 +24,8 @@ extern "C" {
 /* Pixels of a point of the head; false where it is behind the camera. `centre`: pixels, half of a side. */
 bool ern_head_project(const struct ern_head_pose *pose, double focal, double centre, const double point[3],
                       double pixel[2]);
+/* Degrees between the directions in which two heads face, roll left out. */
+double ern_head_turn(const struct ern_head_pose *a, const struct ern_head_pose *b);
 /* Where the line of sight through a pixel meets the ellipsoid first, or with `face` the face on it, forehead and nose;
  * false where it passes the ellipsoid by. */
 bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,

@@ -148,13 +148,6 @@ static void warp_of(const struct tracking *t, size_t reference, size_t frame, do
   warp[3] = to[1] - (warp[1] * from[0] + warp[0] * from[1]);
 }
 
-/* Degrees between the directions in which two heads face, roll left out. */
-static double turn_between(const struct ern_head_pose *a, const struct ern_head_pose *b) {
-  double dot = 0;
-  for (int i = 0; i < 3; i++) dot += a->rotation[i][2] * b->rotation[i][2];
-  return acos(fmin(fmax(dot, -1), 1)) * 57.29577951308232;
-}
-
 static ern_status find_points(struct tracking *t, size_t reference, double warp[4]) {
   return ern_flow_reference_find(t->references[reference], t->grey, warp, t->found + t->first[reference]);
 }
@@ -226,7 +219,7 @@ static ern_status find_all(struct tracking *t) {
     forget_points(t);
     for (size_t r = 0; r < t->count; r++) {
       double warp[4];
-      const double turn = turn_between(&t->poses[i], &t->poses[t->at[r]]) / reference_turn;
+      const double turn = ern_head_turn(&t->poses[i], &t->poses[t->at[r]]) / reference_turn;
       if (turn > 2) continue;
       t->shares[r] = (float)fmin(2 - turn, 1);
       warp_of(t, r, i, warp);
@@ -320,7 +313,7 @@ static ern_status add_references(struct tracking *t) {
     size_t frame = 0;
     for (size_t i = 0; i < t->job->frames; i++) {
       double least = HUGE_VAL;
-      for (size_t r = 0; r < t->count; r++) least = fmin(least, turn_between(&t->poses[i], &t->poses[t->at[r]]));
+      for (size_t r = 0; r < t->count; r++) least = fmin(least, ern_head_turn(&t->poses[i], &t->poses[t->at[r]]));
       if (least > worst) {
         worst = least;
         frame = i;
@@ -404,7 +397,7 @@ static ern_status write_support(struct tracking *t, const struct support *suppor
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], line[128];
   struct ern_file_writer file = {0};
-  ERN_TRY(ern_prepare_path(t->job, path, "prepare/pose.csv"));
+  ERN_TRY(ern_prepare_claim(t->job, "prepare/pose.csv", path));
   ERN_TRY(ern_file_writer_open(t->job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < t->job->frames; i++) {
@@ -476,12 +469,7 @@ static void give_verdict(struct ern_prepare_job *job, const struct findings *f) 
                       100 * f->hidden);
     followed = false;
   }
-  if (f->turn < 1)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head turns by %.1f degrees in all; how deep it is cannot be told, expected 1 degree or more",
-                      f->turn);
-  if (f->turn > 35)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", f->turn);
+  ern_prepare_judge_turn(job, f->turn);
   if (!followed)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
                       "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part");
@@ -504,7 +492,7 @@ static ern_status judge(struct tracking *t) {
     if (support[i].seen > 0) residuals[held++] = support[i].residual;
     counts[i] = (float)support[i].seen;
     lost += support[i].seen < FEW;
-    f.turn = fmax(f.turn, turn_between(&t->poses[i], &t->poses[t->at[0]]));
+    f.turn = fmax(f.turn, ern_head_turn(&t->poses[i], &t->poses[t->at[0]]));
   }
   f.residual = held > 0 ? (double)ern_quantile(residuals, held, 0.5) : 99;
   f.points = (double)ern_quantile(counts, frames, 0.5);
@@ -516,7 +504,6 @@ static ern_status judge(struct tracking *t) {
   ern_prepare_figure(t->job, "hidden", f.hidden);
   ern_prepare_figure(t->job, "lost", f.lost);
   ern_prepare_figure(t->job, "references", (double)t->count);
-  ern_prepare_figure(t->job, "turn", f.turn);
   ern_prepare_figure(t->job, "tremble", f.tremble);
   give_verdict(t->job, &f);
 fail:
@@ -526,25 +513,8 @@ fail:
   return status;
 }
 
-static ern_status bring(struct ern_prepare_job *job) {
-  ern_status status = ERN_OK;
-  struct ern_head_pose *poses = NULL;
-  size_t unheard = 0;
-  ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
-  ERN_TRY(ern_prepare_poses_bring(job, poses, &unheard));
-  ERN_TRY(ern_prepare_poses_write(job, poses));
-  if (unheard > 0)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: a frame of the clip hears "
-                      "what it shows",
-                      unheard, job->frames, job->options->poses);
-fail:
-  ern_release(job->context, poses);
-  return status;
-}
-
 ern_status ern_prepare_pose(struct ern_prepare_job *job) {
-  if (job->options->poses != NULL) return bring(job);
+  if (job->options->poses != NULL) return ern_prepare_poses_take(job);
   ern_context *context = job->context;
   struct tracking t = {.job = job, .centre = 0.5 * job->side};
   struct ern_found_face *faces = NULL;

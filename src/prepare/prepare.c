@@ -200,7 +200,6 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   if (step > 0) { /* else a step that is stopped counts as done */
     ERN_TRY(ern_prepare_record_strike(job, stale, count));
     ERN_TRY(break_clip(job, step));
-    ERN_TRY(ern_prepare_claim_files(job, step));
   }
   ERN_TRY(steps[step].run(job));
   const bool refused = job->verdict->grade == ERN_PREPARE_REFUSED;
@@ -265,6 +264,14 @@ static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *
   return outcome;
 }
 
+/* At the end of a call, whose error stays. */
+static void settle(struct ern_prepare_job *job) {
+  char kept[ERN_ERROR_BYTES];
+  if (!ern_prepare_stays(job)) return;
+  ern_error_keep(job->context, kept);
+  if (ern_prepare_settle_made(job) != ERN_OK) ern_error_restore(job->context, kept);
+}
+
 ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                              const ern_prepare_options *options, ern_prepare_result *result, size_t bytes) {
   ERN_PLAIN_FLOATS;
@@ -278,6 +285,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   struct ern_prepare_job job = {.context = context, .video = video, .folder = folder, .options = &own};
   size_t only = 0;
   int lock = -1;
+  bool opened = false;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_TAKE_CONFIG(context, ern_prepare_options, &own, options));
   ERN_TRY(check_paths(context, &own));
@@ -286,11 +294,14 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   job.focal = own.focal > 0 ? own.focal : 1100.0 / 450.0 * own.side;
   ERN_TRY(keep_inputs(&job));
   ERN_TRY(ern_prepare_record_open(&job, &lock));
+  opened = true;
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;
+  ERN_TRY(ern_prepare_settle_made(&job)); /* of a call that was killed */
   status = run_steps(&job, only, &found);
   if (status == ERN_OK || job.refused) ERN_TRY(report(&job, &found, status));
 fail:
+  if (opened) settle(&job);
   if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* an empty one */
   if (lock >= 0) close(lock);
   json_decref(job.record);

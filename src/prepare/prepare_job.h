@@ -87,6 +87,10 @@ ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, str
 ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses,
                                                  size_t *unheard);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
+/* poses_brought.c. The step "pose" with the poses of options->poses. */
+ERN_NODISCARD ern_status ern_prepare_poses_take(struct ern_prepare_job *job);
+/* The verdict of how far the head turns in all, degrees. */
+void ern_prepare_judge_turn(struct ern_prepare_job *job, double turn);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). The eyes are where the landmarks of
  * options->landmarks have them, if the user brought any. */
@@ -109,11 +113,11 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 /* ERN_E_EXISTS where a file is there that the step may write, no call made it, and options->anew is not set. `anew`:
  * "face" runs before it, so the clip may get more frames than job->frames. */
 ERN_NODISCARD ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew);
-/* Notes in the record that a call makes the step's files, but aud.wav, au.csv and aud.npy, which a step need not
- * write. */
-ERN_NODISCARD ern_status ern_prepare_claim_files(struct ern_prepare_job *job, size_t step);
-/* Before one of those three is written: checks it, and notes it. */
-ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name);
+/* The path of a file that is about to be written, by its name in the clip ("bc.jpg", "gt_imgs/3.jpg"). Notes in the
+ * record that a call makes it, or those of all frames; ERN_E_EXISTS as above where it is there and no call made it. */
+ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]);
+/* Takes back what was noted of files that are not there: a file by such a name that comes later is the user's. */
+ERN_NODISCARD ern_status ern_prepare_settle_made(struct ern_prepare_job *job);
 /* Removes what calls made, of the frames 0..job->frames - 1; with options->anew whatever file has such a name. No link
  * goes, and nothing behind one. job->frames is 0 then. */
 ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);

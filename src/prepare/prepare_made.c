@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Whose files they are. record.made has what a call made, by the names of the table below; nothing else that lies in
- * the clip is removed or replaced without options->anew. */
+ * Whose files they are. record.made has what calls made, by the names of the table below: a name is noted before the
+ * file is written, and taken back where none came of it. Nothing else that lies in the clip is removed or replaced
+ * without options->anew. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -54,11 +55,6 @@ static bool is_one_of(const struct file *file, const char *name) {
   return file->folder[0] == 0 && strcmp(file->name, name) == 0;
 }
 
-/* A step that ends without it is done all the same: it says itself that it writes the file. */
-static bool is_left_to_step(const struct file *file) {
-  return is_one_of(file, "aud.wav") || is_one_of(file, "au.csv") || is_one_of(file, "aud.npy");
-}
-
 /* Whether the step's record has no such figure, or one that is not 0. */
 static bool has(const struct ern_prepare_job *job, const char *step, const char *figure) {
   const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
@@ -97,23 +93,8 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step) {
   return true;
 }
 
-/* A record of an earlier version, which has aud.npy and au.csv alone in `made`, tells the others by its frames. */
-static bool is_made_before(const struct ern_prepare_job *job, const char *name) {
-  const bool lids = strcmp(name, "au.csv") == 0;
-  if (json_integer_value(json_object_get(job->record, "frames")) == 0) return false;
-  if (strcmp(name, "aud.wav") == 0) return has(job, "face", "sound");
-  if (!lids && strcmp(name, "aud.npy") != 0) return true;
-  const json_t *step = json_object_get(json_object_get(job->record, "steps"), lids ? "eyes" : "features");
-  const char *with = json_string_value(json_object_get(step, "settings"));
-  if (with == NULL) return false;
-  return strcmp(with, lids ? "au " : "features ") != 0 ||
-         (lids && json_number_value(json_object_get(json_object_get(step, "figures"), "blinks")) > 0);
-}
-
 static bool is_made(const struct ern_prepare_job *job, const char *name) {
-  const json_t *made = json_object_get(job->record, "made");
-  if (json_is_true(json_object_get(made, name)) || strcmp(name, "report.html") == 0) return true;
-  return json_object_get(made, "ori_imgs/.jpg") == NULL && is_made_before(job, name);
+  return json_is_true(json_object_get(json_object_get(job->record, "made"), name));
 }
 
 /* A file that is no link goes; what else has that name stays. */
@@ -213,22 +194,19 @@ static ern_status check_named(const struct ern_prepare_job *job, const char *nam
   return is_made(job, name) ? ERN_OK : refuse_file(job, path);
 }
 
-/* The report is written with whatever step is done. */
-static bool is_of(const struct file *file, size_t step) {
-  return file->step == (int)step || (file->step == REPORT && step == FACE);
+static ern_status check_file(const struct ern_prepare_job *job, const struct file *file, bool anew) {
+  char name[NAME];
+  if (job->options->anew && file->name[0] == '.') return ERN_OK;
+  name_of(file, name);
+  return file->name[0] == '.' ? check_numbered(job, file, is_made(job, name), anew) : check_named(job, name);
 }
 
 ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew) {
   ern_status status = ERN_OK;
-  char name[NAME];
   for (int k = 0; k < FILES && !job->options->anew; k++) {
-    if (!is_of(&files[k], step)) continue;
+    if (files[k].step != (int)step && files[k].step != REPORT) continue; /* the report is written with any step */
     if (is_one_of(&files[k], "aud.npy") && job->options->features == NULL) continue;
-    name_of(&files[k], name);
-    if (files[k].name[0] == '.')
-      ERN_TRY(check_numbered(job, &files[k], is_made(job, name), anew));
-    else
-      ERN_TRY(check_named(job, name));
+    ERN_TRY(check_file(job, &files[k], anew));
   }
 fail:
   return status;
@@ -241,23 +219,61 @@ static ern_status note(struct ern_prepare_job *job, const char *name) {
   return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder);
 }
 
-ern_status ern_prepare_claim_files(struct ern_prepare_job *job, size_t step) {
-  ern_status status = ERN_OK;
-  char name[NAME];
+/* Of FOLDER/NAME or NAME, where ID.ENDING is any frame's; NULL: no step writes that. */
+static const struct file *find(const char *name) {
+  const char *slash = strchr(name, '/');
+  const char *last = slash != NULL ? slash + 1 : name;
+  const size_t folder = slash != NULL ? (size_t)(slash - name) : 0;
   for (int k = 0; k < FILES; k++) {
-    name_of(&files[k], name);
-    if (is_of(&files[k], step) && !is_left_to_step(&files[k])) ERN_TRY(note(job, name));
+    const char *own = last + (files[k].name[0] == '.' ? strspn(last, "0123456789") : 0);
+    if (strlen(files[k].folder) == folder && strncmp(files[k].folder, name, folder) == 0 &&
+        strcmp(files[k].name, own) == 0)
+      return &files[k];
   }
-  ERN_TRY(ern_prepare_record_save(job));
+  return NULL;
+}
+
+ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]) {
+  ern_status status = ERN_OK;
+  const struct file *file = find(name);
+  char noted[NAME];
+  if (file == NULL) return ern_fail(job->context, ERN_E_ARGUMENT, "%s/%s: no step writes it", job->folder, name);
+  name_of(file, noted);
+  if (!is_made(job, noted)) {
+    ERN_TRY(check_file(job, file, file->step == FACE));
+    ERN_TRY(note(job, noted));
+    ERN_TRY(ern_prepare_record_save(job));
+  }
+  ERN_TRY(ern_prepare_path(job, path, "%s", name));
 fail:
   return status;
 }
 
-ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name) {
-  ern_status status = ERN_OK;
-  ERN_TRY(check_named(job, name));
-  ERN_TRY(note(job, name));
-  ERN_TRY(ern_prepare_record_save(job));
-fail:
-  return status;
+/* Whether the file is there, or that of any frame. */
+static bool is_any_there(const struct ern_prepare_job *job, const struct file *file) {
+  const json_int_t frames = json_integer_value(json_object_get(job->record, "frames"));
+  char name[NAME];
+  name_of(file, name);
+  if (file->name[0] != '.') return is_file(job, name);
+  for (json_int_t i = 0; i < frames; i++) {
+    snprintf(name, sizeof name, "%s/%" JSON_INTEGER_FORMAT "%s", file->folder, i, file->name);
+    if (is_file(job, name)) return true;
+  }
+  return false;
+}
+
+ern_status ern_prepare_settle_made(struct ern_prepare_job *job) {
+  json_t *made = json_object_get(job->record, "made"), *settled = json_object();
+  char name[NAME];
+  for (int k = 0; k < FILES; k++) {
+    name_of(&files[k], name);
+    if (is_made(job, name) && is_any_there(job, &files[k])) (void)json_object_set_new(settled, name, json_true());
+  }
+  const bool same = made == NULL || json_equal(made, settled);
+  if (same || settled == NULL || json_object_set(job->record, "made", settled) != 0) {
+    json_decref(settled);
+    return ERN_OK;
+  }
+  json_decref(settled);
+  return ern_prepare_record_save(job);
 }

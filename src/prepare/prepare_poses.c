@@ -10,8 +10,8 @@
 
 /* Sides of the picture: the height of a head whose pose is brought. */
 static const double least_head = 0.1, most_head = 3;
-/* Degrees about the line of sight, of most frames of those. */
-static const double most_roll = 60;
+/* Degrees, of most frames of those: about the line of sight, and between the way the face looks and the camera. */
+static const double most_roll = 60, most_aside = 60;
 
 /* The first ten elevenths are for training; each part has a frame at least. */
 static size_t training_frames(size_t frames) {
@@ -48,7 +48,7 @@ static ern_status write_part(struct ern_prepare_job *job, const char *name, cons
   char path[ERN_PREPARE_PATH], line[1024];
   struct ern_file_writer file = {0};
   const double centre = 0.5 * job->side;
-  ERN_TRY(ern_prepare_path(job, path, "%s", name));
+  ERN_TRY(ern_prepare_claim(job, name, path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   int length = snprintf(line, sizeof line,
                         "{\"focal_len\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d, \"frames\": [",
@@ -113,20 +113,30 @@ static double roll_of(const struct ern_head_pose *pose) {
   return atan2(-pose->rotation[0][1], pose->rotation[1][1]) * 57.29577951308232;
 }
 
-/* A head may lie aside for a while, not in most frames. */
-static ern_status check_upright(struct ern_prepare_job *job, const char *path, const struct ern_head_pose *poses) {
-  size_t rolled = 0, first = 0;
+/* Degrees between the way the face looks, the head's z, and the way from the head to the camera: 0..180. */
+static double aside_of(const struct ern_head_pose *pose) {
+  const double *t = pose->translation;
+  double along = 0;
+  for (int i = 0; i < 3; i++) along -= pose->rotation[i][2] * t[i];
+  along /= sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+  return acos(fmin(fmax(along, -1), 1)) * 57.29577951308232;
+}
+
+/* A head may lie or look aside for a while, not in most frames. */
+static ern_status check_angle(struct ern_prepare_job *job, const char *path, const struct ern_head_pose *poses,
+                              double angle(const struct ern_head_pose *pose), double most, const char *found,
+                              const char *expected) {
+  size_t beyond = 0, first = 0;
   for (size_t i = job->frames; i-- > 0;)
-    if (fabs(roll_of(&poses[i])) > most_roll) {
-      rolled++;
+    if (fabs(angle(&poses[i])) > most) {
+      beyond++;
       first = i;
     }
-  if (2 * rolled <= job->frames) return ERN_OK;
-  return ern_fail(
-      job->context, ERN_E_FORMAT,
-      "%s: img_id %zu: field transform_matrix has the head rolled by %.0f degrees, and %zu of %zu frames by "
-      "more than %g; expected an upright head, and a camera whose y goes up",
-      path, first, roll_of(&poses[first]), rolled, job->frames, most_roll);
+  if (2 * beyond <= job->frames) return ERN_OK;
+  return ern_fail(job->context, ERN_E_FORMAT,
+                  "%s: img_id %zu: field transform_matrix has the head %s by %.0f degrees, and %zu of %zu frames by "
+                  "more than %g; expected %s",
+                  path, first, found, angle(&poses[first]), beyond, job->frames, most, expected);
 }
 
 /* Takes the poses of a file by img_id; seen[frames] says which frames have one. `unheard`: as in
@@ -185,7 +195,12 @@ static ern_status read_poses(struct ern_prepare_job *job, const char *brought, s
     if (!seen[i])
       ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: has no pose of frame %zu, expected all of 0 to %zu",
                        brought != NULL ? brought : job->folder, i, job->frames - 1));
-  if (brought != NULL) ERN_TRY(check_upright(job, brought, poses));
+  if (brought != NULL)
+    ERN_TRY(check_angle(job, brought, poses, roll_of, most_roll, "rolled",
+                        "an upright head, and a camera whose y goes up"));
+  if (brought != NULL)
+    ERN_TRY(check_angle(job, brought, poses, aside_of, most_aside, "turned away from the camera",
+                        "a face that looks into the camera, along the head's z"));
 fail:
   ern_release(job->context, seen);
   return status;

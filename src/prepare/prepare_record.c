@@ -14,7 +14,7 @@
 #include "io/file.h"
 #include "io/json.h"
 
-enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28, VERSION = 1 };
+enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28, VERSION = 2 };
 static const char *const grades[] = {"good", "doubtful", "refused"};
 
 static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
@@ -39,12 +39,15 @@ static json_t *source(const struct ern_prepare_job *job, const struct stat *vide
   return NULL;
 }
 
-/* `frames`: of the files that are there already. */
-static ern_status begin_record(struct ern_prepare_job *job, json_t *about, json_int_t frames) {
+/* What an earlier record says of the files that are there is kept. */
+static ern_status begin_record(struct ern_prepare_job *job, json_t *about) {
   json_t *name = json_string(job->video); /* NULL where it is no UTF-8 */
+  json_t *made = json_deep_copy(json_object_get(job->record, "made"));
+  const json_int_t frames = json_integer_value(json_object_get(job->record, "frames"));
   json_decref(job->record);
-  job->record = json_pack("{s:i, s:o, s:O, s:I, s:{}}", "version", VERSION, "video",
-                          name != NULL ? name : json_string(""), "source", about, "frames", frames, "steps");
+  job->record =
+      json_pack("{s:i, s:o, s:O, s:I, s:{}, s:o}", "version", VERSION, "video", name != NULL ? name : json_string(""),
+                "source", about, "frames", frames, "steps", "made", made != NULL ? made : json_object());
   return job->record != NULL ? ERN_OK : ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
 }
 
@@ -54,9 +57,11 @@ static ern_status read_record(struct ern_prepare_job *job, const char *path) {
   size_t length = 0;
   ERN_TRY(ern_file_read(job->context, path, RECORD_LIMIT, &text, &length));
   ERN_TRY(ern_json_parse(job->context, path, "", (const char *)text, length, JSON_LIMIT, &job->record));
-  if (json_integer_value(json_object_get(job->record, "version")) != VERSION ||
-      !json_is_object(json_object_get(job->record, "steps")) || !json_is_object(json_object_get(job->record, "source")))
-    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: is no record of ernerf prepare, version %d", path, VERSION));
+  const json_int_t version = json_integer_value(json_object_get(job->record, "version"));
+  if (version < 1 || version > VERSION || !json_is_object(json_object_get(job->record, "steps")) ||
+      !json_is_object(json_object_get(job->record, "source")))
+    ERN_TRY(ern_fail(job->context, ERN_E_FORMAT,
+                     "%s: is no record of ernerf prepare, version %d; expected one, or a new folder", path, VERSION));
   const json_t *count = json_object_get(job->record, "frames");
   const json_int_t frames = json_integer_value(count);
   if ((count != NULL && !json_is_integer(count)) || frames < 0 || frames > ERN_PREPARE_FRAMES)
@@ -80,14 +85,9 @@ static ern_status read_segment(struct ern_prepare_job *job, const char *path) {
   return ERN_OK;
 }
 
-/* A record of an earlier version has the video's time in seconds only. So its frames may be those of another video, and
- * they are made again, with all that is made of them. */
-static void take_nanoseconds(struct ern_prepare_job *job, const json_t *about) {
-  json_t *noted = json_object_get(job->record, "source");
-  if (json_object_get(noted, "nanoseconds") != NULL) return;
-  (void)json_object_set(noted, "nanoseconds", json_object_get(about, "nanoseconds"));
-  (void)json_object_del(json_object_get(job->record, "steps"), "face");
-  (void)json_object_del(job->record, "segment");
+/* Records of version 1 do not name all files that calls made. */
+static bool is_earlier(const struct ern_prepare_job *job) {
+  return json_integer_value(json_object_get(job->record, "version")) < VERSION;
 }
 
 /* Whether an earlier call has refused the video: the folder has no frames then. */
@@ -109,10 +109,15 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
       ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
                        "%s: holds files that ernerf prepare did not make, expected a new or an empty folder",
                        job->folder));
-    return begin_record(job, about, 0);
+    return begin_record(job, about);
   }
   ERN_TRY(read_record(job, path));
-  take_nanoseconds(job, about);
+  if (is_earlier(job) && !job->options->anew)
+    ERN_TRY(ern_fail(job->context, ERN_E_EXISTS,
+                     "%s: an earlier version of ernerf prepare made it; expected a new folder, or --overwrite to "
+                     "replace it",
+                     job->folder));
+  if (is_earlier(job)) return begin_record(job, about);
   if (json_equal(json_object_get(job->record, "source"), about)) return read_segment(job, path);
   if (!job->options->anew && !is_refused(job))
     ERN_TRY(ern_fail(
@@ -120,7 +125,7 @@ static ern_status open_record(struct ern_prepare_job *job, json_t *about) {
         "%s: was prepared from another video, or with another --from, --to, --size or --segment; expected a new "
         "folder, or --overwrite to replace it",
         job->folder));
-  return begin_record(job, about, json_integer_value(json_object_get(job->record, "frames")));
+  return begin_record(job, about);
 fail:
   return status;
 }

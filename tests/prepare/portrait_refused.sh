@@ -82,6 +82,9 @@ echo keep > kept.json
 ln -s ../kept.json made/eval.json
 refused made/eval.json 'is a symbolic link' -- -o made --minutes 3 --from 0 --au 'a b.csv' --size 128
 rm made/eval.json
+echo mine > made/unseen.mp4
+refused made/unseen.mp4 'is not what tools/portrait wrote' -- -o made --minutes 3 --from 0 --au 'a b.csv' --size 128
+rm made/unseen.mp4
 
 # while another call works in the folder nothing is noted
 flock made sleep 30 &
@@ -105,9 +108,9 @@ cp person.mp4 talk
 bash "$portrait" talk > said.log 2>&1 && fail "the video was taken for a folder"
 grep -q '"talk" is no name for a folder, expected -o FOLDER' said.log || fail "talk: $(cat said.log)"
 
-# what is no video leaves no mark
+# what is no video leaves no folder
 mv person.mp4 whole.mp4
 echo text > person.mp4
 bash "$portrait" person.mp4 -o none > said.log 2>&1 && fail "a text was taken for a video"
-[ -z "$(ls none)" ] || fail "left: $(ls none)"
+[ ! -e none ] || fail "a folder was left: $(ls none)"
 echo "portrait_refused.sh: all is refused"

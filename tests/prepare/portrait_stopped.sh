@@ -14,6 +14,7 @@ cat > ernerf << 'END'
 echo "$*" >> calls.log
 case $1 in
   prepare) mkdir -p "$4/ori_imgs" && echo poses > "$4/transforms_train.json" ;;
+  eval) echo seen > "$5" && echo figures > "$7" ;;
   train)
     case $TRAIN in
       wait) trap 'echo ended >> calls.log; exit 143' TERM HUP; echo waits >> calls.log; for i in {1..300}; do sleep 0.1; done ;;
@@ -39,6 +40,14 @@ for name in head.run/state.next head.run/state.previous run/state.next; do
   made half || fail "$name: it did not go on"
   tail -n 2 calls.log | grep -q '^train.* --resume' || fail "$name: trained anew"
 done
+
+# a user's own file in the place of one that an earlier call wrote
+made made --minutes 5 || fail "it did not go on"
+echo mine > made/eval.json
+made made --minutes 5 && fail "a user's file was replaced"
+[ "$(cat made/eval.json)" = mine ] && grep -q 'eval.json: is not what' said.log || fail "a user's file"
+rm made/eval.json made/unseen.mp4
+made made --minutes 5 || fail "it did not draw again what was removed"
 
 # cd looks at CDPATH
 mkdir -p elsewhere/other/clip

@@ -90,30 +90,74 @@ static void test_poses_refused(void **state) {
                    "transforms_train.json: frame 0: field transform_matrix has the head",
                    i == 0 ? "700 m before" : "0.07 m before", NULL);
   }
-  /* in the picture, and most of them upright */
-  for (int i = 0; i < 3; i++) {
-    static const char *const words[] = {
-        "frame 0: field transform_matrix has the head's middle at pixel 64, 503",
-        "img_id 9: field transform_matrix has the head rolled by 170 degrees, and 11 of"};
-    for (int k = 0; k < 22; k++) poses[k] = made_pose(0, 0, k >= (i == 1 ? 9 : 10) ? 170 : 59, 0, i == 0 ? -1 : 0, 0.7);
+  /* in the picture, most of them upright, and most faces towards the camera */
+  static const struct {
+    double yaw, pitch, roll, y;
+    int begin;
+    const char *words;
+  } most[] = {{0, 0, 59, -1, 0, "frame 0: field transform_matrix has the head's middle at pixel 64, 503"},
+              {0, 0, 170, 0, 9, "img_id 9: field transform_matrix has the head rolled by 170 degrees, and 11 of"},
+              {0, 0, 170, 0, 10, NULL},
+              {180, 0, 0, 0, 9, "img_id 9: field transform_matrix has the head turned away from the camera by 180"},
+              {180, 0, 0, 0, 10, NULL},
+              {0, 80, 0, 0, 9, "img_id 9: field transform_matrix has the head turned away from the camera by 80"},
+              {30, 50, 0, 0, 0, NULL}};
+  for (size_t i = 0; i < sizeof most / sizeof *most; i++) {
+    for (int k = 0; k < 22; k++)
+      poses[k] = k < most[i].begin ? made_pose(0, 0, 59, 0, 0, 0.7)
+                                   : made_pose(most[i].yaw, most[i].pitch, most[i].roll, 0, most[i].y, 0.7);
     m.job.frames = 22;
     support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
     m.job.frames = 20;
-    support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses, &unheard), i < 2 ? ERN_E_FORMAT : ERN_OK,
-                   i < 2 ? words[i] : NULL, NULL);
+    support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses, &unheard),
+                   most[i].words != NULL ? ERN_E_FORMAT : ERN_OK, most[i].words, NULL);
   }
-  poses_of(poses, 20);
-  m.job.frames = 22;
-  support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
-  m.job.frames = 20;
-  assert_int_equal(system("sed -i 's/\"aud_id\": 1/\"aud_id\": 2/' clip/transforms_train.json"), 0);
-  support_ok(m.job.context, ern_prepare_pose(&m.job)); /* 1 and 10 to 19 */
-  assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
-  assert_non_null(strstr(m.verdict.words, "aud_id is not img_id in 11 of 20 frames of clip/transforms_train.json"));
   m.options.poses = "nowhere.json";
   support_expect(m.job.context, ern_prepare_poses_bring(&m.job, poses, &unheard), ERN_E_MISSING, "nowhere.json", NULL);
   remove("clip/transforms_val.json");
   support_expect(m.job.context, ern_prepare_poses_read(&m.job, poses), ERN_E_MISSING, "transforms_val.json", NULL);
+  made_job_close(&m);
+}
+
+/* Brought poses are held against the faces that were found, and against each other. */
+static void test_poses_judged(void **state) {
+  (void)state;
+  static const char *const words[] = {"aud_id is not img_id in 11 of 20 frames of clip/transforms_train.json",
+                                      "in 1 of the 10 frames where a face was found", "furthest in frame 6",
+                                      "the head turns by 0.0 degrees in all"};
+  struct made_job m;
+  struct ern_head_pose poses[MOST];
+  struct ern_found_face faces[10];
+  made_job_open(&m, "clip", SIDE, 22);
+  for (int astray = 0; astray < 2; astray++) {
+    poses_of(poses, 22);
+    if (astray > 0)
+      for (int i = 0; i < 22; i++) poses[i] = made_pose(0, 0, 0, i == 6 ? 0.14 : 0.01, 0.02, 0.7);
+    m.options.poses = NULL;
+    m.job.frames = 22;
+    m.job.focal = 2.4 * SIDE;
+    support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
+    for (size_t i = 0; i < 10; i++) {
+      const struct ern_head_pose *pose = &poses[astray > 0 && i == 3 ? 0 : 2 * i];
+      double box[4];
+      ern_head_box(pose, m.job.focal, 0.5 * SIDE, box);
+      const float wide = (float)(box[2] - box[0]), x = (float)(0.5 * (box[0] + box[2])),
+                  y = (float)(0.5 * (box[1] + box[3]));
+      faces[i] =
+          (struct ern_found_face){.frame = 2 * i, .x = x - wide / 2, .y = y - wide / 2, .width = wide, .height = wide};
+    }
+    m.job.frames = 20;
+    support_ok(m.job.context, ern_prepare_faces_write(&m.job, faces, 10));
+    m.options.poses = "clip/transforms_train.json";
+    if (astray == 0) /* frames 1 and 10 to 19 */
+      assert_int_equal(system("sed -i 's/\"aud_id\": 1/\"aud_id\": 2/' clip/transforms_train.json"), 0);
+    m.verdict = (ern_prepare_verdict){.step = "pose"};
+    support_ok(m.job.context, ern_prepare_pose(&m.job));
+    for (int i = 0; i < 4; i++)
+      if ((strstr(m.verdict.words, words[i]) != NULL) != (astray == (i > 0)))
+        fail_msg("%s: found \"%s\"", words[i], m.verdict.words);
+    assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
+  }
   made_job_close(&m);
 }
 
@@ -368,8 +412,9 @@ static void test_marks(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_poses),         cmocka_unit_test(test_poses_refused),     cmocka_unit_test(test_faces),
-      cmocka_unit_test(test_faces_refused), cmocka_unit_test(test_still_crop),        cmocka_unit_test(test_quantile),
-      cmocka_unit_test(test_files_there),   cmocka_unit_test(test_files_not_written), cmocka_unit_test(test_marks)};
+      cmocka_unit_test(test_poses),    cmocka_unit_test(test_poses_refused), cmocka_unit_test(test_poses_judged),
+      cmocka_unit_test(test_faces),    cmocka_unit_test(test_faces_refused), cmocka_unit_test(test_still_crop),
+      cmocka_unit_test(test_quantile), cmocka_unit_test(test_files_there),   cmocka_unit_test(test_files_not_written),
+      cmocka_unit_test(test_marks)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

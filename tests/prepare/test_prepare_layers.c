@@ -92,6 +92,7 @@ struct run {
 
 static ern_status run_layers(struct run *run, ern_context *context, size_t frames) {
   run->verdict = (ern_prepare_verdict){.step = "layers"};
+  run->options.anew = true; /* files of a made-up clip, and of the run before */
   run->job = (struct ern_prepare_job){.context = context,
                                       .video = "made up",
                                       .folder = "clip",

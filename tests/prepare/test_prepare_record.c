@@ -99,21 +99,16 @@ static void test_another_video(void **state) {
   made_job_close(&m);
 }
 
-/* The same bytes at another nanosecond are another video. A record without nanoseconds, of an earlier version, opens
- * again, but its frames count as not done. */
+/* The same bytes at another nanosecond are another video. */
 static void test_nanoseconds(void **state) {
   (void)state;
   struct made_job m;
   struct timespec times[2] = {{.tv_sec = 1000, .tv_nsec = 5}, {.tv_sec = 1000, .tv_nsec = 5}};
-  ern_prepare_verdict verdict = {0};
   int lock = -1;
   job_on(&m, "clip");
   assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
   support_ok(m.job.context, open_record(&m, &lock));
-  m.verdict = (ern_prepare_verdict){.step = "face"};
-  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "", NULL, 0));
-  m.verdict = (ern_prepare_verdict){.step = "features"};
-  support_ok(m.job.context, ern_prepare_record_enter(&m.job, "features own.npy", NULL, 0));
+  support_ok(m.job.context, ern_prepare_record_save(&m.job));
   shut(&lock);
   times[1].tv_nsec = 6;
   assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
@@ -121,14 +116,29 @@ static void test_nanoseconds(void **state) {
   shut(&lock);
   times[1].tv_nsec = 5;
   assert_int_equal(utimensat(AT_FDCWD, "made.mp4", times, 0), 0);
-  for (int earlier = 0; earlier < 2; earlier++) {
-    support_ok(m.job.context, open_record(&m, &lock));
-    assert_true(ern_prepare_record_has(&m.job, "face", "", &verdict) == (earlier == 0));
-    assert_true(ern_prepare_record_has(&m.job, "features", "features own.npy", &verdict));
-    assert_int_equal(json_object_del(json_object_get(m.job.record, "source"), "nanoseconds"), 0);
-    support_ok(m.job.context, ern_prepare_record_save(&m.job));
-    shut(&lock);
-  }
+  support_ok(m.job.context, open_record(&m, &lock));
+  shut(&lock);
+  made_job_close(&m);
+}
+
+/* A record of an earlier version does not name all that was made: the clip is the user's but for --overwrite. */
+static void test_earlier_version(void **state) {
+  (void)state;
+  struct made_job m;
+  int lock = -1;
+  job_on(&m, "clip");
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_int_equal(json_object_set_new(m.job.record, "version", json_integer(1)), 0);
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(40)), 0);
+  support_ok(m.job.context, ern_prepare_record_save(&m.job));
+  shut(&lock);
+  support_expect(m.job.context, open_record(&m, &lock), ERN_E_EXISTS, "clip", "earlier version", "--overwrite", NULL);
+  shut(&lock);
+  m.options.anew = true;
+  support_ok(m.job.context, open_record(&m, &lock));
+  assert_int_equal(json_integer_value(json_object_get(m.job.record, "version")), 2);
+  assert_int_equal(json_integer_value(json_object_get(m.job.record, "frames")), 40); /* those to be cleared */
+  shut(&lock);
   made_job_close(&m);
 }
 
@@ -141,7 +151,7 @@ static void test_moved(void **state) {
   job_on(&m, "clip");
   support_clear("moved");
   support_ok(m.job.context, open_record(&m, &lock));
-  support_ok(m.job.context, ern_prepare_record_save(&m.job));
+  support_ok(m.job.context, ern_prepare_claim(&m.job, "report.html", path));
   assert_int_equal(rename("clip", "moved"), 0);
   for (int other = 0; other < 2; other++) {
     if (other > 0) {
@@ -194,14 +204,15 @@ static void test_damaged(void **state) {
                                     "[]",
                                     "text",
                                     "{\"version\": 1}",
-                                    "{\"version\": 2, \"source\": {}, \"steps\": {}}",
-                                    "{\"version\": 1, \"source\": [], \"steps\": {}}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": []}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"steps\": {}}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": -1}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": 45001}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": \"9\"}",
-                                    "{\"version\": 1, \"source\": {}, \"steps\": {}, \"frames\": 1e3}"};
+                                    "{\"version\": 3, \"source\": {}, \"steps\": {}}",
+                                    "{\"version\": 0, \"source\": {}, \"steps\": {}}",
+                                    "{\"version\": 2, \"source\": [], \"steps\": {}}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": []}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}, \"steps\": {}}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}, \"frames\": -1}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}, \"frames\": 45001}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}, \"frames\": \"9\"}",
+                                    "{\"version\": 2, \"source\": {}, \"steps\": {}, \"frames\": 1e3}"};
   struct made_job m;
   int lock = -1;
   job_on(&m, "clip");
@@ -214,7 +225,7 @@ static void test_damaged(void **state) {
   }
   /* steps that say nothing of use are not done */
   static const char odd[] =
-      "{\"version\": 1, \"source\": {}, \"steps\": {\"face\": 3, \"pose\": {\"verdict\": \"good\"},"
+      "{\"version\": 2, \"source\": {}, \"steps\": {\"face\": 3, \"pose\": {\"verdict\": \"good\"},"
       " \"eyes\": {\"verdict\": \"fine\", \"words\": \"\", \"settings\": \"au \"}}}";
   ern_prepare_verdict verdict = {0};
   support_write_text("clip/prepare.json", odd);
@@ -235,7 +246,7 @@ static void test_clear(void **state) {
   struct made_job m;
   made_job_open(&m, "clip", 128, 3);
   static const char *const folders[] = {"ori_imgs", "gt_imgs", "torso_imgs", "prepare"};
-  char path[256];
+  char path[ERN_PREPARE_PATH];
   for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
     snprintf(path, sizeof path, "clip/%s", folders[i]);
     assert_int_equal(mkdir(path, 0777), 0);
@@ -244,11 +255,11 @@ static void test_clear(void **state) {
                                      "prepare/pose.csv", "prepare/shown_7.jpg", "aud.wav",       "bc.jpg",
                                      "overlay.mp4",      "transforms_val.json", "report.html",   "gt_imgs/2.jpg",
                                      "gt_imgs/0.jpg",    "torso_imgs/0.png"};
-  static const char *const stays[] = {"ori_imgs/3.jpg", "ori_imgs/00.jpg", "prepare/notes.txt", "prepare.json",
-                                      "aud_ds.npy",     "ori_imgs/0.png",  "thesis.txt",        "au.csv",
-                                      "aud.npy" /* no step says that it made them */};
+  static const char *const stays[] = {"ori_imgs/3.jpg", "ori_imgs/00.jpg", "prepare/notes.txt",
+                                      "prepare.json",   "aud_ds.npy",      "ori_imgs/0.png",
+                                      "thesis.txt",     "au.csv",          "aud.npy" /* no call made them */};
   for (size_t i = 0; i < sizeof goes / sizeof *goes; i++) {
-    snprintf(path, sizeof path, "clip/%s", goes[i]);
+    assert_true(ern_prepare_claim(&m.job, goes[i], path) == ERN_OK);
     support_write_text(path, "made");
   }
   for (size_t i = 0; i < sizeof stays / sizeof *stays; i++) {
@@ -290,7 +301,7 @@ static void test_not_made(void **state) {
       {"ori_imgs/3.jpg", 0}, {"prepare/shown_0.jpg", 0}, {"aud.wav", 0}, {"overlay.mp4", 0}, {"transforms_val.json", 1},
       {"ori_imgs/0.lms", 2}, {"parsing/12.png", 3},      {"bc.jpg", 3},  {"au.csv", 4},      {"aud.npy", 5}};
   struct made_job m;
-  char path[64];
+  char path[ERN_PREPARE_PATH];
   made_job_open(&m, "clip", 128, 0);
   m.options.features = "own.npy";
   for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) {
@@ -309,9 +320,10 @@ static void test_not_made(void **state) {
       support_ok(m.job.context, ern_prepare_check_files(&m.job, step, true));
   }
   m.options.anew = false;
-  support_ok(m.job.context, ern_prepare_claim_files(&m.job, 0)); /* "face" is done, and nothing else */
-  m.job.frames = 3;
   assert_int_equal(system("mkdir -p clip/ori_imgs"), 0);
+  support_ok(m.job.context, ern_prepare_claim(&m.job, "ori_imgs/0.jpg", path)); /* "face" is done, and nothing else */
+  assert_string_equal(path, "clip/ori_imgs/0.jpg");
+  m.job.frames = 3;
   support_write_text("clip/ori_imgs/2.jpg", "made");
   support_ok(m.job.context, ern_prepare_check_files(&m.job, 0, true));
   support_write_text("clip/ori_imgs/3.jpg", "mine");
@@ -320,11 +332,41 @@ static void test_not_made(void **state) {
   support_ok(m.job.context, ern_prepare_check_files(&m.job, 2, false));
   support_write_text("clip/ori_imgs/2.lms", "mine");
   support_expect(m.job.context, ern_prepare_check_files(&m.job, 2, false), ERN_E_EXISTS, "ori_imgs/2.lms", NULL);
+  support_expect(m.job.context, ern_prepare_claim(&m.job, "ori_imgs/0.lms", path), ERN_E_EXISTS, "ori_imgs/2.lms",
+                 NULL);
+  support_expect(m.job.context, ern_prepare_claim(&m.job, "thesis.txt", path), ERN_E_ARGUMENT, "thesis.txt", NULL);
   support_write_text("clip/bc.jpg", "mine");
   support_ok(m.job.context, ern_prepare_remove_made(&m.job, "bc.jpg"));
   support_ok(m.job.context, ern_prepare_clear(&m.job));
   assert_true(there("clip/bc.jpg") && there("clip/ori_imgs/2.lms") && there("clip/ori_imgs/3.jpg"));
   assert_false(there("clip/ori_imgs/2.jpg"));
+  made_job_close(&m);
+}
+
+/* A call that was stopped has noted files which it did not come to write: those that the user puts there stay. */
+static void test_noted_not_written(void **state) {
+  (void)state;
+  static const char *const names[] = {"overlay.mp4", "transforms_val.json", "report.html", "gt_imgs/1.jpg", "bc.jpg"};
+  enum { NAMES = sizeof names / sizeof *names, WRITTEN = NAMES - 1 };
+  struct made_job m;
+  char path[ERN_PREPARE_PATH];
+  made_job_open(&m, "clip", 128, 3);
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
+  assert_int_equal(mkdir("clip/gt_imgs", 0777), 0);
+  for (size_t i = 0; i < NAMES; i++) support_ok(m.job.context, ern_prepare_claim(&m.job, names[i], path));
+  support_write_text(path, "made");
+  support_ok(m.job.context, ern_prepare_settle_made(&m.job));
+  for (size_t i = 0; i < NAMES; i++) {
+    snprintf(path, sizeof path, "clip/%s", names[i]);
+    support_write_text(path, "mine");
+    support_expect(m.job.context, ern_prepare_claim(&m.job, names[i], path), i == WRITTEN ? ERN_OK : ERN_E_EXISTS,
+                   i == WRITTEN ? NULL : names[i], "did not make it", NULL);
+  }
+  support_ok(m.job.context, ern_prepare_clear(&m.job));
+  for (size_t i = 0; i < NAMES; i++) {
+    snprintf(path, sizeof path, "clip/%s", names[i]);
+    assert_true(there(path) == (i != WRITTEN));
+  }
   made_job_close(&m);
 }
 
@@ -356,7 +398,7 @@ static void test_call(void **state) {
   char text[512];
   assert_int_equal(stat("made.mp4", &about), 0);
   snprintf(text, sizeof text,
-           "{\"version\": 1, \"source\": {\"bytes\": %lld, \"modified\": %lld, \"nanoseconds\": %ld, \"from\": 0.0,"
+           "{\"version\": 2, \"source\": {\"bytes\": %lld, \"modified\": %lld, \"nanoseconds\": %ld, \"from\": 0.0,"
            " \"to\": 0.0, \"side\": 512},"
            "\"frames\": 45000, \"steps\": {\"face\": {\"verdict\": \"good\", \"words\": \"\", \"settings\": \"\"}}}",
            (long long)about.st_size, (long long)about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
@@ -375,6 +417,7 @@ static void test_unfinished(void **state) {
   } steps[] = {{DONE("features"), "the step \"eyes\" is not done"},
                {DONE("eyes") ", \"features\": {\"verdict\": \"refused\"}", "the step \"features\" was refused"},
                {DONE("eyes") ", " DONE("features"), NULL}};
+  static const char *const others[] = {"{\"camera\": 3}", "{\"steps\": {}}", "[]", "Notes of the day.", ""};
   ern_context *context = support_context();
   ern_clip *clip = NULL;
   char text[1024];
@@ -387,7 +430,6 @@ static void test_unfinished(void **state) {
                    i < 2 ? "tiny/prepare.json" : NULL, steps[i].word, NULL);
     ern_clip_free(&clip);
   }
-  static const char *const others[] = {"{\"camera\": 3}", "[]", "Notes of the day.", ""};
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
     support_write_text("tiny/prepare.json", others[i]);
     support_ok(context, ern_clip_open(context, "tiny", NULL, &clip));
@@ -417,10 +459,12 @@ static void test_refused_before(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_steps),       cmocka_unit_test(test_locked),     cmocka_unit_test(test_another_video),
-      cmocka_unit_test(test_nanoseconds), cmocka_unit_test(test_moved),      cmocka_unit_test(test_folders_of_others),
-      cmocka_unit_test(test_damaged),     cmocka_unit_test(test_clear),      cmocka_unit_test(test_not_made),
-      cmocka_unit_test(test_call),        cmocka_unit_test(test_unfinished), cmocka_unit_test(test_refused_before)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_steps),           cmocka_unit_test(test_locked),
+                                     cmocka_unit_test(test_another_video),   cmocka_unit_test(test_nanoseconds),
+                                     cmocka_unit_test(test_moved),           cmocka_unit_test(test_folders_of_others),
+                                     cmocka_unit_test(test_damaged),         cmocka_unit_test(test_clear),
+                                     cmocka_unit_test(test_not_made),        cmocka_unit_test(test_call),
+                                     cmocka_unit_test(test_unfinished),      cmocka_unit_test(test_refused_before),
+                                     cmocka_unit_test(test_earlier_version), cmocka_unit_test(test_noted_not_written)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -209,13 +209,14 @@ static double follows_jaw(int point) {
 }
 
 static ern_status write_points(struct ern_prepare_job *job, size_t frame, const float points[ERN_LANDMARKS][2]) {
-  char path[ERN_PREPARE_PATH], text[ERN_LANDMARKS * 32];
+  char path[ERN_PREPARE_PATH], name[64], text[ERN_LANDMARKS * 32];
   size_t length = 0;
   for (int k = 0; k < ERN_LANDMARKS; k++)
     length +=
         (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
                          fmin(fmax((double)points[k][0], -9999), 9999), fmin(fmax((double)points[k][1], -9999), 9999));
-  const ern_status status = ern_prepare_path(job, path, "ori_imgs/%zu.lms", frame);
+  snprintf(name, sizeof name, "ori_imgs/%zu.lms", frame);
+  const ern_status status = ern_prepare_claim(job, name, path);
   return status == ERN_OK ? ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE) : status;
 }
 

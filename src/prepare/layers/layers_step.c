@@ -157,9 +157,10 @@ fail:
 }
 
 static ern_status write_picture(struct layers *l, const char *folder, size_t frame, const char *ending, int channels) {
-  char path[ERN_PREPARE_PATH];
+  char path[ERN_PREPARE_PATH], name[64];
   const ern_image image = {.width = l->job->side, .height = l->job->side, .channels = channels, .data = l->rgba};
-  ern_status status = ern_prepare_path(l->job, path, "%s/%zu.%s", folder, frame, ending);
+  snprintf(name, sizeof name, "%s/%zu.%s", folder, frame, ending);
+  ern_status status = ern_prepare_claim(l->job, name, path);
   if (status == ERN_OK) status = ern_image_write(l->job->context, path, &image, QUALITY);
   return status;
 }
@@ -305,7 +306,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   ERN_TRY(cut_out(&l, examples, total));
   memcpy(l.rgba, ern_person_model_background(l.model), 3 * (size_t)job->side * (size_t)job->side);
   const ern_image background = {.width = job->side, .height = job->side, .channels = 3, .data = l.rgba};
-  ERN_TRY(ern_prepare_path(job, path, "bc.jpg"));
+  ERN_TRY(ern_prepare_claim(job, "bc.jpg", path));
   ERN_TRY(ern_image_write(job->context, path, &background, QUALITY));
   if (l.place > 0 && l.place < 0.99)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
