@@ -172,6 +172,30 @@ static void test_truth(void **state) {
   ern_image_free(t->context, &background);
 }
 
+/* Masks without the torso: a person that has no shoulders, unless the head alone is asked for. */
+static void test_no_shoulders(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "narrow";
+  mkdir("narrow", 0755);
+  uint8_t *grey = calloc(1, PIXELS);
+  ern_image image = {.width = SIDE, .height = SIDE, .channels = 1, .data = grey};
+  for (int step = 0; step < 3; step++) {
+    for (int f = 0; f < FRAMES; f++) {
+      for (int k = 0; k < PIXELS; k++) {
+        const bool in = step == 1 ? t->person[f * PIXELS + k] : t->head[f * PIXELS + k];
+        grey[k] = in ? 255 : 0;
+      }
+      support_ok(t->context, ern_image_write(t->context, name_of("narrow", "%d.png", f), &image, 100));
+    }
+    run.options.head_only = step == 2;
+    support_ok(t->context, run_layers(&run, t->context, FRAMES));
+    if ((strstr(run.verdict.words, "has no shoulders in 22 of the 22 frames") != NULL) != (step == 0))
+      fail_msg("masks %d: %s", step, run.verdict.words);
+  }
+  free(grey);
+}
+
 static void test_brought(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
@@ -351,9 +375,9 @@ static void test_nothing(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),      cmocka_unit_test(test_brought),
-                                     cmocka_unit_test(test_background), cmocka_unit_test(test_cancel),
-                                     cmocka_unit_test(test_cluttered),  cmocka_unit_test(test_key),
-                                     cmocka_unit_test(test_nothing)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),   cmocka_unit_test(test_no_shoulders),
+                                     cmocka_unit_test(test_brought), cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_cancel),  cmocka_unit_test(test_cluttered),
+                                     cmocka_unit_test(test_key),     cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

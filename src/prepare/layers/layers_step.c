@@ -8,10 +8,15 @@
 
 #include "io/file.h"
 #include "prepare/face_detector.h"
+#include "prepare/head_shape.h"
 #include "prepare/layers/layers.h"
 #include "prepare/still_crop.h"
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
+
+/* Metres: at the picture's lower edge, that far below the middle of the head or further, a person is wider than twice
+ * half_shoulders. Half a head is 0.075 wide. */
+static const double shoulders_below = 0.15, half_shoulders = 0.11;
 
 struct voter { /* a frame whose mask is found, and whose neighbours' may not be yet */
   size_t frame;
@@ -33,6 +38,7 @@ struct layers {
   size_t border[16];
   double covered, areas[3]; /* shares of the picture: the mean, and the last three frames' */
   float *trembles;          /* [job->frames]: second differences of the area, over the area */
+  size_t low, narrow;       /* frames that reach down to the shoulders, and those of them with narrower ones */
 };
 
 static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
@@ -184,6 +190,25 @@ static void measure(struct layers *l, size_t frame) {
     l->trembles[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
 }
 
+/* Clothes that never move may be taken for the place: a person without shoulders. */
+static void measure_shoulders(struct layers *l, size_t frame) {
+  static const double origin[3] = {0, 0, 0};
+  const struct ern_layer_face *face = &l->faces[frame];
+  const int side = l->job->side;
+  const uint8_t *lowest = l->parts + (size_t)(side - 1) * (size_t)side;
+  const double metre = face->focal / -face->pose.translation[2]; /* pixels */
+  double middle[2] = {0, 0};
+  int first = 0, last = side - 1;
+  if (!ern_head_project(&face->pose, face->focal, face->middle, origin, middle)) return;
+  if (side - 1 - middle[1] < shoulders_below * metre) return;
+  while (first < side && lowest[first] == ERN_PART_BACKGROUND) first++;
+  while (last >= 0 && lowest[last] == ERN_PART_BACKGROUND) last--;
+  const double left = fmin(half_shoulders * metre, middle[0] - 1);
+  const double right = fmin(half_shoulders * metre, side - 2 - middle[0]);
+  l->low++;
+  l->narrow += middle[0] - first < left || last - middle[0] < right;
+}
+
 /* The pictures of a frame whose neighbours' masks are in the ring. */
 static ern_status finish(struct layers *l, size_t frame, size_t last) {
   struct ern_prepare_job *job = l->job;
@@ -208,6 +233,7 @@ static ern_status finish(struct layers *l, size_t frame, size_t last) {
     ERN_TRY(ern_head_parts(job->context, rgb, l->alpha, &l->faces[frame], job->side, l->parts));
   }
   measure(l, frame);
+  measure_shoulders(l, frame);
   ERN_TRY(write_parsing(l, frame));
   ern_layer_frame(rgb, l->alpha, l->behind, l->parts, background, job->options->head_only, job->side, l->rgba);
   ERN_TRY(write_picture(l, "gt_imgs", frame, "jpg", 3));
@@ -262,6 +288,16 @@ static void judge_place(struct ern_prepare_job *job, const struct ern_person_fou
                       job->options->background, found->brought_difference);
 }
 
+static void judge_shoulders(const struct layers *l) {
+  ern_prepare_figure(l->job, "narrow_shoulders", l->low > 0 ? (double)l->narrow / (double)l->low : 0);
+  if (2 * l->narrow > l->low && !l->job->options->head_only)
+    ern_prepare_judge(l->job, ERN_PREPARE_DOUBTFUL,
+                      "the person has no shoulders in %zu of the %zu frames that reach down to them, as where clothes "
+                      "that never move are taken for the place; overlay.mp4 and torso_imgs show it, --masks or "
+                      "--head-only helps",
+                      l->narrow, l->low);
+}
+
 /* Figures and verdict. The bounds are those of footage that was looked at. covered: mean share of the picture that the
  * person takes; trembles[job->frames], which is sorted; border: colour distances along the border, bins of 16. */
 static void judge(struct ern_prepare_job *job, const struct ern_person_found *found, double covered, float *trembles,
@@ -313,6 +349,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
                       "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
                       job->options->background, 1 / l.place);
   judge(job, &l.found, l.covered, l.trembles, l.border);
+  judge_shoulders(&l);
 fail:
   close_layers(&l);
   return status;
