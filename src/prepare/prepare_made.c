@@ -262,7 +262,7 @@ static bool is_any_there(const struct ern_prepare_job *job, const struct file *f
   return false;
 }
 
-ern_status ern_prepare_settle_made(struct ern_prepare_job *job) {
+ern_status ern_prepare_forget_missing(struct ern_prepare_job *job) {
   json_t *made = json_object_get(job->record, "made"), *settled = json_object();
   char name[NAME];
   for (int k = 0; k < FILES; k++) {
