@@ -126,7 +126,7 @@ int close_machines(void **state) {
 }
 
 void machines_done(int k, const char *slot, ern_status status) {
-  if (status == ERN_OK) status = machines.backend[k]->settle(machines.stream[k]);
+  if (status == ERN_OK) status = machines.backend[k]->synchronize(machines.stream[k]);
   if (status != ERN_OK) fail_msg("%s: %s: %s", machines.name[k], slot, ern_last_error(machines.context));
 }
 

@@ -136,7 +136,7 @@ const uint8_t *bytes_of(int k, struct many span);
 
 /* Equal numbers, NaN with NaN, or |found - expected| <= relative |expected| + absolute; poison with poison alone. */
 bool is_near(float found, float expected, double relative, double absolute);
-bool same_bits(float found, float expected); /* which NaN comes of an operation is not settled */
+bool same_bits(float found, float expected); /* which NaN comes of an operation is not synchronized */
 /* Each other machine as number 0. */
 void expect_bits(const char *what, struct many span);
 void expect_near(const char *what, struct many span, double relative, double absolute);

@@ -141,8 +141,9 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
  * the speech to come. windows: [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. What was left
  * out before comes back first; density 0 leaves nothing out. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY.
  */
-ERN_API ERN_NODISCARD ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length,
-                                                        const float *eyes, size_t count, float density);
+ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
+                                                              int window_length, const float *eyes, size_t count,
+                                                              float density);
 
 /* The audio code of windows [8][window_length][width], as a frame would have it without smooth_lips. The mean of a
  * clip's silent frames is its resting code. */
@@ -165,21 +166,21 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const
  * windows: [count][8][window_length][width] (ern_audio_windows), moments spread over the speech, the more the better;
  * eyes: [count], 0..1; count 0 will do for a bound of 0 or less. What was kept before is forgotten. Errors:
  * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
-ERN_API ERN_NODISCARD ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows,
+ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer, const float *windows,
                                                          int window_length, const float *eyes, size_t count,
                                                          float bound);
 
-/* What the frames since ern_renderer_keep_still have taken: of each frame, the share of the rays with samples that was
+/* What the frames since ern_renderer_reuse_rays have taken: of each frame, the share of the rays with samples that was
  * rendered anew, and the share of their samples in occupied cells, 0..1, summed over the frames; the moments that were
  * rendered are counted as frames of 1. Plain data, may grow. */
-typedef struct ern_still_work {
+typedef struct ern_ray_reuse_work {
   uint64_t frames;
   double rays, samples;
-} ern_still_work;
-ERN_API void ern_renderer_still_work_sized(const ern_renderer *renderer, ern_still_work *work, size_t bytes);
-static inline ern_still_work ern_renderer_still_work(const ern_renderer *renderer) {
-  ern_still_work work;
-  ern_renderer_still_work_sized(renderer, &work, sizeof work);
+} ern_ray_reuse_work;
+ERN_API void ern_renderer_ray_reuse_work_sized(const ern_renderer *renderer, ern_ray_reuse_work *work, size_t bytes);
+static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer *renderer) {
+  ern_ray_reuse_work work;
+  ern_renderer_ray_reuse_work_sized(renderer, &work, sizeof work);
   return work;
 }
 
@@ -218,7 +219,7 @@ typedef struct ern_frame_output {
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
   double samples; /* whose density was computed for the head; NaN: not counted, by an OpenCL device's fused pass, or no
-                     ray was rendered, as all are kept from the frame before (ern_renderer_keep_still) */
+                     ray was rendered, as all are kept from the frame before (ern_renderer_reuse_rays) */
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
@@ -238,7 +239,7 @@ static inline ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer
  * accurate one that holds a budget at the pace that the machine has now. Where frames come late it falls back at once,
  * as far as it takes, and makes up for what was late, a little less at once where it was ahead; it returns to what
  * would have fitted in each of 12 frames in a row. Plain data, final: copy it, drop it. */
-typedef struct ern_pace {
+typedef struct ern_rate_controller {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */
   size_t count;       /* >= 1 */
@@ -248,17 +249,17 @@ typedef struct ern_pace {
   double late;        /* ms behind the budget in all; negative: ahead */
   int calm;           /* frames in a row in which a better setting would have fitted */
   size_t better;      /* the one that would have fitted in all of them */
-} ern_pace;
+} ern_rate_controller;
 
 /* A list that is NULL or empty makes a pace of zeros, which stays at setting 0 and holds nothing. */
-ERN_API void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget);
+ERN_API void ern_rate_controller_begin(ern_rate_controller *pace, const double *cost, size_t count, double budget);
 
 /* A frame with setting pace->at took so many ms, from the end of the frame before it to its own; the setting for the
  * next frame. What is not a positive number is passed over. */
-ERN_API size_t ern_pace_next(ern_pace *pace, double milliseconds);
+ERN_API size_t ern_rate_controller_next(ern_rate_controller *pace, double milliseconds);
 
 /* Whether the cheapest setting at least holds the budget at the pace of now. */
-ERN_API bool ern_pace_holds(const ern_pace *pace);
+ERN_API bool ern_rate_controller_holds(const ern_rate_controller *pace);
 
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 

@@ -11,8 +11,8 @@ ERN_SHARDED_SLOT(attention_fwd, a->n, 64) {
                          after(reals(a->region_eye), r.begin), after(reals(a->v.span), r.begin), reals(a->code),
                          after(reals(a->eye_attention), r.begin), a->eye, shape_of(a), a->v.stride, r.end - r.begin);
 }
-static void attention_bwd_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void attention_bwd_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_attention_bwd_args *a = job->args;
   const struct range r = shard(a->forward.n, 64, k);

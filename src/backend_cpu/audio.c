@@ -11,8 +11,8 @@ ern_status ERN_REF(ern_cpu_audio_bwd)(struct ern_stream *stream, struct ern_audi
                                 reals(a->forward.parameters), &a->forward.net);
   return ERN_OK;
 }
-static void audio_window_task(void *user, size_t t, int lane) {
-  (void)lane;
+static void audio_window_task(void *user, size_t t, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_audio_frame_args *a = job->args;
   const struct ern_audio_net *net = &a->audio.net;

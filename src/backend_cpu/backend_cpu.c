@@ -42,16 +42,16 @@ static void stream_free(struct ern_stream *stream) {
   if (stream == NULL) return;
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
   ern_context *context = stream->backend->context;
-  for (int i = 0; i < cpu->lanes; i++) stream_free(cpu->lane[i] != NULL ? &cpu->lane[i]->base : NULL);
+  for (int i = 0; i < cpu->workers; i++) stream_free(cpu->worker[i] != NULL ? &cpu->worker[i]->base : NULL);
   ern_frame_net_free(context, cpu->net);
   ern_train_room_free(context, cpu->train_room);
-  ern_release(context, cpu->lane);
+  ern_release(context, cpu->worker);
   ern_pool_free(cpu->pool);
   ern_arena_free(stream->arena);
   ern_release(context, cpu);
 }
 
-/* A stream without a pool: a lane. */
+/* A stream without a pool: a worker. */
 static ern_status serial_stream_make(struct ern_backend *backend, struct ern_cpu_stream **stream) {
   ern_status status = ERN_NEW(backend->context, 1, stream);
   if (status != ERN_OK) return status;
@@ -65,10 +65,10 @@ static ern_status stream_make(struct ern_backend *backend, int threads, struct e
   *stream = NULL;
   ERN_TRY(serial_stream_make(backend, &made));
   ERN_TRY(ern_pool_make(backend->context, threads, &made->pool));
-  const int lanes = ern_pool_threads(made->pool);
-  ERN_TRY(ERN_NEW(backend->context, (size_t)lanes, &made->lane));
-  made->lanes = lanes;
-  for (int i = 0; i < lanes; i++) ERN_TRY(serial_stream_make(backend, &made->lane[i]));
+  const int workers = ern_pool_threads(made->pool);
+  ERN_TRY(ERN_NEW(backend->context, (size_t)workers, &made->worker));
+  made->workers = workers;
+  for (int i = 0; i < workers; i++) ERN_TRY(serial_stream_make(backend, &made->worker[i]));
   *stream = &made->base;
   return ERN_OK;
 fail:
@@ -88,7 +88,7 @@ static void backend_free(struct ern_backend *backend) {
   static void faster_##isa(struct ern_cpu_backend *cpu) { \
     struct ern_cpu_kernels *k = cpu->kernel_room;         \
     ERN_FAST_KERNELS(FASTER_##isa)                        \
-    cpu->render_lane = ern_render_lane_##isa;             \
+    cpu->render_worker = ern_render_worker_##isa;         \
     cpu->train = &ern_train_kernels_##isa;                \
     cpu->torso = &ern_torso_kernels_##isa;                \
     ern_cpu_fuse_render(&cpu->table);                     \
@@ -134,7 +134,7 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   if (isa == ERN_ISA_AVX2) faster_avx2(made);
   if (isa == ERN_ISA_AVX512 || made->render_pairs) faster_avx512(made);
   if (made->render_pairs) {
-    made->render_lane = ern_render_lane_avx512bf16;
+    made->render_worker = ern_render_worker_avx512bf16;
     made->train_pairs = &ern_train_kernels_avx512bf16;
     table->trains_bf16 = true;
   }

@@ -25,9 +25,9 @@ struct ern_frame_net;
 struct ern_render_work;
 struct ern_profile;
 
-/* Takes rays off the work's order until none is left (render_lane.h). */
-typedef void ern_render_lane_kernel(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
-                                    struct ern_profile *profile);
+/* Takes rays off the work's order until none is left (render_worker.h). */
+typedef void ern_render_worker_kernel(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
+                                      struct ern_profile *profile);
 
 struct ern_torso_kernels;
 struct ern_train_kernels;
@@ -38,7 +38,7 @@ struct ern_cpu_backend {
   const void *kernels;      /* struct ern_cpu_kernels of this build's scalar */
   void *kernel_room;
   /* the fused pass of rendering; NULL: render_rays goes through the stages */
-  ern_render_lane_kernel *render_lane;
+  ern_render_worker_kernel *render_worker;
   bool render_pairs; /* it reads a net in pairs of bf16 (frame_net.h) */
   ern_status (*render_rays_stages)(struct ern_stream *, struct ern_render_rays_args *);
   const struct ern_torso_kernels *torso;       /* of the fused torso; NULL: render_torso goes through the stages */
@@ -47,10 +47,10 @@ struct ern_cpu_backend {
 };
 
 struct ern_cpu_stream {
-  struct ern_stream base;       /* first: a stream is one */
-  struct ern_pool *pool;        /* NULL in a lane: its work is one task of its owner's pool */
-  struct ern_cpu_stream **lane; /* serial streams for tasks that run whole stages; [threads], NULL in a lane */
-  int lanes;
+  struct ern_stream base;         /* first: a stream is one */
+  struct ern_pool *pool;          /* NULL in a worker: its work is one task of its owner's pool */
+  struct ern_cpu_stream **worker; /* serial streams for tasks that run whole stages; [threads], NULL in a worker */
+  int workers;
   struct ern_frame_net *net; /* what render_prepare made, of the parameters net_of; NULL: nothing */
   ern_span net_of;
   struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */

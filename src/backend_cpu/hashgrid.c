@@ -14,8 +14,8 @@ ERN_SHARDED_SLOT(grid_fwd, a->n, 64) {
 }
 
 /* The table's gradient: a task a level. */
-static void grid_bwd_table_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void grid_bwd_table_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_grid_bwd_args *a = job->args;
   const ern_real *x[ERN_GRID_MAX_DIMS];
@@ -25,8 +25,8 @@ static void grid_bwd_table_task(void *user, size_t k, int lane) {
                          a->forward.grid, (int)k, (int)k + 1, a->forward.n);
 }
 /* The coordinates' gradient: a task a shard of samples. */
-static void grid_bwd_x_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void grid_bwd_x_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_grid_bwd_args *a = job->args;
   const struct range r = shard(a->forward.n, 64, k);

@@ -11,8 +11,8 @@ struct head_loss_job {
   double terms[ERN_SHARDS][ERN_LOSS_TERMS];
 };
 
-static void head_softmax_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void head_softmax_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct head_loss_job *job = user;
   const struct range r = shard(job->args->n, 64, k);
   job->part[k] = job->kernels->head_softmax(after(reals(job->args->uncertainty), r.begin), r.end - r.begin);
@@ -30,8 +30,8 @@ static struct ern_softmax softmax_of_parts(const struct ern_softmax part[ERN_SHA
   return all;
 }
 
-static void head_loss_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void head_loss_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct head_loss_job *job = user;
   struct ern_head_loss_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
@@ -67,8 +67,8 @@ ern_status ERN_REF(ern_cpu_head_loss)(struct ern_stream *stream, struct ern_head
   return ERN_OK;
 }
 
-static void smooth_loss_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void smooth_loss_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct figure_job *job = user;
   const struct ern_smooth_loss_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
@@ -85,8 +85,8 @@ ERN_SHARDED_SLOT(smooth_points, a->n, 64) {
                          a->step, a->first + r.begin, r.end - r.begin);
 }
 
-static void mse_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void mse_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct figure_job *job = user;
   const struct ern_mse_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
@@ -108,8 +108,8 @@ struct pose_job {
   const struct ern_pose_bwd_args *args;
   double part[ERN_SHARDS][ERN_POSE_SLOPES];
 };
-static void pose_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void pose_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct pose_job *job = user;
   const struct ern_pose_bwd_args *a = job->args;
   const struct range r = shard(a->n, 64, k);

@@ -40,8 +40,8 @@ struct zero_job {
   char *memory;
   size_t bytes;
 };
-static void zero_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void zero_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct zero_job *job = user;
   const struct range r = shard(job->bytes, 4096, k);
   memset(job->memory + r.begin, 0, r.end - r.begin);
@@ -69,7 +69,7 @@ static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, si
 }
 
 /* Figures are there when a slot returns. */
-static ern_status settle(struct ern_stream *stream) {
+static ern_status synchronize(struct ern_stream *stream) {
   (void)stream;
   return ERN_OK;
 }
@@ -85,7 +85,7 @@ void ERN_REF(ern_cpu_fill)(struct ern_backend *backend, void *kernels) {
   backend->download_bytes = download_bytes;
   backend->zero = zero;
   backend->copy = copy;
-  backend->settle = settle;
+  backend->synchronize = synchronize;
 #define ERN_SLOT_FILL(name) backend->name = ERN_REF(ern_cpu_##name);
   ERN_SLOTS(ERN_SLOT_FILL)
 #undef ERN_SLOT_FILL

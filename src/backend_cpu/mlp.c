@@ -8,8 +8,8 @@ static struct ern_rows_view view_of(ern_rows rows, size_t begin) {
                                 rows.per};
 }
 
-static void mlp_fwd_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void mlp_fwd_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_mlp_fwd_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
@@ -51,8 +51,8 @@ static struct mlp_block mlp_block(const struct ern_mlp_bwd_args *a) {
   return block;
 }
 
-static void mlp_bwd_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void mlp_bwd_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct job *job = user;
   const struct ern_mlp_bwd_args *a = job->args;
   const struct mlp_block block = mlp_block(a);

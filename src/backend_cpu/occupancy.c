@@ -28,15 +28,15 @@ struct occupancy_job {
   double sum[ERN_SHARDS];
   float threshold;
 };
-static void occupancy_update_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void occupancy_update_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct occupancy_job *job = user;
   const struct range r = shard(ERN_OCCUPANCY_CELLS, 64, k);
   job->kernels->occupancy_update(reals(job->args->grid), &job->sum[k], reals(job->args->fresh), bytes(job->args->bits),
                                  &job->args->decay, (uint32_t)r.begin, (uint32_t)r.end);
 }
-static void occupancy_pack_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void occupancy_pack_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct occupancy_job *job = user;
   const struct range r = shard(ERN_OCCUPANCY_BYTES, 64, k);
   job->kernels->occupancy_pack(bytes(job->args->bits), reals(job->args->grid), job->threshold, (uint32_t)r.begin,

@@ -12,8 +12,8 @@ struct adamw_job {
   const struct ern_adamw_args *args;
   double correction;
 };
-static void adamw_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void adamw_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct adamw_job *job = user;
   const struct ern_adamw_args *a = job->args;
   const struct range r = shard(a->n, 64, k);
@@ -31,8 +31,8 @@ ERN_SHARDED_SLOT(ema, a->n, 64) {
 }
 
 /* The figure of a shard: 1 where a value is not finite. */
-static void finite_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void finite_task(void *user, size_t k, int worker) {
+  (void)worker;
   struct figure_job *job = user;
   const struct ern_finite_args *a = job->args;
   const struct range r = shard(a->n, 64, k);

@@ -2,11 +2,11 @@
  * Slots between the caller's pictures and rows. */
 #include "backend_cpu/slots.h"
 
-ERN_SHARDED_SLOT(backdrop, a->n, 64) {
+ERN_SHARDED_SLOT(background, a->n, 64) {
   const uint8_t *background = bytes(a->background), *torso = bytes(a->torso);
-  kernels->backdrop(reals(a->pixel.span) + r.begin, a->pixel.stride, reals(a->opacity) + r.begin,
-                    background != NULL ? background + 3 * r.begin : NULL, torso != NULL ? torso + 4 * r.begin : NULL,
-                    r.end - r.begin);
+  kernels->background(reals(a->pixel.span) + r.begin, a->pixel.stride, reals(a->opacity) + r.begin,
+                      background != NULL ? background + 3 * r.begin : NULL, torso != NULL ? torso + 4 * r.begin : NULL,
+                      r.end - r.begin);
 }
 
 ERN_SHARDED_SLOT(picture, a->n, 64) {

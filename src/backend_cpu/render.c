@@ -4,7 +4,7 @@
 #include "core/memory.h"
 #include "render/stages.h"
 
-enum { RAY_TILE = 1024 /* rays that a lane renders at a time */ };
+enum { RAY_TILE = 1024 /* rays that a worker renders at a time */ };
 
 struct render_job {
   struct ern_cpu_stream *stream;
@@ -20,8 +20,8 @@ static ern_rows rows_from(ern_rows rows, size_t begin) {
   return rows;
 }
 
-/* A tile of rays through all stages on the lane's own serial stream: its samples stay in that core's cache. */
-static void render_rays_task(void *user, size_t tile, int lane) {
+/* A tile of rays through all stages on the worker's own serial stream: its samples stay in that core's cache. */
+static void render_rays_task(void *user, size_t tile, int worker) {
   const struct render_job *job = user;
   const size_t begin = tile * RAY_TILE, left = job->args->n - begin, n = left < RAY_TILE ? left : RAY_TILE;
   struct ern_render_rays_args a = *job->args;
@@ -34,7 +34,7 @@ static void render_rays_task(void *user, size_t tile, int lane) {
   a.eye = part(a.eye, begin, n);
   a.pixel_number = part(a.pixel_number, begin, n);
   a.n = n;
-  job->status[tile] = ern_render_rays_stages(&job->stream->lane[lane]->base, &a);
+  job->status[tile] = ern_render_rays_stages(&job->stream->worker[worker]->base, &a);
 }
 
 /* The stages read the parameters as they are. */
@@ -46,7 +46,7 @@ ern_status ERN_REF(ern_cpu_render_prepare)(struct ern_stream *stream, struct ern
 
 ern_status ERN_REF(ern_cpu_render_rays)(struct ern_stream *stream, struct ern_render_rays_args *a) {
   struct ern_cpu_stream *cpu = (struct ern_cpu_stream *)stream;
-  if (cpu->lane == NULL) return ern_render_rays_stages(stream, a);
+  if (cpu->worker == NULL) return ern_render_rays_stages(stream, a);
   const size_t tiles = (a->n + RAY_TILE - 1) / RAY_TILE;
   struct render_job job = {.stream = cpu, .args = a};
   ern_status status = ERN_NEW(stream->backend->context, tiles, &job.status);

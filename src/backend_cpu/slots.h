@@ -61,8 +61,8 @@ static inline void run(struct ern_stream *stream, void *args, size_t tasks, void
 /* A slot whose items are dealt to tasks in units of `unit`; the block that follows it does the items of `r`. */
 #define ERN_SHARDED_SLOT(name, items, unit)                                                                 \
   static void name##_shard(const struct ern_cpu_kernels *, const struct ern_##name##_args *, struct range); \
-  static void name##_task(void *user, size_t k, int lane) {                                                 \
-    (void)lane;                                                                                             \
+  static void name##_task(void *user, size_t k, int worker) {                                               \
+    (void)worker;                                                                                           \
     const struct job *job = user;                                                                           \
     const struct ern_##name##_args *a = job->args;                                                          \
     name##_shard(job->kernels, a, shard(items, unit, k));                                                   \

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the losses: each part's share of a figure is added up in double when the stream settles. */
+ * Slots of the losses: each part's share of a figure is added up in double when the stream is synchronized. */
 #include "backend_opencl/opencl.h"
 #include "core/rng.h"
 
-/* Of the launch that was to fill the `count` figures asked for last: if it failed they must not settle. */
+/* Of the launch that was to fill the `count` figures asked for last: if it failed they must not synchronize. */
 static ern_status filled(struct ern_cl_call *call, size_t count, ern_status status) {
   if (status == ERN_OK) return ERN_OK;
   call->stream->pending_count--;
@@ -39,7 +39,7 @@ static const ern_loss_term head_term[] = {ERN_LOSS_PHOTOMETRIC, ERN_LOSS_UNCERTA
                                           ERN_LOSS_ENTROPY,     ERN_LOSS_AUDIO_AMBIENT, ERN_LOSS_EYE_AMBIENT};
 enum { HEAD_TERMS = sizeof head_term / sizeof *head_term };
 
-static void head_loss_settle(void *args, const float *values, size_t count) {
+static void head_loss_deliver(void *args, const float *values, size_t count) {
   struct ern_head_loss_args *a = args;
   const struct ern_loss_weights *w = &a->weights;
   const double s = (double)w->s;
@@ -77,7 +77,7 @@ ern_status ern_cl_head_loss(struct ern_stream *stream, struct ern_head_loss_args
     ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &sum));
     ERN_TRY(head_softmax(stream, most, sum, a->uncertainty, a->n));
   }
-  ERN_TRY(ern_cl_figures(stream, ERN_CL_SUMS * HEAD_TERMS, head_loss_settle, a, &terms));
+  ERN_TRY(ern_cl_figures(stream, ERN_CL_SUMS * HEAD_TERMS, head_loss_deliver, a, &terms));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "head_loss", "");
   ern_cl_span(&call, terms);
   ern_cl_rows(&call, a->dpixel);
@@ -111,7 +111,7 @@ static double squares_of(const float *values, size_t count) {
   return sum;
 }
 
-static void smooth_loss_settle(void *args, const float *values, size_t count) {
+static void smooth_loss_deliver(void *args, const float *values, size_t count) {
   struct ern_smooth_loss_args *a = args;
   a->term = (double)a->weight / (double)a->batch * squares_of(values, count);
 }
@@ -120,7 +120,7 @@ ern_status ern_cl_smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_
   ern_span squares;
   a->term = 0;
   if (a->n == 0 || a->batch == 0) return ERN_OK;
-  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, smooth_loss_settle, a, &squares);
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, smooth_loss_deliver, a, &squares);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_loss", "");
   ern_cl_span(&call, squares);
@@ -147,7 +147,7 @@ ern_status ern_cl_smooth_points(struct ern_stream *stream, struct ern_smooth_poi
   return ern_cl_each(&call, (a->n + width - 1) / width);
 }
 
-static void mse_settle(void *args, const float *values, size_t count) {
+static void mse_deliver(void *args, const float *values, size_t count) {
   struct ern_mse_args *a = args;
   a->term = squares_of(values, count) * (1 / (3 * (double)a->n));
 }
@@ -156,7 +156,7 @@ ern_status ern_cl_mse(struct ern_stream *stream, struct ern_mse_args *a) {
   ern_span squares;
   a->term = 0;
   if (a->n == 0) return ERN_OK;
-  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, mse_settle, a, &squares);
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, mse_deliver, a, &squares);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "mse", "");
   ern_cl_span(&call, squares);
@@ -168,7 +168,7 @@ ern_status ern_cl_mse(struct ern_stream *stream, struct ern_mse_args *a) {
   return filled(&call, ERN_CL_SUMS * SQUARES, ern_cl_run_sums(&call));
 }
 
-static void key_points_loss_settle(void *args, const float *values, size_t count) {
+static void key_points_loss_deliver(void *args, const float *values, size_t count) {
   struct ern_key_points_loss_args *a = args;
   double sum = 0;
   for (size_t point = 0; point < count; point++) sum += (double)values[point] * (double)values[point];
@@ -178,7 +178,7 @@ static void key_points_loss_settle(void *args, const float *values, size_t count
 ern_status ern_cl_key_points_loss(struct ern_stream *stream, struct ern_key_points_loss_args *a) {
   enum { POINTS = 3 };
   ern_span short_of;
-  const ern_status status = ern_cl_figures(stream, POINTS, key_points_loss_settle, a, &short_of);
+  const ern_status status = ern_cl_figures(stream, POINTS, key_points_loss_deliver, a, &short_of);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "key_points_loss", "");
   ern_cl_span(&call, short_of);
@@ -187,7 +187,7 @@ ern_status ern_cl_key_points_loss(struct ern_stream *stream, struct ern_key_poin
   return filled(&call, POINTS, ern_cl_each(&call, POINTS));
 }
 
-static void pose_bwd_settle(void *args, const float *values, size_t count) {
+static void pose_bwd_deliver(void *args, const float *values, size_t count) {
   struct ern_pose_bwd_args *a = args;
   for (size_t i = 0; i < count; i++) a->dpose[i % ERN_POSE_SLOPES] += (double)values[i];
 }
@@ -196,7 +196,7 @@ ern_status ern_cl_pose_bwd(struct ern_stream *stream, struct ern_pose_bwd_args *
   ern_span sums;
   for (size_t k = 0; k < ERN_POSE_SLOPES; k++) a->dpose[k] = 0;
   if (a->n == 0) return ERN_OK;
-  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * ERN_POSE_SLOPES, pose_bwd_settle, a, &sums);
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * ERN_POSE_SLOPES, pose_bwd_deliver, a, &sums);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "pose_bwd", "");
   ern_cl_span(&call, sums);

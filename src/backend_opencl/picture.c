@@ -8,9 +8,9 @@ static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
   return ern_cl_each(call, n / width + (n % width != 0));
 }
 
-ern_status ern_cl_backdrop(struct ern_stream *stream, struct ern_backdrop_args *a) {
+ern_status ern_cl_background(struct ern_stream *stream, struct ern_background_args *a) {
   if (a->n == 0) return ERN_OK;
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "backdrop", "");
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "background", "");
   ern_cl_rows(&call, a->pixel);
   ern_cl_span(&call, a->opacity);
   ern_cl_span(&call, a->background);

@@ -13,7 +13,7 @@
 #include "backend_opencl/portrait.h"
 #include "core/memory.h"
 #include "model/field.h"
-#include "render/visible_ops.h"
+#include "render/tile_culling_ops.h"
 
 enum {
   WIDEST = 64, /* outputs of a layer at most */
@@ -307,14 +307,13 @@ static struct frame frame_of(const struct ern_render_rays_args *a) {
                     .width = a->view.width,
                     .height = a->view.height,
                     .max_steps = s->max_steps,
-                    .across = (uint32_t)ern_visible_count(a->view.width),
+                    .across = (uint32_t)ern_tile_count(a->view.width),
                     .rays = (uint32_t)a->n,
                     .tickets = (uint32_t)a->n};
   if (f.shortest > f.longest) f.shortest = f.longest;
   memcpy(f.pose, a->view.pose, sizeof f.pose);
   f.picture = a->n == (size_t)f.width * (size_t)f.height;
-  if (f.picture)
-    f.tickets = f.across * (uint32_t)ern_visible_count(a->view.height) * ERN_VISIBLE_SIDE * ERN_VISIBLE_SIDE;
+  if (f.picture) f.tickets = f.across * (uint32_t)ern_tile_count(a->view.height) * ERN_TILE_SIDE * ERN_TILE_SIDE;
   return f;
 }
 
@@ -322,7 +321,7 @@ static struct frame frame_of(const struct ern_render_rays_args *a) {
 static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
                                ern_span *nearest) {
   struct ern_backend *table = &ern_cl_backend_of(stream)->table;
-  const size_t blocks = ern_visible_count(a->view.width) * ern_visible_count(a->view.height);
+  const size_t blocks = ern_tile_count(a->view.width) * ern_tile_count(a->view.height);
   ern_status status = ERN_OK;
   if (p->nearest_room < blocks) {
     ern_release(table->context, p->nearest);
@@ -336,7 +335,7 @@ static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p,
     ERN_TRY(table->download_bytes(stream, p->bits, a->bits, ERN_OCCUPANCY_BYTES));
     p->bits_written = written, p->bits_at = a->bits.at;
   }
-  ern_visible_blocks(p->nearest, p->bits, &a->view, a->settings.bound);
+  ern_tile_culling(p->nearest, p->bits, &a->view, a->settings.bound);
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, nearest));
   ERN_TRY(table->upload_reals(stream, *nearest, p->nearest, blocks));
 fail:

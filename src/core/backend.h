@@ -35,8 +35,8 @@ struct ern_backend {
   ern_status (*zero)(struct ern_stream *, ern_span);
   ern_status (*copy)(struct ern_stream *, ern_span to, ern_span from, size_t count);
   /* The figures that losses hand to the host (`term`, `terms`) are there after this, not before: a device reads them
-   * back once for all of them. Their args must live until then, settled or not. */
-  ern_status (*settle)(struct ern_stream *);
+   * back once for all of them. Their args must live until then, synchronized or not. */
+  ern_status (*synchronize)(struct ern_stream *);
 
 #define ERN_SLOT_MEMBER(name) ern_status (*name)(struct ern_stream *, struct ern_##name##_args *);
   ERN_SLOTS(ERN_SLOT_MEMBER)

@@ -19,11 +19,11 @@
 #include "model/attention_ops.h"
 #include "model/torso_ops.h"
 #include "render/composite_ops.h"
-#include "render/enlarge_ops.h"
 #include "render/march_ops.h"
 #include "render/occupancy_ops.h"
 #include "render/picture_ops.h"
 #include "render/render_ops.h"
+#include "render/upsample_ops.h"
 #include "train/losses_ops.h"
 #include "train/optimizer_ops.h"
 #include "train/step_ops.h"
@@ -40,7 +40,7 @@
   ERN_COMPOSITE_OPERATIONS(OP, X)  \
   ERN_OCCUPANCY_OPERATIONS(OP, X)  \
   ERN_PICTURE_OPERATIONS(OP, X)    \
-  ERN_ENLARGE_OPERATIONS(OP, X)    \
+  ERN_UPSAMPLE_OPERATIONS(OP, X)   \
   ERN_RENDER_OPERATIONS(OP, X)     \
   ERN_LOSSES_OPERATIONS(OP, X)     \
   ERN_OPTIMIZER_OPERATIONS(OP, X)  \

@@ -20,10 +20,10 @@ struct ern_pool {
   int threads;
   int started; /* helper threads that must be joined */
   pthread_t helper[MAX_THREADS];
-  struct lane {
+  struct worker {
     struct ern_pool *pool;
     int number;
-  } lane[MAX_THREADS];
+  } worker[MAX_THREADS];
   pthread_mutex_t mutex;
   pthread_cond_t work, done;
   atomic_uint_least64_t round; /* grows by one a run */
@@ -31,7 +31,7 @@ struct ern_pool {
   atomic_int busy;             /* helpers that have joined it and have not finished */
   int spins; /* 0 where there are more threads than cores: who looks then keeps another from working */
   bool closing;
-  void (*task)(void *user, size_t index, int lane);
+  void (*task)(void *user, size_t index, int worker);
   void *user;
   size_t count;
   atomic_size_t next;
@@ -46,18 +46,18 @@ static void pause_shortly(void) {
 #endif
 }
 
-static void work_through(struct ern_pool *pool, int lane) {
+static void work_through(struct ern_pool *pool, int worker) {
   for (;;) {
     const size_t index = atomic_fetch_add(&pool->next, 1);
     if (index >= pool->count) return;
-    pool->task(pool->user, index, lane);
+    pool->task(pool->user, index, worker);
   }
 }
 
 static void *helper_main(void *argument) {
   ERN_PLAIN_FLOATS;
-  const struct lane *lane = argument;
-  struct ern_pool *pool = lane->pool;
+  const struct worker *worker = argument;
+  struct ern_pool *pool = worker->pool;
   uint64_t seen = 0;
   for (;;) {
     for (int k = 0; k < pool->spins && atomic_load(&pool->round) == seen; k++) pause_shortly();
@@ -69,7 +69,7 @@ static void *helper_main(void *argument) {
     if (!closing) atomic_fetch_add(&pool->busy, 1);
     pthread_mutex_unlock(&pool->mutex);
     if (closing) return NULL;
-    work_through(pool, lane->number);
+    work_through(pool, worker->number);
     pthread_mutex_lock(&pool->mutex);
     if (atomic_fetch_sub(&pool->busy, 1) == 1) pthread_cond_signal(&pool->done);
     pthread_mutex_unlock(&pool->mutex);
@@ -91,8 +91,8 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   pthread_cond_init(&made->work, NULL);
   pthread_cond_init(&made->done, NULL);
   for (int i = 1; i < made->threads; i++) {
-    made->lane[i] = (struct lane){made, i};
-    if (pthread_create(&made->helper[i], NULL, helper_main, &made->lane[i]) != 0) {
+    made->worker[i] = (struct worker){made, i};
+    if (pthread_create(&made->helper[i], NULL, helper_main, &made->worker[i]) != 0) {
       ern_pool_free(made);
       return ern_fail(context, ERN_E_NO_MEMORY, "threads: the system refused thread %d of %d", i + 1, threads);
     }
@@ -117,7 +117,7 @@ void ern_pool_free(struct ern_pool *pool) {
 
 int ern_pool_threads(const struct ern_pool *pool) { return pool != NULL ? pool->threads : 1; }
 
-void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, size_t index, int lane), void *user) {
+void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, size_t index, int worker), void *user) {
   if (pool == NULL || pool->started == 0 || count < 2) {
     for (size_t i = 0; i < count; i++) task(user, i, 0);
     return;

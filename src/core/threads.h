@@ -13,8 +13,8 @@ ERN_NODISCARD ern_status ern_pool_make(ern_context *context, int threads, struct
 void ern_pool_free(struct ern_pool *pool);         /* accepts NULL */
 int ern_pool_threads(const struct ern_pool *pool); /* NULL: 1 */
 
-/* Calls task(user, index, lane) for index 0..count-1 and returns when all are done; lane is 0..threads-1, one at a
+/* Calls task(user, index, worker) for index 0..count-1 and returns when all are done; worker is 0..threads-1, one at a
  * time. pool NULL: in order, by the caller alone. Not to be called from within a task of the same pool. */
-void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, size_t index, int lane), void *user);
+void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, size_t index, int worker), void *user);
 
 #endif

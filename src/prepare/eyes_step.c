@@ -12,7 +12,7 @@
 #include "io/landmarks.h"
 #include "prepare/head_shape.h"
 #include "prepare/landmarks/openface.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 enum {
   COLUMNS = 18,
@@ -81,10 +81,11 @@ static ern_status take_crops(struct eyes *eyes) {
   for (size_t i = 0; i < job->frames; i++) {
     ERN_TRY(ern_frame_grey(job, i, grey));
     for (int e = 0; e < 2; e++) {
-      const struct ern_still_crop crop = {.x = at[e][0], .y = at[e][1], .step = step, .columns = COLUMNS, .rows = ROWS};
+      const struct ern_stabilized_crop crop = {
+          .x = at[e][0], .y = at[e][1], .step = step, .columns = COLUMNS, .rows = ROWS};
       float *values = eyes->crops[i] + e * PIXELS;
       double mean = 0;
-      ern_still_crop_take(&crop, &poses[i], job, grey, values);
+      ern_stabilized_crop_take(&crop, &poses[i], job, grey, values);
       for (int k = 0; k < PIXELS; k++) mean += (double)values[k] / PIXELS;
       for (int k = 0; k < PIXELS; k++) values[k] -= (float)mean;
     }

@@ -12,7 +12,7 @@
 #include "prepare/footage.h"
 #include "prepare/prepare_record.h"
 #include "prepare/segment.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 /* s: what is missing of the sound at its end, without a word. */
 #define SOUND_SHORTER 0.5

@@ -11,7 +11,7 @@
 #include "prepare/flow_tracks.h"
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3 };
 /* A frame whose head is turned further than this from every reference's asks for one of its own, degrees. */

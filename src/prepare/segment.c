@@ -7,7 +7,7 @@
 #include "io/number.h"
 #include "media/speech_network.h"
 #include "prepare/footage.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 enum { SOUND_RATE = 16000, TRIED = 100 /* places in the length of a stretch at which one may begin */ };
 static const double auto_length = 180, auto_longer = 300, shortest = 1, longest = 7200; /* seconds */

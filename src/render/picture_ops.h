@@ -8,15 +8,15 @@
 
 /* What stands behind the layers, bytes/255: the torso picture over the background, front a + back (1 - a), the
  * background 0 where there is none. In float in every build: the pixels are those of the caller. */
-struct ern_backdrop_args {
+struct ern_background_args {
   ern_rows pixel;      /* out: [3] per pixel, premultiplied */
   ern_span opacity;    /* out: real [n], alpha of the torso picture; 0 without */
   ern_span background; /* byte [n][3]; zeroed: none */
   ern_span torso;      /* byte [n][4], alpha not multiplied in; zeroed: none */
   size_t n;
 };
-typedef void ern_backdrop_kernel(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
-                                 const uint8_t *torso, size_t n);
+typedef void ern_background_kernel(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
+                                   const uint8_t *torso, size_t n);
 
 /* Rows to a picture. Over a background alpha is 1; else alpha = head + (1 - head) torso, and the bytes are
  * colour/alpha, 0 where alpha is 0. A byte is round(255 clamp(value, 0, 1)), ties to even, NaN as 0; in float in every
@@ -83,7 +83,7 @@ typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_
                                 size_t n);
 
 #define ERN_PICTURE_OPERATIONS(OP, X) \
-  OP(X, backdrop, SLOT, FAST)         \
+  OP(X, background, SLOT, FAST)       \
   OP(X, picture, SLOT, FAST)          \
   OP(X, pick, SLOT, REF)              \
   OP(X, place, SLOT, REF)             \

@@ -4,8 +4,8 @@
 
 #include "core/kernels.h"
 
-void ERN_REF(ern_backdrop)(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
-                           const uint8_t *torso, size_t n) {
+void ERN_REF(ern_background)(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
+                             const uint8_t *torso, size_t n) {
   for (size_t i = 0; i < n; i++) {
     const float a = torso != NULL ? (float)torso[4 * i + 3] / 255 : 0;
     for (size_t c = 0; c < 3; c++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * A renderer: a model on a backend, a stream of its own, and frames out of it. */
-#include "render/still.h"
+#include "render/ray_reuse.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -10,7 +10,7 @@
 #include "core/floats.h"
 #include "core/sized.h"
 #include "render/frame_input.h"
-#include "render/thin.h"
+#include "render/occupancy_prune.h"
 
 enum { OPTIONS_COOKIE = 0x45524e33 };
 
@@ -106,7 +106,7 @@ static ern_status upload_model(ern_renderer *r) {
   ERN_TRY(backend->upload_bytes(r->stream, ern_whole(r->bits, ERN_OCCUPANCY_BYTES), model->bits, ERN_OCCUPANCY_BYTES));
   ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &r->code));
   for (int i = 0; i < 2; i++)
-    ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, HEARD_VALUES, &r->heard.codes[i]));
+    ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, AUDIO_CODE_VALUES, &r->audio_code.codes[i]));
   if (r->field.config.torso) {
     double sum = 0;
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
@@ -157,7 +157,7 @@ static void free_rooms(ern_renderer *r) {
     r->room[i] = NULL;
   }
   r->frame = (struct frame){0};
-  ern_still_forget(r);
+  ern_ray_reuse_forget(r);
 }
 
 void ern_renderer_free(ern_renderer **renderer) {
@@ -168,16 +168,16 @@ void ern_renderer_free(ern_renderer **renderer) {
   r->backend->buffer_free(r->backend, r->bits);
   r->backend->buffer_free(r->backend, r->torso_grid);
   r->backend->buffer_free(r->backend, r->code);
-  for (int i = 0; i < 2; i++) r->backend->buffer_free(r->backend, r->heard.codes[i]);
-  ern_release(r->context, r->heard.windows);
+  for (int i = 0; i < 2; i++) r->backend->buffer_free(r->backend, r->audio_code.codes[i]);
+  ern_release(r->context, r->audio_code.windows);
   free_rooms(r);
-  ern_still_free(r);
+  ern_ray_reuse_free(r);
   r->backend->stream_free(r->stream);
   ern_release(r->context, r);
 }
 
-ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
-                                  size_t count, float density) {
+ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows, int window_length,
+                                        const float *eyes, size_t count, float density) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, renderer);
   ern_context *context = renderer->context;
@@ -185,20 +185,20 @@ ern_status ern_renderer_skip_thin(ern_renderer *renderer, const float *windows, 
     ERN_NEED(context, windows);
     ERN_NEED(context, eyes);
   }
-  struct ern_moment *moment = NULL;
+  struct ern_keyframe *moment = NULL;
   uint8_t *bits = NULL;
   ern_status status = ERN_OK;
   if (!(density >= 0) || !isfinite(density))
     ERN_TRY(
         ern_fail(context, ERN_E_ARGUMENT, "render: density to leave out is %g, expected 0 or more", (double)density));
-  ERN_TRY(ern_renderer_moments(renderer, windows, window_length, eyes, count, &moment));
+  ERN_TRY(ern_renderer_keyframes(renderer, windows, window_length, eyes, count, &moment));
   ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_BYTES, &bits));
   memcpy(bits, renderer->model->bits, ERN_OCCUPANCY_BYTES);
   if (density > 0 && count > 0)
-    ERN_TRY(ern_occupancy_thin(renderer->stream, &renderer->field,
-                               ern_whole(renderer->parameters, renderer->field.parameters), moment, count, density,
-                               bits));
-  ern_still_forget(renderer);
+    ERN_TRY(ern_occupancy_prune(renderer->stream, &renderer->field,
+                                ern_whole(renderer->parameters, renderer->field.parameters), moment, count, density,
+                                bits));
+  ern_ray_reuse_forget(renderer);
   status = renderer->backend->upload_bytes(renderer->stream, ern_whole(renderer->bits, ERN_OCCUPANCY_BYTES), bits,
                                            ERN_OCCUPANCY_BYTES);
 fail:

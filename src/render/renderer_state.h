@@ -6,8 +6,8 @@
 #include "core/memory.h"
 #include "core/profile.h"
 #include "model/model.h"
+#include "render/ray_reuse_state.h"
 #include "render/stages.h"
-#include "render/still_state.h"
 
 #include "ernerf/render.h"
 
@@ -37,10 +37,10 @@ enum room {
   ROOMS
 };
 
-enum { MAX_WINDOW_LENGTH = 16, HEARD_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
+enum { MAX_WINDOW_LENGTH = 16, AUDIO_CODE_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
 
 /* Codes of the windows of the last frame: most of the next one's are among them. */
-struct heard {
+struct audio_code_cache {
   struct ern_buffer *codes[2]; /* [8][A]; the second is where they change places */
   float *windows;              /* [8][length][width], on the host */
   int length;                  /* of a window; 0: nothing is known */
@@ -60,10 +60,10 @@ struct ern_renderer {
   struct frame frame;
   struct ern_profile profile; /* of the head of the frame */
   struct ern_buffer *room[ROOMS];
-  struct heard heard;
+  struct audio_code_cache audio_code;
   bool has_last_code;
   float last_code[ERN_AUDIO_CODE];
-  struct ern_still still;
+  struct ern_ray_reuse reuse;
 };
 
 static inline ern_span ern_whole(struct ern_buffer *buffer, size_t count) { return (ern_span){buffer, 0, count}; }
@@ -73,8 +73,8 @@ ERN_NODISCARD ern_status ern_renderer_room(ern_renderer *r, enum room room, ern_
                                            ern_span *span);
 
 /* *moment: [count], to be released, around what a caller has handed in, which has been checked. */
-ERN_NODISCARD ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length,
-                                              const float *eyes, size_t count, struct ern_moment **moment);
+ERN_NODISCARD ern_status ern_renderer_keyframes(ern_renderer *r, const float *windows, int window_length,
+                                                const float *eyes, size_t count, struct ern_keyframe **moment);
 
 /* r->code = what is heard in the windows. */
 ERN_NODISCARD ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input);

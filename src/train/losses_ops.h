@@ -113,7 +113,7 @@ enum { ERN_POSE_SLOPES = 6 };
  *
  *   dL/dw = sum over samples of u (x cross dx + d cross dd),   dL/dm = sum of u dx */
 struct ern_pose_bwd_args {
-  double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; with `settle` */
+  double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; with `synchronize` */
   ern_rows dx, x;                /* [3] per sample */
   ern_rows dd, d;                /* [3] per sample; zeroed: the colour is not told the direction */
   ern_span weight;               /* u, real [n]; zeroed: 1 */

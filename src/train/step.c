@@ -17,7 +17,7 @@ struct pass {
   ern_rows opacity, depth, attention, eye, unc; /* [1] per ray */
   ern_rows dopacity, dattention, deye, dunc;
   size_t total;              /* samples of all rays */
-  struct ern_mse_args plain; /* figures of these come with `settle` */
+  struct ern_mse_args plain; /* figures of these come with `synchronize` */
   struct ern_head_loss_args loss;
   struct ern_smooth_loss_args smooth[3];
   struct ern_pose_bwd_args pose;
@@ -283,7 +283,7 @@ static ern_status mirror(struct ern_stream *stream, struct ern_head_step_args *a
   return status == ERN_OK && a->smooth ? smoothness(stream, a, p, part) : status;
 }
 
-/* What a part has added to the camera's gradient, once it is settled. */
+/* What a part has added to the camera's gradient, once it is synchronized. */
 static void add_pose(struct ern_head_step_args *a, struct pass *p) {
   for (size_t k = 0; a->dpose != NULL && k < ERN_POSE_SLOPES; k++) {
     a->dpose[k] += p->pose.dpose[k];
@@ -295,7 +295,7 @@ static void add_pose(struct ern_head_step_args *a, struct pass *p) {
 static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
   ern_status status = stream->backend->audio_bwd(stream, &audio);
-  if (status == ERN_OK) status = stream->backend->settle(stream);
+  if (status == ERN_OK) status = stream->backend->synchronize(stream);
   if (status != ERN_OK) return status;
   const double smooth = a->terms[ERN_LOSS_SMOOTHNESS];
   add_pose(a, p);
@@ -318,7 +318,7 @@ static ern_status in_parts(struct ern_stream *stream, struct ern_head_step_args 
           .begin = from, .rays = a->n - from < at_once ? a->n - from : at_once, .first_sample = samples};
       status = forward(stream, a, p, &part);
       if (status == ERN_OK && back == 1) status = mirror(stream, a, p, &part);
-      if (status == ERN_OK && back == 1) status = stream->backend->settle(stream);
+      if (status == ERN_OK && back == 1) status = stream->backend->synchronize(stream);
       samples += part.marched.total;
       ern_arena_release(stream, mark);
       if (status != ERN_OK) return status;

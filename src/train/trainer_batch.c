@@ -126,8 +126,8 @@ static int32_t pick_pixel(const struct draw *draw, const struct ern_random *rand
   return (int32_t)((draw->top + at / draw->width) * width + draw->left + at % draw->width);
 }
 
-static void draw_task(void *user, size_t shard, int lane) {
-  (void)lane;
+static void draw_task(void *user, size_t shard, int worker) {
+  (void)worker;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
   const struct portion p = portion_of(draw, shard);
@@ -165,8 +165,8 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const floa
   t->host_rows[8 * rays + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
 }
 
-static void fill_task(void *user, size_t shard, int lane) {
-  (void)lane;
+static void fill_task(void *user, size_t shard, int worker) {
+  (void)worker;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
   const struct portion p = portion_of(draw, shard);

@@ -176,14 +176,14 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   ern_clip_info info;
   GUARDED(ern_render_options, options);
   GUARDED(ern_frame_times, times);
-  GUARDED(ern_still_work, work);
+  GUARDED(ern_ray_reuse_work, work);
   GUARDED(ern_video_options, video);
   GUARDED(ern_video_info, about);
   if (windows == NULL) exit(1);
   ern_clip_describe(clip, &info);
   ern_render_options_fill(&options->it, sizeof options->it);
   NEED(ern_renderer_create(&renderer, backend, model, &options->it));
-  NEED(ern_renderer_keep_still(renderer, NULL, 0, NULL, 0, 0));
+  NEED(ern_renderer_reuse_rays(renderer, NULL, 0, NULL, 0, 0));
   ern_audio_windows(windows, features, frame->pose.aud_id, ERN_AUDIO_PAD_EDGE);
   const ern_camera camera = {.focal = (float)info.focal,
                              .cx = (float)info.cx,
@@ -195,9 +195,9 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   const ern_frame_output output = {.rgba = rgba, .rgb = rgb};
   ern_camera_pose(input.camera.pose, frame->pose.matrix, 4);
   NEED(ern_renderer_frame(renderer, &input, &output, &times->it));
-  ern_renderer_still_work_sized(renderer, &work->it, sizeof work->it);
+  ern_renderer_ray_reuse_work_sized(renderer, &work->it, sizeof work->it);
   printf("frame %016" PRIx64 " %016" PRIx64 ", %" PRIu64 " counted, in time: %d\n", hash(rgba, sizeof rgba),
-         hash(rgb, sizeof rgb), ern_renderer_still_work(renderer).frames, times->it.audio >= 0);
+         hash(rgb, sizeof rgb), ern_renderer_ray_reuse_work(renderer).frames, times->it.audio >= 0);
   ern_video_options_fill(&video->it, sizeof video->it);
   video->it.width = video->it.height = SIDE;
   NEED(ern_video_writer_open(context, path, &video->it, &writer));

@@ -169,15 +169,15 @@ CHECK(ern_renderer_accepts) {
   for (int i = 0; i < 6; i++)
     REFUSED(w.context, "x: the features", ern_renderer_accepts(w.renderer, bad_features(i), "x"));
 }
-CHECK(ern_renderer_skip_thin) {
+CHECK(ern_renderer_prune_occupancy) {
   const float eye = 0.5f;
-  REFUSED_ALONE(ern_renderer_skip_thin(NULL, w.windows, 16, &eye, 1, 0.1f));
-  REFUSED(w.context, "ern_renderer_skip_thin: windows is NULL",
-          ern_renderer_skip_thin(w.renderer, NULL, 16, &eye, 1, 0.1f));
-  REFUSED(w.context, "ern_renderer_skip_thin: eyes is NULL",
-          ern_renderer_skip_thin(w.renderer, w.windows, 16, NULL, 1, 0.1f));
-  REFUSED(w.context, "window_length is -1", ern_renderer_skip_thin(w.renderer, w.windows, -1, &eye, 1, 0.1f));
-  REFUSED(w.context, "density", ern_renderer_skip_thin(w.renderer, w.windows, 16, &eye, 1, NAN));
+  REFUSED_ALONE(ern_renderer_prune_occupancy(NULL, w.windows, 16, &eye, 1, 0.1f));
+  REFUSED(w.context, "ern_renderer_prune_occupancy: windows is NULL",
+          ern_renderer_prune_occupancy(w.renderer, NULL, 16, &eye, 1, 0.1f));
+  REFUSED(w.context, "ern_renderer_prune_occupancy: eyes is NULL",
+          ern_renderer_prune_occupancy(w.renderer, w.windows, 16, NULL, 1, 0.1f));
+  REFUSED(w.context, "window_length is -1", ern_renderer_prune_occupancy(w.renderer, w.windows, -1, &eye, 1, 0.1f));
+  REFUSED(w.context, "density", ern_renderer_prune_occupancy(w.renderer, w.windows, 16, &eye, 1, NAN));
 }
 CHECK(ern_renderer_code) {
   float code[32];
@@ -191,21 +191,21 @@ CHECK(ern_renderer_skip) {
   REFUSED(w.context, "ern_renderer_skip: windows is NULL", ern_renderer_skip(w.renderer, NULL, 16));
   REFUSED(w.context, "window_length is -1", ern_renderer_skip(w.renderer, w.windows, -1));
 }
-CHECK(ern_renderer_keep_still) {
+CHECK(ern_renderer_reuse_rays) {
   const float eye = 0.5f;
-  REFUSED_ALONE(ern_renderer_keep_still(NULL, w.windows, 16, &eye, 1, 0.1f));
-  REFUSED(w.context, "ern_renderer_keep_still: windows is NULL",
-          ern_renderer_keep_still(w.renderer, NULL, 16, &eye, 1, 0.1f));
-  REFUSED(w.context, "ern_renderer_keep_still: eyes is NULL",
-          ern_renderer_keep_still(w.renderer, w.windows, 16, NULL, 1, 0.1f));
-  REFUSED(w.context, "bound is", ern_renderer_keep_still(w.renderer, w.windows, 16, &eye, 1, NAN));
-  REFUSED(w.context, "window_length is -1", ern_renderer_keep_still(w.renderer, w.windows, -1, &eye, 1, 0.1f));
-  support_ok(w.context, ern_renderer_keep_still(w.renderer, NULL, 0, NULL, 0, -1));
+  REFUSED_ALONE(ern_renderer_reuse_rays(NULL, w.windows, 16, &eye, 1, 0.1f));
+  REFUSED(w.context, "ern_renderer_reuse_rays: windows is NULL",
+          ern_renderer_reuse_rays(w.renderer, NULL, 16, &eye, 1, 0.1f));
+  REFUSED(w.context, "ern_renderer_reuse_rays: eyes is NULL",
+          ern_renderer_reuse_rays(w.renderer, w.windows, 16, NULL, 1, 0.1f));
+  REFUSED(w.context, "bound is", ern_renderer_reuse_rays(w.renderer, w.windows, 16, &eye, 1, NAN));
+  REFUSED(w.context, "window_length is -1", ern_renderer_reuse_rays(w.renderer, w.windows, -1, &eye, 1, 0.1f));
+  support_ok(w.context, ern_renderer_reuse_rays(w.renderer, NULL, 0, NULL, 0, -1));
 }
-CHECK(ern_renderer_still_work) { assert_int_equal(ern_renderer_still_work(NULL).frames, 0); }
-CHECK(ern_renderer_still_work_sized) {
-  ern_renderer_still_work_sized(w.renderer, NULL, sizeof(ern_still_work));
-  KEEPS_TO(ern_still_work, ern_renderer_still_work_sized(w.renderer, it, bytes));
+CHECK(ern_renderer_ray_reuse_work) { assert_int_equal(ern_renderer_ray_reuse_work(NULL).frames, 0); }
+CHECK(ern_renderer_ray_reuse_work_sized) {
+  ern_renderer_ray_reuse_work_sized(w.renderer, NULL, sizeof(ern_ray_reuse_work));
+  KEEPS_TO(ern_ray_reuse_work, ern_renderer_ray_reuse_work_sized(w.renderer, it, bytes));
 }
 CHECK(ern_renderer_frame) {
   static uint8_t rgba[SIDE * SIDE * 4];
@@ -261,25 +261,27 @@ CHECK(ern_renderer_frame_sized) {
 
 /* ---- render.h: rate, judging ------------------------------------------------------------------------------------- */
 
-CHECK(ern_pace_begin) {
+CHECK(ern_rate_controller_begin) {
   const double cost = 1;
-  ern_pace pace = {.at = 7};
-  ern_pace_begin(NULL, &cost, 1, 1);
-  ern_pace_begin(&pace, NULL, 1, 1);
+  ern_rate_controller pace = {.at = 7};
+  ern_rate_controller_begin(NULL, &cost, 1, 1);
+  ern_rate_controller_begin(&pace, NULL, 1, 1);
   assert_int_equal(pace.at + pace.count, 0);
   pace.at = 7;
-  ern_pace_begin(&pace, &cost, 0, 1);
+  ern_rate_controller_begin(&pace, &cost, 0, 1);
   assert_int_equal(pace.at + pace.count, 0);
 }
-CHECK(ern_pace_next) {
+CHECK(ern_rate_controller_next) {
   const double cost = 1;
-  assert_int_equal(ern_pace_next(NULL, 1), 0);
-  assert_int_equal(ern_pace_next(&(ern_pace){0}, 1), 0);
-  assert_int_equal(ern_pace_next(&(ern_pace){.cost = &cost, .count = 1, .at = 9, .slowness = 1, .budget = 1}, 1), 0);
+  assert_int_equal(ern_rate_controller_next(NULL, 1), 0);
+  assert_int_equal(ern_rate_controller_next(&(ern_rate_controller){0}, 1), 0);
+  assert_int_equal(ern_rate_controller_next(
+                       &(ern_rate_controller){.cost = &cost, .count = 1, .at = 9, .slowness = 1, .budget = 1}, 1),
+                   0);
 }
-CHECK(ern_pace_holds) {
-  assert_false(ern_pace_holds(NULL));
-  assert_false(ern_pace_holds(&(ern_pace){.budget = 1}));
+CHECK(ern_rate_controller_holds) {
+  assert_false(ern_rate_controller_holds(NULL));
+  assert_false(ern_rate_controller_holds(&(ern_rate_controller){.budget = 1}));
 }
 CHECK(ern_psnr) {
   const float rgb[3] = {0};
@@ -321,16 +323,16 @@ static const struct arguments_check table[] = {ROW(ern_fit_box),
                                                ROW(ern_renderer_create),
                                                ROW(ern_renderer_free),
                                                ROW(ern_renderer_accepts),
-                                               ROW(ern_renderer_skip_thin),
+                                               ROW(ern_renderer_prune_occupancy),
                                                ROW(ern_renderer_code),
-                                               ROW(ern_renderer_keep_still),
-                                               ROW(ern_renderer_still_work),
-                                               ROW(ern_renderer_still_work_sized),
+                                               ROW(ern_renderer_reuse_rays),
+                                               ROW(ern_renderer_ray_reuse_work),
+                                               ROW(ern_renderer_ray_reuse_work_sized),
                                                ROW(ern_renderer_frame),
                                                ROW(ern_renderer_frame_sized),
-                                               ROW(ern_pace_begin),
-                                               ROW(ern_pace_next),
-                                               ROW(ern_pace_holds),
+                                               ROW(ern_rate_controller_begin),
+                                               ROW(ern_rate_controller_next),
+                                               ROW(ern_rate_controller_holds),
                                                ROW(ern_psnr),
                                                ROW(ern_ssim)};
 enum { CHECKS = sizeof table / sizeof *table };

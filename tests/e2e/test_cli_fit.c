@@ -91,7 +91,7 @@ static void test_nothing_is_distorted(void **state) {
 /* What a still picture keeps is of the same rays. */
 static void test_still_edges(void **state) {
   (void)state;
-  static const char *const words[] = {"--still 0", "--no-still"};
+  static const char *const words[] = {"--reuse-rays 0", "--no-reuse-rays"};
   size_t count[2];
   uint8_t *pixels[2];
   for (int k = 0; k < 2; k++) {
@@ -130,8 +130,8 @@ static void test_background_is_not_stretched(void **state) {
   free(wide), free(cut);
 }
 
-/* Where a backdrop is transparent the clip's own shows. The head is far away. */
-static void test_clear_backdrop(void **state) {
+/* Where a background is transparent the clip's own shows. The head is far away. */
+static void test_clear_background(void **state) {
   (void)state;
   static uint8_t pixels[4 * 8 * 8];
   const ern_image image = {.width = 8, .height = 8, .channels = 4, .data = pixels};
@@ -176,6 +176,6 @@ static void test_boxes(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_nothing_is_distorted), cmocka_unit_test(test_still_edges),
                                      cmocka_unit_test(test_background_is_not_stretched),
-                                     cmocka_unit_test(test_clear_backdrop), cmocka_unit_test(test_boxes)};
+                                     cmocka_unit_test(test_clear_background), cmocka_unit_test(test_boxes)};
   return cmocka_run_group_tests(tests, make_models, NULL);
 }

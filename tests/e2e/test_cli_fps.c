@@ -174,8 +174,8 @@ static void test_turn(void **state) {
 static void test_control(void **state) {
   (void)state;
   support_write_text("blink.txt", "0\n1\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n");
-  static const char curve[] = "--audio hum.npy --hold_pose 2 --no-still --fps 100 --eye blink.txt --frames 0:6";
-  static const char value[] = "--audio hum.npy --hold_pose 2 --no-still --fps 100 --frames 0:6 --fix_eye %s";
+  static const char curve[] = "--audio hum.npy --hold_pose 2 --no-reuse-rays --fps 100 --eye blink.txt --frames 0:6";
+  static const char value[] = "--audio hum.npy --hold_pose 2 --no-reuse-rays --fps 100 --frames 0:6 --fix_eye %s";
   static const char *const eyes[] = {"0", "0.25", "0.5", "0.75", "1", "0.75"};
   uint8_t *blink = raw(curve, 6);
   for (size_t k = 0; k < 6; k++) {
@@ -255,7 +255,7 @@ static void test_words(void **state) {
   cli_run(&cli, "render m.safetensors --clip clip --fps 30 --hold-fps 0.1 -o v.mp4 --json v.json");
   cli_expect(&cli, 0, "15 frames of 64 x 64, 30 a second", "a quick look", NULL);
   json_t *report = cli_json(&cli, "v.json");
-  assert_true(json_is_object(json_object_get(report, "pace")));
+  assert_true(json_is_object(json_object_get(report, "rate_control")));
   json_decref(report);
 }
 

@@ -76,8 +76,8 @@ static ern_status way_render(ern_context *context) {
   ern_status status = open_made(context, &backend);
   if (status == ERN_OK) status = ern_model_load(&model, context, "portrait.safetensors");
   if (status == ERN_OK) status = ern_renderer_create(&renderer, backend, model, NULL);
-  if (status == ERN_OK) status = ern_renderer_skip_thin(renderer, windows, 16, (float[]){0}, 1, 0.01f);
-  if (status == ERN_OK) status = ern_renderer_keep_still(renderer, windows, 16, (float[]){0}, 1, 0);
+  if (status == ERN_OK) status = ern_renderer_prune_occupancy(renderer, windows, 16, (float[]){0}, 1, 0.01f);
+  if (status == ERN_OK) status = ern_renderer_reuse_rays(renderer, windows, 16, (float[]){0}, 1, 0);
   for (int k = 0; k < 2 && status == ERN_OK; k++) status = ern_renderer_frame(renderer, &input, &output, NULL);
   ern_renderer_free(&renderer);
   ern_model_free(&model);

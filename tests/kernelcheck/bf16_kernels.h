@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "backend_cpu/fused/render_lane.h"
+#include "backend_cpu/fused/render_worker.h"
 
 /* pairs_product of tile_pairs.h; `relu`: TILE_RELU. */
 typedef void bf16_product(float *out, const float *start, const float *packed, const float *x, size_t rows,
@@ -26,6 +26,6 @@ bf16_product bf16_product_real, bf16_product_emulated;
 bf16_rows bf16_rows_real, bf16_rows_emulated;
 bf16_add bf16_add_real, bf16_add_emulated;
 bf16_rows_product bf16_forward_real, bf16_forward_emulated, bf16_sums_real, bf16_sums_emulated;
-ern_render_lane_kernel ern_render_lane_bf16_emulated;
+ern_render_worker_kernel ern_render_worker_bf16_emulated;
 
 #endif

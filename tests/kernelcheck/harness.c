@@ -85,7 +85,7 @@ static void wait_for(int k) {
   struct ern_backend *backend = machines.backend[k];
   struct ern_buffer *buffer = NULL;
   float value;
-  support_ok(machines.context, backend->settle(machines.stream[k]));
+  support_ok(machines.context, backend->synchronize(machines.stream[k]));
   support_ok(machines.context, backend->buffer_make(backend, ERN_ELEMENT_REAL, 1, &buffer));
   support_ok(machines.context, backend->download_reals(machines.stream[k], &value, (ern_span){buffer, 0, 1}, 1));
   backend->buffer_free(backend, buffer);

@@ -77,7 +77,7 @@ static void run(struct batch *b, struct ern_stream *stream, const struct ern_fie
   if (b->slope.eye.span.buffer != NULL) fill_rows(stream, b->slope.eye, 82);
   support_ok(machines.context,
              ern_head_density_bwd(stream, &b->in, b->x, &b->value, &b->slope, b->dparameters, b->dcode));
-  support_ok(machines.context, backend->settle(stream));
+  support_ok(machines.context, backend->synchronize(stream));
 }
 
 /* |found - reference|_2 / |reference|_2 of rows. Sums of up to 319 terms, in other orders, over up to 12 layers of sums

@@ -442,7 +442,7 @@ static void check_figures(const struct batch *b, int k) {
       support_ok(machines.context, machines.backend[k]->mse(machines.stream[k], &mse[run][i]));
       support_ok(machines.context, machines.backend[k]->head_loss(machines.stream[k], &head[run][i]));
     }
-    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
   }
   for (size_t i = 0; i < CALLS; i++) {
     struct ern_mse_args expected = {b->dpixel.on[0], -1, b->args[0].pixel, b->args[0].truth, N - 2 * i};
@@ -483,7 +483,7 @@ static void test_failed_step(void **state) {
     backend->torso_select = no_select;
     assert_int_equal(backend->torso_step(machines.stream[k], &step), ERN_E_DEVICE);
     backend->torso_select = select;
-    support_ok(machines.context, backend->settle(machines.stream[k]));
+    support_ok(machines.context, backend->synchronize(machines.stream[k]));
     assert_true(mse.term == -5);
     RUN_ON(k, mse, &mse);
     assert_true(mse.term > 0);

@@ -12,8 +12,8 @@ static uint8_t byte_at(size_t i, size_t c) {
 }
 
 /* Three roundings of values up to 1. */
-static void define_backdrop(const float *pixel, const float *opacity, const uint8_t *back, const uint8_t *front,
-                            size_t n) {
+static void define_background(const float *pixel, const float *opacity, const uint8_t *back, const uint8_t *front,
+                              size_t n) {
   for (size_t i = 0; i < n; i++) {
     const double a = front != NULL ? front[4 * i + 3] / 255.0 : 0;
     assert_true(fabs((double)opacity[i] - a) <= 1e-7);
@@ -24,7 +24,7 @@ static void define_backdrop(const float *pixel, const float *opacity, const uint
   }
 }
 
-static void check_backdrop(size_t n) {
+static void check_background(size_t n) {
   uint8_t *background = held_memory(3 * n, 1), *torso = held_memory(4 * n, 1);
   for (size_t i = 0; i < n; i++) {
     for (size_t c = 0; c < 3; c++) background[3 * i + c] = byte_at(i, c + 1 == 3 ? 3 : c + 1);
@@ -35,24 +35,24 @@ static void check_backdrop(size_t n) {
   for (int with = 0; with < 4; with++) {
     const struct many_rows pixel = many_strided(NULL, 3, n, ERN_PER_RAY);
     const struct many opacity = many_room(n);
-    struct ern_backdrop_args args[MACHINES];
+    struct ern_background_args args[MACHINES];
     EACH_MACHINE (k)
-      args[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], with & 1 ? back.on[k] : (ern_span){0},
-                                           with & 2 ? front.on[k] : (ern_span){0}, n};
-    RUN(backdrop, args);
+      args[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], with & 1 ? back.on[k] : (ern_span){0},
+                                             with & 2 ? front.on[k] : (ern_span){0}, n};
+    RUN(background, args);
     expect_near("pixel", of_rows(pixel), 0, 0);
     expect_near("opacity", opacity, 0, 0);
-    define_backdrop(floats_of(0, of_rows(pixel)), floats_of(0, opacity), with & 1 ? background : NULL,
-                    with & 2 ? torso : NULL, n);
+    define_background(floats_of(0, of_rows(pixel)), floats_of(0, opacity), with & 1 ? background : NULL,
+                      with & 2 ? torso : NULL, n);
   }
   machines_clear();
 }
 
-static void test_backdrop(void **state) {
+static void test_background(void **state) {
   (void)state;
-  for (size_t s = 0; s < size_count(); s++) check_backdrop(test_sizes[s]);
-  check_backdrop(is_small() ? SOME_PAIRS : EVERY_PAIR);
-  check_backdrop(0);
+  for (size_t s = 0; s < size_count(); s++) check_background(test_sizes[s]);
+  check_background(is_small() ? SOME_PAIRS : EVERY_PAIR);
+  check_background(0);
 }
 
 /* Colours, and opacities among which 0 is: ordinary ones, borders between two bytes, and what no byte can hold. */
@@ -188,7 +188,7 @@ static double expected_at(const struct scaled *s, int c, int x, int y, bool over
 static const double rounding = 1e-5;
 
 /* On other machines the same sums in the same order, which a compiler may contract in spite of the pragma. */
-static void check_enlarge(int width, int height, float ratio, bool over) {
+static void check_upsample(int width, int height, float ratio, bool over) {
   enum { CHANNELS = 4 };
   struct scaled s = {.width = width,
                      .height = height,
@@ -203,7 +203,7 @@ static void check_enlarge(int width, int height, float ratio, bool over) {
   const struct many_rows large = many_strided(NULL, CHANNELS, pixels, ERN_PER_SAMPLE);
   const struct many_rows small = many_strided(values, CHANNELS, few, ERN_PER_SAMPLE);
   const struct many_rows background = many_strided(back, 3, pixels, ERN_PER_SAMPLE);
-  ON_EACH(enlarge, ern_enlarge_args,
+  ON_EACH(upsample, ern_upsample_args,
           {.large = large.on[k],
            .small = small.on[k],
            .background = over ? background.on[k] : (ern_rows){.rows = 0},
@@ -212,7 +212,7 @@ static void check_enlarge(int width, int height, float ratio, bool over) {
            .small_width = s.small_width,
            .small_height = s.small_height,
            .ratio = ratio})
-  expect_near("enlarged", of_rows(large), 0, rounding);
+  expect_near("upsampled", of_rows(large), 0, rounding);
   const float *found = floats_of(0, of_rows(large));
   for (int c = 0; c < CHANNELS; c++)
     for (int y = 0; y < height; y++)
@@ -228,13 +228,13 @@ static void check_enlarge(int width, int height, float ratio, bool over) {
   machines_clear();
 }
 
-static void test_enlarge(void **state) {
+static void test_upsample(void **state) {
   (void)state;
   static const int sides[][2] = {{1, 1}, {2, 1}, {3, 7}, {64, 5}, {127, 4}, {128, 3}, {129, 9}, {257, 6}, {300, 40}};
   static const float ratios[] = {0.25f, 0.3f, 0.5f, 0.6180340f, 0.75f, 0.99f, 1};
   for (size_t i = 0; i < COUNT_OF(sides); i++)
     for (size_t r = 0; r < COUNT_OF(ratios); r++)
-      for (int over = 0; over < 2; over++) check_enlarge(sides[i][0], sides[i][1], ratios[r], over != 0);
+      for (int over = 0; over < 2; over++) check_upsample(sides[i][0], sides[i][1], ratios[r], over != 0);
 }
 
 /* ---- rows in the order of a list ---- */
@@ -313,19 +313,19 @@ static void bench(void) {
   const struct many back = many_of(ERN_ELEMENT_BYTE, bytes, 3 * N), front = many_of(ERN_ELEMENT_BYTE, bytes, 4 * N),
                     rgba = many_of(ERN_ELEMENT_BYTE, NULL, 4 * N), opacity = many_zeros(N);
   const struct many_rows pixel = many_strided(NULL, 3, N, ERN_PER_RAY);
-  struct ern_backdrop_args plain[MACHINES], torso[MACHINES];
+  struct ern_background_args plain[MACHINES], torso[MACHINES];
   struct ern_picture_args picture[MACHINES];
   EACH_MACHINE (k) {
-    plain[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], back.on[k], {0}, N};
-    torso[k] = (struct ern_backdrop_args){pixel.on[k], opacity.on[k], back.on[k], front.on[k], N};
+    plain[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], back.on[k], {0}, N};
+    torso[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], back.on[k], front.on[k], N};
     picture[k] = (struct ern_picture_args){.rgba = rgba.on[k], .pixel = pixel.on[k], .n = N};
   }
-  BENCH("backdrop", N, backdrop, plain);
-  BENCH("backdrop with torso", N, backdrop, torso);
+  BENCH("background", N, background, plain);
+  BENCH("background with torso", N, background, torso);
   BENCH("picture", N, picture, picture);
   machines_clear();
 }
 
-static const struct CMUnitTest tests[] = {cmocka_unit_test(test_backdrop), cmocka_unit_test(test_picture),
-                                          cmocka_unit_test(test_enlarge), cmocka_unit_test(test_some_pixels)};
+static const struct CMUnitTest tests[] = {cmocka_unit_test(test_background), cmocka_unit_test(test_picture),
+                                          cmocka_unit_test(test_upsample), cmocka_unit_test(test_some_pixels)};
 NOUN(picture, bench, .isa = NULL)

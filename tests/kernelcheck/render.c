@@ -132,7 +132,7 @@ static void add_emulated(void) {
   if (!wide) return;
   machines_add("avx512bf16, emulated", "avx512", NULL);
   struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)machines.backend[k];
-  cpu->render_lane = ern_render_lane_bf16_emulated;
+  cpu->render_worker = ern_render_worker_bf16_emulated;
   cpu->render_pairs = true;
 #endif
 }

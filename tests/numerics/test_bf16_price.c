@@ -52,7 +52,7 @@ static void viewer_open(struct viewer *v, const char *model, const char *clip) {
   } else {
     make_backend(v, 1, "avx512");
     struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)v->backend[1];
-    cpu->render_lane = ern_render_lane_bf16_emulated;
+    cpu->render_worker = ern_render_worker_bf16_emulated;
     cpu->render_pairs = true;
   }
   const ern_features *features = v->data.features;

@@ -163,7 +163,7 @@ static void test_kept_frames_of_silent_and_huge_speech(void **state) {
       const int s = f < 0 ? f + SPEECHES : f / 2 % SPEECHES;
       if (f == 0)
         support_ok(machines.context,
-                   ern_renderer_keep_still(portrait.renderer[k], said[0], LENGTH, eyes, SPEECHES, half_a_level));
+                   ern_renderer_reuse_rays(portrait.renderer[k], said[0], LENGTH, eyes, SPEECHES, half_a_level));
       input.windows = said[s];
       support_ok(machines.context, draw(k, &input));
       expect_picture(k);
@@ -173,7 +173,7 @@ static void test_kept_frames_of_silent_and_huge_speech(void **state) {
           fail_msg("%s: frame %d, speech times %g: value %zu is %g, expected %g", machines.name[k], f, (double)size[s],
                    i, (double)portrait.rgb[i], (double)whole[s][i]);
     }
-    support_ok(machines.context, ern_renderer_keep_still(portrait.renderer[k], NULL, LENGTH, NULL, 0, -1));
+    support_ok(machines.context, ern_renderer_reuse_rays(portrait.renderer[k], NULL, LENGTH, NULL, 0, -1));
   }
 }
 
@@ -468,7 +468,8 @@ static void test_frame_of_a_nan_after_thinning(void **state) {
   ern_renderer *own = portrait.renderer[k];
   *weight = NAN;
   support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], model, NULL));
-  support_ok(machines.context, ern_renderer_skip_thin(portrait.renderer[k], portrait.windows, LENGTH, &eye, 1, 0.5f));
+  support_ok(machines.context,
+             ern_renderer_prune_occupancy(portrait.renderer[k], portrait.windows, LENGTH, &eye, 1, 0.5f));
   support_expect(machines.context, draw(k, &input), ERN_E_NONFINITE, "the picture is not finite", NULL);
   ern_renderer_free(&portrait.renderer[k]);
   portrait.renderer[k] = own;

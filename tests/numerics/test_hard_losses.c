@@ -51,7 +51,7 @@ static void lose_with(struct ern_loss_weights weights) {
                                       .max_steps = 16,
                                       .n = n};
     support_ok(machines.context, machines.backend[k]->head_loss(machines.stream[k], &args));
-    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
     memcpy(batch.terms[k], args.terms, sizeof args.terms);
   }
 }
@@ -204,7 +204,7 @@ static void mse_of(const float *pixel, const float *truth, size_t n) {
                                 .truth = {t.on[k], n, 3, ERN_PER_RAY},
                                 .n = n};
     support_ok(machines.context, machines.backend[k]->mse(machines.stream[k], &args));
-    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
     mse_terms[k] = args.term;
   }
 }
@@ -262,7 +262,7 @@ static void test_smoothness_of_hardly_and_far_moved(void **state) {
       struct ern_smooth_loss_args args = {
           .dmoved = slope.on[k], .still = from.on[k], .moved = to.on[k], .weight = 1e-5f, .batch = 77, .n = 77};
       support_ok(machines.context, machines.backend[k]->smooth_loss(machines.stream[k], &args));
-      support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+      support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
       term[k] = args.term;
       assert_true(isfinite(term[k]) && fabs(term[k] / term[0] - 1) < 64 * 0x1p-23);
     }

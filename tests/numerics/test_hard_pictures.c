@@ -9,11 +9,11 @@ static ern_rows rows_on(struct many span, int k, int rows, size_t n) {
 }
 
 /* A small picture of one channel, drawn larger. */
-static struct many enlarge(const float *small, int width, int height, int large_width, int large_height) {
+static struct many upsample(const float *small, int width, int height, int large_width, int large_height) {
   const size_t n = (size_t)width * (size_t)height, many = (size_t)large_width * (size_t)large_height;
   machines_clear();
   const struct many from = many_reals(small, n), to = many_room(many);
-  ON_EACH(enlarge, ern_enlarge_args,
+  ON_EACH(upsample, ern_upsample_args,
           {.large = rows_on(to, k, 1, many),
            .small = rows_on(from, k, 1, n),
            .width = large_width,
@@ -25,7 +25,7 @@ static struct many enlarge(const float *small, int width, int height, int large_
 }
 
 /* The cubic's weights sum to 1 and none is above 1, so a picture of one value keeps it; a side of one pixel too. */
-static void test_enlarged_single_pixels_and_flat_pictures(void **state) {
+static void test_upsampled_single_pixels_and_flat_pictures(void **state) {
   (void)state;
   static const float values[] = {0, 1, 1e-38f, 1e30f, -1e37f, FLT_TRUE_MIN};
   static const int sides[][4] = {{1, 1, 1, 1}, {1, 1, 7, 5}, {2, 1, 9, 3}, {1, 3, 4, 11}, {5, 4, 33, 17}};
@@ -33,15 +33,15 @@ static void test_enlarged_single_pixels_and_flat_pictures(void **state) {
     for (size_t s = 0; s < COUNT_OF(sides); s++) {
       float small[20];
       for (size_t i = 0; i < 20; i++) small[i] = values[v];
-      const struct many out = enlarge(small, sides[s][0], sides[s][1], sides[s][2], sides[s][3]);
+      const struct many out = upsample(small, sides[s][0], sides[s][1], sides[s][2], sides[s][3]);
       const double size = fabs((double)values[v]), off = 16 * 0x1p-23 * size + 1.2e-38;
-      expect_within("enlarged", out, (double)values[v] - off, (double)values[v] + off);
+      expect_within("upsampled", out, (double)values[v] - off, (double)values[v] + off);
     }
   }
 }
 
 /* A cubic over 4 x 4 pixels: a NaN or a huge one reaches 2 pixels of the small picture far, and no further. */
-static void test_enlarged_nan_stays_near(void **state) {
+static void test_upsampled_nan_stays_near(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY, 3e38f};
   enum { S = 8, L = 32 };
@@ -49,7 +49,7 @@ static void test_enlarged_nan_stays_near(void **state) {
     float small[S * S];
     for (size_t i = 0; i < S * S; i++) small[i] = 0.5f;
     small[3 * S + 4] = odd[o];
-    const struct many out = enlarge(small, S, S, L, L);
+    const struct many out = upsample(small, S, S, L, L);
     for (int k = 0; k < machines.count; k++) {
       double *values = many_values(k, out);
       bool reached = false;
@@ -214,8 +214,8 @@ static void test_path_of_rotations_without_a_mean(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_enlarged_single_pixels_and_flat_pictures),
-      cmocka_unit_test(test_enlarged_nan_stays_near),
+      cmocka_unit_test(test_upsampled_single_pixels_and_flat_pictures),
+      cmocka_unit_test(test_upsampled_nan_stays_near),
       cmocka_unit_test(test_bytes_of_odd_pixels),
       cmocka_unit_test(test_overlay_of_odd_values),
       cmocka_unit_test(test_metrics_of_equal_and_broken_pictures),

@@ -21,7 +21,7 @@ static void add_up(double dpose[MACHINES][ERN_POSE_SLOPES], size_t n, float slop
                                      .x = {at.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
                                      .n = n};
     support_ok(machines.context, machines.backend[k]->pose_bwd(machines.stream[k], &args));
-    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
     memcpy(dpose[k], args.dpose, sizeof args.dpose);
   }
 }

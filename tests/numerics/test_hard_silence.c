@@ -98,14 +98,14 @@ static void test_rate_of_a_clock_gone_wrong(void **state) {
   static const double cost[] = {60, 30, 12};
   static const double times[] = {-1, 0, NAN, INFINITY, -INFINITY, 1e-300, 1e300, DBL_MAX, 4.9e-324};
   enum { TIMES = sizeof times / sizeof *times, RECOVERY = 60 };
-  ern_pace pace;
-  ern_pace_begin(&pace, cost, 3, 40);
+  ern_rate_controller pace;
+  ern_rate_controller_begin(&pace, cost, 3, 40);
   assert_int_equal(pace.at, 1);
   for (int f = 0; f < 5000; f++) {
-    assert_true(ern_pace_next(&pace, times[f * 7 % TIMES]) < 3 && pace.at < 3);
+    assert_true(ern_rate_controller_next(&pace, times[f * 7 % TIMES]) < 3 && pace.at < 3);
     assert_true(isfinite(pace.slowness) && pace.slowness > 0 && isfinite(pace.late));
   }
-  for (int f = 0; f < RECOVERY; f++) ern_pace_next(&pace, cost[pace.at]);
+  for (int f = 0; f < RECOVERY; f++) ern_rate_controller_next(&pace, cost[pace.at]);
   assert_int_equal(pace.at, 1);
 }
 

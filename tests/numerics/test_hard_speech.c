@@ -87,7 +87,7 @@ static void test_speech_of_1e30(void **state) {
 }
 
 /* All weights of a training at a hundred times the rates, which push them the same way for a thousand steps: eleven
- * layers that each enlarge ten thousandfold. The code is at its limit, and AudioNet has no gradient there. */
+ * layers that each upsample ten thousandfold. The code is at its limit, and AudioNet has no gradient there. */
 static void test_speech_networks_that_have_grown(void **state) {
   (void)state;
   static const float grown[] = {10, 120, -120, 1e4f, 1e12f};

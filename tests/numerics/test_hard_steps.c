@@ -69,7 +69,7 @@ static struct stepped step(const struct setting *how) {
     args.dparameters = out.gradient.on[k];
     args.jitter = jitter.on[k];
     support_ok(machines.context, machines.backend[k]->head_step(machines.stream[k], &args));
-    support_ok(machines.context, machines.backend[k]->settle(machines.stream[k]));
+    support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
     memcpy(out.term[k], args.terms, sizeof args.terms);
     out.error[k] = args.squared_error;
     if (k == 0) out.samples = args.samples;

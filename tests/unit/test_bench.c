@@ -293,7 +293,7 @@ static void test_kernels(void **state) {
                                          "torso_composite_fwd",
                                          "torso_update",
                                          "frequencies_fwd",
-                                         "backdrop",
+                                         "background",
                                          "picture"};
   const ern_bench_options options = quick();
   const ern_bench_machine machine = plain_machine();

@@ -52,7 +52,7 @@ static void *work_through(void *user) {
   if (w->wait) pthread_barrier_wait(&w->shared->begin);
   w->status = ern_renderer_create(&renderer, m->backend, w->shared->model, &options);
   for (int i = 0; i < 2; i++) ern_audio_windows(windows + i * 8 * 16 * WIDTH, &m->features, 3 * i, ERN_AUDIO_PAD_EDGE);
-  if (w->status == ERN_OK && w->kind == 3) w->status = ern_renderer_keep_still(renderer, windows, 16, eyes, 2, 0.002f);
+  if (w->status == ERN_OK && w->kind == 3) w->status = ern_renderer_reuse_rays(renderer, windows, 16, eyes, 2, 0.002f);
   for (int picture = 0; picture < PICTURES && w->status == ERN_OK; picture++) {
     ern_audio_windows(windows, &m->features, picture, ERN_AUDIO_PAD_EDGE);
     w->status = render(w, renderer, windows, picture);

@@ -7,9 +7,9 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "render/stages.h"
-#include "render/visible_ops.h"
+#include "render/tile_culling_ops.h"
 
-enum { SIDE = ERN_VISIBLE_SIDE, FILL_RAYS = 4096 /* rays of a task that writes the background */ };
+enum { SIDE = ERN_TILE_SIDE, FILL_RAYS = 4096 /* rays of a task that writes the background */ };
 
 static float *floats(ern_span span) { return span.buffer != NULL ? (float *)span.buffer->memory + span.at : NULL; }
 
@@ -46,7 +46,7 @@ static size_t block_of(int32_t pixel, const struct ern_view *view, size_t across
 static void sort_rays(struct ray_order *order, const struct ern_render_rays_args *a, const float *nearest,
                       int32_t *block, int32_t *first, size_t blocks) {
   const int32_t *pixel = (const int32_t *)a->pixel_number.buffer->memory + a->pixel_number.at;
-  const size_t across = ern_visible_count(a->view.width);
+  const size_t across = ern_tile_count(a->view.width);
   memset(first, 0, (blocks + 1) * sizeof *first);
   for (size_t i = 0; i < a->n; i++) {
     block[i] = (int32_t)block_of(pixel[i], &a->view, across);
@@ -90,7 +90,7 @@ static void order_picture(struct ray_order *order, const struct ern_view *view, 
 
 static ern_status make_order(struct ern_stream *stream, const struct ern_render_rays_args *a, const uint8_t *bits,
                              struct ray_order *order) {
-  const size_t blocks = ern_visible_count(a->view.width) * ern_visible_count(a->view.height);
+  const size_t blocks = ern_tile_count(a->view.width) * ern_tile_count(a->view.height);
   ern_span nearest, first, block, ray, distance;
   ern_status status = ERN_OK;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, &nearest));
@@ -98,7 +98,7 @@ static ern_status make_order(struct ern_stream *stream, const struct ern_render_
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->n, &distance));
   order->ray = (int32_t *)ray.buffer->memory + ray.at;
   order->not_before = floats(distance);
-  ern_visible_blocks(floats(nearest), bits, &a->view, a->settings.bound);
+  ern_tile_culling(floats(nearest), bits, &a->view, a->settings.bound);
   if (is_picture(a)) {
     order_picture(order, &a->view, floats(nearest));
     return ERN_OK;
@@ -115,7 +115,7 @@ fail:
 
 struct render_job {
   struct ern_render_work work;
-  ern_render_lane_kernel *lane;
+  ern_render_worker_kernel *worker;
   atomic_size_t next;
   size_t rays;
   char *scratch;
@@ -124,8 +124,8 @@ struct render_job {
 };
 
 /* Every ray as one that meets nothing; those that do are written over. */
-static void fill_task(void *user, size_t task, int lane) {
-  (void)lane;
+static void fill_task(void *user, size_t task, int worker) {
+  (void)worker;
   const struct ern_render_work *w = &((const struct render_job *)user)->work;
   const size_t rays = ((const struct render_job *)user)->rays, begin = task * FILL_RAYS;
   const size_t n = rays - begin < FILL_RAYS ? rays - begin : FILL_RAYS;
@@ -140,11 +140,11 @@ static void fill_task(void *user, size_t task, int lane) {
     if (zero[k] != NULL) memset(zero[k] + begin, 0, n * sizeof(float));
 }
 
-static void lane_task(void *user, size_t task, int lane) {
-  (void)lane;
+static void worker_task(void *user, size_t task, int worker) {
+  (void)worker;
   struct render_job *job = user;
-  job->lane(&job->work, &job->next, job->scratch + task * job->scratch_bytes,
-            job->profile != NULL ? &job->profile[task] : NULL);
+  job->worker(&job->work, &job->next, job->scratch + task * job->scratch_bytes,
+              job->profile != NULL ? &job->profile[task] : NULL);
 }
 
 static struct ern_render_work work_of(const struct ern_cpu_stream *cpu, const struct ern_render_rays_args *a) {
@@ -177,21 +177,21 @@ static bool prepared_for(const struct ern_cpu_stream *cpu, ern_span parameters) 
 static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_args *a) {
   struct ern_cpu_stream *cpu = of(stream);
   const struct ern_cpu_backend *backend = (const struct ern_cpu_backend *)stream->backend;
-  if (cpu->lane == NULL || !prepared_for(cpu, a->parameters)) return backend->render_rays_stages(stream, a);
+  if (cpu->worker == NULL || !prepared_for(cpu, a->parameters)) return backend->render_rays_stages(stream, a);
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const size_t threads = (size_t)ern_pool_threads(cpu->pool);
   struct ray_order order = {0};
   ern_span scratch, profiles;
   ern_status status = ERN_OK;
   const double began = ern_profile_now();
-  struct render_job job = {.work = work_of(cpu, a), .lane = backend->render_lane, .rays = a->n};
+  struct render_job job = {.work = work_of(cpu, a), .worker = backend->render_worker, .rays = a->n};
   ern_frame_net_fold(cpu->net, a->field, floats(a->parameters), floats(a->code), a->eye_value, a->individual);
   ern_pool_run(cpu->pool, (a->n + FILL_RAYS - 1) / FILL_RAYS, fill_task, &job);
   ERN_TRY(make_order(stream, a, job.work.bits, &order));
   job.work.order = order.ray;
   job.work.not_before = order.not_before;
   job.work.count = order.count;
-  job.scratch_bytes = ern_render_lane_scratch(&job.work);
+  job.scratch_bytes = ern_render_worker_scratch(&job.work);
   ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, job.scratch_bytes * threads, &scratch));
   job.scratch = (char *)scratch.buffer->memory + scratch.at;
   if (a->profile != NULL) {
@@ -201,7 +201,7 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
     if (a->profile->timed) a->profile->seconds[ERN_PROFILE_MARCH] += ern_profile_now() - began;
     a->profile->count[ERN_PROFILE_PIXELS] += a->n;
   }
-  ern_pool_run(cpu->pool, threads, lane_task, &job);
+  ern_pool_run(cpu->pool, threads, worker_task, &job);
   for (size_t k = 0; a->profile != NULL && k < threads; k++) ern_profile_add(a->profile, &job.profile[k]);
 fail:
   ern_arena_release(stream, mark);

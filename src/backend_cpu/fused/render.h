@@ -3,7 +3,7 @@
 #ifndef ERN_FUSED_RENDER_H
 #define ERN_FUSED_RENDER_H
 
-#include "backend_cpu/fused/render_lane.h"
+#include "backend_cpu/fused/render_worker.h"
 
 /* Overwrites render_prepare and render_rays of a table of floats; a model whose layers the fused pass does not know
  * goes through the stages. */

@@ -50,14 +50,14 @@ static size_t lay_out(struct render_scratch *s, char *room, const struct ern_ren
   return used;
 }
 
-size_t ern_render_lane_scratch(const struct ern_render_work *work) {
+size_t ern_render_worker_scratch(const struct ern_render_work *work) {
   struct render_scratch none;
   return lay_out(&none, NULL, work);
 }
 
 struct render_scratch *ern_render_scratch_make(void *scratch, const struct ern_render_work *work) {
   struct render_scratch *s = scratch;
-  memset(scratch, 0, ern_render_lane_scratch(work));
+  memset(scratch, 0, ern_render_worker_scratch(work));
   lay_out(s, scratch, work);
   /* as render/march_ref.c has it */
   s->shortest = (float)(2 * sqrt(3.0) / work->settings.max_steps);

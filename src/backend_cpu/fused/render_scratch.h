@@ -3,7 +3,7 @@
 #ifndef ERN_RENDER_SCRATCH_H
 #define ERN_RENDER_SCRATCH_H
 
-#include "backend_cpu/fused/render_lane.h"
+#include "backend_cpu/fused/render_worker.h"
 #include "mlp/mlp_tile.h"
 
 /* The rays of a tile in flight, by slot, and the sample that each of them is at. */
@@ -43,7 +43,7 @@ struct render_scratch {
   int32_t *hit, *ray;      /* [hits]: place in the batch, number of the ray */
 };
 
-/* scratch of ern_render_lane_scratch bytes, laid out, with no ray in flight */
+/* scratch of ern_render_worker_scratch bytes, laid out, with no ray in flight */
 struct render_scratch *ern_render_scratch_make(void *scratch, const struct ern_render_work *work);
 
 #endif

@@ -44,7 +44,7 @@ static struct ern_train_step step_of(struct ern_stream *stream, const struct ern
 /* The weights, as they are and as pairs, the shards' gradients, and what each thread works in. */
 static ern_status take_threads(struct ern_train_step *s, float **weights) {
   struct ern_cpu_stream *stream = (struct ern_cpu_stream *)s->stream;
-  const size_t lanes = (size_t)ern_pool_threads(stream->pool);
+  const size_t workers = (size_t)ern_pool_threads(stream->pool);
   float *next = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_NET, 2 * s->net.count + ERN_SHARDS * s->net.forward, &next));
@@ -54,12 +54,12 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
     const struct range r = shard(s->rays, 64, k);
     if (r.end - r.begin > s->shard_rays) s->shard_rays = r.end - r.begin;
   }
-  const size_t lane_floats = ern_train_lane_floats(s->shard_rays);
-  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_LANES, lanes * lane_floats, &next));
-  s->lanes = (char *)next;
-  s->lane_bytes = lane_floats * sizeof(float);
-  for (size_t lane = 0; lane < lanes; lane++)
-    ern_train_lane_of(s, (int)lane)->profile = (struct ern_profile){.timed = true};
+  const size_t worker_floats = ern_train_worker_floats(s->shard_rays);
+  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_WORKERS, workers * worker_floats, &next));
+  s->workers = (char *)next;
+  s->worker_bytes = worker_floats * sizeof(float);
+  for (size_t worker = 0; worker < workers; worker++)
+    ern_train_worker_of(s, (int)worker)->profile = (struct ern_profile){.timed = true};
 fail:
   return status;
 }
@@ -170,7 +170,7 @@ fail:
 
 static void backward_task(void *user, size_t k, int number) {
   const struct ern_train_step *s = user;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const struct range r = shard(s->count, ERN_MLP_TILE, k);
   const double began = ern_profile_now();
   const struct ern_train_backward_args args = {.list = {s->live_sample + r.begin, r.end - r.begin},
@@ -189,8 +189,8 @@ static void backward_task(void *user, size_t k, int number) {
                                                .rgb_stride = s->live_stride,
                                                .stride = s->live_stride};
   memset(args.gradient, 0, s->net.forward * sizeof *args.gradient);
-  s->train->backward(&s->net, &lane->tile, &args);
-  lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began;
+  s->train->backward(&s->net, &worker->tile, &args);
+  worker->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began;
 }
 
 struct pose {
@@ -205,7 +205,7 @@ struct pose {
 static void pose_task(void *user, size_t k, int number) {
   struct pose *pose = user;
   const struct ern_train_step *s = pose->step;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const struct range r = shard(s->count, ERN_MLP_TILE, k);
   const size_t stride = s->live_stride, n = r.end - r.begin, levels = (size_t)s->field->config.levels;
   float *dx = reals(pose->dx.span) + r.begin, *d = after(reals(pose->d.span), r.begin),
@@ -229,7 +229,7 @@ static void pose_task(void *user, size_t k, int number) {
     s->kernels->spread_rays(weight, 0, reals(pose->args->dpose_weight), 0, s->live_ray + r.begin, 1, n);
   s->kernels->pose_bwd(pose->part[k], dx, pose->dx.stride, s->live_x + r.begin, stride, dd, pose->dd.stride, d,
                        pose->d.stride, weight, n);
-  lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
+  worker->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
 }
 
 static ern_status add_pose(const struct ern_head_step_args *a, const struct ern_train_step *s) {
@@ -265,7 +265,7 @@ struct tables {
 static void tables_task(void *user, size_t k, int number) {
   const struct tables *t = user;
   const struct ern_train_step *s = t->step;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const size_t levels = (size_t)s->field->config.levels, p = k / levels;
   const int level = (int)(k % levels), *axis = s->field->encoder.axis[p];
   const float *const x[ERN_GRID_MAX_DIMS] = {t->x[axis[0]], t->x[axis[1]], NULL};
@@ -274,7 +274,7 @@ static void tables_task(void *user, size_t k, int number) {
   const double began = ern_profile_now();
   s->kernels->grid_bwd(t->dparameters + table, none, s->df + p * levels * t->stride, t->stride, x,
                        s->parameters + table, &s->field->encoder.grid[p], level, level + 1, t->n);
-  lane->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
+  worker->profile.seconds[ERN_PROFILE_TABLES] += ern_profile_now() - began;
 }
 static void last_task(void *user, size_t k, int number) {
   const struct tables *t = user;
@@ -325,7 +325,7 @@ struct smoothness {
 static void smooth_task(void *user, size_t k, int number) {
   struct smoothness *smooth = user;
   struct ern_train_step *s = smooth->step;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const struct range r = shard(s->marched.total, ERN_MLP_TILE, k);
   struct ern_train_smooth_args args = {.count = r.end - r.begin,
                                        .x = reals(smooth->x.span) + r.begin,
@@ -338,10 +338,10 @@ static void smooth_task(void *user, size_t k, int number) {
                                        .df = s->df + r.begin,
                                        .stride = s->stride};
   const double began = ern_profile_now();
-  lane->tile.encoding = 0;
-  s->train->smooth(&s->net, &lane->tile, &args);
-  lane->profile.seconds[ERN_PROFILE_ENCODE] += lane->tile.encoding;
-  lane->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began - lane->tile.encoding;
+  worker->tile.encoding = 0;
+  s->train->smooth(&s->net, &worker->tile, &args);
+  worker->profile.seconds[ERN_PROFILE_ENCODE] += worker->tile.encoding;
+  worker->profile.seconds[ERN_PROFILE_BACKWARD] += ern_profile_now() - began - worker->tile.encoding;
   memcpy(smooth->sum[k], args.sum, sizeof args.sum);
 }
 
@@ -390,8 +390,8 @@ fail:
 
 /* ---- the step ---------------------------------------------------------------------------------------------------- */
 
-static void sum_task(void *user, size_t part, int lane) {
-  (void)lane;
+static void sum_task(void *user, size_t part, int worker) {
+  (void)worker;
   const struct ern_train_step *s = user;
   const struct range r = shard(s->net.forward, 64, part);
   for (size_t k = 1; k < ERN_SHARDS; k++) {
@@ -402,8 +402,8 @@ static void sum_task(void *user, size_t part, int lane) {
 
 static void tell_profile(const struct ern_train_step *s, struct ern_profile *profile, const double when[4]) {
   if (profile == NULL) return;
-  for (int lane = 0; lane < ern_pool_threads(pool_of(s->stream)); lane++)
-    ern_profile_add(profile, &ern_train_lane_of(s, lane)->profile);
+  for (int worker = 0; worker < ern_pool_threads(pool_of(s->stream)); worker++)
+    ern_profile_add(profile, &ern_train_worker_of(s, worker)->profile);
   profile->seconds[ERN_PROFILE_MARCH] += when[1] - when[0];
   profile->seconds[ERN_PROFILE_COMPOSITE] += when[3] - when[2];
   profile->count[ERN_PROFILE_PIXELS] += s->rays;
@@ -473,11 +473,11 @@ static void density_task(void *user, size_t k, int number) {
   const struct densities *job = user;
   const struct ern_train_step *s = job->step;
   const struct ern_head_density_args *a = job->args;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const size_t begin = k * ERN_TRAIN_BATCH, left = a->n - begin, n = left < ERN_TRAIN_BATCH ? left : ERN_TRAIN_BATCH;
   const struct ern_train_density_args density = {
       .list = {NULL, n}, .x = reals(a->x.span) + begin, .x_stride = a->x.stride, .sigma = reals(a->sigma) + begin};
-  s->train->density(&s->net, &lane->tile, &density);
+  s->train->density(&s->net, &worker->tile, &density);
 }
 
 static ern_status head_density(struct ern_stream *stream, struct ern_head_density_args *a) {

@@ -15,8 +15,8 @@ enum {
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
 
-static void unhash_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void unhash_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct ern_train_step *s = user;
   const size_t levels = (size_t)s->field->config.levels, p = k / levels;
   const struct ern_grid_level *level = &s->field->encoder.grid[p].level[k % levels];
@@ -68,8 +68,8 @@ struct waiting {
   size_t rays, head, length;
 };
 
-static struct waiting waiting_make(const struct ern_train_step *s, struct ern_train_lane *lane, struct range r) {
-  int32_t *room = (int32_t *)(void *)lane->by_ray;
+static struct waiting waiting_make(const struct ern_train_step *s, struct ern_train_worker *worker, struct range r) {
+  int32_t *room = (int32_t *)(void *)worker->by_ray;
   struct waiting w = {.first = int32s(s->marched.first) + r.begin,
                       .queue = room,
                       .done = room + s->shard_rays,
@@ -91,7 +91,8 @@ static int32_t share_of(const struct ern_train_step *s, const struct waiting *w)
 }
 
 /* Takes the next samples of the longest waiting rays; *groups rays, and how many samples. */
-static size_t collect(const struct ern_train_step *s, struct ern_train_lane *lane, struct waiting *w, size_t *groups) {
+static size_t collect(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w,
+                      size_t *groups) {
   const float *x = reals(s->marched.x.span);
   const size_t x_stride = s->marched.x.stride;
   const int32_t share = share_of(s, w);
@@ -101,12 +102,12 @@ static size_t collect(const struct ern_train_step *s, struct ern_train_lane *lan
     int32_t take = w->first[ray + 1] - begin;
     if (take > share) take = share;
     if ((size_t)take > ERN_TRAIN_BATCH - count) take = (int32_t)(ERN_TRAIN_BATCH - count);
-    lane->group[*groups] = (struct ern_train_group){ray, take};
+    worker->group[*groups] = (struct ern_train_group){ray, take};
     w->head = w->head + 1 < w->rays ? w->head + 1 : 0;
     w->length--;
     for (int32_t sample = begin; sample < begin + take; sample++, count++) {
-      lane->sample[count] = sample;
-      for (size_t axis = 0; axis < 3; axis++) lane->x[axis][count] = x[axis * x_stride + (size_t)sample];
+      worker->sample[count] = sample;
+      for (size_t axis = 0; axis < 3; axis++) worker->x[axis][count] = x[axis * x_stride + (size_t)sample];
     }
   }
   return count;
@@ -114,21 +115,21 @@ static size_t collect(const struct ern_train_step *s, struct ern_train_lane *lan
 
 /* Lets the light through the samples of the batch; rays that have light and samples left wait again. Returns how many
  * count. The margin makes sure that compositing, which does the sum again, finds none missing. */
-static size_t shine(const struct ern_train_step *s, struct ern_train_lane *lane, struct waiting *w, size_t groups) {
+static size_t shine(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w, size_t groups) {
   const float *dt = reals(s->marched.dt), spent = s->stop * 0.999f;
   size_t at = 0, live = 0;
   for (size_t g = 0; g < groups; g++) {
-    const int32_t ray = lane->group[g].ray;
+    const int32_t ray = worker->group[g].ray;
     float light = w->light[ray];
-    for (int32_t i = 0; i < lane->group[g].count; i++, at++) {
+    for (int32_t i = 0; i < worker->group[g].count; i++, at++) {
       if (light < spent) continue;
       w->live[ray]++;
-      lane->live[live] = lane->sample[at];
-      lane->place[live++] = (int32_t)at;
-      light *= expf(-lane->sigma[at] * dt[lane->sample[at]]);
+      worker->live[live] = worker->sample[at];
+      worker->place[live++] = (int32_t)at;
+      light *= expf(-worker->sigma[at] * dt[worker->sample[at]]);
     }
     w->light[ray] = light;
-    w->done[ray] += lane->group[g].count;
+    w->done[ray] += worker->group[g].count;
     if (w->first[ray] + w->done[ray] == w->first[ray + 1] || (light < spent && !s->everything)) continue;
     const size_t end = w->head + w->length++;
     w->queue[end < w->rays ? end : end - w->rays] = ray;
@@ -140,52 +141,52 @@ static void put(float *values, const float *batch, const int32_t *sample, size_t
   for (size_t i = 0; i < count; i++) values[sample[i]] = batch[i];
 }
 
-static void look_at(const struct ern_train_step *s, struct ern_train_lane *lane, struct waiting *w) {
+static void look_at(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w) {
   size_t groups;
-  const size_t count = collect(s, lane, w, &groups);
-  const struct ern_train_density_args density = {.list = {lane->sample, count},
-                                                 .x = lane->x[0],
+  const size_t count = collect(s, worker, w, &groups);
+  const struct ern_train_density_args density = {.list = {worker->sample, count},
+                                                 .x = worker->x[0],
                                                  .x_stride = ERN_TRAIN_BATCH,
                                                  .feature_rows = s->feature_rows,
-                                                 .sigma = lane->sigma,
-                                                 .norm = lane->norm,
-                                                 .eye = s->net.eye ? lane->eye : NULL,
-                                                 .hidden = lane->hidden};
-  s->train->density(&s->net, &lane->tile, &density);
-  put(s->sigma, lane->sigma, lane->sample, count);
-  put(s->norm, lane->norm, lane->sample, count);
-  if (s->net.eye) put(s->eye, lane->eye, lane->sample, count);
+                                                 .sigma = worker->sigma,
+                                                 .norm = worker->norm,
+                                                 .eye = s->net.eye ? worker->eye : NULL,
+                                                 .hidden = worker->hidden};
+  s->train->density(&s->net, &worker->tile, &density);
+  put(s->sigma, worker->sigma, worker->sample, count);
+  put(s->norm, worker->norm, worker->sample, count);
+  if (s->net.eye) put(s->eye, worker->eye, worker->sample, count);
 
-  const size_t live = shine(s, lane, w, groups);
-  const struct ern_train_colour_args colour = {.list = {lane->live, live},
-                                               .place = lane->place,
+  const size_t live = shine(s, worker, w, groups);
+  const struct ern_train_colour_args colour = {.list = {worker->live, live},
+                                               .place = worker->place,
                                                .ray = int32s(s->marched.ray),
-                                               .hidden = lane->hidden,
+                                               .hidden = worker->hidden,
                                                .harmonics = s->net.harmonics > 0 ? reals(s->marched.sh.span) : NULL,
                                                .sh_stride = s->marched.sh.stride,
-                                               .rgb = lane->rgb,
+                                               .rgb = worker->rgb,
                                                .stride = ERN_TRAIN_BATCH};
-  s->train->colour(&s->net, &lane->tile, &colour);
-  for (size_t c = 0; c < 3; c++) put(s->rgb + c * s->stride, lane->rgb + c * ERN_TRAIN_BATCH, lane->live, live);
-  const struct ern_train_list looked_at = {s->everything ? lane->sample : lane->live, s->everything ? count : live};
-  const struct ern_train_uncertainty_args uncertainty = {looked_at, s->feature_rows, lane->unc};
-  s->train->uncertainty(&s->net, &lane->tile, &uncertainty);
-  put(s->unc, lane->unc, looked_at.index, looked_at.count);
+  s->train->colour(&s->net, &worker->tile, &colour);
+  for (size_t c = 0; c < 3; c++) put(s->rgb + c * s->stride, worker->rgb + c * ERN_TRAIN_BATCH, worker->live, live);
+  const struct ern_train_list looked_at = {s->everything ? worker->sample : worker->live, s->everything ? count : live};
+  const struct ern_train_uncertainty_args uncertainty = {looked_at, s->feature_rows, worker->unc};
+  s->train->uncertainty(&s->net, &worker->tile, &uncertainty);
+  put(s->unc, worker->unc, looked_at.index, looked_at.count);
 
-  lane->profile.count[ERN_PROFILE_SAMPLES] += count;
-  lane->profile.count[ERN_PROFILE_COLOURS] += live;
+  worker->profile.count[ERN_PROFILE_SAMPLES] += count;
+  worker->profile.count[ERN_PROFILE_COLOURS] += live;
 }
 
 static void forward_task(void *user, size_t k, int number) {
   const struct ern_train_step *s = user;
-  struct ern_train_lane *lane = ern_train_lane_of(s, number);
+  struct ern_train_worker *worker = ern_train_worker_of(s, number);
   const struct range r = shard(s->rays, 64, k);
-  struct waiting w = waiting_make(s, lane, r);
+  struct waiting w = waiting_make(s, worker, r);
   const double began = ern_profile_now();
-  lane->tile.encoding = 0;
-  while (w.length > 0) look_at(s, lane, &w);
-  lane->profile.seconds[ERN_PROFILE_ENCODE] += lane->tile.encoding;
-  lane->profile.seconds[ERN_PROFILE_FORWARD] += ern_profile_now() - began - lane->tile.encoding;
+  worker->tile.encoding = 0;
+  while (w.length > 0) look_at(s, worker, &w);
+  worker->profile.seconds[ERN_PROFILE_ENCODE] += worker->tile.encoding;
+  worker->profile.seconds[ERN_PROFILE_FORWARD] += ern_profile_now() - began - worker->tile.encoding;
 }
 
 /* ---- those that count -------------------------------------------------------------------------------------------- */
@@ -219,8 +220,8 @@ static ern_status take_live(struct ern_train_step *s) {
 }
 
 /* The samples of a shard's rays that count, to their new places. */
-static void gather_task(void *user, size_t k, int lane) {
-  (void)lane;
+static void gather_task(void *user, size_t k, int worker) {
+  (void)worker;
   const struct ern_train_step *s = user;
   const struct range r = shard(s->rays, 64, k);
   const int32_t *marched = int32s(s->marched.first), *first = int32s(s->first);

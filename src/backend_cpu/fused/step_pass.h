@@ -18,7 +18,7 @@ struct ern_train_block {
 typedef enum ern_train_use {
   ERN_TRAIN_NET,     /* the weights and the shards' gradients */
   ERN_TRAIN_GRIDS,   /* the unhashed levels */
-  ERN_TRAIN_LANES,   /* a struct ern_train_lane a thread */
+  ERN_TRAIN_WORKERS, /* a struct ern_train_worker a thread */
   ERN_TRAIN_MARCHED, /* by marched sample */
   ERN_TRAIN_LIVE,    /* by sample that counts */
   ERN_TRAIN_SLOPES,  /* the features' gradient */
@@ -50,7 +50,7 @@ struct ern_train_group {
   int32_t count;
 };
 
-struct ern_train_lane {
+struct ern_train_worker {
   struct ern_train_tile tile;
   float x[3][ERN_TRAIN_BATCH];
   float sigma[ERN_TRAIN_BATCH], norm[ERN_TRAIN_BATCH], eye[ERN_TRAIN_BATCH], unc[ERN_TRAIN_BATCH];
@@ -63,9 +63,9 @@ struct ern_train_lane {
   float by_ray[]; /* of the shard: queue, samples looked at, transmittance */
 };
 
-/* Floats of a lane, for shards of `rays`. */
-static inline size_t ern_train_lane_floats(size_t rays) {
-  const size_t bytes = sizeof(struct ern_train_lane);
+/* Floats of a worker, for shards of `rays`. */
+static inline size_t ern_train_worker_floats(size_t rays) {
+  const size_t bytes = sizeof(struct ern_train_worker);
   return (bytes / sizeof(float) + 3 * rays + 63) / 64 * 64;
 }
 
@@ -79,8 +79,8 @@ struct ern_train_step {
   const float *parameters;
   struct ern_train_net net;
   struct ern_frame_net grids;
-  char *lanes;
-  size_t lane_bytes, shard_rays;
+  char *workers;
+  size_t worker_bytes, shard_rays;
 
   size_t rays;
   struct ern_marched marched;
@@ -105,8 +105,8 @@ struct ern_train_step {
   float *dsh;      /* [16][live_stride], of the harmonics; NULL: not wanted */
 };
 
-static inline struct ern_train_lane *ern_train_lane_of(const struct ern_train_step *s, int lane) {
-  return (struct ern_train_lane *)(void *)(s->lanes + (size_t)lane * s->lane_bytes);
+static inline struct ern_train_worker *ern_train_worker_of(const struct ern_train_step *s, int worker) {
+  return (struct ern_train_worker *)(void *)(s->workers + (size_t)worker * s->worker_bytes);
 }
 
 /* Unhashes the levels, for all encoding of the step. */

@@ -43,8 +43,8 @@ static void place(const struct axis *axis, size_t i, float shrink) {
   axis->weight[i] = at - (float)cell;
 }
 
-static void axis_task(void *user, size_t task, int lane) {
-  (void)lane;
+static void axis_task(void *user, size_t task, int worker) {
+  (void)worker;
   const struct job_of_axes *job = user;
   const struct axis *axis = &job->axis[task % 2];
   const size_t begin = task / 2 * AXIS_CHUNK;
@@ -247,8 +247,8 @@ struct job_of_bands {
   ern_torso_band_kernel *kernel;
 };
 
-static void band_task(void *user, size_t band, int lane) {
-  (void)lane;
+static void band_task(void *user, size_t band, int worker) {
+  (void)worker;
   const struct job_of_bands *job = user;
   job->kernel(job->frame, band);
 }

@@ -28,8 +28,8 @@ LANES_INLINE vf share_of(vu pixels, int byte) {
   return __builtin_convertvector((vi)(pixels >> (uint32_t)(8 * byte) & 255u), vf) / vf_all(255);
 }
 
-LANES_INLINE void backdrop_some(float *pixel, size_t stride, float *opacity, const uint8_t *background,
-                                const uint8_t *torso, size_t count) {
+LANES_INLINE void background_some(float *pixel, size_t stride, float *opacity, const uint8_t *background,
+                                  const uint8_t *torso, size_t count) {
   const vu back = background != NULL ? pixels_of_3(background, count) : (vu){0};
   const vu front = torso != NULL ? pixels_of_4(torso, count) : (vu){0};
   const vf a = share_of(front, 3);
@@ -41,12 +41,12 @@ LANES_INLINE void backdrop_some(float *pixel, size_t stride, float *opacity, con
   vf_store_some(opacity, a, count);
 }
 
-void ERN_ISA(ern_backdrop)(float *pixel, size_t stride, float *opacity, const uint8_t *background, const uint8_t *torso,
-                           size_t n) {
+void ERN_ISA(ern_background)(float *pixel, size_t stride, float *opacity, const uint8_t *background,
+                             const uint8_t *torso, size_t n) {
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    backdrop_some(pixel + i, stride, opacity + i, background != NULL ? background + 3 * i : NULL,
-                  torso != NULL ? torso + 4 * i : NULL, count);
+    background_some(pixel + i, stride, opacity + i, background != NULL ? background + 3 * i : NULL,
+                    torso != NULL ? torso + 4 * i : NULL, count);
   }
 }
 

@@ -6,8 +6,8 @@
  * sample behind the light's end is ever computed. */
 #include <math.h>
 
-#include "backend_cpu/fused/render_lane.h"
 #include "backend_cpu/fused/render_scratch.h"
+#include "backend_cpu/fused/render_worker.h"
 #include "backend_cpu/simd/encode_tile.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
@@ -258,8 +258,8 @@ static bool advance(struct render_scratch *s, const struct ern_render_work *work
   return tiles > 0;
 }
 
-void ERN_ISA(ern_render_lane)(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
-                              struct ern_profile *profile) {
+void ERN_ISA(ern_render_worker)(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
+                                struct ern_profile *profile) {
   struct render_scratch *s = ern_render_scratch_make(scratch, work);
   double at = profile != NULL && profile->timed ? ern_profile_now() : 0;
   for (size_t k = 0; k < ERN_FLIGHTS; k++) {

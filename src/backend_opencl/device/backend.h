@@ -16,7 +16,7 @@
   SOURCE(composite)            \
   SOURCE(occupancy)            \
   SOURCE(picture)              \
-  SOURCE(enlarge)              \
+  SOURCE(upsample)             \
   SOURCE(hashgrid)             \
   SOURCE(mlp)                  \
   SOURCE(activation)           \
@@ -92,9 +92,9 @@ struct ern_cl_kernel {
 
 enum { ERN_CL_PENDING = 32 };
 
-/* Figures that a slot leaves on the device until `settle`. */
+/* Figures that a slot leaves on the device until `synchronize`. */
 struct ern_cl_pending {
-  void (*settle)(void *args, const float *values, size_t count); /* in the order of the calls */
+  void (*deliver)(void *args, const float *values, size_t count); /* in the order of the calls */
   void *args;
   size_t at, count;
 };

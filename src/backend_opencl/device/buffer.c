@@ -181,7 +181,7 @@ static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, si
   return ern_cl_check(ern_cl_backend_of(stream), code, "copy on the device");
 }
 
-static ern_status settle(struct ern_stream *stream) {
+static ern_status synchronize(struct ern_stream *stream) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   const size_t pending = own->pending_count, used = own->figures_used;
   own->pending_count = 0;
@@ -190,7 +190,7 @@ static ern_status settle(struct ern_stream *stream) {
   const ern_status status = ern_cl_read(stream, own->figures_host, (ern_span){own->figures, 0, used}, used);
   if (status != ERN_OK) return status;
   for (size_t i = 0; i < pending; i++)
-    own->pending[i].settle(own->pending[i].args, own->figures_host + own->pending[i].at, own->pending[i].count);
+    own->pending[i].deliver(own->pending[i].args, own->figures_host + own->pending[i].at, own->pending[i].count);
   return ERN_OK;
 }
 
@@ -205,5 +205,5 @@ void ern_cl_fill_memory(struct ern_backend *table) {
   table->download_bytes = download_bytes;
   table->zero = zero;
   table->copy = copy;
-  table->settle = settle;
+  table->synchronize = synchronize;
 }

@@ -103,17 +103,18 @@ ern_status ern_cl_each(struct ern_cl_call *call, size_t items) {
 enum { FIGURES = 1 << 14 };
 
 ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
-                          void (*settle)(void *args, const float *values, size_t count), void *args, ern_span *span) {
+                          void (*deliver)(void *args, const float *values, size_t count), void *args, ern_span *span) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *backend = &own->owner->table;
   ern_status status = ERN_OK;
   if (own->figures_host == NULL) ERN_TRY(ERN_NEW(backend->context, FIGURES, &own->figures_host));
   if (own->figures == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, FIGURES, &own->figures));
-  if (own->pending_count == ERN_CL_PENDING || count > FIGURES - own->figures_used) ERN_TRY(backend->settle(stream));
+  if (own->pending_count == ERN_CL_PENDING || count > FIGURES - own->figures_used)
+    ERN_TRY(backend->synchronize(stream));
   if (count > FIGURES)
     ERN_TRY(ern_fail(backend->context, ERN_E_ARGUMENT, "OpenCL: %zu figures, expected %d at most", count, FIGURES));
   *span = (ern_span){own->figures, own->figures_used, count};
-  own->pending[own->pending_count++] = (struct ern_cl_pending){settle, args, own->figures_used, count};
+  own->pending[own->pending_count++] = (struct ern_cl_pending){deliver, args, own->figures_used, count};
   own->figures_used += count;
 fail:
   return status;

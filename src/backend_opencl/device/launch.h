@@ -41,14 +41,14 @@ enum { ERN_CL_SUMS = 64, ERN_CL_SUM_GROUP = 64 };
 /* Runs them side by side, as many of them an item as the device's vectors have lanes. */
 ERN_NODISCARD ern_status ern_cl_run_sums(struct ern_cl_call *call);
 
-/* Room for `count` figures, which `settle` will hand to the function together with `args` (alive until then). The
+/* Room for `count` figures, which `synchronize` will hand to the function together with `args` (alive until then). The
  * values may be added up in double by the host: a float for each of a fixed number of groups. */
 ERN_NODISCARD ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
-                                        void (*settle)(void *args, const float *values, size_t count), void *args,
+                                        void (*deliver)(void *args, const float *values, size_t count), void *args,
                                         ern_span *span);
 
-/* After a call that may have failed: what it left for `settle` would be written to arguments that are gone, and scratch
- * above what is in use is given back, as the next try may need it to be of other sizes. Returns `status`. */
+/* After a call that may have failed: what it left for `synchronize` would be written to arguments that are gone, and
+ * scratch above what is in use is given back, as the next try may need it to be of other sizes. Returns `status`. */
 ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status);
 
 #endif

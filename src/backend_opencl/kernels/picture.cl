@@ -31,7 +31,7 @@ uintw load_rgb(global const uchar *from, ulong count) {
 
 /* pixel: [3] per pixel; opacity: [n]; background: byte [n][3], torso: byte [n][4]; null: none.
  * front a + back (1 - a) */
-kernel void backdrop(ROWS(float, pixel), SPAN(float, opacity), SPAN(const uchar, background), SPAN(const uchar, torso),
+kernel void background(ROWS(float, pixel), SPAN(float, opacity), SPAN(const uchar, background), SPAN(const uchar, torso),
                      ulong n) {
   OPEN(float, pixel);
   OPEN(float, opacity);

@@ -221,15 +221,15 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
       return cost_each("torso_composite_fwd", "pixel", a->torso_composite_fwd.n, 12, 10, 1, real);
     case ERN_BENCH_SLOT_torso_composite_bwd:
       return cost_each("torso_composite_bwd", "pixel", a->torso_composite_bwd.forward.n, 12, 14, 1, real);
-    case ERN_BENCH_SLOT_backdrop: /* bytes count a quarter of an int */
-      return a->backdrop.torso.buffer != NULL ? cost_each("backdrop", "pixel", a->backdrop.n, 13, 4, 1.75, real)
-                                              : cost_each("backdrop", "pixel", a->backdrop.n, 3, 4, 0.75, real);
+    case ERN_BENCH_SLOT_background: /* bytes count a quarter of an int */
+      return a->background.torso.buffer != NULL ? cost_each("background", "pixel", a->background.n, 13, 4, 1.75, real)
+                                                : cost_each("background", "pixel", a->background.n, 3, 4, 0.75, real);
     case ERN_BENCH_SLOT_picture:
       return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
                        a->picture.head.buffer != NULL ? 5 : 3, 1, real);
-    case ERN_BENCH_SLOT_enlarge: /* 7 products and sums a channel and column that is made, 7 across */
-      return cost_each("enlarge", "pixel", (size_t)a->enlarge.width * (size_t)a->enlarge.height,
-                       14 * (double)a->enlarge.large.rows, 2 * (double)a->enlarge.large.rows, 0, real);
+    case ERN_BENCH_SLOT_upsample: /* 7 products and sums a channel and column that is made, 7 across */
+      return cost_each("upsample", "pixel", (size_t)a->upsample.width * (size_t)a->upsample.height,
+                       14 * (double)a->upsample.large.rows, 2 * (double)a->upsample.large.rows, 0, real);
     case ERN_BENCH_SLOT_pick: return cost_each("pick", "pixel", a->pick.n, 0, 2 * (double)a->pick.from.rows, 1, real);
     case ERN_BENCH_SLOT_place:
       return cost_each("place", "pixel", a->place.n, 0, 2 * (double)a->place.from.rows, 1, real);

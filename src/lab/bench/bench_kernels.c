@@ -65,7 +65,7 @@ static bool wanted(const struct source *source, const struct ern_bench_call *cal
   const bool update =
       call->slot == ERN_BENCH_SLOT_adamw || call->slot == ERN_BENCH_SLOT_finite || call->slot == ERN_BENCH_SLOT_ema;
   const bool step = source->kind == HEAD_STEP || source->kind == TORSO_STEP;
-  if (source->kind == FRAME) return call->slot == ERN_BENCH_SLOT_backdrop || call->slot == ERN_BENCH_SLOT_picture;
+  if (source->kind == FRAME) return call->slot == ERN_BENCH_SLOT_background || call->slot == ERN_BENCH_SLOT_picture;
   return step ? call->section == ERN_BENCH_HEAD || update : true;
 }
 

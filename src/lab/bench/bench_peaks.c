@@ -49,8 +49,8 @@ struct sink {
   float value[16]; /* a cache line */
 };
 
-static void load_task(void *user, size_t index, int lane) {
-  (void)lane;
+static void load_task(void *user, size_t index, int worker) {
+  (void)worker;
   struct load *load = user;
   struct sink sink = {{0}};
   volatile float keep = 0;

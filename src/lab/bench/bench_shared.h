@@ -99,7 +99,7 @@ struct ern_bench_call {
 };
 
 /* A backend whose slots are another's, timed. Its streams are made on it and given to it; the first is the one that
- * is looked at, with its lanes. `staged`: fused slots go through the stages, so that their kernels are called.
+ * is looked at, with its workers. `staged`: fused slots go through the stages, so that their kernels are called.
  *
  * A device's slots return before their kernels have run, and waiting for each makes all of them slower: so they are
  * waited for, and their seconds are true, only while the shim holds them apart. */

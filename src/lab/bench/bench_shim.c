@@ -34,7 +34,7 @@ struct ern_bench_shim {
   ern_status (*hear)(void *user, const struct ern_bench_call *call);
   void *user;
   struct ern_arena_mark furthest; /* of the stream's scratch while calls were heard */
-  struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its lanes */
+  struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its workers */
 };
 
 static const struct ern_cpu_stream *cpu_stream(const struct ern_bench_shim *shim) {
@@ -45,8 +45,8 @@ static const struct ern_cpu_stream *cpu_stream(const struct ern_bench_shim *shim
 static struct sums *sums_of(struct ern_bench_shim *shim, const struct ern_stream *stream) {
   if (shim->main == NULL) return NULL;
   if (stream == shim->main) return &shim->sums[0];
-  for (int l = 0; !shim->device && l < cpu_stream(shim)->lanes && l < MOST_LANES; l++)
-    if (stream == &cpu_stream(shim)->lane[l]->base) return &shim->sums[1 + l];
+  for (int l = 0; !shim->device && l < cpu_stream(shim)->workers && l < MOST_LANES; l++)
+    if (stream == &cpu_stream(shim)->worker[l]->base) return &shim->sums[1 + l];
   return NULL;
 }
 
@@ -200,14 +200,14 @@ const struct ern_profile *ern_bench_shim_profile(const struct ern_bench_shim *sh
 
 int ern_bench_shim_threads(const struct ern_bench_shim *shim) {
   if (shim->device) return (int)ern_bench_units(shim->real);
-  return shim->main != NULL ? cpu_stream(shim)->lanes : 1;
+  return shim->main != NULL ? cpu_stream(shim)->workers : 1;
 }
 
 void ern_bench_shim_apart(struct ern_bench_shim *shim, bool apart) { shim->apart = apart && shim->device; }
 
 ern_status ern_bench_shim_finish(struct ern_bench_shim *shim) {
   if (shim->main == NULL) return ERN_OK;
-  const ern_status status = shim->real->settle(shim->main);
+  const ern_status status = shim->real->synchronize(shim->main);
   return status == ERN_OK && shim->device ? ern_opencl_finish(shim->main) : status;
 }
 
@@ -218,9 +218,9 @@ void ern_bench_shim_clear(struct ern_bench_shim *shim) {
 
 double ern_bench_shim_seconds(const struct ern_bench_shim *shim, enum ern_bench_section section,
                               enum ern_bench_slot slot) {
-  double lanes = 0;
-  for (int l = 1; l <= MOST_LANES; l++) lanes += shim->sums[l].seconds[section][slot];
-  return shim->sums[0].seconds[section][slot] + lanes / ern_bench_shim_threads(shim);
+  double workers = 0;
+  for (int l = 1; l <= MOST_LANES; l++) workers += shim->sums[l].seconds[section][slot];
+  return shim->sums[0].seconds[section][slot] + workers / ern_bench_shim_threads(shim);
 }
 
 double ern_bench_shim_marched(const struct ern_bench_shim *shim) {

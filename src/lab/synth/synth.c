@@ -213,9 +213,9 @@ fail:
   return status;
 }
 
-static void frame_task(void *user, size_t index, int lane) {
+static void frame_task(void *user, size_t index, int worker) {
   struct work *work = user;
-  struct ern_synth_desk *desk = &work->desks[lane];
+  struct ern_synth_desk *desk = &work->desks[worker];
   work->outcomes[index] = write_frame(work, work->first_frame + index, desk);
   if (work->video != NULL) ern_synth_desk_show(desk, work->shown[index]);
 }

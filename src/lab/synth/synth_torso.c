@@ -138,10 +138,10 @@ struct drawing {
   double margin; /* pixels of the frames */
 };
 
-static void draw_row(void *user, size_t index, int lane) {
+static void draw_row(void *user, size_t index, int worker) {
   const struct drawing *drawing = user;
   const struct ern_synth_layer *torso = drawing->torso;
-  (void)lane;
+  (void)worker;
   for (int x = 0; x < torso->width; ++x) {
     float *pixel = torso->pixels[index * (size_t)torso->width + (size_t)x];
     struct vec3 origin, way;

@@ -21,9 +21,9 @@ void ern_landmark_network_free(struct ern_landmark_network *network); /* accepts
  * where the points are, pixels of it. */
 ERN_NODISCARD ern_status ern_landmark_network_learn(struct ern_landmark_network *network, const uint8_t *rgb, int side,
                                                     const float guess[ERN_LANDMARKS][2]);
-/* Settles on the way whose points are nearest to the guesses; ERN_E_UNSUPPORTED where none is near. */
-ERN_NODISCARD ern_status ern_landmark_network_settle(struct ern_landmark_network *network);
-/* Points of a frame, after settling. */
+/* Decides on the way whose points are nearest to the guesses; ERN_E_UNSUPPORTED where none is near. */
+ERN_NODISCARD ern_status ern_landmark_network_decide(struct ern_landmark_network *network);
+/* Points of a frame, after that. */
 ERN_NODISCARD ern_status ern_landmark_network_run(struct ern_landmark_network *network, const uint8_t *rgb, int side,
                                                   const float guess[ERN_LANDMARKS][2], float points[ERN_LANDMARKS][2]);
 

@@ -203,7 +203,7 @@ ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8
   });
 }
 
-ern_status ern_landmark_network_settle(ern_landmark_network *network) {
+ern_status ern_landmark_network_decide(ern_landmark_network *network) {
   const double examples = double(std::max(network->examples, size_t(1)));
   double best = HUGE_VAL;
   for (int unit = 0; unit < UNITS; unit++)

@@ -110,7 +110,7 @@ static ern_status from_network(struct ern_prepare_job *job, const size_t *frames
     ERN_TRY(
         ern_landmark_network_learn(looking.network, looking.image.data, job->side, (const float(*)[2])looking.guess));
   }
-  ERN_TRY(ern_landmark_network_settle(looking.network));
+  ERN_TRY(ern_landmark_network_decide(looking.network));
   for (size_t i = 0; i < count; i++) {
     ERN_TRY(look_at(&looking, frame_of(frames, i), &poses[i]));
     ERN_TRY(ern_landmark_network_run(looking.network, looking.image.data, job->side, (const float(*)[2])looking.guess,

@@ -10,7 +10,7 @@
 #include "prepare/landmarks/landmarks_brought.h"
 #include "prepare/landmarks/landmarks_template.h"
 #include "prepare/landmarks/openface.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 enum { LOOKS = 240, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
 static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
@@ -57,7 +57,7 @@ fail:
 }
 
 /* variance[rows][columns]: of the grey levels over time. */
-static ern_status variance_of(struct fit *fit, const struct ern_still_crop *crop, double *variance) {
+static ern_status variance_of(struct fit *fit, const struct ern_stabilized_crop *crop, double *variance) {
   ern_status status = ERN_OK;
   const size_t pixels = (size_t)crop->rows * (size_t)crop->columns, frames = fit->job->frames;
   const size_t looks = frames < LOOKS ? frames : LOOKS;
@@ -69,7 +69,7 @@ static ern_status variance_of(struct fit *fit, const struct ern_still_crop *crop
     const size_t frame = i * frames / looks;
     double mean = 0;
     ERN_TRY(ern_frame_grey(fit->job, frame, fit->grey));
-    ern_still_crop_take(crop, &fit->poses[frame], fit->job, fit->grey, values);
+    ern_stabilized_crop_take(crop, &fit->poses[frame], fit->job, fit->grey, values);
     for (size_t k = 0; k < pixels; k++) mean += (double)values[k] / (double)pixels;
     for (size_t k = 0; k < pixels; k++) {
       const double v = (double)values[k] - mean; /* the light may change */
@@ -90,7 +90,7 @@ fail:
 
 /* The mouth is the middle of the band of rows that change more than half as much as the row that changes most. */
 static ern_status fit_mouth(struct fit *fit) {
-  const struct ern_still_crop crop = {
+  const struct ern_stabilized_crop crop = {
       .x = fit->middle_x, .y = fit->eyes_y - 0.070, .step = lower_step, .columns = LOWER_COLUMNS, .rows = LOWER_ROWS};
   static const int half = LOWER_COLUMNS / 2;
   double rows[LOWER_ROWS] = {0}, smooth[LOWER_ROWS], most = 0, sum = 0, weight = 0, aside = 0;
@@ -157,12 +157,12 @@ static ern_status chin_drop(struct fit *fit, const uint8_t *rest, const uint8_t 
 }
 
 static void take_chin(struct fit *fit, size_t frame, float *values, uint8_t *crop) {
-  const struct ern_still_crop chin = {.x = fit->middle_x + fit->mouth_x,
-                                      .y = fit->eyes_y - fit->mouth - 0.010,
-                                      .step = chin_step,
-                                      .columns = CHIN_COLUMNS,
-                                      .rows = CHIN_ROWS};
-  ern_still_crop_take(&chin, &fit->poses[frame], fit->job, fit->grey, values);
+  const struct ern_stabilized_crop chin = {.x = fit->middle_x + fit->mouth_x,
+                                           .y = fit->eyes_y - fit->mouth - 0.010,
+                                           .step = chin_step,
+                                           .columns = CHIN_COLUMNS,
+                                           .rows = CHIN_ROWS};
+  ern_stabilized_crop_take(&chin, &fit->poses[frame], fit->job, fit->grey, values);
   for (int i = 0; i < CHIN_COLUMNS * CHIN_ROWS; i++) crop[i] = (uint8_t)lrintf(fminf(fmaxf(values[i], 0), 255));
 }
 

@@ -10,7 +10,7 @@
 #include "prepare/face_detector.h"
 #include "prepare/head_shape.h"
 #include "prepare/layers/layers.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 

@@ -14,19 +14,26 @@ enum {
 void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[FRAME_REUSE_OPTIONS]) {
   frame_reuse->levels = 0.5f;
   const struct option rows[] = {
-      {.name = "still",
+      {.name = "reuse-rays",
+       .alias = "still",
        .kind = OPTION_FLOAT,
        .target = &frame_reuse->levels,
        .low = 0,
        .high = 255,
        .help = "grey levels of 255 that a pixel may be off while the camera stands still, where what hardly changes is "
                "not drawn anew; 0 keeps what cannot change (default 0.5)"},
-      {.name = "no-still", .kind = OPTION_FLAG, .target = &frame_reuse->off, .help = "draw every frame from nothing"}};
+      {.name = "no-reuse-rays",
+       .alias = "no-still",
+       .kind = OPTION_FLAG,
+       .target = &frame_reuse->off,
+       .help = "draw every frame from nothing"}};
   ARGS_FILL(options, rows, FRAME_REUSE_OPTIONS);
 }
 
 int frame_reuse_check(const struct args *args) {
-  return args_given(args, "no-still") ? args_forbid(args, "still", "has nothing to bound with --no-still") : -1;
+  return args_given(args, "no-reuse-rays")
+             ? args_forbid(args, "reuse-rays", "has nothing to bound with --no-reuse-rays")
+             : -1;
 }
 
 /* Frames of the longest run of one pose. */
@@ -50,7 +57,7 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
   if (frame_reuse->off) return 0;
   frame_reuse->stands = longest_stand(frame_source) >= LONG_ENOUGH;
   if (!frame_reuse->stands || frame_reuse->levels <= 0) {
-    const ern_status status = ern_renderer_keep_still(portrait->renderer, NULL, features->window_length, NULL, 0, 0);
+    const ern_status status = ern_renderer_reuse_rays(portrait->renderer, NULL, features->window_length, NULL, 0, 0);
     return status == ERN_OK ? 0 : session_fail(session);
   }
   float *windows = malloc(count * values * sizeof *windows);
@@ -60,14 +67,14 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
     frame_source_windows(frame_source, at, features, (ern_audio_pad)portrait->audio_pad, windows + k * values);
     eyes[k] = frame_source->source_frame[at].eye;
   }
-  const ern_status status = ern_renderer_keep_still(portrait->renderer, windows, features->window_length, eyes, count,
+  const ern_status status = ern_renderer_reuse_rays(portrait->renderer, windows, features->window_length, eyes, count,
                                                     frame_reuse->levels / 255);
   free(windows);
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
 json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait) {
-  const ern_still_work work = ern_renderer_still_work(portrait->renderer);
+  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   if (frame_reuse->off || work.frames == 0) return json_null();
   const double frames = (double)work.frames, levels = frame_reuse->stands ? (double)frame_reuse->levels : 0;
   return json_pack("{s:o, s:o, s:o}", "bound", session_number(levels), "rays", session_number(work.rays / frames),
@@ -75,7 +82,7 @@ json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct p
 }
 
 void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text, size_t room) {
-  const ern_still_work work = ern_renderer_still_work(portrait->renderer);
+  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   text[0] = 0;
   if (frame_reuse->off || !frame_reuse->stands || work.frames == 0) return;
   snprintf(text, room, ", %.1f %% of rays and %.1f %% of samples drawn anew", 100 * work.rays / (double)work.frames,

@@ -16,7 +16,7 @@ struct frame_reuse {
 };
 
 enum { FRAME_REUSE_OPTIONS = 2 };
-/* The defaults, and --still --no-still. */
+/* The defaults, and --reuse-rays --no-reuse-rays. */
 void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[FRAME_REUSE_OPTIONS]);
 /* What does not go together: as args_refuse. */
 int frame_reuse_check(const struct args *args);

@@ -228,8 +228,8 @@ int portrait_thin(struct portrait *portrait, struct session *session, const stru
                          (ern_audio_pad)portrait->audio_pad, windows + k * values);
     eyes[k] = (float)(k % 3) / 2;
   }
-  const ern_status status = ern_renderer_skip_thin(portrait->renderer, windows, features->window_length, eyes, MOMENTS,
-                                                   portrait->occupancy_threshold);
+  const ern_status status = ern_renderer_prune_occupancy(portrait->renderer, windows, features->window_length, eyes,
+                                                         MOMENTS, portrait->occupancy_threshold);
   free(windows);
   return status == ERN_OK ? 0 : session_fail(session);
 }

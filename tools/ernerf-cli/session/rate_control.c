@@ -206,8 +206,8 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   if (status != 0) return status;
   if (g->quality >= 0) keep_quality(g);
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
-  ern_pace_begin(&g->pace, g->cost, g->count, budget_of(g));
-  if (!ern_pace_holds(&g->pace)) return refuse_budget(g);
+  ern_rate_controller_begin(&g->pace, g->cost, g->count, budget_of(g));
+  if (!ern_rate_controller_holds(&g->pace)) return refuse_budget(g);
   /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
    */
   for (size_t i = g->pace.at > 0 ? g->pace.at - 1 : 0; i < g->count; i++)
@@ -229,7 +229,7 @@ const char *rate_control_name(const struct rate_control *g) { return g->rung[g->
 
 void rate_control_took(struct rate_control *g, double ms) {
   const size_t before = g->pace.at;
-  g->changes += ern_pace_next(&g->pace, ms) != before;
+  g->changes += ern_rate_controller_next(&g->pace, ms) != before;
 }
 
 void rate_control_summary(const struct rate_control *g, double ms_per_frame) {

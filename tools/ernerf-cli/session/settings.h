@@ -39,7 +39,7 @@ json_t *settings_json(const struct settings *settings);
 /* The other way round. NULL: it was read; else which member is wrong, and what was expected. */
 const char *settings_of_json(struct settings *settings, const json_t *object);
 
-/* What a renderer is made with; the threshold is asked for by ern_renderer_skip_thin. */
+/* What a renderer is made with; the threshold is asked for by ern_renderer_prune_occupancy. */
 void settings_apply(const struct settings *settings, ern_render_options *options);
 
 #endif

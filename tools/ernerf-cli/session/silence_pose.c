@@ -8,7 +8,8 @@
 enum { FRAMES_A_SECOND = 25, WINDOWS = 8, CODE = 32, MOST_FRAMES = 500 };
 
 void silence_pose_options(struct silence_pose *rest, struct option options[SILENCE_POSE_OPTIONS]) {
-  options[0] = (struct option){.name = "no_rest",
+  options[0] = (struct option){.name = "no-silence-pose",
+                               .alias = "no_rest",
                                .kind = OPTION_FLAG,
                                .target = &rest->off,
                                .help =

@@ -14,7 +14,7 @@ struct silence_pose {
 };
 
 enum { SILENCE_POSE_OPTIONS = 1 };
-/* --no_rest. */
+/* --no-silence-pose. */
 void silence_pose_options(struct silence_pose *rest, struct option options[SILENCE_POSE_OPTIONS]);
 
 /* Learns silence from the portrait's clip and finds it in `speech`. Where that cannot be, says so and leaves `known`

@@ -122,7 +122,8 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = frame_reuse_check(args);
   if (status < 0 && rate_control_asked(&job->rate_control))
-    status = args_forbid(args, "still no-still", "is not for a budget, whose settings are timed by whole frames");
+    status =
+        args_forbid(args, "reuse-rays no-reuse-rays", "is not for a budget, whose settings are timed by whole frames");
   if (status < 0) status = rate_control_check(&job->rate_control, args);
   if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
@@ -224,7 +225,7 @@ static bool is_behind(const struct render_job *job) {
   return job->portrait.clip != NULL && !job->portrait.info.has_torso && job->portrait.clip_info.has_torso;
 }
 
-static int open_backdrop(struct render_job *job) {
+static int open_background(struct render_job *job) {
   const int width = job->size.width, height = job->size.height;
   int status = background_open(&job->background, &job->session, job->background_file, job->portrait.clip, width, height,
                                (ern_fit)job->fit);
@@ -252,8 +253,8 @@ static void say_plan(struct render_job *job) {
   const size_t resting = silence_pose_count(&job->rest, &job->frame_source);
   if (resting > 0)
     session_note(&job->session,
-                 "render: in %zu of %zu frames nothing is said: the mouth rests (--no_rest: it does not)", resting,
-                 job->frame_source.count);
+                 "render: in %zu of %zu frames nothing is said: the mouth rests (--no-silence-pose: it does not)",
+                 resting, job->frame_source.count);
 }
 
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
@@ -336,7 +337,7 @@ static int open_all(struct render_job *job, const struct args *args) {
     status = frame_reuse_open(&job->frame_reuse, &job->portrait, &job->session, &job->frame_source, job->features);
   if (status == 0 && job->size.width == 0)
     job->size = (struct dimensions){job->frame_source.camera.width, job->frame_source.camera.height};
-  if (status == 0) status = open_backdrop(job);
+  if (status == 0) status = open_background(job);
   if (status == 0) status = open_rate_control(job, args);
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job))
@@ -362,14 +363,14 @@ static json_t *report(const struct render_job *job, double seconds) {
   json_t *still = frame_reuse_report(&job->frame_reuse, &job->portrait);
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
-                   rate, "output", session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
-                   portrait_kind(&job->portrait), "frames", (json_int_t)job->frame_source.count, "width",
-                   job->size.width, "height", job->size.height, "rest_frames",
-                   (json_int_t)silence_pose_count(&job->rest, &job->frame_source), "seconds", session_number(seconds),
-                   "fps", session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames),
-                   "ms_by_stage", report_stages(job), "sound", job->sound.data != NULL, "backend",
-                   job->session.backend_info.name, "isa", job->session.backend_info.isa, "pace", pace, "still", still);
+  return json_pack(
+      "{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate", rate, "output",
+      session_text(job->out), "model", session_text(job->portrait.model_path), "kind", portrait_kind(&job->portrait),
+      "frames", (json_int_t)job->frame_source.count, "width", job->size.width, "height", job->size.height,
+      "rest_frames", (json_int_t)silence_pose_count(&job->rest, &job->frame_source), "seconds", session_number(seconds),
+      "fps", session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames), "ms_by_stage",
+      report_stages(job), "sound", job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
+      job->session.backend_info.isa, "rate_control", pace, "ray_reuse", still);
 }
 
 static int draw_all(struct render_job *job) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -31,8 +31,8 @@ static float sample(const uint8_t *grey, int side, double x, double y) {
   return (float)((1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * q[0] + a * q[1]));
 }
 
-void ern_still_crop_take(const struct ern_still_crop *crop, const struct ern_head_pose *pose,
-                         const struct ern_prepare_job *job, const uint8_t *grey, float *values) {
+void ern_stabilized_crop_take(const struct ern_stabilized_crop *crop, const struct ern_head_pose *pose,
+                              const struct ern_prepare_job *job, const uint8_t *grey, float *values) {
   for (int r = 0; r < crop->rows; r++)
     for (int c = 0; c < crop->columns; c++) {
       const double x = crop->x + (c - 0.5 * (crop->columns - 1)) * crop->step;

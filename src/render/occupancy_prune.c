@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "render/thin.h"
+#include "render/occupancy_prune.h"
 
 #include "core/memory.h"
 #include "core/status.h"
@@ -24,8 +24,8 @@ fail:
   return status;
 }
 
-ern_status ern_occupancy_thin(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
-                              const struct ern_moment *moment, size_t moments, float least, uint8_t *bits) {
+ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
+                               const struct ern_keyframe *moment, size_t moments, float least, uint8_t *bits) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_context *context = stream->backend->context;
   uint32_t *cell = NULL;
@@ -38,7 +38,7 @@ ern_status ern_occupancy_thin(struct ern_stream *stream, const struct ern_field 
   const size_t count = ern_cells_list(cell, bits);
   for (size_t s = 0; s < moments; s++) {
     struct ern_head_density_args args = {.parameters = parameters, .field = field, .eye_value = moment[s].eye};
-    ERN_TRY(ern_moment_hear(stream, field, parameters, &moment[s], &args.code));
+    ERN_TRY(ern_keyframe_code(stream, field, parameters, &moment[s], &args.code));
     for (size_t begin = 0; begin < count; begin += CHUNK)
       ERN_TRY(look_at(stream, &args, cell + begin, count - begin < CHUNK ? count - begin : CHUNK, least, density,
                       dense + begin));

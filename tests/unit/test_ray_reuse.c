@@ -93,7 +93,7 @@ static ern_renderer *renderer_of(struct scene *scene, const ern_render_options *
 
 static void keep(struct scene *scene, ern_renderer *renderer, float bound) {
   support_ok(scene->context,
-             ern_renderer_keep_still(renderer, scene->windows, LENGTH, scene->eyes, bound > 0 ? FRAMES : 0, bound));
+             ern_renderer_reuse_rays(renderer, scene->windows, LENGTH, scene->eyes, bound > 0 ? FRAMES : 0, bound));
 }
 
 /* What changes in the course of a story, frame by frame. */
@@ -172,7 +172,7 @@ static void tell(struct scene *scene, const ern_render_options *options, float b
     } else {
     }
   }
-  assert_int_equal(ern_renderer_still_work(with).frames, STORY);
+  assert_int_equal(ern_renderer_ray_reuse_work(with).frames, STORY);
   ern_renderer_free(&with);
   ern_renderer_free(&without);
 }
@@ -200,7 +200,7 @@ static void test_something_is_kept(void **state) {
     const struct shot shot = {.moment = t, .torso = -1};
     draw(&scene, with, &shot, &kept);
   }
-  const ern_still_work work = ern_renderer_still_work(with);
+  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(with);
   assert_true(work.rays >= WHOLE + STEPS && work.rays < WHOLE + STEPS + 0.5 * (LONG - WHOLE));
   assert_true(work.samples >= WHOLE + STEPS && work.samples < WHOLE + STEPS + 0.5 * (LONG - WHOLE));
   ern_renderer_free(&with);
@@ -268,23 +268,23 @@ static void test_what_is_forgotten(void **state) {
   ern_renderer *with = renderer_of(&scene, NULL), *without = renderer_of(&scene, NULL);
   keep(&scene, with, 0);
   for (int k = 0; k < 3; k++) draw(&scene, with, &shot, &kept);
-  assert_true(ern_renderer_still_work(with).rays == 1);
+  assert_true(ern_renderer_ray_reuse_work(with).rays == 1);
   for (int k = 0; k < 2; k++) {
     ern_renderer *const both[] = {with, without};
-    support_ok(scene.context, ern_renderer_skip_thin(both[k], scene.windows, LENGTH, scene.eyes, 2, 30));
+    support_ok(scene.context, ern_renderer_prune_occupancy(both[k], scene.windows, LENGTH, scene.eyes, 2, 30));
   }
   draw(&scene, with, &shot, &kept);
   draw(&scene, without, &shot, &whole);
   assert_memory_equal(&kept, &whole, sizeof kept);
-  assert_true(ern_renderer_still_work(with).rays == 2);
+  assert_true(ern_renderer_ray_reuse_work(with).rays == 2);
   keep(&scene, with, half_a_level);
   draw(&scene, with, &shot, &kept);
   assert_memory_equal(&kept, &whole, sizeof kept);
-  assert_true(ern_renderer_still_work(with).rays == 1);
+  assert_true(ern_renderer_ray_reuse_work(with).rays == 1);
   keep(&scene, with, -1);
   for (int k = 0; k < 8; k++) draw(&scene, with, &shot, &kept);
   assert_memory_equal(&kept, &whole, sizeof kept);
-  assert_int_equal(ern_renderer_still_work(with).frames, 0);
+  assert_int_equal(ern_renderer_ray_reuse_work(with).frames, 0);
   ern_renderer_free(&with);
   ern_renderer_free(&without);
   scene_free(&scene);
@@ -297,7 +297,7 @@ static void test_other_speech(void **state) {
   static struct drawn kept, whole;
   scene_make(&scene, "cpu", "auto", true, false);
   ern_renderer *with = renderer_of(&scene, NULL), *without = renderer_of(&scene, NULL);
-  support_ok(scene.context, ern_renderer_keep_still(with, scene.windows, LENGTH, scene.eyes, 8, half_a_level));
+  support_ok(scene.context, ern_renderer_reuse_rays(with, scene.windows, LENGTH, scene.eyes, 8, half_a_level));
   for (int i = 0; i < MOMENT; i++) scene.windows[30 * MOMENT + i] = 40 * cosf((float)(7 * i));
   for (int t = 0; t < 12; t++) {
     const struct shot shot = {.moment = t == 9 ? 30 : t % 8, .torso = -1};
@@ -347,12 +347,12 @@ static void test_speech_after_moments_of_one_sound(void **state) {
     const struct shot shot = {.moment = t};
     if (t == SAME) {
       memcpy(scene.windows, said, sizeof said);
-      rays = ern_renderer_still_work(with).rays;
+      rays = ern_renderer_ray_reuse_work(with).rays;
       assert_true(rays < SAME - 5);
     }
     draw(&scene, with, &shot, &kept);
   }
-  assert_true(ern_renderer_still_work(with).rays > rays + FRAMES - SAME - 1e-6);
+  assert_true(ern_renderer_ray_reuse_work(with).rays > rays + FRAMES - SAME - 1e-6);
   ern_renderer_free(&with);
   scene_free(&scene);
 }
@@ -362,19 +362,19 @@ static void test_bad_arguments(void **state) {
   static struct scene scene;
   scene_make(&scene, "cpu", "auto", true, false);
   ern_renderer *renderer = renderer_of(&scene, NULL);
-  support_expect(scene.context, ern_renderer_keep_still(renderer, scene.windows, LENGTH, scene.eyes, 1, NAN),
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 1, NAN),
                  ERN_E_ARGUMENT, "bound", NULL);
-  support_expect(scene.context, ern_renderer_keep_still(renderer, scene.windows, LENGTH, scene.eyes, 1, 1.5f),
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 1, 1.5f),
                  ERN_E_ARGUMENT, "bound", "1.5", NULL);
-  support_expect(scene.context, ern_renderer_keep_still(renderer, NULL, LENGTH, NULL, 0, half_a_level), ERN_E_ARGUMENT,
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, NULL, LENGTH, NULL, 0, half_a_level), ERN_E_ARGUMENT,
                  "moments", "none", NULL);
-  support_expect(scene.context, ern_renderer_keep_still(renderer, scene.windows, 17, scene.eyes, 1, half_a_level),
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, 17, scene.eyes, 1, half_a_level),
                  ERN_E_ARGUMENT, "window_length", "17", NULL);
   scene.eyes[2] = 2;
-  support_expect(scene.context, ern_renderer_keep_still(renderer, scene.windows, LENGTH, scene.eyes, 3, half_a_level),
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 3, half_a_level),
                  ERN_E_ARGUMENT, "moment 2", "eye", NULL);
   scene.windows[MOMENT + 3] = INFINITY;
-  support_expect(scene.context, ern_renderer_keep_still(renderer, scene.windows, LENGTH, scene.eyes, 2, half_a_level),
+  support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 2, half_a_level),
                  ERN_E_NONFINITE, "moment 1", "value 3", NULL);
   ern_renderer_free(&renderer);
   scene_free(&scene);

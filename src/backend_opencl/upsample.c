@@ -2,8 +2,8 @@
  * The slot that draws a layer larger. */
 #include "backend_opencl/opencl.h"
 
-ern_status ern_cl_enlarge(struct ern_stream *stream, struct ern_enlarge_args *a) {
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_enlarge, "enlarge", "");
+ern_status ern_cl_upsample(struct ern_stream *stream, struct ern_upsample_args *a) {
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_upsample, "upsample_picture", "");
   ern_cl_rows(&call, a->large);
   ern_cl_rows(&call, a->small);
   ern_cl_rows(&call, a->background);

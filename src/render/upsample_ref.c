@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Reference of drawing a small picture larger (enlarge_ops.h). Down and across are apart: a stretch of a row is made
+ * Reference of drawing a small picture larger (upsample_ops.h). Down and across are apart: a stretch of a row is made
  * from four rows of the small picture, and then stretched. */
 #include <math.h>
 
@@ -46,7 +46,7 @@ static void across(ern_real *out, const ern_real *in, const struct place *place,
 }
 
 /* Over the background, at the first of `count` pixels. */
-static void over(const struct ern_enlarge_view *v, size_t at, int count) {
+static void over(const struct ern_upsample_view *v, size_t at, int count) {
   ern_real *opacity = v->large + 3 * v->large_stride + at;
   for (int x = 0; x < count; x++) opacity[x] = clamped(opacity[x], 1);
   for (size_t c = 0; c < 3; c++) {
@@ -56,7 +56,7 @@ static void over(const struct ern_enlarge_view *v, size_t at, int count) {
   }
 }
 
-void ERN_REF(ern_enlarge)(const struct ern_enlarge_view *v, int begin, int end) {
+void ERN_REF(ern_upsample)(const struct ern_upsample_view *v, int begin, int end) {
   struct place place[STRETCH];
   ern_real line[REACH];
   for (int left = 0; left < v->width; left += STRETCH) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What `ernerf render` keeps from frame to frame while the camera stands: the pictures are those of a whole computation
- * but for what --still allows, less is drawn, and what contradicts itself is refused. */
+ * but for what --reuse-rays allows, less is drawn, and what contradicts itself is refused. */
 #include "cli.h"
 
 #include "../made_speech.h"
@@ -67,7 +67,7 @@ struct report {
   double bound, rays, samples;
 };
 static struct report report(void) {
-  json_t *object = cli_json(&cli, "still.json"), *still = json_object_get(object, "still");
+  json_t *object = cli_json(&cli, "still.json"), *still = json_object_get(object, "ray_reuse");
   assert_true(json_is_object(still));
   const struct report found = {json_number_value(json_object_get(still, "bound")),
                                json_number_value(json_object_get(still, "rays")),
@@ -80,14 +80,15 @@ static struct report report(void) {
  * and without rest. */
 static void test_bound(void **state) {
   (void)state;
-  static const char *const ways[] = {"--no_rest", "--image_scale 0.5 --fix_eye 0.3"};
+  static const char *const ways[] = {"--no-silence-pose", "--image_scale 0.5 --fix_eye 0.3"};
   for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
     char words[128], share[64];
-    snprintf(words, sizeof words, "--no-still %s", ways[i]);
+    snprintf(words, sizeof words, "--no-reuse-rays %s", ways[i]);
     uint8_t *whole = raw(words);
     json_t *object = cli_json(&cli, "still.json");
-    assert_true(json_is_null(json_object_get(object, "still")));
-    if (strstr(ways[i], "no_rest") == NULL) assert_true(json_integer_value(json_object_get(object, "rest_frames")) > 8);
+    assert_true(json_is_null(json_object_get(object, "ray_reuse")));
+    if (strstr(ways[i], "no-silence-pose") == NULL)
+      assert_true(json_integer_value(json_object_get(object, "rest_frames")) > 8);
     json_decref(object);
     uint8_t *kept = raw(ways[i]);
     const struct report found = report();
@@ -102,13 +103,13 @@ static void test_bound(void **state) {
 
 static void test_other_bounds(void **state) {
   (void)state;
-  uint8_t *whole = raw("--no-still"), *none = raw("--still 0");
+  uint8_t *whole = raw("--no-reuse-rays"), *none = raw("--reuse-rays 0");
   const struct report zero = report();
   assert_memory_equal(whole, none, BYTES);
   assert_true(zero.bound == 0);
   uint8_t *half = raw("");
   const struct report usual = report();
-  uint8_t *wide = raw("--still 4");
+  uint8_t *wide = raw("--reuse-rays 4");
   const struct report few = report();
   assert_true(few.bound == 4);
   assert_true(few.samples <= usual.samples && usual.samples < zero.samples);
@@ -130,10 +131,11 @@ static void test_not_worth_it(void **state) {
 
 static void test_words(void **state) {
   (void)state;
-  static const char *const wrong[][2] = {{"--no-still --still 1", "has nothing to bound with --no-still"},
-                                         {"--still -1", "--still"},
-                                         {"--still nan", "--still"},
-                                         {"--hold-fps 25 --still 1", "is not for a budget"}};
+  static const char *const wrong[][2] = {
+      {"--no-reuse-rays --reuse-rays 1", "has nothing to bound with --no-reuse-rays"},
+      {"--reuse-rays -1", "--reuse-rays"},
+      {"--reuse-rays nan", "--reuse-rays"},
+      {"--hold-fps 25 --reuse-rays 1", "is not for a budget"}};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
     cli_run(&cli, "render m.safetensors --clip clip -o x.mp4 %s", wrong[i][0]);
     cli_expect(&cli, 2, wrong[i][1], NULL);

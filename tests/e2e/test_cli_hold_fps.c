@@ -103,7 +103,7 @@ static void test_quick_look(void **state) {
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 0.1 -o a/%%d.png -y --json pace.json", clip);
   cli_expect(&cli, 0, "a quick look", "render: settings", "100.0 dB from the most accurate", NULL);
   json_t *object = cli_json(&cli, "pace.json");
-  const json_t *pace = json_object_get(object, "pace");
+  const json_t *pace = json_object_get(object, "rate_control");
   check_pace(pace, 3);
   assert_true(number(pace, "budget_ms") == 1000 / (double)0.1f);
   assert_string_equal(json_string_value(json_object_get(pace, "front")), "");
@@ -132,7 +132,7 @@ static void test_front(void **state) {
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -y -o x.mp4 --json pace.json", clip);
   cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB from the exact render", "against the clip's frames", NULL);
   json_t *object = cli_json(&cli, "pace.json");
-  check_pace(json_object_get(object, "pace"), 4);
+  check_pace(json_object_get(object, "rate_control"), 4);
   json_decref(object);
   static const char *const qualities[] = {"exact", "balanced", "draft"};
   double db[3];
@@ -141,9 +141,9 @@ static void test_front(void **state) {
             clip, qualities[q]);
     cli_expect(&cli, 0, NULL);
     object = cli_json(&cli, "pace.json");
-    const json_t *settings = json_object_get(json_object_get(object, "pace"), "settings");
+    const json_t *settings = json_object_get(json_object_get(object, "rate_control"), "settings");
     assert_int_equal(json_array_size(settings), 1);
-    assert_true(json_is_null(json_object_get(json_object_get(object, "pace"), "budget_ms")));
+    assert_true(json_is_null(json_object_get(json_object_get(object, "rate_control"), "budget_ms")));
     db[q] = number(json_array_get(settings, 0), "psnr_db");
     json_decref(object);
   }

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
  * Leaving out occupied cells that hold next to nothing: fewer samples, and a picture that is no longer exact. */
-#ifndef ERN_RENDER_THIN_H
-#define ERN_RENDER_THIN_H
+#ifndef ERN_RENDER_OCCUPANCY_PRUNE_H
+#define ERN_RENDER_OCCUPANCY_PRUNE_H
 
 #include "core/backend.h"
 #include "model/field.h"
-#include "render/moments.h"
+#include "render/keyframes.h"
 
 /* Clears the bits of cells whose density is under `least` at all of 8 points (the middles of a cell's eighths) in all
  * of the moments. bits: [ERN_OCCUPANCY_BYTES], on the host, in and out. */
-ERN_NODISCARD ern_status ern_occupancy_thin(struct ern_stream *stream, const struct ern_field *field,
-                                            ern_span parameters, const struct ern_moment *moment, size_t moments,
-                                            float least, uint8_t *bits);
+ERN_NODISCARD ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field *field,
+                                             ern_span parameters, const struct ern_keyframe *moment, size_t moments,
+                                             float least, uint8_t *bits);
 
 #endif

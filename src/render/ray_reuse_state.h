@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * What a renderer keeps from one frame for the next (still.h). */
-#ifndef ERN_RENDER_STILL_STATE_H
-#define ERN_RENDER_STILL_STATE_H
+ * What a renderer keeps from one frame for the next (ray_reuse.h). */
+#ifndef ERN_RENDER_RAY_REUSE_STATE_H
+#define ERN_RENDER_RAY_REUSE_STATE_H
 
 #include "ernerf/render.h"
-#include "render/moments.h"
+#include "render/keyframes.h"
 #include "render/render_ops.h"
 
 /* Rays of a view. */
-struct ern_still_rays {
+struct ern_reused_rays {
   bool sorted;
   size_t hits, steady;           /* rays with samples; and those of them that are interpolated */
   struct ern_buffer *list;       /* int32 [hits]: pixel numbers, the steady ones first, ascending in each kind */
@@ -19,7 +19,7 @@ struct ern_still_rays {
 };
 
 /* What stands behind the head, as it was handed in. */
-struct ern_still_behind {
+struct ern_ray_reuse_background {
   bool known;                  /* the background rows are those of: */
   uint8_t *background, *torso; /* copies; NULL: none was handed in */
   int width, height;
@@ -28,11 +28,11 @@ struct ern_still_behind {
   size_t individual;
 };
 
-struct ern_still {
+struct ern_ray_reuse {
   bool on;
-  float bound;                /* most that a pixel may be off, 0..1 */
-  struct ern_moments moments; /* of the speech to come, where bound > 0 */
-  struct ern_still_behind behind;
+  float bound;                  /* most that a pixel may be off, 0..1 */
+  struct ern_keyframes moments; /* of the speech to come, where bound > 0 */
+  struct ern_ray_reuse_background behind;
   bool behind_changed; /* since the frame before */
   bool known;          /* the head's rows are those of: */
   struct ern_view view;
@@ -40,8 +40,8 @@ struct ern_still {
   unsigned wanted; /* bit k: depth, attention, eye */
   float code[ERN_AUDIO_CODE], eye;
   int stood; /* frames that were rendered whole since the view came to stand */
-  struct ern_still_rays rays;
-  ern_still_work work;
+  struct ern_reused_rays rays;
+  ern_ray_reuse_work work;
 };
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "train/decline.h"
+#include "train/divergence.h"
 
 #include <math.h>
 
@@ -8,7 +8,7 @@ enum { MEMORY = 32 /* steps */, FIRST_MEAN = 4 /* steps before a mean counts */,
 /* dB. A step by itself is 3 dB off its mean at times, and rates too high by far leave only the first one to tell by. */
 static const double fallen = 6, recovered = 3, chance = 3;
 
-bool ern_decline_step(struct ern_decline *d, double psnr) {
+bool ern_divergence_step(struct ern_divergence *d, double psnr) {
   d->steps++;
   d->mean += (psnr - d->mean) / (double)(d->steps < MEMORY ? d->steps : MEMORY);
   if (d->steps == 1) d->best = psnr - chance;

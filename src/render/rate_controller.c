@@ -14,27 +14,27 @@ static const double room_least = 0.6;                /* of the budget: what maki
 enum { CALM_FRAMES = 12 }; /* for so many frames a better setting must fit, before it is taken */
 
 /* The most accurate setting that takes `room` ms at most at the machine's pace of now; else the fastest. */
-static size_t fitting(const ern_pace *pace, double room) {
+static size_t fitting(const ern_rate_controller *pace, double room) {
   for (size_t i = 0; i < pace->count; i++)
     if (pace->cost[i] * pace->slowness <= room) return i;
   return pace->count - 1;
 }
 
-void ern_pace_begin(ern_pace *pace, const double *cost, size_t count, double budget) {
+void ern_rate_controller_begin(ern_rate_controller *pace, const double *cost, size_t count, double budget) {
   ERN_PLAIN_FLOATS;
   if (pace == NULL) return;
-  *pace = (ern_pace){0};
+  *pace = (ern_rate_controller){0};
   if (cost == NULL || count == 0) return;
-  *pace = (ern_pace){.cost = cost, .count = count, .budget = budget, .slowness = 1};
+  *pace = (ern_rate_controller){.cost = cost, .count = count, .budget = budget, .slowness = 1};
   pace->at = fitting(pace, budget);
 }
 
-bool ern_pace_holds(const ern_pace *pace) {
+bool ern_rate_controller_holds(const ern_rate_controller *pace) {
   return pace != NULL && pace->cost != NULL && pace->count > 0 &&
          pace->cost[pace->count - 1] * pace->slowness <= pace->budget;
 }
 
-size_t ern_pace_next(ern_pace *pace, double milliseconds) {
+size_t ern_rate_controller_next(ern_rate_controller *pace, double milliseconds) {
   ERN_PLAIN_FLOATS;
   if (pace == NULL || pace->cost == NULL || pace->at >= pace->count) return 0;
   if (!(milliseconds > 0) || !isfinite(milliseconds)) return pace->at;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "render/moments.h"
+#include "render/keyframes.h"
 
 #include <math.h>
 #include <string.h>
@@ -7,13 +7,13 @@
 #include "core/memory.h"
 #include "core/status.h"
 
-enum { SIDE = ERN_MOMENTS + 1 };
+enum { SIDE = ERN_KEYFRAMES + 1 };
 
 static const double kernel_width = 3; /* widths of the speech */
 static const double nugget = 1e-10;   /* on the diagonal: the matrix can be inverted in double */
 
-ern_status ern_moment_hear(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
-                           const struct ern_moment *moment, ern_span *code) {
+ern_status ern_keyframe_code(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
+                             const struct ern_keyframe *moment, ern_span *code) {
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)moment->window_length * (size_t)field->config.feature_width;
   struct ern_audio_fwd_args args = {.parameters = parameters, .net = field->audio};
   ern_status status = ERN_OK;
@@ -37,7 +37,7 @@ static double apart(const float *a, const float *b) {
 }
 
 /* |z_k - z| */
-static double distance(const struct ern_moments *m, size_t k, const float *code, float eye) {
+static double distance(const struct ern_keyframes *m, size_t k, const float *code, float eye) {
   const double lids = (double)m->eye[k] - (double)eye;
   return sqrt(m->scale * m->scale * apart(m->code[k], code) + lids * lids);
 }
@@ -65,11 +65,11 @@ static double scale_of(const float *code, size_t count) {
 /* ---- the choice -------------------------------------------------------------------------------------------------- */
 
 /* away: [count], how far each moment is from those that were chosen */
-static void choose(struct ern_moments *m, const float *code, const struct ern_moment *moment, double *away,
+static void choose(struct ern_keyframes *m, const float *code, const struct ern_keyframe *moment, double *away,
                    size_t count) {
   const double least = 1e-4; /* closer ones are the same */
   for (size_t k = 0; k < count; k++) away[k] = INFINITY;
-  for (size_t next = 0; m->count < ERN_MOMENTS;) {
+  for (size_t next = 0; m->count < ERN_KEYFRAMES;) {
     const size_t chosen = m->count++;
     memcpy(m->code[chosen], code + next * ERN_AUDIO_CODE, sizeof m->code[chosen]);
     m->eye[chosen] = moment[next].eye;
@@ -108,7 +108,7 @@ static bool invert(double inverse[SIDE][SIDE], double a[SIDE][SIDE], size_t n) {
   return true;
 }
 
-static bool solve(struct ern_moments *m) {
+static bool solve(struct ern_keyframes *m) {
   double matrix[SIDE][SIDE] = {{0}};
   const size_t n = m->count;
   for (size_t i = 0; i < n; i++) {
@@ -120,19 +120,19 @@ static bool solve(struct ern_moments *m) {
   return true;
 }
 
-ern_status ern_moments_choose(struct ern_moments *moments, struct ern_stream *stream, const struct ern_field *field,
-                              ern_span parameters, const struct ern_moment *moment, size_t count) {
+ern_status ern_keyframes_choose(struct ern_keyframes *moments, struct ern_stream *stream, const struct ern_field *field,
+                                ern_span parameters, const struct ern_keyframe *moment, size_t count) {
   ern_context *context = stream->backend->context;
   float *code = NULL;
   double *away = NULL;
   ern_status status = ERN_OK;
-  *moments = (struct ern_moments){0};
+  *moments = (struct ern_keyframes){0};
   ERN_TRY(ERN_NEW(context, count * ERN_AUDIO_CODE, &code));
   ERN_TRY(ERN_NEW(context, count, &away));
   for (size_t k = 0; k < count && status == ERN_OK; k++) {
     const struct ern_arena_mark mark = ern_arena_mark(stream);
     ern_span heard;
-    status = ern_moment_hear(stream, field, parameters, &moment[k], &heard);
+    status = ern_keyframe_code(stream, field, parameters, &moment[k], &heard);
     if (status == ERN_OK)
       status = stream->backend->download_reals(stream, code + k * ERN_AUDIO_CODE, heard, ERN_AUDIO_CODE);
     ern_arena_release(stream, mark);
@@ -150,8 +150,8 @@ fail:
 
 /* ---- between them ------------------------------------------------------------------------------------------------ */
 
-bool ern_moments_weigh(float weight[ERN_MOMENTS], const struct ern_moments *m, const float code[ERN_AUDIO_CODE],
-                       float eye) {
+bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes *m, const float code[ERN_AUDIO_CODE],
+                         float eye) {
   const size_t n = m->count;
   double near[SIDE] = {0}, explained = 0;
   for (size_t k = 0; k < n; k++) near[k] = kernel(distance(m, k, code, eye));
@@ -165,7 +165,7 @@ bool ern_moments_weigh(float weight[ERN_MOMENTS], const struct ern_moments *m, c
   return kernel(0) - explained <= m->variance; /* the variance at z, as far from the moments as it lies */
 }
 
-void ern_moments_doubt(float error[ERN_MOMENTS], const struct ern_moments *m, const float *value, size_t stride) {
+void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *m, const float *value, size_t stride) {
   for (size_t k = 0; k < m->count; k++) {
     double sum = 0;
     for (size_t j = 0; j < m->count; j++) sum += m->inverse[k][j] * (double)value[j * stride];

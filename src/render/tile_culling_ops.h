@@ -1,24 +1,22 @@
 /* SPDX-License-Identifier: MIT
  * Which parts of a picture can see an occupied cell at all, and from where on: so that rays past the head, and the way
  * to it, need no look at the cells. */
-#ifndef ERN_RENDER_VISIBLE_OPS_H
-#define ERN_RENDER_VISIBLE_OPS_H
+#ifndef ERN_RENDER_TILE_CULLING_OPS_H
+#define ERN_RENDER_TILE_CULLING_OPS_H
 
 #include "core/types.h"
 
 struct ern_view;
 
-enum { ERN_VISIBLE_SIDE = 8 }; /* pixels an edge of a block */
+enum { ERN_TILE_SIDE = 8 }; /* pixels an edge of a block */
 
 /* Blocks in a row of `pixels`, or in a column; the last one may be cut off. */
-static inline size_t ern_visible_count(int pixels) {
-  return ((size_t)pixels + ERN_VISIBLE_SIDE - 1) / ERN_VISIBLE_SIDE;
-}
+static inline size_t ern_tile_count(int pixels) { return ((size_t)pixels + ERN_TILE_SIDE - 1) / ERN_TILE_SIDE; }
 
-/* For each block, row by row (ern_visible_count(width) * ern_visible_count(height) of them): INFINITY where no ray of
+/* For each block, row by row (ern_tile_count(width) * ern_tile_count(height) of them): INFINITY where no ray of
  * its pixels has a sample, else a distance before which none has one (ern_march_from_kernel's not_before). It holds for
  * marches whose settings.near is not negative, whatever the other settings; for a view that is no pinhole camera with
  * numbers in it, it is 0 everywhere. bits: [ERN_OCCUPANCY_BYTES] */
-void ern_visible_blocks(float *not_before, const uint8_t *bits, const struct ern_view *view, float bound);
+void ern_tile_culling(float *not_before, const uint8_t *bits, const struct ern_view *view, float bound);
 
 #endif

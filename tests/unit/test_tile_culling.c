@@ -8,7 +8,7 @@
 #include "core/kernels.h"
 #include "core/rng.h"
 #include "render/morton.h"
-#include "render/visible_ops.h"
+#include "render/tile_culling_ops.h"
 
 enum { MOST_STEPS = 200, SIDE = ERN_OCCUPANCY_SIDE };
 
@@ -80,7 +80,7 @@ struct tally {
 };
 
 static void check_view(const struct ern_view *view, const struct ern_march_settings *settings, struct tally *tally) {
-  const size_t columns = ern_visible_count(view->width), rows = ern_visible_count(view->height);
+  const size_t columns = ern_tile_count(view->width), rows = ern_tile_count(view->height);
   const size_t n = (size_t)view->width * (size_t)view->height, row = (size_t)settings->max_steps;
   float *not_before = malloc((columns * rows + 1) * sizeof(float)), *first = malloc(columns * rows * sizeof(float));
   float *dir = malloc(3 * n * sizeof(float)), *t = malloc(row * n * sizeof(float));
@@ -88,7 +88,7 @@ static void check_view(const struct ern_view *view, const struct ern_march_setti
   assert_true(not_before && first && dir && t && pixel && count);
   for (size_t i = 0; i < n; i++) pixel[i] = (int32_t)i;
   for (size_t i = 0; i <= columns * rows; i++) not_before[i] = -7;
-  ern_visible_blocks(not_before, bits, view, settings->bound);
+  ern_tile_culling(not_before, bits, view, settings->bound);
   assert_true(not_before[columns * rows] == -7);
   const float origin[3] = {view->pose[3], view->pose[7], view->pose[11]};
   ern_rays_ref(dir, n, pixel, view, n);
@@ -153,13 +153,13 @@ static void test_full_and_empty(void **state) {
   const float origin[3] = {0.3f, 3, 0.1f}, target[3] = {0};
   const struct ern_view view = view_of(origin, target, 0, 1);
   float not_before[64];
-  ern_visible_blocks(not_before, bits, &view, 1);
-  for (size_t b = 0; b < ern_visible_count(view.width) * ern_visible_count(view.height); b++)
+  ern_tile_culling(not_before, bits, &view, 1);
+  for (size_t b = 0; b < ern_tile_count(view.width) * ern_tile_count(view.height); b++)
     assert_true(not_before[b] == INFINITY);
 }
 
-/* From so far away that float is off by a good part of a pixel. (The margin for that is argued in visible.c; it is so
- * seldom needed that this test passes without it too.) */
+/* From so far away that float is off by a good part of a pixel. (The margin for that is argued in tile_culling.c; it is
+ * so seldom needed that this test passes without it too.) */
 static void test_far(void **state) {
   (void)state;
   static const struct ern_march_settings settings = {1, 16, 1 / 256.0f, 0.05f};
@@ -194,8 +194,8 @@ static void test_no_camera(void **state) {
     if (k == 17) view.cy = -INFINITY;
     if (k == 18) view.pose[2] = view.pose[1], view.pose[6] = view.pose[5], view.pose[10] = view.pose[9];
     float not_before[64];
-    ern_visible_blocks(not_before, bits, &view, 1);
-    for (size_t b = 0; b < ern_visible_count(view.width) * ern_visible_count(view.height); b++)
+    ern_tile_culling(not_before, bits, &view, 1);
+    for (size_t b = 0; b < ern_tile_count(view.width) * ern_tile_count(view.height); b++)
       assert_true(not_before[b] == 0);
   }
 }

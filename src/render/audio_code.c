@@ -10,25 +10,25 @@
 /* The codes of windows that the last frame had too go to their new places: bit t of *known for window t. Consecutive
  * frames share seven of eight, each one place earlier. */
 static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsigned *known) {
-  struct heard *heard = &r->heard;
+  struct audio_code_cache *cache = &r->audio_code;
   const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
   ern_status status = ERN_OK;
   *known = 0;
-  for (size_t t = 0; t < ERN_AUDIO_WINDOWS && heard->length == input->window_length; t++) {
+  for (size_t t = 0; t < ERN_AUDIO_WINDOWS && cache->length == input->window_length; t++) {
     for (size_t k = 1; k <= ERN_AUDIO_WINDOWS && (*known >> t & 1) == 0; k++) {
       const size_t was = (t + k) % ERN_AUDIO_WINDOWS;
-      if (memcmp(input->windows + t * values, heard->windows + was * values, values * sizeof(float)) != 0) continue;
-      const ern_span to = {heard->codes[1], t * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
-      const ern_span from = {heard->codes[0], was * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      if (memcmp(input->windows + t * values, cache->windows + was * values, values * sizeof(float)) != 0) continue;
+      const ern_span to = {cache->codes[1], t * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
+      const ern_span from = {cache->codes[0], was * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
       ERN_TRY(r->backend->copy(r->stream, to, from, ERN_AUDIO_CODE));
       *known |= 1u << t;
     }
   }
-  struct ern_buffer *moved = heard->codes[1];
-  heard->codes[1] = heard->codes[0];
-  heard->codes[0] = moved;
+  struct ern_buffer *moved = cache->codes[1];
+  cache->codes[1] = cache->codes[0];
+  cache->codes[0] = moved;
 fail:
-  heard->length = 0; /* until the frame's own are there */
+  cache->length = 0; /* until the frame's own are there */
   return status;
 }
 
@@ -36,12 +36,12 @@ static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
   const size_t most = (size_t)ERN_AUDIO_WINDOWS * MAX_WINDOW_LENGTH * (size_t)r->field.config.feature_width;
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
-  if (r->heard.windows == NULL) {
-    const ern_status status = ERN_NEW(r->context, most, &r->heard.windows);
+  if (r->audio_code.windows == NULL) {
+    const ern_status status = ERN_NEW(r->context, most, &r->audio_code.windows);
     if (status != ERN_OK) return status;
   }
-  memcpy(r->heard.windows, input->windows, values * sizeof(float));
-  r->heard.length = input->window_length;
+  memcpy(r->audio_code.windows, input->windows, values * sizeof(float));
+  r->audio_code.length = input->window_length;
   return ERN_OK;
 }
 
@@ -56,7 +56,7 @@ ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.audio.windows));
   ERN_TRY(r->backend->upload_reals(r->stream, args.audio.windows, input->windows, values));
   ERN_TRY(remember(r, input, &args.known));
-  args.codes = ern_whole(r->heard.codes[0], HEARD_VALUES);
+  args.codes = ern_whole(r->audio_code.codes[0], AUDIO_CODE_VALUES);
   ERN_TRY(r->backend->audio_frame(r->stream, &args));
   ERN_TRY(keep_windows(r, input));
 fail:
@@ -88,10 +88,10 @@ fail:
   return status;
 }
 
-ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int window_length, const float *eyes,
-                                size_t count, struct ern_moment **moment) {
+ern_status ern_renderer_keyframes(ern_renderer *r, const float *windows, int window_length, const float *eyes,
+                                  size_t count, struct ern_keyframe **moment) {
   ern_context *context = r->context;
-  struct ern_moment *made = NULL;
+  struct ern_keyframe *made = NULL;
   ern_status status = ERN_OK;
   *moment = NULL;
   status = ern_window_length_check(context, &r->field, "render", window_length);
@@ -99,7 +99,7 @@ ern_status ern_renderer_moments(ern_renderer *r, const float *windows, int windo
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
   ERN_TRY(ERN_NEW(context, count, &made));
   for (size_t k = 0; k < count; k++) {
-    made[k] = (struct ern_moment){windows + k * values, window_length, eyes[k]};
+    made[k] = (struct ern_keyframe){windows + k * values, window_length, eyes[k]};
     if (!(eyes[k] >= 0 && eyes[k] <= 1))
       ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: moment %zu of the speech: eye is %g, expected 0 to 1", k,
                        (double)eyes[k]));

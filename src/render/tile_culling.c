@@ -10,7 +10,7 @@
  * less than 16 e |R|, and p by 16 e |R| t + 2 e (|p| + |o|); the cell's number by another 2^-16 of a cell = 2^-22
  * bound. For p in the cube t = |q| <= |R^-1| (|o| + sqrt(3) bound). Boxes that are larger by 32 e (1 + |R| |R^-1|) (|o|
  * + 2 bound) a side hold all of that (norms of Frobenius); what is here in double adds nothing that counts. */
-#include "render/visible_ops.h"
+#include "render/tile_culling_ops.h"
 
 #include <math.h>
 
@@ -49,7 +49,7 @@ static bool camera_of(struct camera *camera, const struct ern_view *view, float 
   camera->focal = (double)view->focal, camera->cx = (double)view->cx, camera->cy = (double)view->cy;
   camera->bound = (double)bound;
   camera->margin = 32 * 0x1p-24 * (1 + condition) * (away + 2 * camera->bound);
-  camera->columns = ern_visible_count(view->width), camera->rows = ern_visible_count(view->height);
+  camera->columns = ern_tile_count(view->width), camera->rows = ern_tile_count(view->height);
   const double size = norm(m, 9);
   return condition < most_condition && size > 1e-6 && size < 1e6 && away < 1e6 && bound > 1e-6f && bound < 1e6f &&
          camera->focal > 1e-6 && camera->focal < 1e9 && fabs(camera->cx) < most_pixels &&
@@ -91,8 +91,8 @@ static bool box_of(struct box *box, uint64_t word, const int at[AXES], const str
 
 /* Blocks [first, last] that pixels with u (or v) in [low, high] lie in; false where there are none. */
 static bool blocks_of(size_t *first, size_t *last, double low, double high, double focal, double centre, size_t count) {
-  const double from = floor((centre + focal * low - 0.5) / ERN_VISIBLE_SIDE - 1e-6);
-  const double to = floor((centre + focal * high - 0.5) / ERN_VISIBLE_SIDE + 1e-6);
+  const double from = floor((centre + focal * low - 0.5) / ERN_TILE_SIDE - 1e-6);
+  const double to = floor((centre + focal * high - 0.5) / ERN_TILE_SIDE + 1e-6);
   if (to < 0 || from >= (double)count) return false;
   *first = from > 0 ? (size_t)from : 0;
   *last = to < (double)(count - 1) ? (size_t)to : count - 1;
@@ -153,7 +153,7 @@ static int cell_of(size_t n) {
   return LAYERS * cell;
 }
 
-void ern_visible_blocks(float *not_before, const uint8_t *bits, const struct ern_view *view, float bound) {
+void ern_tile_culling(float *not_before, const uint8_t *bits, const struct ern_view *view, float bound) {
   struct camera camera;
   const bool known = camera_of(&camera, view, bound);
   const size_t count = camera.columns * camera.rows;

@@ -2,34 +2,34 @@
  * A training that dies with every value finite is told of; one that is merely uneven is not. */
 #include "made_clip.h"
 
-#include "train/decline.h"
+#include "train/divergence.h"
 
 /* Steps of `count` at about `psnr` dB, each up to `spread` off; how often the fall was told. */
-static int run(struct ern_decline *decline, int count, double psnr, double spread) {
+static int run(struct ern_divergence *decline, int count, double psnr, double spread) {
   int told = 0;
-  for (int i = 0; i < count; i++) told += ern_decline_step(decline, psnr + spread * sin(1.7 * i));
+  for (int i = 0; i < count; i++) told += ern_divergence_step(decline, psnr + spread * sin(1.7 * i));
   return told;
 }
 
 static void test_even_and_uneven(void **state) {
   (void)state;
-  struct ern_decline even = {0}, uneven = {0}, rising = {0};
+  struct ern_divergence even = {0}, uneven = {0}, rising = {0};
   assert_int_equal(run(&even, 1000, 20, 0), 0);
   assert_int_equal(run(&uneven, 1000, 20, 12), 0);
-  for (int i = 0; i < 1000; i++) assert_false(ern_decline_step(&rising, 5 + 0.03 * i));
+  for (int i = 0; i < 1000; i++) assert_false(ern_divergence_step(&rising, 5 + 0.03 * i));
 }
 
 /* A first step that is better by chance is not what the rest is held against. */
 static void test_chance(void **state) {
   (void)state;
-  struct ern_decline decline = {0};
+  struct ern_divergence decline = {0};
   assert_int_equal(run(&decline, 1, 18, 0), 0);
   assert_int_equal(run(&decline, 500, 10, 1), 0);
 }
 
 static void test_fall(void **state) {
   (void)state;
-  struct ern_decline early = {0}, late = {0};
+  struct ern_divergence early = {0}, late = {0};
   assert_int_equal(run(&early, 16, 19, 0.5) + run(&early, 47, 4, 0.5), 0); /* 63 steps say nothing yet */
   assert_int_equal(run(&early, 1, 4, 0.5), 1);
   assert_int_equal(run(&early, 1000, 4, 0.5), 0); /* said once */

@@ -6,8 +6,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/still.h"
-#include "render/visible_ops.h"
+#include "render/ray_reuse.h"
+#include "render/tile_culling_ops.h"
 
 enum {
   MARCHED = 1 << 14,    /* rays that are marched at once */
@@ -66,16 +66,15 @@ static ern_status march(const struct sorting *s, ern_span bits, int32_t *samples
 /* Pixels whose block sees an occupied cell, and of those the ones whose rays have samples. */
 static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
   const struct ern_view *view = &s->all->view;
-  const size_t across = ern_visible_count(view->width), blocks = across * ern_visible_count(view->height);
+  const size_t across = ern_tile_count(view->width), blocks = across * ern_tile_count(view->height);
   float *nearest = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(s->r->context, blocks, &nearest));
-  ern_visible_blocks(nearest, bits, view, s->all->settings.bound);
+  ern_tile_culling(nearest, bits, view, s->all->settings.bound);
   for (size_t i = 0; i < s->all->n; i++) {
     const size_t through = (size_t)s->through[i], row = through / (size_t)view->width;
     const size_t column = through % (size_t)view->width;
-    if (nearest[row / ERN_VISIBLE_SIDE * across + column / ERN_VISIBLE_SIDE] < INFINITY)
-      s->pixel[s->count++] = (int32_t)i;
+    if (nearest[row / ERN_TILE_SIDE * across + column / ERN_TILE_SIDE] < INFINITY) s->pixel[s->count++] = (int32_t)i;
   }
   number_rays(s);
   ERN_TRY(march(s, s->all->bits, s->samples));
@@ -103,16 +102,16 @@ struct measured {
 static ern_status try_moment(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span ray,
                              ern_span code) {
   ern_renderer *r = s->r;
-  const struct ern_moments *moments = &r->still.moments;
+  const struct ern_keyframes *moments = &r->reuse.moments;
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   struct ern_render_rays_args all = *s->all, some;
-  ern_rows rows[ERN_STILL_CHANNELS];
+  ern_rows rows[ERN_RAY_REUSE_CHANNELS];
   ern_status status = ERN_OK;
   all.code = code;
   all.eye_value = moments->eye[k];
   ERN_TRY(r->backend->upload_reals(r->stream, code, moments->code[k], ERN_AUDIO_CODE));
-  ERN_TRY(ern_still_render(r, &all, list, ray, &some));
-  ern_still_rows(rows, r, &some);
+  ERN_TRY(ern_ray_reuse_render(r, &all, list, ray, &some));
+  ern_ray_reuse_rows(rows, r, &some);
   for (size_t c = 0; c < m->channels; c++)
     ERN_TRY(r->backend->download_reals(r->stream, m->value + (c * m->moments + k) * s->count, rows[c].span, s->count));
 fail:
@@ -122,9 +121,10 @@ fail:
 
 /* Whether each moment of a ray is what the others say, up to `most`, over any background: over black the error of a
  * channel is that of its colour, over white that of colour minus opacity, and between them it lies between. */
-static bool is_steady(const struct ern_moments *moments, const struct measured *m, size_t hits, size_t i, float most) {
-  float error[4][ERN_MOMENTS];
-  for (size_t c = 0; c < 4; c++) ern_moments_doubt(error[c], moments, m->value + c * m->moments * hits + i, hits);
+static bool is_steady(const struct ern_keyframes *moments, const struct measured *m, size_t hits, size_t i,
+                      float most) {
+  float error[4][ERN_KEYFRAMES];
+  for (size_t c = 0; c < 4; c++) ern_keyframes_doubt(error[c], moments, m->value + c * m->moments * hits + i, hits);
   for (size_t k = 0; k < m->moments; k++)
     for (size_t c = 0; c < 3; c++)
       if (!(fabsf(error[c][k]) <= most && fabsf(error[c][k] - error[3][k]) <= most)) return false;
@@ -152,7 +152,7 @@ fail:
 }
 
 /* Keeps what the steady rays have at the moments. */
-static ern_status keep_moments(const struct sorting *s, const struct measured *m, struct ern_still_rays *rays) {
+static ern_status keep_moments(const struct sorting *s, const struct measured *m, struct ern_reused_rays *rays) {
   const ern_renderer *r = s->r;
   const size_t rows = m->channels * m->moments, stride = rays->steady;
   ern_status status = ERN_OK;
@@ -167,12 +167,12 @@ fail:
 }
 
 /* Parts the hits by what they are found to be; rays->samples is that of those rendered anew. */
-static ern_status judge(struct sorting *s, struct measured *m, float most, struct ern_still_rays *rays) {
+static ern_status judge(struct sorting *s, struct measured *m, float most, struct ern_reused_rays *rays) {
   bool *steady = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(s->r->context, s->count, &steady));
   for (size_t i = 0; i < s->count; i++) {
-    steady[i] = is_steady(&s->r->still.moments, m, s->count, i, most);
+    steady[i] = is_steady(&s->r->reuse.moments, m, s->count, i, most);
     rays->steady += steady[i];
     if (steady[i]) rays->samples -= (uint64_t)s->samples[i];
   }
@@ -186,12 +186,12 @@ fail:
 /* A cubic that enlarges has weights whose magnitudes sum to 1.25 an axis. The moments predict each other from fewer and
  * farther ones than a frame is predicted from, and yet frames err by up to twice as much as the worst of them: hence
  * the share of the bound. */
-static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
+static ern_status measure(struct sorting *s, struct ern_reused_rays *rays) {
   const float share = 0.4f, gain = s->r->options.image_scale < 1 ? 1.25f * 1.25f : 1;
   ern_renderer *r = s->r;
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
-  ern_rows rows[ERN_STILL_CHANNELS];
-  struct measured m = {.channels = ern_still_rows(rows, r, s->all), .moments = r->still.moments.count};
+  ern_rows rows[ERN_RAY_REUSE_CHANNELS];
+  struct measured m = {.channels = ern_ray_reuse_rows(rows, r, s->all), .moments = r->reuse.moments.count};
   ern_span list, ray, code;
   ern_status status = ERN_OK;
   if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.moments)) return ERN_OK;
@@ -202,9 +202,9 @@ static ern_status measure(struct sorting *s, struct ern_still_rays *rays) {
   ERN_TRY(r->backend->upload_int32(r->stream, list, s->pixel, s->count));
   ERN_TRY(r->backend->upload_int32(r->stream, ray, s->ray, s->count));
   for (size_t k = 0; k < m.moments; k++) ERN_TRY(try_moment(s, &m, k, list, ray, code));
-  r->still.work.rays += (double)m.moments;
-  r->still.work.samples += (double)m.moments;
-  status = judge(s, &m, share / gain * r->still.bound, rays);
+  r->reuse.work.rays += (double)m.moments;
+  r->reuse.work.samples += (double)m.moments;
+  status = judge(s, &m, share / gain * r->reuse.bound, rays);
 fail:
   ern_arena_release(r->stream, mark);
   ern_release(r->context, m.value);
@@ -213,14 +213,14 @@ fail:
 
 /* ---- sorting ----------------------------------------------------------------------------------------------------- */
 
-void ern_still_rays_free(ern_renderer *r) {
-  r->backend->buffer_free(r->backend, r->still.rays.list);
-  r->backend->buffer_free(r->backend, r->still.rays.ray);
-  r->backend->buffer_free(r->backend, r->still.rays.known);
-  r->still.rays = (struct ern_still_rays){0};
+void ern_reused_rays_free(ern_renderer *r) {
+  r->backend->buffer_free(r->backend, r->reuse.rays.list);
+  r->backend->buffer_free(r->backend, r->reuse.rays.ray);
+  r->backend->buffer_free(r->backend, r->reuse.rays.known);
+  r->reuse.rays = (struct ern_reused_rays){0};
 }
 
-static ern_status sort(struct sorting *s, struct ern_still_rays *rays) {
+static ern_status sort(struct sorting *s, struct ern_reused_rays *rays) {
   ern_renderer *r = s->r;
   uint8_t *bits = NULL;
   ern_status status = ERN_OK;
@@ -230,7 +230,7 @@ static ern_status sort(struct sorting *s, struct ern_still_rays *rays) {
   rays->hits = s->count;
   for (size_t i = 0; i < s->count; i++) rays->all_samples += (uint64_t)s->samples[i];
   rays->samples = rays->all_samples;
-  if (r->still.bound > 0) ERN_TRY(measure(s, rays));
+  if (r->reuse.bound > 0) ERN_TRY(measure(s, rays));
   number_rays(s);
   ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_INT32, s->count > 0 ? s->count : 1, &rays->list));
   ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_INT32, s->count > 0 ? s->count : 1, &rays->ray));
@@ -242,21 +242,21 @@ fail:
   return status;
 }
 
-ern_status ern_still_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
+ern_status ern_ray_reuse_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
   struct sorting s = {.r = r, .all = all};
   ern_status status = ERN_OK;
-  ern_still_rays_free(r);
+  ern_reused_rays_free(r);
   ERN_TRY(ERN_NEW(r->context, all->n, &s.pixel));
   ERN_TRY(ERN_NEW(r->context, all->n, &s.samples));
   ERN_TRY(ERN_NEW(r->context, all->n, &s.ray));
   ERN_TRY(ERN_NEW(r->context, all->n, &s.through));
   ERN_TRY(r->backend->download_int32(r->stream, s.through, all->pixel_number, all->n));
-  status = sort(&s, &r->still.rays);
+  status = sort(&s, &r->reuse.rays);
 fail:
   ern_release(r->context, s.pixel);
   ern_release(r->context, s.samples);
   ern_release(r->context, s.ray);
   ern_release(r->context, s.through);
-  if (status != ERN_OK) ern_still_rays_free(r);
+  if (status != ERN_OK) ern_reused_rays_free(r);
   return status;
 }

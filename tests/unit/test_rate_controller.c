@@ -28,8 +28,8 @@ struct outcome {
 static struct outcome run_with(const double *costs, size_t count, const struct machine *machine, double budget,
                                int frames) {
   struct outcome outcome = {0};
-  ern_pace pace;
-  ern_pace_begin(&pace, costs, count, budget);
+  ern_rate_controller pace;
+  ern_rate_controller_begin(&pace, costs, count, budget);
   for (int f = 0; f < frames; f++) {
     const double jitter = machine->noise * (2 * (double)ern_uniform(ern_random_at(3, 0, (uint32_t)f, 0).word[0]) - 1);
     const double other = ern_random_at(4, 0, (uint32_t)f, 0).word[0] < UINT32_MAX / 16 ? machine->disturbed : 0;
@@ -38,7 +38,7 @@ static struct outcome run_with(const double *costs, size_t count, const struct m
     const size_t before = pace.at;
     outcome.milliseconds += took;
     outcome.accuracy += (double)pace.at / frames;
-    outcome.last = ern_pace_next(&pace, took);
+    outcome.last = ern_rate_controller_next(&pace, took);
     outcome.switches += outcome.last != before;
     if ((int)outcome.last > outcome.worst) outcome.worst = (int)outcome.last;
   }
@@ -56,10 +56,10 @@ static void test_first_choice(void **state) {
     size_t at;
   } cases[] = {{100, 0}, {60, 0}, {59.9, 1}, {40, 1}, {25, 3}, {12, 4}, {1, 4}};
   for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-    ern_pace pace;
-    ern_pace_begin(&pace, cost, POINTS, cases[i].budget);
+    ern_rate_controller pace;
+    ern_rate_controller_begin(&pace, cost, POINTS, cases[i].budget);
     assert_int_equal(pace.at, cases[i].at);
-    assert_int_equal(ern_pace_holds(&pace), cases[i].budget >= 12);
+    assert_int_equal(ern_rate_controller_holds(&pace), cases[i].budget >= 12);
   }
 }
 
@@ -122,28 +122,28 @@ static void test_overhead(void **state) {
 
 static void test_too_slow(void **state) {
   (void)state;
-  ern_pace pace;
-  ern_pace_begin(&pace, cost, POINTS, 21);
-  for (int f = 0; f < 100; f++) ern_pace_next(&pace, 3 * cost[pace.at]);
+  ern_rate_controller pace;
+  ern_rate_controller_begin(&pace, cost, POINTS, 21);
+  for (int f = 0; f < 100; f++) ern_rate_controller_next(&pace, 3 * cost[pace.at]);
   assert_int_equal(pace.at, POINTS - 1);
-  assert_false(ern_pace_holds(&pace));
-  for (int f = 0; f < 600; f++) ern_pace_next(&pace, cost[pace.at]);
+  assert_false(ern_rate_controller_holds(&pace));
+  for (int f = 0; f < 600; f++) ern_rate_controller_next(&pace, cost[pace.at]);
   assert_int_equal(pace.at, 3); /* the debt is bounded, so it comes back */
-  assert_true(ern_pace_holds(&pace));
+  assert_true(ern_rate_controller_holds(&pace));
 }
 
 static void test_hostile(void **state) {
   (void)state;
   static const double times[] = {NAN, INFINITY, -INFINITY, 0, -5, 1e300, 1e-300, 40};
-  ern_pace pace;
-  ern_pace_begin(&pace, cost, POINTS, 40);
+  ern_rate_controller pace;
+  ern_rate_controller_begin(&pace, cost, POINTS, 40);
   for (int f = 0; f < 1000; f++) {
-    assert_true(ern_pace_next(&pace, times[f % 8]) < POINTS);
+    assert_true(ern_rate_controller_next(&pace, times[f % 8]) < POINTS);
     assert_true(isfinite(pace.slowness) && isfinite(pace.late));
   }
   static const double one[] = {10};
-  ern_pace_begin(&pace, one, 1, 1);
-  assert_int_equal(ern_pace_next(&pace, 10), 0);
+  ern_rate_controller_begin(&pace, one, 1, 1);
+  assert_int_equal(ern_rate_controller_next(&pace, 10), 0);
 }
 
 int main(void) {

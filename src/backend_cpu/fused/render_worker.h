@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The fused pass of rendering: one thread's share of a frame, from pixel numbers to pixels. */
-#ifndef ERN_RENDER_LANE_H
-#define ERN_RENDER_LANE_H
+#ifndef ERN_RENDER_WORKER_H
+#define ERN_RENDER_WORKER_H
 
 #include "backend_cpu/cpu_kernels.h"
 #include "backend_cpu/fused/frame_net.h"
@@ -27,12 +27,12 @@ struct ern_render_work {
 };
 
 /* Bytes of scratch that a thread needs. */
-size_t ern_render_lane_scratch(const struct ern_render_work *work);
+size_t ern_render_worker_scratch(const struct ern_render_work *work);
 
-/* ern_render_lane_kernel: takes rays off the order until none is left. *next: the first that nobody has taken, shared
+/* ern_render_worker_kernel: takes rays off the order until none is left. *next: the first that nobody has taken, shared
  * by the threads. A ray's values do not depend on which others share its tile. scratch: aligned to a cache line.
  * profile may be NULL. */
-ern_render_lane_kernel ern_render_lane_avx2, ern_render_lane_avx512, ern_render_lane_neon;
-ern_render_lane_kernel ern_render_lane_avx512bf16; /* takes a net in pairs of bf16 */
+ern_render_worker_kernel ern_render_worker_avx2, ern_render_worker_avx512, ern_render_worker_neon;
+ern_render_worker_kernel ern_render_worker_avx512bf16; /* takes a net in pairs of bf16 */
 
 #endif

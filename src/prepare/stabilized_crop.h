@@ -5,7 +5,7 @@
 
 #include "prepare/prepare_job.h"
 
-struct ern_still_crop {
+struct ern_stabilized_crop {
   double x, y;       /* the middle, metres in the head's frame */
   double step;       /* metres between pixels */
   int columns, rows; /* pixels; row 0 is the highest */
@@ -14,8 +14,8 @@ struct ern_still_crop {
 /* The picture of a frame in grey, [side][side], 0..255; memory of the caller's. */
 ERN_NODISCARD ern_status ern_frame_grey(const struct ern_prepare_job *job, size_t frame, uint8_t *grey);
 /* values[rows][columns] of the grey picture [side][side], bilinear. */
-void ern_still_crop_take(const struct ern_still_crop *crop, const struct ern_head_pose *pose,
-                         const struct ern_prepare_job *job, const uint8_t *grey, float *values);
+void ern_stabilized_crop_take(const struct ern_stabilized_crop *crop, const struct ern_head_pose *pose,
+                              const struct ern_prepare_job *job, const uint8_t *grey, float *values);
 
 /* The value at share 0..1 of the sorted values, which are sorted in place; NaN of none. */
 float ern_quantile(float *values, size_t count, double share);

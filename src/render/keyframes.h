@@ -9,43 +9,44 @@
  *   e_k = sum_j B_kj y_j / B_kk (Dubrule 1983),
  * of the variance 1/B_kk: so it is known, ray by ray, how well it goes, and frame by frame, whether z is any farther
  * from the moments than they are from each other. */
-#ifndef ERN_RENDER_MOMENTS_H
-#define ERN_RENDER_MOMENTS_H
+#ifndef ERN_RENDER_KEYFRAMES_H
+#define ERN_RENDER_KEYFRAMES_H
 
 #include "core/backend.h"
 #include "model/field.h"
 
-enum { ERN_MOMENTS = 16 };
+enum { ERN_KEYFRAMES = 16 };
 
 /* One of the moments of a speech. */
-struct ern_moment {
+struct ern_keyframe {
   const float *windows; /* [ERN_AUDIO_WINDOWS][window_length][width], on the host, finite */
   int window_length;
   float eye;
 };
 
-struct ern_moments {
+struct ern_keyframes {
   size_t count;
-  float code[ERN_MOMENTS][ERN_AUDIO_CODE], eye[ERN_MOMENTS];
-  double scale;                                     /* of codes: 1/the width of the speech, 1e-6 at least */
-  double inverse[ERN_MOMENTS + 1][ERN_MOMENTS + 1]; /* of the matrix above */
-  double variance;                                  /* the largest 1/B_kk */
+  float code[ERN_KEYFRAMES][ERN_AUDIO_CODE], eye[ERN_KEYFRAMES];
+  double scale;                                         /* of codes: 1/the width of the speech, 1e-6 at least */
+  double inverse[ERN_KEYFRAMES + 1][ERN_KEYFRAMES + 1]; /* of the matrix above */
+  double variance;                                      /* the largest 1/B_kk */
 };
 
 /* *code = room in the stream's scratch with what the moment sounds like to the field, real [A]. */
-ERN_NODISCARD ern_status ern_moment_hear(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
-                                         const struct ern_moment *moment, ern_span *code);
+ERN_NODISCARD ern_status ern_keyframe_code(struct ern_stream *stream, const struct ern_field *field,
+                                           ern_span parameters, const struct ern_keyframe *moment, ern_span *code);
 
 /* The first moment, then always the one that is farthest from those that were chosen. moment: [count], >= 1. */
-ERN_NODISCARD ern_status ern_moments_choose(struct ern_moments *moments, struct ern_stream *stream,
-                                            const struct ern_field *field, ern_span parameters,
-                                            const struct ern_moment *moment, size_t count);
+ERN_NODISCARD ern_status ern_keyframes_choose(struct ern_keyframes *moments, struct ern_stream *stream,
+                                              const struct ern_field *field, ern_span parameters,
+                                              const struct ern_keyframe *moment, size_t count);
 
 /* weight[k] of moment k, which sum to 1. False where nothing is known of what is heard and seen. */
-bool ern_moments_weigh(float weight[ERN_MOMENTS], const struct ern_moments *moments, const float code[ERN_AUDIO_CODE],
-                       float eye);
+bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes *moments,
+                         const float code[ERN_AUDIO_CODE], float eye);
 
 /* error[k] = what value[k * stride] differs by from what the other moments say; fewer than 3 moments say nothing. */
-void ern_moments_doubt(float error[ERN_MOMENTS], const struct ern_moments *moments, const float *value, size_t stride);
+void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *moments, const float *value,
+                         size_t stride);
 
 #endif

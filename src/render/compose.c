@@ -3,11 +3,11 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/still.h"
+#include "render/ray_reuse.h"
 
 /* The background rows: the caller's background, the caller's torso image over it; premultiplied. */
 static ern_status upload_background(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
-  struct ern_backdrop_args args = {.pixel = f->background, .opacity = f->torso_opacity.span, .n = f->pixels};
+  struct ern_background_args args = {.pixel = f->background, .opacity = f->torso_opacity.span, .n = f->pixels};
   ern_status status = ERN_OK;
   if (input->background != NULL) {
     ERN_TRY(ern_renderer_room(r, BACKGROUND_BYTES, ERN_ELEMENT_BYTE, 3 * f->pixels, &args.background));
@@ -17,7 +17,7 @@ static ern_status upload_background(ern_renderer *r, const ern_frame_input *inpu
     ERN_TRY(ern_renderer_room(r, TORSO_BYTES, ERN_ELEMENT_BYTE, 4 * f->pixels, &args.torso));
     ERN_TRY(r->backend->upload_bytes(r->stream, args.torso, input->torso, 4 * f->pixels));
   }
-  ERN_TRY(r->backend->backdrop(r->stream, &args));
+  ERN_TRY(r->backend->background(r->stream, &args));
 fail:
   return status;
 }
@@ -43,13 +43,13 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
 
 ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input) {
   ern_status status = ERN_OK;
-  if (r->still.on) {
-    ERN_TRY(ern_still_look_behind(r, input));
-    if (!r->still.behind_changed) return ERN_OK;
+  if (r->reuse.on) {
+    ERN_TRY(ern_ray_reuse_check_background(r, input));
+    if (!r->reuse.behind_changed) return ERN_OK;
   }
   ERN_TRY(upload_background(r, input, &r->frame));
   if (r->field.config.torso) ERN_TRY(torso_layer(r, input, &r->frame));
-  r->still.behind.known = r->still.on;
+  r->reuse.behind.known = r->reuse.on;
 fail:
   return status;
 }
@@ -122,11 +122,11 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
   ERN_TRY(number_rays(r, &input->camera.frame, view, over ? 1 : r->options.image_scale, &args.pixel_number));
-  if (r->still.on && over) {
+  if (r->reuse.on && over) {
     args.colour = (ern_rows){.stride = to->pixel.stride, .rows = 3, .per = ERN_PER_SAMPLE};
     ERN_TRY(ern_renderer_room(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));
   }
-  status = r->still.on ? ern_still_head(r, &args, over) : r->backend->render_rays(r->stream, &args);
+  status = r->reuse.on ? ern_ray_reuse_head(r, &args, over) : r->backend->render_rays(r->stream, &args);
 fail:
   ern_arena_release(r->stream, mark);
   return status;
@@ -166,8 +166,8 @@ static ern_status small_frame(ern_renderer *r, const struct frame *f, size_t pix
   return status;
 }
 
-static ern_status enlarge_head(ern_renderer *r, const struct ern_view *view, const struct ern_view *small_view,
-                               const struct frame *f, const struct frame *small) {
+static ern_status upsample_head(ern_renderer *r, const struct ern_view *view, const struct ern_view *small_view,
+                                const struct frame *f, const struct frame *small) {
   const struct {
     ern_rows large, small, background;
   } planes[] = {{f->layer, small->layer, f->background},
@@ -177,15 +177,15 @@ static ern_status enlarge_head(ern_renderer *r, const struct ern_view *view, con
   ern_status status = ERN_OK;
   for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) {
     if (planes[i].large.span.buffer == NULL) continue;
-    struct ern_enlarge_args args = {.large = planes[i].large,
-                                    .small = planes[i].small,
-                                    .background = planes[i].background,
-                                    .width = view->width,
-                                    .height = view->height,
-                                    .small_width = small_view->width,
-                                    .small_height = small_view->height,
-                                    .ratio = r->options.image_scale};
-    ERN_TRY(r->backend->enlarge(r->stream, &args));
+    struct ern_upsample_args args = {.large = planes[i].large,
+                                     .small = planes[i].small,
+                                     .background = planes[i].background,
+                                     .width = view->width,
+                                     .height = view->height,
+                                     .small_width = small_view->width,
+                                     .small_height = small_view->height,
+                                     .ratio = r->options.image_scale};
+    ERN_TRY(r->backend->upsample(r->stream, &args));
   }
 fail:
   return status;
@@ -200,7 +200,7 @@ ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input) {
   const struct ern_view small_view = small_view_of(&view, r->options.image_scale);
   ERN_TRY(small_frame(r, f, (size_t)small_view.width * (size_t)small_view.height, &small));
   ERN_TRY(draw_head(r, input, &small_view, &small, false));
-  ERN_TRY(enlarge_head(r, &view, &small_view, f, &small));
+  ERN_TRY(upsample_head(r, &view, &small_view, f, &small));
 fail:
   return status;
 }

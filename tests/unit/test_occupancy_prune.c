@@ -70,8 +70,8 @@ static void draw(struct scene *scene, float *opacity) {
   support_ok(scene->context, ern_renderer_frame(scene->renderer, &input, &output, NULL));
 }
 
-static ern_status skip_thin(struct scene *scene, float density) {
-  return ern_renderer_skip_thin(scene->renderer, scene->windows, LENGTH, scene->eyes, MOMENTS, density);
+static ern_status prune_occupancy(struct scene *scene, float density) {
+  return ern_renderer_prune_occupancy(scene->renderer, scene->windows, LENGTH, scene->eyes, MOMENTS, density);
 }
 
 static double sum(const float *values) {
@@ -89,16 +89,16 @@ static void test_more_is_left_out_as_the_limit_rises(void **state) {
   assert_true(sum(all) > 100); /* there is something to leave out */
   double last = sum(all);
   for (float limit = 0.1f; limit < 1000; limit *= 10) {
-    support_ok(scene.context, skip_thin(&scene, limit));
+    support_ok(scene.context, prune_occupancy(&scene, limit));
     draw(&scene, some);
     assert_true(sum(some) <= last);
     last = sum(some);
   }
   assert_true(last < 0.9 * sum(all));
-  support_ok(scene.context, skip_thin(&scene, 1e37f));
+  support_ok(scene.context, prune_occupancy(&scene, 1e37f));
   draw(&scene, some);
   assert_true(sum(some) == 0);
-  support_ok(scene.context, skip_thin(&scene, 0));
+  support_ok(scene.context, prune_occupancy(&scene, 0));
   draw(&scene, again);
   assert_memory_equal(all, again, sizeof all);
   scene_free(&scene);
@@ -110,9 +110,9 @@ static void test_thin_cells_alone_are_left_out(void **state) {
   static float all[PIXELS], some[PIXELS];
   scene_make(&scene);
   /* a cell under the limit at 8 points is not much over it anywhere: 16 steps of 0.027 lose 16*0.027*0.01*8 at most */
-  support_ok(scene.context, skip_thin(&scene, 0));
+  support_ok(scene.context, prune_occupancy(&scene, 0));
   draw(&scene, all);
-  support_ok(scene.context, skip_thin(&scene, 0.01f));
+  support_ok(scene.context, prune_occupancy(&scene, 0.01f));
   draw(&scene, some);
   for (size_t i = 0; i < PIXELS; i++) assert_true(fabsf(all[i] - some[i]) < 16 * 0.027f * 0.01f * 8);
   scene_free(&scene);
@@ -122,12 +122,12 @@ static void test_bad_arguments(void **state) {
   (void)state;
   static struct scene scene;
   scene_make(&scene);
-  support_expect(scene.context, skip_thin(&scene, -1), ERN_E_ARGUMENT, "density", "-1", NULL);
-  support_expect(scene.context, skip_thin(&scene, NAN), ERN_E_ARGUMENT, "density", NULL);
-  support_expect(scene.context, ern_renderer_skip_thin(scene.renderer, scene.windows, 17, scene.eyes, MOMENTS, 1),
+  support_expect(scene.context, prune_occupancy(&scene, -1), ERN_E_ARGUMENT, "density", "-1", NULL);
+  support_expect(scene.context, prune_occupancy(&scene, NAN), ERN_E_ARGUMENT, "density", NULL);
+  support_expect(scene.context, ern_renderer_prune_occupancy(scene.renderer, scene.windows, 17, scene.eyes, MOMENTS, 1),
                  ERN_E_ARGUMENT, "window_length", "17", NULL);
   scene.windows[MOMENT + 3] = INFINITY;
-  support_expect(scene.context, skip_thin(&scene, 1), ERN_E_NONFINITE, "moment 1", "value 3", NULL);
+  support_expect(scene.context, prune_occupancy(&scene, 1), ERN_E_NONFINITE, "moment 1", "value 3", NULL);
   scene_free(&scene);
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Frames that keep what the frame before them has. */
-#include "render/still.h"
+#include "render/ray_reuse.h"
 
 #include <math.h>
 #include <string.h>
@@ -10,19 +10,19 @@
 
 enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
 
-void ern_still_forget(ern_renderer *r) {
-  r->still.known = r->still.behind.known = false;
-  ern_still_rays_free(r);
+void ern_ray_reuse_forget(ern_renderer *r) {
+  r->reuse.known = r->reuse.behind.known = false;
+  ern_reused_rays_free(r);
 }
 
-void ern_still_free(ern_renderer *r) {
-  ern_still_forget(r);
-  ern_release(r->context, r->still.behind.background);
-  ern_release(r->context, r->still.behind.torso);
-  r->still.behind = (struct ern_still_behind){0};
+void ern_ray_reuse_free(ern_renderer *r) {
+  ern_ray_reuse_forget(r);
+  ern_release(r->context, r->reuse.behind.background);
+  ern_release(r->context, r->reuse.behind.torso);
+  r->reuse.behind = (struct ern_ray_reuse_background){0};
 }
 
-ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
+ern_status ern_renderer_reuse_rays(ern_renderer *renderer, const float *windows, int window_length, const float *eyes,
                                    size_t count, float bound) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, renderer);
@@ -30,8 +30,8 @@ ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows,
     ERN_NEED(renderer->context, windows);
     ERN_NEED(renderer->context, eyes);
   }
-  struct ern_still *s = &renderer->still;
-  struct ern_moment *moment = NULL;
+  struct ern_ray_reuse *s = &renderer->reuse;
+  struct ern_keyframe *moment = NULL;
   ern_status status = ERN_OK;
   if (!(bound <= 1))
     return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound is %g, expected at most 1, or below 0 for off",
@@ -39,21 +39,21 @@ ern_status ern_renderer_keep_still(ern_renderer *renderer, const float *windows,
   if (bound > 0 && count == 0)
     return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound %g needs moments of the speech, found none",
                     (double)bound);
-  ern_still_free(renderer);
-  *s = (struct ern_still){.on = bound >= 0, .bound = bound};
+  ern_ray_reuse_free(renderer);
+  *s = (struct ern_ray_reuse){.on = bound >= 0, .bound = bound};
   if (!(bound > 0)) return ERN_OK;
-  ERN_TRY(ern_renderer_moments(renderer, windows, window_length, eyes, count, &moment));
+  ERN_TRY(ern_renderer_keyframes(renderer, windows, window_length, eyes, count, &moment));
   for (size_t k = 0; k < count && !renderer->field.config.eye; k++) moment[k].eye = 0;
-  ERN_TRY(ern_moments_choose(&s->moments, renderer->stream, &renderer->field,
-                             ern_whole(renderer->parameters, renderer->field.parameters), moment, count));
+  ERN_TRY(ern_keyframes_choose(&s->moments, renderer->stream, &renderer->field,
+                               ern_whole(renderer->parameters, renderer->field.parameters), moment, count));
 fail:
   if (status != ERN_OK) s->on = false;
   ern_release(renderer->context, moment);
   return status;
 }
 
-void ern_renderer_still_work_sized(const ern_renderer *renderer, ern_still_work *work, size_t bytes) {
-  const ern_still_work own = renderer != NULL ? renderer->still.work : (ern_still_work){0};
+void ern_renderer_ray_reuse_work_sized(const ern_renderer *renderer, ern_ray_reuse_work *work, size_t bytes) {
+  const ern_ray_reuse_work own = renderer != NULL ? renderer->reuse.work : (ern_ray_reuse_work){0};
   ern_struct_give(work, bytes, &own, sizeof own);
 }
 
@@ -75,8 +75,8 @@ static ern_status same_bytes(ern_renderer *r, uint8_t **kept, const uint8_t *byt
   return status;
 }
 
-ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) {
-  struct ern_still_behind *b = &r->still.behind;
+ern_status ern_ray_reuse_check_background(ern_renderer *r, const ern_frame_input *input) {
+  struct ern_ray_reuse_background *b = &r->reuse.behind;
   bool same = b->known;
   const size_t pixels = r->frame.pixels;
   const bool torso = r->field.config.torso;
@@ -84,7 +84,7 @@ ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) 
   if (b->width != input->camera.width || b->height != input->camera.height) {
     ern_release(r->context, b->background);
     ern_release(r->context, b->torso);
-    *b = (struct ern_still_behind){.width = input->camera.width, .height = input->camera.height};
+    *b = (struct ern_ray_reuse_background){.width = input->camera.width, .height = input->camera.height};
   }
   b->known = false;
   ERN_TRY(same_bytes(r, &b->background, input->background, 3 * pixels, &same));
@@ -92,12 +92,12 @@ ern_status ern_still_look_behind(ern_renderer *r, const ern_frame_input *input) 
   if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual ||
                 memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
     same = false;
-  if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->still.known = false; /* other rays beside it */
+  if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->reuse.known = false; /* other rays beside it */
   memcpy(b->pose, input->camera.pose, sizeof b->pose);
   b->frame = input->camera.frame;
   b->individual = input->individual;
   b->known = same;
-  r->still.behind_changed = !same;
+  r->reuse.behind_changed = !same;
 fail:
   return status;
 }
@@ -110,7 +110,7 @@ static unsigned wanted_of(const struct ern_render_rays_args *all) {
 }
 
 /* Whether the rows that are there are of this view. */
-static bool stands_still(const struct ern_still *s, const struct ern_render_rays_args *all) {
+static bool stands_still(const struct ern_ray_reuse *s, const struct ern_render_rays_args *all) {
   return s->known && memcmp(&s->view, &all->view, sizeof s->view) == 0 && s->individual == all->individual &&
          wanted_of(all) == s->wanted;
 }
@@ -120,15 +120,15 @@ static float eye_of(const ern_renderer *r, const struct ern_render_rays_args *al
 }
 
 static ern_status render_whole(ern_renderer *r, const struct ern_render_rays_args *all) {
-  struct ern_still *s = &r->still;
+  struct ern_ray_reuse *s = &r->reuse;
   struct ern_render_rays_args args = *all;
   s->work.rays += 1;
   s->work.samples += 1;
   return r->backend->render_rays(r->stream, &args);
 }
 
-ern_status ern_still_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list, ern_span ray,
-                            struct ern_render_rays_args *some) {
+ern_status ern_ray_reuse_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list, ern_span ray,
+                                struct ern_render_rays_args *some) {
   const size_t n = list.count;
   const ern_span *const from[] = {&all->opacity, &all->depth, &all->attention, &all->eye};
   ern_span *const to[] = {&some->opacity, &some->depth, &some->attention, &some->eye};
@@ -150,8 +150,8 @@ fail:
 
 static ern_rows one_row(ern_span span) { return (ern_rows){span, span.count, 1, ERN_PER_SAMPLE}; }
 
-size_t ern_still_rows(ern_rows rows[ERN_STILL_CHANNELS], const ern_renderer *r,
-                      const struct ern_render_rays_args *args) {
+size_t ern_ray_reuse_rows(ern_rows rows[ERN_RAY_REUSE_CHANNELS], const ern_renderer *r,
+                          const struct ern_render_rays_args *args) {
   const ern_span wanted[] = {args->opacity, args->depth, args->attention,
                              r->field.config.eye ? args->eye : (ern_span){0}};
   const ern_rows colour = args->colour.span.buffer != NULL ? args->colour : args->pixel;
@@ -167,16 +167,16 @@ size_t ern_still_rows(ern_rows rows[ERN_STILL_CHANNELS], const ern_renderer *r,
 
 /* The rays that are rendered anew, to their places. */
 static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
-  struct ern_still *s = &r->still;
+  struct ern_ray_reuse *s = &r->reuse;
   const ern_span list = {s->rays.list, s->rays.steady, s->rays.hits - s->rays.steady};
   const ern_span ray = {s->rays.ray, list.at, list.count};
   struct ern_render_rays_args some;
-  ern_rows to[ERN_STILL_CHANNELS + 1], from[ERN_STILL_CHANNELS + 1];
+  ern_rows to[ERN_RAY_REUSE_CHANNELS + 1], from[ERN_RAY_REUSE_CHANNELS + 1];
   ern_status status = ERN_OK;
   if (list.count == 0) return ERN_OK;
-  ERN_TRY(ern_still_render(r, all, list, ray, &some));
-  size_t count = ern_still_rows(to, r, all);
-  ern_still_rows(from, r, &some);
+  ERN_TRY(ern_ray_reuse_render(r, all, list, ray, &some));
+  size_t count = ern_ray_reuse_rows(to, r, all);
+  ern_ray_reuse_rows(from, r, &some);
   if (over) {
     to[count] = all->pixel;
     from[count++] = some.pixel;
@@ -193,10 +193,10 @@ fail:
 
 /* The rays that are interpolated, to their places. */
 static ern_status interpolate(ern_renderer *r, const struct ern_render_rays_args *all, const float *weight) {
-  const struct ern_still *s = &r->still;
+  const struct ern_ray_reuse *s = &r->reuse;
   const size_t moments = s->moments.count;
-  ern_rows to[ERN_STILL_CHANNELS];
-  const size_t channels = ern_still_rows(to, r, all);
+  ern_rows to[ERN_RAY_REUSE_CHANNELS];
+  const size_t channels = ern_ray_reuse_rows(to, r, all);
   struct ern_blend_args blend = {.pixel = {s->rays.list, 0, s->rays.steady}, .n = s->rays.steady};
   ern_status status = ERN_OK;
   if (blend.n == 0) return ERN_OK;
@@ -222,7 +222,7 @@ static ern_status lay_over(ern_renderer *r, const struct ern_render_rays_args *a
 static ern_status render_part(ern_renderer *r, const struct ern_render_rays_args *all, bool over, const float *weight) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
-  if (!r->still.rays.sorted) ERN_TRY(ern_still_sort(r, all));
+  if (!r->reuse.rays.sorted) ERN_TRY(ern_ray_reuse_sort(r, all));
   ERN_TRY(interpolate(r, all, weight));
   if (over) ERN_TRY(lay_over(r, all));
   ERN_TRY(render_anew(r, all, over));
@@ -231,21 +231,21 @@ fail:
   return status;
 }
 
-ern_status ern_still_head(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
-  struct ern_still *s = &r->still;
+ern_status ern_ray_reuse_head(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
+  struct ern_ray_reuse *s = &r->reuse;
   const float eye = eye_of(r, all);
   const bool stands = stands_still(s, all), exact = !(s->bound > 0);
-  float code[ERN_AUDIO_CODE], weight[ERN_MOMENTS] = {0};
+  float code[ERN_AUDIO_CODE], weight[ERN_KEYFRAMES] = {0};
   ern_status status = ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, code, all->code, ERN_AUDIO_CODE));
   const bool same = memcmp(s->code, code, sizeof code) == 0 && memcmp(&s->eye, &eye, sizeof eye) == 0;
   s->known = false;                                                /* until all is there */
   if (stands && same && (!exact || !over || !s->behind_changed)) { /* laying over rounds once more */
     if (over && s->behind_changed) ERN_TRY(lay_over(r, all));
-  } else if (stands && (exact || (s->stood >= PATIENCE && ern_moments_weigh(weight, &s->moments, code, eye)))) {
+  } else if (stands && (exact || (s->stood >= PATIENCE && ern_keyframes_weigh(weight, &s->moments, code, eye)))) {
     ERN_TRY(render_part(r, all, over, weight));
   } else {
-    if (!stands) ern_still_rays_free(r);
+    if (!stands) ern_reused_rays_free(r);
     s->stood = stands ? s->stood + 1 : 1;
     ERN_TRY(render_whole(r, all));
   }
