@@ -265,11 +265,11 @@ static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *
 }
 
 /* At the end of a call, whose error stays. */
-static void forget_missing(struct ern_prepare_job *job) {
+static void note_made(struct ern_prepare_job *job) {
   char kept[ERN_ERROR_BYTES];
   if (!ern_prepare_stays(job)) return;
   ern_error_keep(job->context, kept);
-  if (ern_prepare_forget_missing(job) != ERN_OK) ern_error_restore(job->context, kept);
+  if (ern_prepare_note_made(job) != ERN_OK) ern_error_restore(job->context, kept);
 }
 
 ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
@@ -297,11 +297,11 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   opened = true;
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;
-  ERN_TRY(ern_prepare_forget_missing(&job)); /* of a call that was killed */
+  ERN_TRY(ern_prepare_note_made(&job)); /* of a call that was killed */
   status = run_steps(&job, only, &found);
   if (status == ERN_OK || job.refused) ERN_TRY(report(&job, &found, status));
 fail:
-  if (opened) forget_missing(&job);
+  if (opened) note_made(&job);
   if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* an empty one */
   if (lock >= 0) close(lock);
   json_decref(job.record);

@@ -116,8 +116,9 @@ ERN_NODISCARD ern_status ern_prepare_check_files(struct ern_prepare_job *job, si
 /* The path of a file that is about to be written, by its name in the clip ("bc.jpg", "gt_imgs/3.jpg"). Notes in the
  * record that a call makes it, or those of all frames; ERN_E_EXISTS as above where it is there and no call made it. */
 ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]);
-/* Takes back what was noted of files that are not there: a file by such a name that comes later is the user's. */
-ERN_NODISCARD ern_status ern_prepare_forget_missing(struct ern_prepare_job *job);
+/* At the start and the end of a call: notes how the files are that calls have made, so that those which are changed
+ * later are the user's; takes back what was noted of files that are not there. */
+ERN_NODISCARD ern_status ern_prepare_note_made(struct ern_prepare_job *job);
 /* Removes what calls made, of the frames 0..job->frames - 1; with options->anew whatever file has such a name. No link
  * goes, and nothing behind one. job->frames is 0 then. */
 ERN_NODISCARD ern_status ern_prepare_clear(struct ern_prepare_job *job);

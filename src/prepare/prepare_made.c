@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Whose files they are. record.made has what calls made, by the names of the table below: a name is noted before the
- * file is written, and taken back where none came of it. Nothing else that lies in the clip is removed or replaced
- * without options->anew. */
+ * Whose files they are. record.made has what calls made, by the names of the table below: of the files of frames how
+ * many, from ID 0 on; of another file its SHA-256, or "" from before it is written to the end of the call. What came to
+ * nothing is taken back. Nothing else that lies in the clip is removed or replaced without options->anew. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "ernerf/model.h"
 #include "io/file.h"
 #include "prepare/prepare_record.h"
 
@@ -51,6 +52,8 @@ static void name_of(const struct file *file, char name[NAME]) {
   snprintf(name, NAME, "%s%s%s", file->folder, file->folder[0] != 0 ? "/" : "", file->name);
 }
 
+static bool is_numbered(const struct file *file) { return file->name[0] == '.'; }
+
 static bool is_one_of(const struct file *file, const char *name) {
   return file->folder[0] == 0 && strcmp(file->name, name) == 0;
 }
@@ -83,7 +86,7 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step) {
   if (job->frames == 0) return false;
   for (int k = 0; k < FILES; k++) {
     if (files[k].step != (int)step || !is_written(job, &files[k])) continue;
-    const bool numbered = files[k].name[0] == '.';
+    const bool numbered = is_numbered(&files[k]);
     name_of(&files[k], name);
     for (size_t i = 0; i < (numbered ? job->frames : 1); i++) {
       if (numbered) snprintf(name, sizeof name, "%s/%zu%s", files[k].folder, i, files[k].name);
@@ -93,8 +96,27 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step) {
   return true;
 }
 
-static bool is_made(const struct ern_prepare_job *job, const char *name) {
-  return json_is_true(json_object_get(json_object_get(job->record, "made"), name));
+static json_t *noted(const struct ern_prepare_job *job, const struct file *file) {
+  char name[NAME];
+  name_of(file, name);
+  return json_object_get(json_object_get(job->record, "made"), name);
+}
+
+/* Of the files of frames: IDs below it are those that calls made. */
+static size_t made_count(const struct ern_prepare_job *job, const struct file *file) {
+  const json_int_t count = json_integer_value(noted(job, file));
+  return count > 0 && count <= ERN_PREPARE_FRAMES ? (size_t)count : 0;
+}
+
+/* Of another file: whether it is as a call left it, or is not there any more. */
+static bool is_made(const struct ern_prepare_job *job, const struct file *file) {
+  char name[NAME], path[ERN_PREPARE_PATH], found[65];
+  const char *hash = json_string_value(noted(job, file));
+  name_of(file, name);
+  if (hash == NULL) return false;
+  if (hash[0] == 0 || !is_file(job, name)) return true;
+  return snprintf(path, sizeof path, "%s/%s", job->folder, name) < (int)sizeof path &&
+         ern_file_sha256(job->context, path, found) == ERN_OK && strcmp(found, hash) == 0;
 }
 
 /* A file that is no link goes; what else has that name stays. */
@@ -121,12 +143,14 @@ static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next
   folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
   if (folder < 0) return ERN_OK; /* there is none, or it is a link */
   for (int k = first; k < *next; k++) {
-    const bool numbered = files[k].name[0] == '.';
-    name_of(&files[k], name);
-    if (!job->options->anew && !is_made(job, name)) continue;
-    for (size_t i = 0; i < (numbered ? job->frames : 1); i++) {
+    if (!is_numbered(&files[k])) {
+      if (job->options->anew || is_made(job, &files[k])) ERN_TRY(take_away(job, folder, inside, files[k].name));
+      continue;
+    }
+    const size_t count = job->options->anew ? job->frames : made_count(job, &files[k]);
+    for (size_t i = 0; i < count; i++) {
       snprintf(name, sizeof name, "%zu%s", i, files[k].name);
-      ERN_TRY(take_away(job, folder, inside, numbered ? name : files[k].name));
+      ERN_TRY(take_away(job, folder, inside, name));
     }
   }
   if (inside[0] != 0) (void)rmdir(path); /* where nothing else is in it */
@@ -145,8 +169,27 @@ fail:
   return status;
 }
 
+/* Of FOLDER/NAME or NAME, where ID.ENDING is any frame's, *id then its number; NULL: no step writes that. */
+static const struct file *find(const char *name, size_t *id) {
+  const char *slash = strchr(name, '/');
+  const char *last = slash != NULL ? slash + 1 : name;
+  const size_t folder = slash != NULL ? (size_t)(slash - name) : 0;
+  *id = 0;
+  for (int k = 0; k < FILES; k++) {
+    const char *own = last + (is_numbered(&files[k]) ? strspn(last, "0123456789") : 0);
+    if (strlen(files[k].folder) != folder || strncmp(files[k].folder, name, folder) != 0 ||
+        strcmp(files[k].name, own) != 0)
+      continue;
+    if (is_numbered(&files[k])) *id = strtoul(last, NULL, 10);
+    return &files[k];
+  }
+  return NULL;
+}
+
 ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name) {
-  if (!is_made(job, name)) return ERN_OK;
+  size_t id = 0;
+  const struct file *file = find(name, &id);
+  if (file == NULL || !is_made(job, file)) return ERN_OK;
   ern_status status = ern_prepare_check_stays(job);
   if (status != ERN_OK) return status;
   const int folder = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -160,22 +203,25 @@ ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name
 
 static ern_status refuse_file(const struct ern_prepare_job *job, const char *path) {
   return ern_fail(job->context, ERN_E_EXISTS,
-                  "%s: ernerf prepare did not make it; expected --overwrite to replace it, or no such file", path);
+                  "%s: ernerf prepare did not make it, or it was changed since; expected --overwrite to replace it, or "
+                  "no such file",
+                  path);
 }
 
 /* The file of a frame, as it may be written: of the clip's frames, or of any where their count is not known yet. */
-static ern_status check_numbered(const struct ern_prepare_job *job, const struct file *file, bool made, bool any) {
+static ern_status check_numbered(const struct ern_prepare_job *job, const struct file *file, bool any) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   DIR *list = NULL;
+  const size_t made = made_count(job, file);
   ERN_TRY(ern_prepare_path(job, path, "%s", file->folder));
   list = opendir(path);
   for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list)) {
     const size_t digits = strspn(entry->d_name, "0123456789");
     if (digits == 0 || (digits > 1 && entry->d_name[0] == '0') || strcmp(entry->d_name + digits, file->name) != 0)
       continue;
-    const bool beyond = digits > 9 || strtoul(entry->d_name, NULL, 10) >= job->frames;
-    if (beyond ? !any : made) continue;
+    const size_t id = digits > 9 ? SIZE_MAX : strtoul(entry->d_name, NULL, 10);
+    if (id < made || (id >= job->frames && !any)) continue;
     ERN_TRY(ern_prepare_path(job, path, "%s/%s", file->folder, entry->d_name));
     ERN_TRY(refuse_file(job, path));
   }
@@ -184,21 +230,20 @@ fail:
   return status;
 }
 
-static ern_status check_named(const struct ern_prepare_job *job, const char *name) {
-  char path[ERN_PREPARE_PATH];
+static ern_status check_named(const struct ern_prepare_job *job, const struct file *file) {
+  char name[NAME], path[ERN_PREPARE_PATH];
   struct stat about;
+  name_of(file, name);
   const ern_status status = ern_prepare_path(job, path, "%s", name);
   if (status != ERN_OK || stat(path, &about) != 0 || job->options->anew) return status;
   if (!S_ISREG(about.st_mode)) /* it would stay where the clip's own files are removed, and be in the way then */
     return ern_fail(job->context, ERN_E_EXISTS, "%s: is no regular file; expected one, or nothing by that name", path);
-  return is_made(job, name) ? ERN_OK : refuse_file(job, path);
+  return is_made(job, file) ? ERN_OK : refuse_file(job, path);
 }
 
-static ern_status check_file(const struct ern_prepare_job *job, const struct file *file, bool anew) {
-  char name[NAME];
-  if (job->options->anew && file->name[0] == '.') return ERN_OK;
-  name_of(file, name);
-  return file->name[0] == '.' ? check_numbered(job, file, is_made(job, name), anew) : check_named(job, name);
+static ern_status check_file(const struct ern_prepare_job *job, const struct file *file, bool any) {
+  if (job->options->anew && is_numbered(file)) return ERN_OK;
+  return is_numbered(file) ? check_numbered(job, file, any) : check_named(job, file);
 }
 
 ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew) {
@@ -212,36 +257,27 @@ fail:
   return status;
 }
 
-static ern_status note(struct ern_prepare_job *job, const char *name) {
+/* Takes `value` over. */
+static ern_status note(struct ern_prepare_job *job, const struct file *file, json_t *value) {
+  char name[NAME];
+  name_of(file, name);
   if (!json_is_object(json_object_get(job->record, "made")))
     (void)json_object_set_new(job->record, "made", json_object());
-  if (json_object_set_new(json_object_get(job->record, "made"), name, json_true()) == 0) return ERN_OK;
+  if (json_object_set_new(json_object_get(job->record, "made"), name, value) == 0) return ERN_OK;
   return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder);
-}
-
-/* Of FOLDER/NAME or NAME, where ID.ENDING is any frame's; NULL: no step writes that. */
-static const struct file *find(const char *name) {
-  const char *slash = strchr(name, '/');
-  const char *last = slash != NULL ? slash + 1 : name;
-  const size_t folder = slash != NULL ? (size_t)(slash - name) : 0;
-  for (int k = 0; k < FILES; k++) {
-    const char *own = last + (files[k].name[0] == '.' ? strspn(last, "0123456789") : 0);
-    if (strlen(files[k].folder) == folder && strncmp(files[k].folder, name, folder) == 0 &&
-        strcmp(files[k].name, own) == 0)
-      return &files[k];
-  }
-  return NULL;
 }
 
 ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]) {
   ern_status status = ERN_OK;
-  const struct file *file = find(name);
-  char noted[NAME];
+  size_t id = 0;
+  const struct file *file = find(name, &id);
   if (file == NULL) return ern_fail(job->context, ERN_E_ARGUMENT, "%s/%s: no step writes it", job->folder, name);
-  name_of(file, noted);
-  if (!is_made(job, noted)) {
+  const json_int_t frames = json_integer_value(json_object_get(job->record, "frames"));
+  const bool numbered = is_numbered(file);
+  if (!numbered || id >= made_count(job, file)) {
     ERN_TRY(check_file(job, file, file->step == FACE));
-    ERN_TRY(note(job, noted));
+    ERN_TRY(note(job, file,
+                 numbered ? json_integer(frames > (json_int_t)id ? frames : (json_int_t)id + 1) : json_string("")));
     ERN_TRY(ern_prepare_record_save(job));
   }
   ERN_TRY(ern_prepare_path(job, path, "%s", name));
@@ -249,31 +285,46 @@ fail:
   return status;
 }
 
-/* Whether the file is there, or that of any frame. */
-static bool is_any_there(const struct ern_prepare_job *job, const struct file *file) {
-  const json_int_t frames = json_integer_value(json_object_get(job->record, "frames"));
+/* What is to be noted of files of frames: all of them where their step is done, else those before the first that is not
+ * there, which a call that was stopped did not come to. */
+static json_t *count_there(const struct ern_prepare_job *job, const struct file *file) {
+  static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
+  const bool done = json_object_get(json_object_get(job->record, "steps"), steps[file->step]) != NULL;
+  const size_t count = made_count(job, file);
   char name[NAME];
-  name_of(file, name);
-  if (file->name[0] != '.') return is_file(job, name);
-  for (json_int_t i = 0; i < frames; i++) {
-    snprintf(name, sizeof name, "%s/%" JSON_INTEGER_FORMAT "%s", file->folder, i, file->name);
-    if (is_file(job, name)) return true;
+  size_t first = 0;
+  for (size_t i = 0; i < count; i++) {
+    snprintf(name, sizeof name, "%s/%zu%s", file->folder, i, file->name);
+    const bool there = is_file(job, name);
+    if (there && done) return json_integer((json_int_t)count);
+    if (!there && !done) break;
+    if (there) first = i + 1;
   }
-  return false;
+  return first > 0 ? json_integer((json_int_t)first) : NULL;
 }
 
-ern_status ern_prepare_forget_missing(struct ern_prepare_job *job) {
-  json_t *made = json_object_get(job->record, "made"), *settled = json_object();
+static json_t *hash_there(const struct ern_prepare_job *job, const struct file *file) {
+  const char *before = json_string_value(noted(job, file));
+  char name[NAME], path[ERN_PREPARE_PATH], hash[65];
+  name_of(file, name);
+  if (before == NULL || !is_file(job, name)) return NULL;
+  if (before[0] != 0 || snprintf(path, sizeof path, "%s/%s", job->folder, name) >= (int)sizeof path ||
+      ern_file_sha256(job->context, path, hash) != ERN_OK)
+    return json_string(before);
+  return json_string(hash);
+}
+
+ern_status ern_prepare_note_made(struct ern_prepare_job *job) {
+  const json_t *made = json_object_get(job->record, "made");
+  json_t *now = json_object();
   char name[NAME];
   for (int k = 0; k < FILES; k++) {
+    json_t *value = is_numbered(&files[k]) ? count_there(job, &files[k]) : hash_there(job, &files[k]);
     name_of(&files[k], name);
-    if (is_made(job, name) && is_any_there(job, &files[k])) (void)json_object_set_new(settled, name, json_true());
+    if (value != NULL) (void)json_object_set_new(now, name, value);
   }
-  const bool same = made == NULL || json_equal(made, settled);
-  if (same || settled == NULL || json_object_set(job->record, "made", settled) != 0) {
-    json_decref(settled);
-    return ERN_OK;
-  }
-  json_decref(settled);
-  return ern_prepare_record_save(job);
+  const bool changed = made != NULL && now != NULL && !json_equal(made, now);
+  if (changed) (void)json_object_set(job->record, "made", now);
+  json_decref(now);
+  return changed ? ern_prepare_record_save(job) : ERN_OK;
 }

@@ -4,7 +4,7 @@
 #include <fcntl.h>
 
 #include "ernerf/media.h"
-#include "prepare/still_crop.h"
+#include "prepare/stabilized_crop.h"
 #include "prepare_test.h"
 
 enum { MOST = 40, SIDE = 128 };
@@ -122,42 +122,60 @@ static void test_poses_refused(void **state) {
 /* Brought poses are held against the faces that were found, and against each other. */
 static void test_poses_judged(void **state) {
   (void)state;
-  static const char *const words[] = {"aud_id is not img_id in 11 of 20 frames of clip/transforms_train.json",
-                                      "in 1 of the 10 frames where a face was found", "furthest in frame 6",
-                                      "the head turns by 0.0 degrees in all"};
+  enum { ALL = 22, CLIP = 20, FOUND = 10 };
+  static const struct {
+    const char *name, *words; /* NULL: nothing of the faces is said */
+    double scale, side;
+    int shift;
+    bool still, stray;
+  } ways[] = {{"as found", NULL, 1, 1, 0, false, false},
+              {"one elsewhere", "in 1 of the 10 frames where a face was found", 1, 1, 0, false, true},
+              {"half the distance", "are 0.60 times as wide", 0.5, 1, 0, false, false},
+              {"twice the distance", "are 2.40 times as wide", 2, 1, 0, false, false},
+              {"mirrored", "do not move sideways", 1, -1, 0, false, false},
+              {"other frames", "do not move", 1, 1, 9, false, false},
+              {"one for all", "the head turns by 0.0 degrees in all", 1, 1, 0, true, false}};
   struct made_job m;
-  struct ern_head_pose poses[MOST];
-  struct ern_found_face faces[10];
-  made_job_open(&m, "clip", SIDE, 22);
-  for (int astray = 0; astray < 2; astray++) {
-    poses_of(poses, 22);
-    if (astray > 0)
-      for (int i = 0; i < 22; i++) poses[i] = made_pose(0, 0, 0, i == 6 ? 0.14 : 0.01, 0.02, 0.7);
-    m.options.poses = NULL;
-    m.job.frames = 22;
+  struct ern_head_pose own[ALL], brought[ALL];
+  struct ern_found_face faces[FOUND];
+  made_job_open(&m, "clip", SIDE, ALL);
+  for (int i = 0; i < ALL; i++) own[i] = made_pose(i, 3, 2, 0.04 * sin(0.5 * i), 0.02, 0.7);
+  for (size_t w = 0; w < sizeof ways / sizeof *ways; w++) {
     m.job.focal = 2.4 * SIDE;
-    support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
-    for (size_t i = 0; i < 10; i++) {
-      const struct ern_head_pose *pose = &poses[astray > 0 && i == 3 ? 0 : 2 * i];
-      double box[4];
-      ern_head_box(pose, m.job.focal, 0.5 * SIDE, box);
-      const float wide = (float)(box[2] - box[0]), x = (float)(0.5 * (box[0] + box[2])),
-                  y = (float)(0.5 * (box[1] + box[3]));
-      faces[i] =
-          (struct ern_found_face){.frame = 2 * i, .x = x - wide / 2, .y = y - wide / 2, .width = wide, .height = wide};
+    for (size_t i = 0; i < FOUND; i++) {
+      const float wide = 1.2f * (float)(0.15 * m.job.focal / 0.7);
+      const double *at = own[2 * i].translation;
+      const float x = (float)(0.5 * SIDE + m.job.focal * at[0] / 0.7),
+                  y = (float)(0.5 * SIDE - m.job.focal * at[1] / 0.7);
+      faces[i] = (struct ern_found_face){2 * i, x - wide / 2, y - wide / 2, wide, wide, false, {{0}}};
     }
-    m.job.frames = 20;
-    support_ok(m.job.context, ern_prepare_faces_write(&m.job, faces, 10));
+    for (int i = 0; i < ALL; i++) {
+      brought[i] = own[ways[w].still ? 0 : (i + ways[w].shift) % ALL];
+      for (int c = 0; c < 3; c++) brought[i].translation[c] *= ways[w].scale;
+      brought[i].translation[0] *= ways[w].side;
+    }
+    if (ways[w].stray) brought[6].translation[0] += 0.1;
+    m.options.poses = NULL;
+    m.job.frames = ALL;
+    support_ok(m.job.context, ern_prepare_poses_write(&m.job, brought));
+    m.job.frames = CLIP;
+    support_ok(m.job.context, ern_prepare_faces_write(&m.job, faces, FOUND));
     m.options.poses = "clip/transforms_train.json";
-    if (astray == 0) /* frames 1 and 10 to 19 */
-      assert_int_equal(system("sed -i 's/\"aud_id\": 1/\"aud_id\": 2/' clip/transforms_train.json"), 0);
     m.verdict = (ern_prepare_verdict){.step = "pose"};
     support_ok(m.job.context, ern_prepare_pose(&m.job));
-    for (int i = 0; i < 4; i++)
-      if ((strstr(m.verdict.words, words[i]) != NULL) != (astray == (i > 0)))
-        fail_msg("%s: found \"%s\"", words[i], m.verdict.words);
-    assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
+    const char *words = ways[w].words != NULL ? ways[w].words : "";
+    if (strstr(m.verdict.words, words) == NULL || (m.verdict.grade == ERN_PREPARE_GOOD) != (ways[w].words == NULL))
+      fail_msg("%s: expected \"%s\", found \"%s\"", ways[w].name, words, m.verdict.words);
   }
+  m.job.frames = ALL;
+  m.options.poses = NULL;
+  support_ok(m.job.context, ern_prepare_poses_write(&m.job, own));
+  m.job.frames = CLIP;
+  m.options.poses = "clip/transforms_train.json";
+  assert_int_equal(system("sed -i 's/\"aud_id\": 1/\"aud_id\": 2/' clip/transforms_train.json"), 0); /* 1, 10 to 19 */
+  support_ok(m.job.context, ern_prepare_pose(&m.job));
+  assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
+  assert_non_null(strstr(m.verdict.words, "aud_id is not img_id in 11 of 20 frames of clip/transforms_train.json"));
   made_job_close(&m);
 }
 
@@ -231,12 +249,12 @@ static void test_still_crop(void **state) {
   struct made_job m;
   static uint8_t grey[SIDE * SIDE], pixels[3 * SIDE * SIDE];
   float values[ROWS * COLUMNS];
-  const struct ern_still_crop crop = {.x = 0, .y = 0.03, .step = 0.004, .columns = COLUMNS, .rows = ROWS};
+  const struct ern_stabilized_crop crop = {.x = 0, .y = 0.03, .step = 0.004, .columns = COLUMNS, .rows = ROWS};
   made_job_open(&m, "clip", SIDE, 1);
   for (int i = 0; i < SIDE * SIDE; i++) grey[i] = (uint8_t)(i % SIDE + i / SIDE / 2);
   for (int turn = -1; turn <= 1; turn++) {
     const struct ern_head_pose pose = made_pose(10 * turn, 5 * turn, 3 * turn, 0.01 * turn, 0, 0.7);
-    ern_still_crop_take(&crop, &pose, &m.job, grey, values);
+    ern_stabilized_crop_take(&crop, &pose, &m.job, grey, values);
     for (int r = 0; r < ROWS; r++)
       for (int c = 0; c < COLUMNS; c++) {
         const double x = crop.x + (c - 4) * crop.step, y = crop.y - (r - 2) * crop.step;
@@ -248,9 +266,9 @@ static void test_still_crop(void **state) {
       }
   }
   const struct ern_head_pose away = made_pose(0, 0, 0, 5, -5, 0.7), behind = made_pose(0, 0, 0, 0, 0, -1);
-  ern_still_crop_take(&crop, &away, &m.job, grey, values);
+  ern_stabilized_crop_take(&crop, &away, &m.job, grey, values);
   for (int i = 0; i < ROWS * COLUMNS; i++) assert_true(fabsf(values[i] - grey[SIDE * SIDE - 1]) < 0.01f);
-  ern_still_crop_take(&crop, &behind, &m.job, grey, values);
+  ern_stabilized_crop_take(&crop, &behind, &m.job, grey, values);
   for (int i = 0; i < ROWS * COLUMNS; i++) assert_true(values[i] >= 0 && values[i] <= 255);
   /* the frame itself, in grey (BT.601), and refused in another size */
   uint8_t read[SIDE * SIDE];

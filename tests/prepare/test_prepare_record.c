@@ -321,6 +321,7 @@ static void test_not_made(void **state) {
   }
   m.options.anew = false;
   assert_int_equal(system("mkdir -p clip/ori_imgs"), 0);
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
   support_ok(m.job.context, ern_prepare_claim(&m.job, "ori_imgs/0.jpg", path)); /* "face" is done, and nothing else */
   assert_string_equal(path, "clip/ori_imgs/0.jpg");
   m.job.frames = 3;
@@ -343,30 +344,56 @@ static void test_not_made(void **state) {
   made_job_close(&m);
 }
 
-/* A call that was stopped has noted files which it did not come to write: those that the user puts there stay. */
+/* A call that was stopped has noted files which it did not come to write: those that the user puts there stay, and so
+ * do those of ours that the user changes. */
 static void test_noted_not_written(void **state) {
   (void)state;
-  static const char *const names[] = {"overlay.mp4", "transforms_val.json", "report.html", "gt_imgs/1.jpg", "bc.jpg"};
-  enum { NAMES = sizeof names / sizeof *names, WRITTEN = NAMES - 1 };
+  static const char *const names[] = {
+      "overlay.mp4", "transforms_val.json", "report.html", "gt_imgs/1.jpg", "ori_imgs/2.jpg", "bc.jpg", "au.csv"};
+  enum { NAMES = sizeof names / sizeof *names, SAME = NAMES - 1 }; /* au.csv stays as it was written */
   struct made_job m;
   char path[ERN_PREPARE_PATH];
   made_job_open(&m, "clip", 128, 3);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
-  assert_int_equal(mkdir("clip/gt_imgs", 0777), 0);
+  assert_int_equal(json_object_set_new(m.job.record, "steps", json_object()), 0);
+  assert_int_equal(system("mkdir clip/gt_imgs clip/ori_imgs"), 0);
   for (size_t i = 0; i < NAMES; i++) support_ok(m.job.context, ern_prepare_claim(&m.job, names[i], path));
-  support_write_text(path, "made");
-  support_ok(m.job.context, ern_prepare_forget_missing(&m.job));
+  support_write_text("clip/bc.jpg", "made");
+  support_write_text("clip/au.csv", "made");
+  support_write_text("clip/ori_imgs/0.jpg", "made"); /* and 1 and 2 are not */
+  support_ok(m.job.context, ern_prepare_note_made(&m.job));
   for (size_t i = 0; i < NAMES; i++) {
     snprintf(path, sizeof path, "clip/%s", names[i]);
-    support_write_text(path, "mine");
-    support_expect(m.job.context, ern_prepare_claim(&m.job, names[i], path), i == WRITTEN ? ERN_OK : ERN_E_EXISTS,
-                   i == WRITTEN ? NULL : names[i], "did not make it", NULL);
+    if (i != SAME) support_write_text(path, "mine");
+    support_expect(m.job.context, ern_prepare_claim(&m.job, names[i], path), i == SAME ? ERN_OK : ERN_E_EXISTS,
+                   i == SAME ? NULL : names[i], "did not make it", NULL);
   }
+  support_ok(m.job.context, ern_prepare_remove_made(&m.job, "bc.jpg"));
   support_ok(m.job.context, ern_prepare_clear(&m.job));
   for (size_t i = 0; i < NAMES; i++) {
     snprintf(path, sizeof path, "clip/%s", names[i]);
-    assert_true(there(path) == (i != WRITTEN));
+    assert_true(there(path) == (i != SAME));
   }
+  assert_false(there("clip/ori_imgs/0.jpg"));
+  made_job_close(&m);
+}
+
+/* All frames' files of a step that was done are its own, also where one of them is gone. */
+static void test_noted_with_gap(void **state) {
+  (void)state;
+  struct made_job m;
+  char path[ERN_PREPARE_PATH];
+  made_job_open(&m, "clip", 128, 3);
+  assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
+  assert_int_equal(json_object_set_new(m.job.record, "steps", json_pack("{s:{}}", "layers")), 0);
+  assert_int_equal(system("mkdir clip/parsing clip/gt_imgs"), 0);
+  support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path));
+  support_ok(m.job.context, ern_prepare_claim(&m.job, "gt_imgs/0.jpg", path));
+  support_write_text("clip/parsing/2.png", "made");
+  support_ok(m.job.context, ern_prepare_note_made(&m.job));
+  support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/2.png", path));
+  support_write_text("clip/gt_imgs/2.jpg", "mine"); /* none of them was there */
+  support_expect(m.job.context, ern_prepare_claim(&m.job, "gt_imgs/0.jpg", path), ERN_E_EXISTS, "gt_imgs/2.jpg", NULL);
   made_job_close(&m);
 }
 
@@ -465,6 +492,7 @@ int main(void) {
                                      cmocka_unit_test(test_damaged),         cmocka_unit_test(test_clear),
                                      cmocka_unit_test(test_not_made),        cmocka_unit_test(test_call),
                                      cmocka_unit_test(test_unfinished),      cmocka_unit_test(test_refused_before),
-                                     cmocka_unit_test(test_earlier_version), cmocka_unit_test(test_noted_not_written)};
+                                     cmocka_unit_test(test_earlier_version), cmocka_unit_test(test_noted_not_written),
+                                     cmocka_unit_test(test_noted_with_gap)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
