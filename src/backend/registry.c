@@ -19,8 +19,8 @@ void ern_backend_config_fill(ern_backend_config *config, size_t bytes) {
 }
 
 /* bf16 is chosen unasked where it is measured to be faster, and if it costs a rendered frame less than 0.05 dB of its
- * PSNR: it costs 0.01 dB, the most of five models (docs/performance.md; tests/numerics/test_bf16_price.c holds it to
- * that). */
+ * PSNR: it costs 0.01 dB, the most of five models (docs/history-rendering.md; tests/numerics/test_bf16_price.c holds it
+ * to that). */
 static ern_isa best_isa(void) {
   static const ern_isa order[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};
   if (ern_cpu_bf16_is_faster()) return ERN_ISA_AVX512BF16;

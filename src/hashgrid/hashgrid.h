@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The level tables of the grids (model.md: float32 rounding after each operation). */
+ * The level tables of the grids (docs/maths.md, Tri-plane hash grids: float32 rounding after each operation). */
 #ifndef ERN_HASHGRID_H
 #define ERN_HASHGRID_H
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * From eight windows of speech features to one audio code: AudioNet on each window, AudioAttNet over the eight
- * (model.md section 3; after AD-NeRF). */
+ * (docs/maths.md, Speech; after AD-NeRF). */
 #ifndef ERN_AUDIO_OPS_H
 #define ERN_AUDIO_OPS_H
 

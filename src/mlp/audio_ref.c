@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Reference of the audio networks (model.md section 3): AudioNet turns each of eight windows into a code, AudioAttNet
- * weighs the eight codes. */
+ * Reference of the audio networks (docs/maths.md, Speech): AudioNet turns each of eight windows into a code,
+ * AudioAttNet weighs the eight codes. */
 #include <stdbool.h>
 #include <tgmath.h>
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * From positions to features, by the model's backbone (model.md section 2), through the dispatch table. */
+ * From positions to features, by the model's backbone (docs/maths.md, Tri-plane hash grids), through the dispatch
+ * table. */
 #ifndef ERN_MODEL_ENCODER_H
 #define ERN_MODEL_ENCODER_H
 

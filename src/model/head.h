@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The head field over a batch of samples, stage by stage through the dispatch table: encoder, region attention,
- * density, colour, uncertainty (model.md section 4; paper section 3). Each forward function has its mirror. */
+ * density, colour, uncertainty (docs/maths.md, Field; paper section 3). Each forward function has its mirror. */
 #ifndef ERN_MODEL_HEAD_H
 #define ERN_MODEL_HEAD_H
 

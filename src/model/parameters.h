@@ -9,13 +9,13 @@
 
 enum { ERN_MAX_PARAMETERS = 64, ERN_PARAMETER_DIMS = 3, ERN_PARAMETER_NAME = 64 };
 
-/* Learning-rate groups (model.md section 6). */
+/* Learning-rate groups (docs/maths.md, Update). */
 typedef enum ern_group { ERN_GROUP_GRID, ERN_GROUP_NET, ERN_GROUP_AUDIO_ATT } ern_group;
 
 typedef enum ern_init {
   ERN_INIT_UNIFORM, /* [-range, range] */
   ERN_INIT_NORMAL,  /* range * normal(0, 1) */
-  ERN_INIT_ANCHORS, /* the key points of model.md section 7 */
+  ERN_INIT_ANCHORS, /* the key points of docs/maths.md, Torso */
   ERN_INIT_ONE
 } ern_init;
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The torso field over a batch of pixels, through the dispatch table (model.md section 7; paper section 3.4). */
+ * The torso field over a batch of pixels, through the dispatch table (docs/maths.md, Torso; paper section 3.4). */
 #ifndef ERN_MODEL_TORSO_H
 #define ERN_MODEL_TORSO_H
 

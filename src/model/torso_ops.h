@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The torso: adaptive pose encoding, deformation, compositing, and its 2D occupancy (model.md section 7; paper eq.
+ * The torso: adaptive pose encoding, deformation, compositing, and its 2D occupancy (docs/maths.md, Torso; paper eq.
  * 9-11). */
 #ifndef ERN_TORSO_OPS_H
 #define ERN_TORSO_OPS_H

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The torso: adaptive pose encoding, coordinates, deformation, compositing, 2D occupancy (model.md section 7, paper eq.
- * 9-11). Coordinates and the choice of pixels are in float in every build, so that float and double look at the same
- * ones. */
+ * The torso: adaptive pose encoding, coordinates, deformation, compositing, 2D occupancy (docs/maths.md, Torso, paper
+ * eq. 9-11). Coordinates and the choice of pixels are in float in every build, so that float and double look at the
+ * same ones. */
 #include <math.h>
 #include <stdbool.h>
 

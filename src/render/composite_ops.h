@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * From samples to pixels (model.md section 1; paper eq. 1-2). */
+ * From samples to pixels (docs/maths.md, Compositing; paper eq. 1-2). */
 #ifndef ERN_COMPOSITE_OPS_H
 #define ERN_COMPOSITE_OPS_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * From pixels to samples: rays, and marching through the occupancy grid (model.md sections 1 and 5). */
+ * From pixels to samples: rays, and marching through the occupancy grid (docs/maths.md, Rays and samples). */
 #ifndef ERN_MARCH_OPS_H
 #define ERN_MARCH_OPS_H
 
@@ -25,7 +25,7 @@ typedef void ern_rays_kernel(ern_real *dir, size_t stride, const int32_t *pixel,
 struct ern_march_settings {
   float bound;    /* the box is x in [-b, b], y in [-b/2, b/2], z in [-b, b] */
   int max_steps;  /* samples a ray, 1..ERN_MAX_STEPS */
-  float dt_gamma; /* step = clamp(t*dt_gamma, dt_min, dt_max), model.md section 5 */
+  float dt_gamma; /* step = clamp(t*dt_gamma, dt_min, dt_max), docs/maths.md, Rays and samples */
   float near;     /* smallest distance of a sample, ERN_NEAR_PLANE */
 };
 

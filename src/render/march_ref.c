@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Rays, marching them through the occupancy grid, and the samples that come of it (model.md section 5). In float in
- * every build, so that float and double look along the same rays and evaluate the model at the same points. */
+ * Rays, marching them through the occupancy grid, and the samples that come of it (docs/maths.md, Rays and samples). In
+ * float in every build, so that float and double look along the same rays and evaluate the model at the same points. */
 #include <math.h>
 
 #include "core/kernels.h"
 #include "render/morton.h"
 
-/* Of a pinhole camera (model.md section 1): c = ((i + 1/2 - cx)/f, (j + 1/2 - cy)/f, 1), then d = R c/|c|, R the
- * rotation of the pose. */
+/* Of a pinhole camera (docs/maths.md, Rays and samples): c = ((i + 1/2 - cx)/f, (j + 1/2 - cy)/f, 1), then d = R c/|c|,
+ * R the rotation of the pose. */
 void ERN_REF(ern_rays)(ern_real *dir, size_t stride, const int32_t *pixel, const struct ern_view *view, size_t n) {
   for (size_t r = 0; r < n; r++) {
     const float column = (float)(pixel[r] % view->width), row = (float)(pixel[r] / view->width);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The occupancy grid of the head (model.md section 5). */
+ * The occupancy grid of the head (docs/maths.md, Occupancy). */
 #ifndef ERN_OCCUPANCY_OPS_H
 #define ERN_OCCUPANCY_OPS_H
 

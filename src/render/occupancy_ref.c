@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The head's occupancy grid: which cells a camera sees, where to look at them, and its refresh (model.md section 5).
- * Geometry is in float in every build, so that float and double mark and look at the same cells and points. */
+ * The head's occupancy grid: which cells a camera sees, where to look at them, and its refresh (docs/maths.md,
+ * Occupancy). Geometry is in float in every build, so that float and double mark and look at the same cells and points.
+ */
 #include <math.h>
 
 #include "core/kernels.h"

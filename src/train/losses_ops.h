@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Losses, value and gradient together (model.md section 6). */
+ * Losses, value and gradient together (docs/maths.md, Losses of the head). */
 #ifndef ERN_LOSSES_OPS_H
 #define ERN_LOSSES_OPS_H
 
@@ -17,7 +17,7 @@ typedef enum ern_loss_term {
   ERN_LOSS_TERMS
 } ern_loss_term;
 
-/* s is the progress step/steps in [0, 1]; the other numbers are the factors of model.md section 6 before s. */
+/* s is the progress step/steps in [0, 1]; the other numbers are the factors of docs/maths.md before s. */
 struct ern_loss_weights {
   float s;
   float uncertainty;        /* 1 */

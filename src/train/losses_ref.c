@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The losses of model.md section 6, value and gradient together. Sums are in double in every build. */
+ * The losses of the head and the torso (docs/maths.md), value and gradient together. Sums are in double in every build.
+ */
 #include <tgmath.h>
 
 #include "core/kernels.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average of parameters, and whether they are finite (model.md section 6). */
+ * AdamW, the moving average of parameters, and whether they are finite (docs/maths.md, Update). */
 #ifndef ERN_OPTIMIZER_OPS_H
 #define ERN_OPTIMIZER_OPS_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average of the weights, and the test for finite values (model.md section 6). */
+ * AdamW, the moving average of the weights, and the test for finite values (docs/maths.md, Update). */
 #include <float.h>
 #include <tgmath.h>
 

@@ -21,7 +21,7 @@ static double seconds_now(void) {
   return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
 }
 
-/* Progress of the coarse stage: s of model.md section 6. */
+/* Progress of the coarse stage: s of docs/maths.md, Update. */
 static double progress(const ern_trainer *t) { return (double)t->step / (double)t->config.iters; }
 
 static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
@@ -142,7 +142,7 @@ static ern_status check_finite(ern_trainer *t, const struct ern_batch *batches, 
 static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
 static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
 
-/* AdamW by learning-rate group (model.md section 6); rates fall as 0.5^s. */
+/* AdamW by learning-rate group (docs/maths.md, Update); rates fall as 0.5^s. */
 static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_parameter *row, float factor) {
   float rate = t->config.lr_net, decay = 0;
   if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;

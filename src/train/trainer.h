@@ -8,7 +8,7 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
-/* Share of a head's rays that are drawn in the lower face, found by trying (docs/performance.md). */
+/* Share of a head's rays that are drawn in the lower face, found by trying (docs/history-training.md). */
 #define ERN_LOWER_FACE_SHARE 0.4f
 
 enum {

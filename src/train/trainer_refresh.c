@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Occupancy while training: where the head and the torso may be (model.md sections 5 and 7). */
+ * Occupancy while training: where the head and the torso may be (docs/maths.md, Occupancy). */
 #include <math.h>
 
 #include "core/rng.h"

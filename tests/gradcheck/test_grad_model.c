@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Gradients of whole training steps, head and torso, through the double reference's table, against central differences.
  *
- * Some losses stop gradients on purpose (model.md section 6), so each run switches on the terms that do not, or looks
- * only at the parameters that the stopped paths do not reach. */
+ * Some losses stop gradients on purpose (docs/maths.md, Losses of the head), so each run switches on the terms that do
+ * not, or looks only at the parameters that the stopped paths do not reach. */
 #define ERN_DOUBLE
 #include "../support.h"
 

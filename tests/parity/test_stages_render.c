@@ -82,7 +82,8 @@ static struct ern_pose_list open_poses(ern_context *context, const char *split) 
   return list;
 }
 
-/* model.md section 1: rows 1, 2, 0 of the file's matrix; columns 1 and 2 negated; the translation times 4. */
+/* docs/formats.md, transform_matrix: rows 1, 2, 0 of the file's matrix; columns 1 and 2 negated; the translation
+ * times 4. */
 static struct ern_view view_of(const struct ern_pose_list *list, size_t frame) {
   struct ern_view view = {{0}, (float)list->focal, (float)list->cx, (float)list->cy, list->width, list->height};
   const float *m = list->poses[frame].matrix;

@@ -63,7 +63,7 @@ static void check_timing(const ern_bench_timing *timing) {
 static void test_macs(void **state) {
   (void)state;
   const struct ern_field *field = &scene->model->field;
-  /* model.md section 9: 24,048 multiply-adds of a sample with 14 levels and an eye; 168 reads of the tables */
+  /* docs/bench.md: 24,048 multiply-adds of a sample with 14 levels and an eye; 168 reads of the tables */
   const double all = ern_bench_mlp_macs(&field->attention) + ern_bench_mlp_macs(&field->eye) +
                      ern_bench_mlp_macs(&field->density) + ern_bench_mlp_macs(&field->colour);
   assert_true(all == 24048);

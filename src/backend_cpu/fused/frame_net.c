@@ -19,7 +19,7 @@ static size_t dense_count(const struct ern_grid *grid) {
   return count;
 }
 
-/* value (c0, c1) = table[index(c0, c1)]: dense while that fits, else the hash (model.md section 2) */
+/* value (c0, c1) = table[index(c0, c1)]: dense while that fits, else the hash (docs/maths.md, Tri-plane hash grids) */
 static void unhash_level(float *value, const float *table, const struct ern_grid *grid,
                          const struct ern_grid_level *level) {
   const uint32_t side = level->resolution + 1, prime = 2654435761u;

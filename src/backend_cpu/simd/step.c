@@ -161,8 +161,8 @@ LANES_INLINE vf exchanged(vf value, uint32_t by) {
   return value;
 }
 
-/* (c0, c1) is entry c0 ^ c1*prime modulo the size of the level (model.md section 2). The entries of a register of c0
- * lie in one aligned place, in another order. */
+/* (c0, c1) is entry c0 ^ c1*prime modulo the size of the level (docs/maths.md, Tri-plane hash grids). The entries of a
+ * register of c0 lie in one aligned place, in another order. */
 static void unhash(float *value, const float *entries, const struct ern_grid_level *level) {
   const uint32_t side = level->resolution + 1, prime = 2654435761u, size = level->size;
   for (uint32_t c1 = 0; c1 < side; c1++, value += side) {

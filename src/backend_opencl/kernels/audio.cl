@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The audio networks (model.md section 3): AudioNet, a work-group a window, turns eight windows into codes;
+ * The audio networks (docs/maths.md, Speech): AudioNet, a work-group a window, turns eight windows into codes;
  * AudioAttNet, one work-group, weighs them. All values lie [position][channel], channels contiguous, and are read and
  * summed in blocks of eight channels whatever the device, so that sums are in the same order everywhere. What one item
  * writes and others of its group read goes through global memory and a barrier: backward needs it there. */

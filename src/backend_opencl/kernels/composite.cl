@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, model.md section 5). A work-item takes RAYS
+ * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, docs/maths.md, Compositing). A work-item takes RAYS
  * rays one after the other.
  *
  * tau_i = sigma_i dt_i, alpha_i = 1 - exp(-tau_i), T_i = exp(-sum_{j<i} tau_j), w_i = alpha_i T_i. A sample counts

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The losses of model.md section 6, value and gradient together, and the points that the smoothness looks at.
+ * The losses of the head and the torso (docs/maths.md), value and gradient together, and the points that the smoothness looks at.
  *
  * Sums are cut into as many parts as there are groups, each of consecutive elements, whatever the device: GROUP sums
  * side by side, sum k of elements k, k + GROUP, ... of the part, of which then halves are added. A part's sum goes to

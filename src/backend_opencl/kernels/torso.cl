@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy (model.md section 7).
+ * The torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy (docs/maths.md, Torso).
  * Products are rounded before they are added, as in the reference: all backends look at the same pixels and points. */
 #pragma OPENCL FP_CONTRACT OFF
 

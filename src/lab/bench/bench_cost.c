@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Arithmetic of the model, counted from its shapes (model.md section 9): ernerf-lab/bench.h says what counts. */
+ * Arithmetic of the model, counted from its shapes (docs/bench.md): ernerf-lab/bench.h says what counts. */
 #include "lab/bench/bench_shared.h"
 
 double ern_bench_mlp_macs(const struct ern_mlp *mlp) {

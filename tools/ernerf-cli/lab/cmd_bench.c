@@ -420,7 +420,7 @@ int cmd_bench(int argc, char **argv) {
       .usage = "bench [--only kernels] [--backend opencl] [--json FILE.json]\nbench MODEL CLIP",
       .notes =
           "Without MODEL CLIP on a made-up scene, which needs no files. Times are the least and the median of\n"
-          "repeats that take turns. FLOP: two a multiply-add. docs/performance.md says what the columns mean.",
+          "repeats that take turns. FLOP: two a multiply-add. docs/bench.md says what the columns mean.",
       .words = words,
       .word_count = 2,
       .optional_words = 2,

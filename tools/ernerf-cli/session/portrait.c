@@ -12,7 +12,7 @@
 
 enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
 
-/* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/performance.md). */
+/* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/history-rendering.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
 
 void portrait_options(struct portrait *portrait, enum frame_source_split split,

@@ -13,7 +13,7 @@
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
 
-/* Found by trying (docs/performance.md). */
+/* Found by trying (docs/history-training.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
@@ -108,7 +108,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
 }
 
-/* What a time is best spent on (docs/performance.md), where no option says it. */
+/* What a time is best spent on (docs/history-training.md), where no option says it. */
 static void choose_timed(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "rays")) config->rays = TIMED_RAYS;
   if (config->torso) return;
