@@ -51,7 +51,7 @@ void ern_isa_list(char *text, size_t bytes) {
 void ern_cpu_name(char *text, size_t bytes) {
 #if defined(__x86_64__)
   unsigned word[12] = {0};
-  if (__get_cpuid_max(0x80000000u, NULL) >= 0x80000004u) {
+  if ((unsigned)__get_cpuid_max(0x80000000u, NULL) >= 0x80000004u) {
     for (unsigned leaf = 0; leaf < 3; leaf++)
       __get_cpuid(0x80000002u + leaf, &word[4 * leaf], &word[4 * leaf + 1], &word[4 * leaf + 2], &word[4 * leaf + 3]);
     char brand[sizeof word + 1] = {0};

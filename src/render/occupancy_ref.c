@@ -47,8 +47,9 @@ static float dot(const float a[3], float x, float y, float z) { return a[0] * x 
 static int sees(const struct sight *s, float x, float y, float z, float reach) {
   const float dx = x - s->origin[0], dy = y - s->origin[1], dz = z - s->origin[2];
   const float depth = dot(s->column[2], dx, dy, dz) + reach, slack = s->slack + reach;
-  return (depth > 0) & (fabsf(dot(s->column[0], dx, dy, dz)) < s->slope_x * depth + slack) &
-         (fabsf(dot(s->column[1], dx, dy, dz)) < s->slope_y * depth + slack);
+  const int before = depth > 0, across = fabsf(dot(s->column[0], dx, dy, dz)) < s->slope_x * depth + slack,
+            down = fabsf(dot(s->column[1], dx, dy, dz)) < s->slope_y * depth + slack;
+  return before & across & down; /* without a branch */
 }
 
 /* grid of the cells [begin, end), all of one block, by views. A clip has thousands of them, and the edges of few go

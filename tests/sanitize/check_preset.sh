@@ -1,14 +1,15 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The tests once more, built with a sanitizer: all quick ones with `asan` (address, undefined behaviour, leaks); with
-# `tsan` (data races) those that train and render in threads. Builds in WORK, which is kept: half an hour the first time.
+# The tests once more, built otherwise: all quick ones with `clang`, the second compiler, and with `asan` (address,
+# undefined behaviour, leaks); with `tsan` (data races) those that train and render in threads. Builds in WORK, which is
+# kept: half an hour the first time.
 # OpenCL stays out of `tsan`: its driver is not built with it, and each of its locks would be reported.
-# Usage: check_preset.sh SOURCE WORK CMAKE asan|tsan
+# Usage: check_preset.sh SOURCE WORK CMAKE asan|tsan|clang
 set -euo pipefail
 source=$1 work=$2 cmake=$3 preset=$4
 case $preset in
-  asan) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
-  tsan) choice=(-R '(unit|files)/test_(two_renderers|still|trainer|torso|thin|silence|video)$|e2e/test_cli_train_render') ;;
+  asan | clang) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
+  tsan) choice=(-R '(unit|files)/test_(two_renderers|ray_reuse|trainer|torso|occupancy_prune|silence|video)$|e2e/test_cli_train_render') ;;
   *) echo "FAIL: no preset $preset"; exit 1 ;;
 esac
 cd "$source"

@@ -5,7 +5,7 @@
 # Usage: check_small.sh SOURCE WORK CC
 set -euo pipefail
 source=$1 work=$2 cc=$3
-targets=(npy transforms csv landmarks safetensors torch_zip front onnx)
+targets=(npy transforms csv landmarks safetensors torch_zip pareto onnx)
 tests=(test_npy test_transforms test_csv test_landmarks test_safetensors test_torch_zip test_pickle test_onnx)
 
 flags="-std=c17 -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -D_POSIX_C_SOURCE=200809L
