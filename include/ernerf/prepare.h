@@ -14,27 +14,31 @@ typedef struct ern_prepare_options {
   uint32_t cookie, size; /* set by ern_prepare_options_default() */
   double from, to;       /* seconds of the video, 0 <= from < to; to 0: its end */
   int side;              /* pixels a side of the clip's pictures, 128..1024; 512 is the default */
-  /* Pixels of the clip, focal length; 0: 1100/450 of a side, as the public tracking has it, or that of `poses`. */
+  /* Focal length in pixels of the clip. 0: that of `poses` where given, else 1100/450 of a side, as the public tracking
+   * has it. Not both a focal length and `poses`. */
   double focal;
-  bool head_only; /* the clip gets empty torso pictures, and the frames show the head alone */
-  /* One step alone, and again if it was done: "face", "pose", "landmarks", "layers", "eyes", "features". NULL: every
-   * step that is not done yet. */
+  bool head_only; /* the torso pictures are fully transparent, and the frames show the head over the background */
+  /* Do this step only, even if it is done: "face", "pose", "landmarks", "layers", "eyes" or "features". The steps that
+   * read its files are then to be done again. NULL: do every step that is not done. */
   const char *only;
   const char *background; /* a picture of what is behind the person, or "key": a screen of one colour. NULL: found */
-  /* What the user brings in place of a step's own result, NULL: nothing. */
-  /* A folder of ID.lms (68 lines "x y", pixels of the clip); or FILE.csv, OpenFace's table of the video: x_0..x_67,
+  /* Files of the user's that take the place of a step's own result, `landmarks` to `features`; NULL: none.
+   * A folder of ID.lms (68 lines "x y", pixels of the clip); or FILE.csv, OpenFace's table of the video: x_0..x_67,
    * y_0..y_67, timestamp, success; or a network, FILE.onnx. They place the eyes for the step "pose" too. */
   const char *landmarks;
   const char *poses; /* a transforms_*.json of all frames */
   const char *masks; /* a folder of ID.png in AD-NeRF's colours (docs/prepare.md), or a network, FILE.onnx */
-  const char *au;    /* a table with a column AU45_r: by its timestamp, seconds of the video; a row a frame without */
+  const char *au; /* a table with a column AU45_r. Rows belong to frames by a column `timestamp`, seconds of the video;
+                     without one, row k to frame k of the clip */
   const char *features; /* a .npy of speech features */
-  bool anew;            /* what an earlier call made in the folder is made again, from whatever video */
-  /* Called now and then; a non-zero answer cancels (ERN_E_CANCELLED), and what is done stays. NULL: none. */
+  bool anew;            /* overwrite: discard what earlier calls made in the folder, also of another video, and replace
+                           the user's files that have a name of the clip's */
+  /* Called now and then: `done` of `total` units of work of the step. A non-zero answer cancels (ERN_E_CANCELLED), and
+   * what is done stays. NULL: none. */
   int (*progress)(void *user, const char *step, size_t done, size_t total);
   void *user;
-  /* The best stretch of a long video, by the face's places and the sound: "auto": 180 s of a part that is longer than
-   * 300 s, or the seconds that are wanted, "1" to "7200". NULL: the whole part. */
+  /* Take only the best stretch of from..to: without a cut, with a face that is seen and moves, and loud sound. "auto":
+   * 180 s where from..to is longer than 300 s, else all of it; "1" to "7200": so many seconds. NULL: all of it. */
   const char *segment;
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;
@@ -47,11 +51,11 @@ static inline ern_prepare_options ern_prepare_options_default(void) {
   return options;
 }
 
-/* How far the result of a step is to be trusted. */
+/* How reliable the result of a step is. */
 typedef enum ern_prepare_grade {
   ERN_PREPARE_GOOD = 0,
-  ERN_PREPARE_DOUBTFUL = 1, /* a training may be worth its time; the words say what is wrong and what helps */
-  ERN_PREPARE_REFUSED = 2
+  ERN_PREPARE_DOUBTFUL = 1, /* usable, but a training may give a poor result; words: what is wrong and what helps */
+  ERN_PREPARE_REFUSED = 2   /* not usable; the call ends */
 } ern_prepare_grade;
 
 enum { ERN_PREPARE_STEPS = 6, ERN_PREPARE_WORDS = 512 };
@@ -65,18 +69,18 @@ typedef struct ern_prepare_verdict {
 
 /* Plain data, may grow. */
 typedef struct ern_prepare_result {
-  size_t frames; /* of the clip */
-  ern_prepare_verdict verdicts[ERN_PREPARE_STEPS];
+  size_t frames;                                   /* of the clip */
+  ern_prepare_verdict verdicts[ERN_PREPARE_STEPS]; /* face, pose, landmarks, layers, eyes, features */
 } ern_prepare_result;
 
-/* Makes the clip `folder` of a video that FFmpeg reads, step by step, and its report. A step that an earlier call did
- * with the same options, and whose files are all there, is not done again. The folder must not exist, be empty, or be
- * of an earlier call for the same video and the same from, to and side (else ERN_E_EXISTS; see `anew`), and stay in its
- * place until the call ends (else ERN_E_IO). What the user brings is read before a step that needs it takes away what
- * an earlier call made. *result is filled also on failure. A step whose verdict is "refused" ends the call with
- * ERN_E_UNSUPPORTED and its words; the report is written then too, unless "face" is refused in a folder with a clip of
- * an earlier call, which stays as it is. Files there by a clip's names that no call made are refused (ERN_E_EXISTS; see
- * `anew`). Uses the threads of OpenCV and Ceres Solver. */
+/* Makes the clip `folder` of a video that FFmpeg reads, and writes its report. A step is skipped if an earlier call did
+ * it with the same options and all its files are there.
+ * The folder must be absent, empty, or made by an earlier call for the same video, from, to and side; else ERN_E_EXISTS
+ * (see `anew`). ERN_E_EXISTS too where a file in it has the name of a clip's file and no call made it, or it was
+ * changed since. ERN_E_IO: the folder was moved during the call. Files of the user's are read before a step that needs
+ * them removes anything. *result is filled on failure too. A refused step ends the call with ERN_E_UNSUPPORTED, and its
+ * words are the message. The report is written then too, with one exception: where "face" is refused, the clip of an
+ * earlier call stays as it is, with its report. Uses the threads of OpenCV and Ceres Solver. */
 ERN_API ERN_NODISCARD ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                                                    const ern_prepare_options *options, ern_prepare_result *result,
                                                    size_t bytes);

@@ -31,14 +31,16 @@ typedef enum ern_fit {
  * that misses by less than a pixel fits. */
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
-/* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right; the scene is the cube
+/* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z right; the scene
+ * is the cube
  * [-bound, bound]^3. Plain data, final. */
 typedef struct ern_camera {
   float pose[16];      /* camera to world, row-major */
   float focal, cx, cy; /* pixels */
   int width, height;   /* pixels, 1..8192 */
-  ern_box frame;       /* where the frame that the model was trained on lies in the picture (ern_fit_box), ends within
-                          32768; pixels beside it show head and torso of its nearest pixel. Zeros: it is the picture */
+  ern_box frame;       /* the part of the picture that shows what a training frame shows (ern_fit_box); coordinates of
+                          -32768 to 32768. Pixels outside it repeat the nearest pixel's head and torso. All zeros: the
+                          whole picture */
 } ern_camera;
 
 /* matrix: camera to world of a transforms file. Rows of the result: (m10, -m11, -m12, s m13), (m20, -m21, -m22, s m23),
@@ -66,9 +68,10 @@ ERN_API size_t ern_pose_index(size_t frame, size_t count);
 ERN_API ERN_NODISCARD ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window);
 
 /* The pose between two transforms matrices, or two camera poses: the rotation by slerp (constant speed about one axis,
- * the shorter way), the translation by a straight line. share: 0..1; at 0, below and NaN `from`, at 1 and above `to`,
- * and where the two are equal that one, each bit for bit. What a matrix has beside its nearest rotation, and all of one
- * that is singular or a reflection, is interpolated linearly. `out` may be one of the two. Any thread. */
+ * the shorter way), the translation by a straight line. share: 0..1. The result is `from` at 0, below 0 and for NaN,
+ * `to` at 1 and above, and that pose where both are equal, each bit for bit. The residual of a matrix from its nearest
+ * rotation is interpolated linearly, and so is a whole 3 x 3 part where one of the two is singular or a reflection.
+ * `out` may be one of the two. Any thread. */
 ERN_API void ern_pose_interpolate(float out[16], const float from[16], const float to[16], double share);
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
@@ -85,18 +88,19 @@ ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *featu
 /* What silence looks like in speech features of one kind. Read-only once learnt: any number of threads may use one. */
 typedef struct ern_silence ern_silence;
 
-/* Learns it from a recording, such as the clip that a model was trained on. loudness: [features->windows] of each
- * frame's sound in dB, whatever they refer to; NULL: frames are quiet where the features stand still. ERN_E_STATE says
- * why where it cannot be told: too few quiet or loud frames, too little between them, or features that do not follow.
- * On success the caller owns *silence. */
+/* Learns to recognise silence from a recording, such as the clip that a model was trained on. loudness:
+ * [features->windows], the level of each frame's sound in dB, with any reference level; NULL: frames whose features do
+ * not change count as quiet. ERN_E_STATE: silence cannot be recognised, and the message has the reason: too few quiet
+ * or loud frames, too small a difference of level, or features that do not separate the two. On success the caller owns
+ * *silence. */
 ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const ern_features *features,
                                                    const float *loudness, ern_silence **silence);
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
 
-/* rest[features->windows]: how far the mouth is at rest in each frame of a speech in features of the same kind, for
- * ern_frame_input. 0 in speech and in pauses of less than 8 frames; in silence 0.2, 0.4, 0.6, 0.8 and then 1, at the
- * beginning of the speech 1 at once; 0 again from the first frame in which something is said. ERN_E_MISMATCH: features
- * of another width. */
+/* rest[features->windows]: ern_frame_input.rest for each frame of a speech in features of the same kind. It is 0 in
+ * speech and in pauses of less than 8 frames. In silence it is 0.2, 0.4, 0.6, 0.8 and then 1; where the recording
+ * begins with silence it is 1 at once. It is 0 again from the first frame of speech on. ERN_E_MISMATCH: features of
+ * another width. */
 ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features,
                                                   float *rest);
 
@@ -104,17 +108,17 @@ ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, co
 
 /* Plain data, may grow. */
 typedef struct ern_render_options {
-  uint32_t cookie, size; /* set by ern_render_options_default() */
-  int threads;           /* 0..ERN_THREADS_MOST; 0: one a core. An OpenCL device has none of its own: the log warns */
-  int max_steps;         /* samples a ray at most, 1..1024; 0: the model's (ern_model_info). 0 */
-  float dt_gamma;        /* step growth with distance, 0..1; below 0: the model's. -1 */
-  float transmittance_stop; /* no samples after less light than this is left, 0..1; 1e-4 */
-  float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0: the model's. 0 */
+  uint32_t cookie, size;    /* set by ern_render_options_default() */
+  int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and warns */
+  int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
+  float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
+  float transmittance_stop; /* a ray ends where less light than this is left, 0..1; default 1e-4 */
+  float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
                                and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
-  float frame_rate;         /* frames a second that the frames are drawn for, 1..1000; 25. It counts for smooth_lips */
-  float image_scale;        /* the head is drawn at so many times the frame's width and height, and enlarged (bicubic)
-                               before it is laid over the background, which stays sharp; 0.25..1; 1 */
+  float frame_rate;         /* frames a second of the video, 1..1000, default 25; smooth_lips needs it */
+  float image_scale;        /* the head is drawn at so many times the picture's width and height and upsampled (bicubic)
+                               before it is composited over the background, which stays sharp; 0.25..1, default 1 */
 } ern_render_options;
 ERN_API void ern_render_options_fill(ern_render_options *options, size_t bytes);
 static inline ern_render_options ern_render_options_default(void) {
@@ -136,11 +140,11 @@ ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a p
 ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features,
                                                       const char *name);
 
-/* For fewer samples at a price: from now on cells are left out whose density is under `density` (per unit of length; a
- * step is 0.027 long, so 0.1 lets 0.3 % of the light be lost a sample) at 8 points each, in each of `count` moments of
- * the speech to come. windows: [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. What was left
- * out before comes back first; density 0 leaves nothing out. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY.
- */
+/* Fewer samples, less accuracy: from now on the renderer skips occupancy cells whose density is below `density` at 8
+ * points of the cell for each of `count` inputs of the speech to come. `density` is per unit of length: with samples
+ * 0.027 apart, a skipped sample of 0.1 is 0.3 % of the light. windows: [count][8][window_length][width]
+ * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors:
+ * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -150,29 +154,30 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *rend
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
 
-/* A frame that is not drawn: its windows [8][window_length][width] count for smooth_lips of the frames after it, so
- * that a part of a video begins as it would be in the whole. Does nothing without smooth_lips. Errors as
- * ern_renderer_frame. */
+/* Takes note of a frame that is not drawn: smooth_lips of the frames after it uses its windows
+ * [8][window_length][width], so that a part of a video begins as it would in the whole. Does nothing without
+ * smooth_lips. Errors as ern_renderer_frame. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int window_length);
 
-/* Keeps from frame to frame what stays the same, from now on: background and torso that are handed in again, a torso of
- * the model's own under the same pose, and, while camera, head_pose and size are those of the frame before, rays of the
- * head. Those without samples cannot change. Those with samples are rendered at up to 16 moments of the speech to come,
- * once a view has stood for four frames, which takes as long as so many frames; where each moment is what the others
- * say, a ray is interpolated between them from then on, else it is rendered anew. No pixel over a background is off by
- * more than `bound` (0..1; 0.5/255 is half a grey level), as measured at the moments with a margin; a frame that lies
- * farther from them than they do from each other is rendered whole. Bound 0 keeps what cannot change alone; below 0
- * nothing is kept, as in the beginning.
- * windows: [count][8][window_length][width] (ern_audio_windows), moments spread over the speech, the more the better;
- * eyes: [count], 0..1; count 0 will do for a bound of 0 or less. What was kept before is forgotten. Errors:
+/* Lets the frames from now on reuse parts of the frame before. Background and torso pictures are reused when the same
+ * ones are handed in again, the model's own torso under the same pose. Rays of the head are reused while camera,
+ * head_pose and size stay the same. A ray without samples is not rendered again. After four such frames the rays with
+ * samples are rendered at up to 16 keyframes of the speech to come, inputs that are far from each other; that costs as
+ * much as so many frames. A ray that the other keyframes predict well at each keyframe is interpolated from then on;
+ * every other ray is rendered in each frame.
+ * bound: largest error of a pixel over a background, 0..1; 0.5/255 is half a grey level. It is measured at the
+ * keyframes, with a margin. A frame that is farther from the keyframes than they are from each other is rendered whole.
+ * 0: only what cannot change is reused. Below 0, as at the beginning: nothing is reused.
+ * windows: [count][8][window_length][width] (ern_audio_windows), frames spread over the speech, the more the better;
+ * eyes: [count], 0..1. count may be 0 for a bound of 0 or less. The call forgets what was kept before. Errors:
  * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer, const float *windows,
                                                          int window_length, const float *eyes, size_t count,
                                                          float bound);
 
-/* What the frames since ern_renderer_reuse_rays have taken: of each frame, the share of the rays with samples that was
- * rendered anew, and the share of their samples in occupied cells, 0..1, summed over the frames; the moments that were
- * rendered are counted as frames of 1. Plain data, may grow. */
+/* The work of the frames since ern_renderer_reuse_rays. rays: of each frame the share of its rays with samples that was
+ * rendered, 0..1, summed over the frames. samples: likewise of their samples in occupied cells. A keyframe counts as a
+ * frame of share 1. Plain data, may grow. */
 typedef struct ern_ray_reuse_work {
   uint64_t frames;
   double rays, samples;
@@ -235,31 +240,32 @@ static inline ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer
 
 /* ---- holding a rate ---------------------------------------------------------------------------------------------- */
 
-/* Chooses, frame by frame, among settings whose cost is known, such as renderers of different options: the most
- * accurate one that holds a budget at the pace that the machine has now. Where frames come late it falls back at once,
- * as far as it takes, and makes up for what was late, a little less at once where it was ahead; it returns to what
- * would have fitted in each of 12 frames in a row. Plain data, final: copy it, drop it. */
+/* Chooses for each frame one of several settings of known cost, such as renderers with different options: the most
+ * accurate one that holds the budget at the machine's present speed. Late frames are made up for over the next 12, so
+ * the setting is changed at once to one that is cheap enough; frames that were early count the other way. It returns to
+ * a better setting after 12 frames in a row in which that would have fitted. Plain data, final: copy it, drop it. */
 typedef struct ern_rate_controller {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */
   size_t count;       /* >= 1 */
   double budget;      /* ms a frame, > 0 */
   size_t at;          /* the setting to use now */
-  double slowness;    /* how many times its cost a frame takes now, in the mean of the last few */
+  double slowness;    /* time of a frame over its cost, averaged over the last frames */
   double late;        /* ms behind the budget in all; negative: ahead */
   int calm;           /* frames in a row in which a better setting would have fitted */
   size_t better;      /* the one that would have fitted in all of them */
 } ern_rate_controller;
 
-/* A list that is NULL or empty makes a pace of zeros, which stays at setting 0 and holds nothing. */
-ERN_API void ern_rate_controller_begin(ern_rate_controller *pace, const double *cost, size_t count, double budget);
+/* A list that is NULL or empty makes a controller of zeros, which stays at setting 0 and holds nothing. */
+ERN_API void ern_rate_controller_begin(ern_rate_controller *controller, const double *cost, size_t count,
+                                       double budget);
 
-/* A frame with setting pace->at took so many ms, from the end of the frame before it to its own; the setting for the
- * next frame. What is not a positive number is passed over. */
-ERN_API size_t ern_rate_controller_next(ern_rate_controller *pace, double milliseconds);
+/* Tells how long the frame with setting controller->at took: ms from the end of the frame before to its own end. Gives
+ * the setting for the next frame. A time that is not a positive number is ignored. */
+ERN_API size_t ern_rate_controller_next(ern_rate_controller *controller, double milliseconds);
 
-/* Whether the cheapest setting at least holds the budget at the pace of now. */
-ERN_API bool ern_rate_controller_holds(const ern_rate_controller *pace);
+/* Whether the cheapest setting holds the budget at the machine's present speed. */
+ERN_API bool ern_rate_controller_holds(const ern_rate_controller *controller);
 
 /* ---- judging ----------------------------------------------------------------------------------------------------- */
 

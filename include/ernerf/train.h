@@ -53,8 +53,9 @@ typedef struct ern_dataset {
    * false. Valid until the next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
   const char *identity; /* 64 hex digits; "" or NULL: none */
-  /* The same speech as it might have sounded, such as in voices of another pitch: each training step hears one of the
-   * copies, of the shape of `features`, with the probability copy_share, else `features` */
+  /* Data augmentation: [copy_count] versions of the same speech, such as in voices of another pitch, each of the shape
+   * of `features`. With the probability copy_share a training step takes one of them, drawn at random, else `features`
+   */
   const ern_features *copies;
   size_t copy_count;
   float copy_share;   /* 0..1 */
@@ -65,14 +66,14 @@ typedef struct ern_dataset {
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
 
-/* What the products of a head's networks are made of, forward and backward; sums, weights and optimizer are fp32. A
- * step with the smoothness term is fp32 throughout. */
+/* Number format of the factors in the matrix products of a head's networks, forward and backward. Sums, weights and the
+ * optimizer's state are fp32. A step that has the smoothness loss is fp32 throughout. */
 typedef enum ern_precision {
-  ERN_PRECISION_DEFAULT = 0, /* a resume: its state's; else fp32 */
+  ERN_PRECISION_DEFAULT = 0, /* resuming: as in the state; else fp32 */
   ERN_PRECISION_FP32 = 1,
-  ERN_PRECISION_BF16 = 2, /* ERN_E_UNSUPPORTED where `auto` would not take it */
-  ERN_PRECISION_AUTO = 3 /* bf16 where the backend's instruction set is avx512bf16, which the backend's own "auto" takes
-                            where bf16 is faster; fp32 elsewhere, for a torso and for the heads of the ablation */
+  ERN_PRECISION_BF16 = 2, /* ERN_E_UNSUPPORTED where ERN_PRECISION_AUTO would choose fp32 */
+  ERN_PRECISION_AUTO = 3  /* bf16 where the backend's instruction set is avx512bf16; fp32 elsewhere, for a torso and for
+                             the heads of the ablation. A backend of isa "auto" has avx512bf16 only where it is faster */
 } ern_precision;
 
 #define ERN_FRAMES_PER_STEP_MOST 64
@@ -82,12 +83,13 @@ typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
-  bool resume;           /* go on from the newest state in X.run that verifies; needs an output */
-  bool overwrite;        /* without resume: replace an earlier training at X and X.run with the first save; false: where
+  bool resume;           /* continue from the newest intact state in X.run; needs an output */
+  bool overwrite;        /* without resume: the first save replaces an earlier training at X and X.run; false: where
                             there is one, ern_trainer_create gives ERN_E_EXISTS */
-  const char *from;      /* a model file to take the weights of, NULL: fresh ones. With optimizer state its step too.
-                            No state in X.run: the saves replace those */
-  const ern_model *head; /* for the torso: the head it goes under; copied */
+  const char *from;      /* model file whose weights the training starts from; NULL: random weights. If the file has the
+                            optimizer's state, that and its step number are taken too. It must not be a state inside
+                            X.run, whose files the saves replace: use `resume` */
+  const ern_model *head; /* of a torso: the head that it belongs to; copied */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
   int rays;              /* rays a step, 1..1048576; 65536 */
   ern_backbone backbone; /* of a head, as the next two: trihash */
@@ -98,8 +100,8 @@ typedef struct ern_train_config {
   uint64_t seed;
   int threads;              /* 0..ERN_THREADS_MOST; 0: one a core */
   float lr, lr_net, lr_att; /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
-  int codes;                /* rows of the individual codes; -1: one a training frame, 0: no codes. Of those in the
-                               file of `from` the first ones are kept, and what it lacks is fresh */
+  int codes;                /* rows of the individual codes; -1: one a training frame, 0: no codes. With `from`, the
+                               first rows are copied from the file; rows that it lacks are initialised anew */
   bool torso_gamma;         /* the paper's trained scale of the key points */
   int max_steps;            /* samples a ray, 1..1024; 16 */
   float dt_gamma, bound, torso_shrink; /* 1/256; 1, ERN_BOUND_LEAST..ERN_BOUND_MOST; 0.8 */
@@ -113,23 +115,25 @@ typedef struct ern_train_config {
   bool ema;                    /* write the moving average as the model; of `iters` it needs 10 updates, else
                                   ERN_E_ARGUMENT at the start. Saves before its 10th write the weights as they are */
   uint64_t ema_every;          /* steps between its updates; 1000 */
-  uint64_t refresh_every;      /* steps between looks at where the scene is empty, the first before step 0: all of it
-                                  each time, 16 as published; 0 (default): 16 to 128 steps by `rays`, and after 256 steps
-                                  what is empty in 16 turns */
+  uint64_t refresh_every;      /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
+                                  refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
+                                  steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
+                                  one sixteenth of the others in turn */
   ern_precision precision;
   ern_ray_sampling ray_sampling; /* regions */
-  double seconds; /* 0 (default): `iters` steps. Else the training ends with the first step after so many seconds, up to
-                     1e9, those of resumed parts included, and the learning rates and weights of losses that follow
-                     step/iters follow the share of the time that is past. `iters`, `save_every` and `validate_every`
-                     say nothing then: it is saved each minute, and validated at each tenth of the time, but
-                     at most each minute. It cannot be repeated exactly */
-  bool refine_poses;        /* of a head: the poses of the training frames are parameters too, and the model keeps
-                               what was added to them (ern_model_refine); false. A resume needs its state's */
-  const char *torso_output; /* of a head with an output: the output of the torso that will be trained under it, NULL:
-                               none. `resume` and `overwrite` hold for it too, what is in its way is told at the
-                               start, and the lock of its X.run is held until the trainer is freed */
-  int frames_per_step; /* that a step's rays are divided among, each with its own speech, 1..ERN_FRAMES_PER_STEP_MOST,
-                          at most `rays`; 1, the published way. The gradient is the sum of theirs */
+  double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
+                     this time; earlier runs of a resumed training count. Learning rates and loss weights then follow
+                     the share of the time that has passed instead of step/iters. `iters`, `save_every` and
+                     `validate_every` are ignored: the trainer saves every minute, and validates at each tenth of the
+                     time, at most once a minute. The result cannot be reproduced exactly */
+  bool refine_poses;        /* of a head: corrections of the training frames' poses are parameters too, and the model
+                               keeps them (ern_model_refine); default false. A resume must have its state's */
+  const char *torso_output; /* of a head with `output`: the model file of the torso that the program will train for this
+                               head next; NULL: none. `resume` and `overwrite` apply to it too: ern_trainer_create fails
+                               where it cannot be written, and holds the lock of its .run folder */
+  int frames_per_step;      /* number of frames that share the rays of a step, each with its own speech,
+                               1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
+                               summed */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -173,13 +177,13 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
 }
 
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
- * is touched before the first save. ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an
- * earlier training is there, and neither resume nor overwrite is set. ERN_E_MISMATCH: a state or head of
- * another clip or configuration: a resume takes no other speech features or copies of them, frames, torso layer,
- * refine_poses, scale, audio_pad, dt_gamma or (of a torso) torso_shrink than its state's, and logs what else has
- * changed (rates, rays, seed, iters, intervals, max_steps, precision); a torso takes no other scale, audio_pad,
- * dt_gamma or max_steps than its head's. What differs from the file of `from` is logged. ERN_E_NONFINITE: a pose or
- * feature that is not finite. `dataset` is copied; what it points to is not. */
+ * is touched before the first save. `dataset` is copied; what it points to is not.
+ * ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an earlier training is there, and neither resume nor
+ * overwrite is set. ERN_E_NONFINITE: a pose or feature is not finite. ERN_E_MISMATCH: the state or the head belongs to
+ * another clip or configuration. A resume must have its state's speech features, copies, frames, torso layer,
+ * refine_poses, scale, audio_pad and dt_gamma, and a torso's its torso_shrink; other changes (rates, rays, seed, iters,
+ * intervals, max_steps, precision) are logged. A torso must have its head's scale, audio_pad, dt_gamma and max_steps.
+ * Differences from the file of `from` are logged. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
                                                           const ern_dataset *dataset, size_t dataset_bytes,
                                                           const ern_train_config *config);

@@ -13,48 +13,49 @@ static const double debt_most = 24, credit_most = 8; /* frames of lateness, and 
 static const double room_least = 0.6;                /* of the budget: what making up may squeeze a frame to */
 enum { CALM_FRAMES = 12 }; /* for so many frames a better setting must fit, before it is taken */
 
-/* The most accurate setting that takes `room` ms at most at the machine's pace of now; else the fastest. */
-static size_t fitting(const ern_rate_controller *pace, double room) {
-  for (size_t i = 0; i < pace->count; i++)
-    if (pace->cost[i] * pace->slowness <= room) return i;
-  return pace->count - 1;
+/* The most accurate setting that takes `room` ms at most at the machine's present speed; else the fastest. */
+static size_t fitting(const ern_rate_controller *controller, double room) {
+  for (size_t i = 0; i < controller->count; i++)
+    if (controller->cost[i] * controller->slowness <= room) return i;
+  return controller->count - 1;
 }
 
-void ern_rate_controller_begin(ern_rate_controller *pace, const double *cost, size_t count, double budget) {
+void ern_rate_controller_begin(ern_rate_controller *controller, const double *cost, size_t count, double budget) {
   ERN_PLAIN_FLOATS;
-  if (pace == NULL) return;
-  *pace = (ern_rate_controller){0};
+  if (controller == NULL) return;
+  *controller = (ern_rate_controller){0};
   if (cost == NULL || count == 0) return;
-  *pace = (ern_rate_controller){.cost = cost, .count = count, .budget = budget, .slowness = 1};
-  pace->at = fitting(pace, budget);
+  *controller = (ern_rate_controller){.cost = cost, .count = count, .budget = budget, .slowness = 1};
+  controller->at = fitting(controller, budget);
 }
 
-bool ern_rate_controller_holds(const ern_rate_controller *pace) {
-  return pace != NULL && pace->cost != NULL && pace->count > 0 &&
-         pace->cost[pace->count - 1] * pace->slowness <= pace->budget;
+bool ern_rate_controller_holds(const ern_rate_controller *controller) {
+  return controller != NULL && controller->cost != NULL && controller->count > 0 &&
+         controller->cost[controller->count - 1] * controller->slowness <= controller->budget;
 }
 
-size_t ern_rate_controller_next(ern_rate_controller *pace, double milliseconds) {
+size_t ern_rate_controller_next(ern_rate_controller *controller, double milliseconds) {
   ERN_PLAIN_FLOATS;
-  if (pace == NULL || pace->cost == NULL || pace->at >= pace->count) return 0;
-  if (!(milliseconds > 0) || !isfinite(milliseconds)) return pace->at;
-  const double ratio = milliseconds / pace->cost[pace->at];
-  pace->slowness += weight_of_newest * (fmin(ratio, outlier * fmax(pace->slowness, slowness_least)) - pace->slowness);
-  pace->late =
-      fmin(fmax(pace->late + milliseconds - pace->budget, -credit_most * pace->budget), debt_most * pace->budget);
-  const double room = pace->budget - pace->late / debt_frames;
-  const size_t now = fitting(pace, fmax(room, room_least * pace->budget));
-  const size_t better = fitting(pace, pace->budget);
-  if (now > pace->at) {
-    pace->at = now;
-    pace->calm = 0;
-  } else if (better >= pace->at || pace->late > 0) {
-    pace->calm = 0;
+  if (controller == NULL || controller->cost == NULL || controller->at >= controller->count) return 0;
+  if (!(milliseconds > 0) || !isfinite(milliseconds)) return controller->at;
+  const double ratio = milliseconds / controller->cost[controller->at];
+  controller->slowness +=
+      weight_of_newest * (fmin(ratio, outlier * fmax(controller->slowness, slowness_least)) - controller->slowness);
+  controller->late = fmin(fmax(controller->late + milliseconds - controller->budget, -credit_most * controller->budget),
+                          debt_most * controller->budget);
+  const double room = controller->budget - controller->late / debt_frames;
+  const size_t now = fitting(controller, fmax(room, room_least * controller->budget));
+  const size_t better = fitting(controller, controller->budget);
+  if (now > controller->at) {
+    controller->at = now;
+    controller->calm = 0;
+  } else if (better >= controller->at || controller->late > 0) {
+    controller->calm = 0;
   } else {
-    pace->better = pace->calm == 0 || better > pace->better ? better : pace->better;
-    if (++pace->calm < CALM_FRAMES) return pace->at;
-    pace->at = pace->better;
-    pace->calm = 0;
+    controller->better = controller->calm == 0 || better > controller->better ? better : controller->better;
+    if (++controller->calm < CALM_FRAMES) return controller->at;
+    controller->at = controller->better;
+    controller->calm = 0;
   }
-  return pace->at;
+  return controller->at;
 }

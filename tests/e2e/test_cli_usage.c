@@ -177,11 +177,10 @@ static void test_ranges(void **state) {
 static void test_public_names(void **state) {
   (void)state;
   static const char *const lines[] = {
-      "train nowhere -o x.safetensors --iters 10 --lr 0.01 --lr_net 0.001 --num_rays 64 --seed 3 --asr_model "
-      "deepspeech "
-      "--data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4",
-      "train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
-      "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --audio_pad=zero --save_every=5",
+      ("train nowhere -o x.safetensors --iters 10 --lr 0.01 --lr_net 0.001 --num_rays 64 --seed 3 --asr_model "
+       "deepspeech --data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4"),
+      ("train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
+       "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --audio_pad=zero --save_every=5"),
       "train nowhere --memory 1G --output=x.safetensors --data_range 3 7 --validate-every 10 --ema_every=2 --ema",
   };
   for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {

@@ -20,8 +20,8 @@ static void test_good(void **state) {
   (void)state;
   ern_context *context = support_context();
   static const char *const firsts[] = {"0 0.5", " \t0.0\t0.5 \r", "0e+00 5.000e-01", "-0 +.5",
-                                       "\xef\xbb\xbf"
-                                       "0 .5"};
+                                       ("\xef\xbb\xbf"
+                                        "0 .5")};
   for (size_t i = 0; i < sizeof firsts / sizeof firsts[0]; i++) {
     char text[TEXT_BYTES];
     float points[ERN_LANDMARKS][2];

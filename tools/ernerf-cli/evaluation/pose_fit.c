@@ -201,7 +201,7 @@ static int take_truth(struct search *search, size_t k) {
   ern_dataset dataset;
   ern_dataset_frame frame;
   ern_clip_dataset(evaluation->clip, &dataset);
-  if (dataset.frame(dataset.user, source_frame->split, source_frame->index, &frame) != ERN_OK)
+  if (dataset.frame(dataset.user, (int)source_frame->split, source_frame->index, &frame) != ERN_OK)
     return session_fail(evaluation->session);
   search->left_out = frame.lower_face;
   return 0;

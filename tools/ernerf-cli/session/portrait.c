@@ -19,7 +19,7 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]) {
   portrait->render = ern_render_options_default();
   portrait->render.transmittance_stop = TRANSMITTANCE_STOP;
-  portrait->split = split;
+  portrait->split = (int)split;
   portrait->frames = (struct range){.open_end = true};
   ern_render_options *render = &portrait->render;
   const struct option rows[] = {
