@@ -21,14 +21,14 @@ ERN_SHARDED_SLOT(picture, a->n, 64) {
   kernels->picture(&view, r.end - r.begin);
 }
 
-ERN_SHARDED_SLOT(pick, a->n, 64) {
-  kernels->pick(reals(a->to.span) + r.begin, a->to.stride, reals(a->from.span), a->from.stride, a->from.rows,
-                int32s(a->pixel) + r.begin, r.end - r.begin);
+ERN_SHARDED_SLOT(gather, a->n, 64) {
+  kernels->gather(reals(a->to.span) + r.begin, a->to.stride, reals(a->from.span), a->from.stride, a->from.rows,
+                  int32s(a->pixel) + r.begin, r.end - r.begin);
 }
 
-ERN_SHARDED_SLOT(place, a->n, 64) {
-  kernels->place(reals(a->to.span), a->to.stride, reals(a->from.span) + r.begin, a->from.stride, a->from.rows,
-                 int32s(a->pixel) + r.begin, r.end - r.begin);
+ERN_SHARDED_SLOT(scatter, a->n, 64) {
+  kernels->scatter(reals(a->to.span), a->to.stride, reals(a->from.span) + r.begin, a->from.stride, a->from.rows,
+                   int32s(a->pixel) + r.begin, r.end - r.begin);
 }
 
 ERN_SHARDED_SLOT(blend, a->n, 64) {

@@ -43,11 +43,11 @@ static ern_status run_list(struct ern_stream *stream, const char *kernel, ern_ro
   ern_cl_size(&call, n);
   return ern_cl_each(&call, n);
 }
-ern_status ern_cl_pick(struct ern_stream *stream, struct ern_pick_args *a) {
-  return run_list(stream, "pick", a->to, a->from, a->pixel, a->n);
+ern_status ern_cl_gather(struct ern_stream *stream, struct ern_gather_args *a) {
+  return run_list(stream, "gather", a->to, a->from, a->pixel, a->n);
 }
-ern_status ern_cl_place(struct ern_stream *stream, struct ern_place_args *a) {
-  return run_list(stream, "place", a->to, a->from, a->pixel, a->n);
+ern_status ern_cl_scatter(struct ern_stream *stream, struct ern_scatter_args *a) {
+  return run_list(stream, "scatter", a->to, a->from, a->pixel, a->n);
 }
 
 ern_status ern_cl_blend(struct ern_stream *stream, struct ern_blend_args *a) {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Whose files they are. record.made has what calls made, by the names of the table below: of the files of frames how
- * many, from ID 0 on; of another file its SHA-256, or "" from before it is written to the end of the call. What came to
- * nothing is taken back. Nothing else that lies in the clip is removed or replaced without options->anew. */
+ * many, from ID 0 on, in brackets from before they are written to the end of the call; of another file its SHA-256, or
+ * "" for so long. What came to nothing is taken back. Nothing else that lies in the clip is removed or replaced without
+ * options->anew. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -104,7 +105,8 @@ static json_t *noted(const struct ern_prepare_job *job, const struct file *file)
 
 /* Of the files of frames: IDs below it are those that calls made. */
 static size_t made_count(const struct ern_prepare_job *job, const struct file *file) {
-  const json_int_t count = json_integer_value(noted(job, file));
+  const json_t *note = noted(job, file);
+  const json_int_t count = json_integer_value(json_is_array(note) ? json_array_get(note, 0) : note);
   return count > 0 && count <= ERN_PREPARE_FRAMES ? (size_t)count : 0;
 }
 
@@ -277,7 +279,7 @@ ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char
   if (!numbered || id >= made_count(job, file)) {
     ERN_TRY(check_file(job, file, file->step == FACE));
     ERN_TRY(note(job, file,
-                 numbered ? json_integer(frames > (json_int_t)id ? frames : (json_int_t)id + 1) : json_string("")));
+                 numbered ? json_pack("[I]", frames > (json_int_t)id ? frames : (json_int_t)id + 1) : json_string("")));
     ERN_TRY(ern_prepare_record_save(job));
   }
   ERN_TRY(ern_prepare_path(job, path, "%s", name));
@@ -285,22 +287,19 @@ fail:
   return status;
 }
 
-/* What is to be noted of files of frames: all of them where their step is done, else those before the first that is not
- * there, which a call that was stopped did not come to. */
+/* What is to be noted of files of frames: where a call has just noted them those before the first that is not there,
+ * which it did not come to; else all that were noted, unless none is there. */
 static json_t *count_there(const struct ern_prepare_job *job, const struct file *file) {
-  static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
-  const bool done = json_object_get(json_object_get(job->record, "steps"), steps[file->step]) != NULL;
+  const bool open = json_is_array(noted(job, file));
   const size_t count = made_count(job, file);
   char name[NAME];
-  size_t first = 0;
   for (size_t i = 0; i < count; i++) {
     snprintf(name, sizeof name, "%s/%zu%s", file->folder, i, file->name);
     const bool there = is_file(job, name);
-    if (there && done) return json_integer((json_int_t)count);
-    if (!there && !done) break;
-    if (there) first = i + 1;
+    if (there && !open) return json_integer((json_int_t)count);
+    if (!there && open) return i > 0 ? json_integer((json_int_t)i) : NULL;
   }
-  return first > 0 ? json_integer((json_int_t)first) : NULL;
+  return open && count > 0 ? json_integer((json_int_t)count) : NULL;
 }
 
 static json_t *hash_there(const struct ern_prepare_job *job, const struct file *file) {

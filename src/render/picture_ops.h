@@ -39,23 +39,23 @@ struct ern_picture_view {
 typedef void ern_picture_kernel(const struct ern_picture_view *view, size_t n);
 
 /* Some pixels of a picture as rows in the order of a list: to(c, i) = from(c, pixel[i]) */
-struct ern_pick_args {
+struct ern_gather_args {
   ern_rows to; /* out: [C] */
   ern_rows from;
   ern_span pixel; /* int32 [n] */
   size_t n;
 };
-typedef void ern_pick_kernel(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
-                             const int32_t *pixel, size_t n);
+typedef void ern_gather_kernel(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                               const int32_t *pixel, size_t n);
 
 /* And back: to(c, pixel[i]) = from(c, i); no pixel is listed twice. */
-struct ern_place_args {
+struct ern_scatter_args {
   ern_rows to; /* out: [C] */
   ern_rows from;
   ern_span pixel; /* int32 [n] */
   size_t n;
 };
-typedef ern_pick_kernel ern_place_kernel;
+typedef ern_gather_kernel ern_scatter_kernel;
 
 /* Pixels between pictures that are known: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No pixel
  * is listed twice. */
@@ -85,8 +85,8 @@ typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_
 #define ERN_PICTURE_OPERATIONS(OP, X) \
   OP(X, background, SLOT, FAST)       \
   OP(X, picture, SLOT, FAST)          \
-  OP(X, pick, SLOT, REF)              \
-  OP(X, place, SLOT, REF)             \
+  OP(X, gather, SLOT, REF)            \
+  OP(X, scatter, SLOT, REF)           \
   OP(X, blend, SLOT, REF)             \
   OP(X, overlay, SLOT, REF)
 

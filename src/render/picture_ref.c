@@ -34,14 +34,14 @@ void ERN_REF(ern_picture)(const struct ern_picture_view *v, size_t n) {
   }
 }
 
-void ERN_REF(ern_pick)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
-                       const int32_t *pixel, size_t n) {
+void ERN_REF(ern_gather)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                         const int32_t *pixel, size_t n) {
   for (size_t c = 0; c < (size_t)channels; c++)
     for (size_t i = 0; i < n; i++) to[c * to_stride + i] = from[c * from_stride + (size_t)pixel[i]];
 }
 
-void ERN_REF(ern_place)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
-                        const int32_t *pixel, size_t n) {
+void ERN_REF(ern_scatter)(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
+                          const int32_t *pixel, size_t n) {
   for (size_t c = 0; c < (size_t)channels; c++)
     for (size_t i = 0; i < n; i++) to[c * to_stride + (size_t)pixel[i]] = from[c * from_stride + i];
 }

@@ -141,8 +141,8 @@ ern_status ern_ray_reuse_render(ern_renderer *r, const struct ern_render_rays_ar
   for (size_t k = 0; k < sizeof from / sizeof *from; k++)
     if (from[k]->buffer != NULL) ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, n, to[k]));
   ERN_TRY(ern_take_rows(r->stream, 3, n, &some->background)); /* rows of rays have one stride */
-  struct ern_pick_args pick = {.to = some->background, .from = all->background, .pixel = list, .n = n};
-  ERN_TRY(r->backend->pick(r->stream, &pick));
+  struct ern_gather_args gather = {.to = some->background, .from = all->background, .pixel = list, .n = n};
+  ERN_TRY(r->backend->gather(r->stream, &gather));
   status = r->backend->render_rays(r->stream, some);
 fail:
   return status;
@@ -182,8 +182,8 @@ static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args
     from[count++] = some.pixel;
   }
   for (size_t i = 0; i < count; i++) {
-    struct ern_place_args place = {.to = to[i], .from = from[i], .pixel = list, .n = list.count};
-    ERN_TRY(r->backend->place(r->stream, &place));
+    struct ern_scatter_args scatter = {.to = to[i], .from = from[i], .pixel = list, .n = list.count};
+    ERN_TRY(r->backend->scatter(r->stream, &scatter));
   }
   s->work.rays += (double)list.count / (double)s->rays.hits;
   s->work.samples += (double)s->rays.samples / (double)s->rays.all_samples;

@@ -391,8 +391,11 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
                      best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
   if (strcmp(best.model->clip, t->identity) != 0)
-    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of another clip (%.12s..., this one is %.12s...)",
-                     best.path, best.model->clip, t->identity));
+    ERN_TRY(ern_fail(
+        t->context, ERN_E_MISMATCH,
+        "%s: is the state of another clip (%.12s..., this one is %.12s...); expected the clip that it began with, "
+        "another output, or to overwrite it",
+        best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(check_same_head(t, best.model, best.path));
   if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.rays > 0)

@@ -286,10 +286,10 @@ static void check_some_pixels(size_t all, size_t step) {
   const struct many_rows over = many_strided(NULL, LISTED_CHANNELS, all, ERN_PER_SAMPLE);
   const struct many sum = many_reals(values, all), share = many_reals(weight, SHARES);
   const struct many opacity = many_reals(back, all), pixel = many_int32s(number, n);
-  ON_EACH(pick, ern_pick_args, {list.on[k], behind.on[k], pixel.on[k], n})
-  expect_near("pick", of_rows(list), 0, 0);
-  ON_EACH(place, ern_place_args, {to.on[k], list.on[k], pixel.on[k], n})
-  expect_near("place", of_rows(to), 0, 0);
+  ON_EACH(gather, ern_gather_args, {list.on[k], behind.on[k], pixel.on[k], n})
+  expect_near("gather", of_rows(list), 0, 0);
+  ON_EACH(scatter, ern_scatter_args, {to.on[k], list.on[k], pixel.on[k], n})
+  expect_near("scatter", of_rows(to), 0, 0);
   ON_EACH(blend, ern_blend_args, {sum.on[k], moments.on[k], share.on[k], pixel.on[k], n})
   expect_near("blend", sum, 0, 2e-6); /* five products of values up to 2 */
   ON_EACH(overlay, ern_overlay_args, {over.on[k], from.on[k], opacity.on[k], behind.on[k], all})

@@ -355,7 +355,6 @@ static void test_noted_not_written(void **state) {
   char path[ERN_PREPARE_PATH];
   made_job_open(&m, "clip", 128, 3);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
-  assert_int_equal(json_object_set_new(m.job.record, "steps", json_object()), 0);
   assert_int_equal(system("mkdir clip/gt_imgs clip/ori_imgs"), 0);
   for (size_t i = 0; i < NAMES; i++) support_ok(m.job.context, ern_prepare_claim(&m.job, names[i], path));
   support_write_text("clip/bc.jpg", "made");
@@ -378,22 +377,32 @@ static void test_noted_not_written(void **state) {
   made_job_close(&m);
 }
 
-/* All frames' files of a step that was done are its own, also where one of them is gone. */
+/* All frames' files that a call has written are its own, also where one of them is gone and a later call, which writes
+ * them again, is stopped; not where none is left. */
 static void test_noted_with_gap(void **state) {
   (void)state;
   struct made_job m;
   char path[ERN_PREPARE_PATH];
   made_job_open(&m, "clip", 128, 3);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
-  assert_int_equal(json_object_set_new(m.job.record, "steps", json_pack("{s:{}}", "layers")), 0);
-  assert_int_equal(system("mkdir clip/parsing clip/gt_imgs"), 0);
+  assert_int_equal(system("mkdir clip/parsing"), 0);
   support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path));
-  support_ok(m.job.context, ern_prepare_claim(&m.job, "gt_imgs/0.jpg", path));
-  support_write_text("clip/parsing/2.png", "made");
+  for (int i = 0; i < 3; i++) {
+    snprintf(path, sizeof path, "clip/parsing/%d.png", i);
+    support_write_text(path, "made");
+  }
   support_ok(m.job.context, ern_prepare_note_made(&m.job));
-  support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/2.png", path));
-  support_write_text("clip/gt_imgs/2.jpg", "mine"); /* none of them was there */
-  support_expect(m.job.context, ern_prepare_claim(&m.job, "gt_imgs/0.jpg", path), ERN_E_EXISTS, "gt_imgs/2.jpg", NULL);
+  assert_int_equal(remove("clip/parsing/1.png"), 0);
+  for (int call = 0; call < 2; call++) {
+    support_ok(m.job.context, ern_prepare_note_made(&m.job));
+    support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path));
+    support_ok(m.job.context, ern_prepare_note_made(&m.job)); /* it was stopped */
+    support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/2.png", path));
+  }
+  assert_int_equal(system("rm clip/parsing/*"), 0);
+  support_ok(m.job.context, ern_prepare_note_made(&m.job));
+  support_write_text("clip/parsing/2.png", "mine");
+  support_expect(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path), ERN_E_EXISTS, "parsing/2.png", NULL);
   made_job_close(&m);
 }
 

@@ -101,7 +101,7 @@ kernel void picture(SPAN(uchar, rgba), SPAN(float, rgb), SPAN(float, alpha), ROW
 /* ---- some pixels ---- */
 
 /* to(c, i) = from(c, pixel[i]): an item takes a pixel */
-kernel void pick(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
+kernel void gather(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
   OPEN(float, to);
   OPEN(const float, from);
   OPEN(const int, pixel);
@@ -111,7 +111,7 @@ kernel void pick(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel
 }
 
 /* to(c, pixel[i]) = from(c, i) */
-kernel void place(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
+kernel void scatter(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
   OPEN(float, to);
   OPEN(const float, from);
   OPEN(const int, pixel);

@@ -230,9 +230,10 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
     case ERN_BENCH_SLOT_upsample: /* 7 products and sums a channel and column that is made, 7 across */
       return cost_each("upsample", "pixel", (size_t)a->upsample.width * (size_t)a->upsample.height,
                        14 * (double)a->upsample.large.rows, 2 * (double)a->upsample.large.rows, 0, real);
-    case ERN_BENCH_SLOT_pick: return cost_each("pick", "pixel", a->pick.n, 0, 2 * (double)a->pick.from.rows, 1, real);
-    case ERN_BENCH_SLOT_place:
-      return cost_each("place", "pixel", a->place.n, 0, 2 * (double)a->place.from.rows, 1, real);
+    case ERN_BENCH_SLOT_gather:
+      return cost_each("gather", "pixel", a->gather.n, 0, 2 * (double)a->gather.from.rows, 1, real);
+    case ERN_BENCH_SLOT_scatter:
+      return cost_each("scatter", "pixel", a->scatter.n, 0, 2 * (double)a->scatter.from.rows, 1, real);
     case ERN_BENCH_SLOT_blend:
       return cost_each("blend", "pixel", a->blend.n, 2 * (double)a->blend.from.rows, 1 + (double)a->blend.from.rows, 1,
                        real);
