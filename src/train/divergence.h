@@ -17,6 +17,6 @@ struct ern_divergence {
 /* One more step's PSNR, in dB, over 64 rays or more. True at the step that is the 64th or later and has the mean 6 dB
  * or more below its best, once until it is within 3 dB of it again. On data/tiny healthy trainings stay within 1 dB,
  * dead ones fall by 9. */
-bool ern_divergence_step(struct ern_divergence *decline, double psnr);
+bool ern_divergence_step(struct ern_divergence *divergence, double psnr);
 
 #endif

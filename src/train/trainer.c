@@ -335,7 +335,7 @@ static ern_status stopped(const ern_trainer *t, ern_status status) {
                   cause, t->step, t->saved, t->run.folder);
 }
 
-static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *decline) {
+static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *divergence) {
   char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
   t->declined = t->output != NULL && t->saved > 0;
   if (t->declined)
@@ -346,7 +346,7 @@ static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *decl
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
           ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "
           "rates (grids %g, networks %g)%s",
-          decline->best, decline->mean, t->step, (double)t->config.lr, (double)t->config.lr_net, kept);
+          divergence->best, divergence->mean, t->step, (double)t->config.lr, (double)t->config.lr_net, kept);
 }
 
 ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, size_t bytes) {
@@ -357,14 +357,14 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   if (status != ERN_OK) return status;
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
   tally.validated = spent(t);
-  struct ern_divergence decline = {0};
+  struct ern_divergence divergence = {0};
   if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
   while (t->step < t->config.iters) {
     ern_train_report report;
     status = take_step(t, &report);
     const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* it may end an update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
-    if (t->config.rays >= 64 && ern_divergence_step(&decline, report.psnr)) warn_of_divergence(t, &decline);
+    if (t->config.rays >= 64 && ern_divergence_step(&divergence, report.psnr)) warn_of_divergence(t, &divergence);
     tally.loss += report.loss;
     tally.psnr += report.psnr;
     tally.samples += report.samples_per_ray;

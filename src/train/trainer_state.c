@@ -128,7 +128,7 @@ fail:
   return status;
 }
 
-/* After a decline the oldest state is kept for good: it is from before, the newer one perhaps not. */
+/* After a divergence the oldest state is kept for good: it is from before, the newer one perhaps not. */
 static ern_status keep_good(ern_trainer *t) {
   const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
   if (t->declined && access(oldest, F_OK) == 0) {

@@ -10,13 +10,13 @@
 
 #include "backend_cpu/fused/render_worker.h"
 
-/* pairs_product of tile_pairs.h; `relu`: TILE_RELU. */
+/* pairs_product of gemm_tile_bf16.h; `relu`: TILE_RELU. */
 typedef void bf16_product(float *out, const float *start, const float *packed, const float *x, size_t rows,
                           size_t count, bool relu);
-/* pairs_of_rows of tile_pairs.h */
+/* pairs_of_rows of gemm_tile_bf16.h */
 typedef void bf16_rows(float *made, const float *x, size_t n);
-/* Products of training (rows.h), x [TILE][x_row], rows a whole number of registers; room [2]: what the factors take.
- * Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
+/* Products of training (gemm_rows.h), x [TILE][x_row], rows a whole number of registers; room [2]: what the factors
+ * take. Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
 typedef void bf16_rows_product(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
                                float *room[2]);
 /* 16 lanes of vf_add_pairs of lanes_bf16.h: sum[i] += a.b of pairs */

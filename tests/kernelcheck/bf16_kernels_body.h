@@ -2,8 +2,8 @@
  * The functions of bf16_kernels.h, by the pairs of bf16 that the including file has chosen; BF16_NAME gives the suffix.
  */
 #define ERN_TILE_PAIRS
-#include "backend_cpu/simd/rows_factors.h"
-#include "backend_cpu/simd/tile_pairs.h"
+#include "backend_cpu/simd/gemm_factors.h"
+#include "backend_cpu/simd/gemm_tile_bf16.h"
 #include "kernelcheck/bf16_kernels.h"
 
 void BF16_NAME(bf16_product)(float *out, const float *start, const float *packed, const float *x, size_t rows,

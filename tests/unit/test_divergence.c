@@ -5,9 +5,9 @@
 #include "train/divergence.h"
 
 /* Steps of `count` at about `psnr` dB, each up to `spread` off; how often the fall was told. */
-static int run(struct ern_divergence *decline, int count, double psnr, double spread) {
+static int run(struct ern_divergence *divergence, int count, double psnr, double spread) {
   int told = 0;
-  for (int i = 0; i < count; i++) told += ern_divergence_step(decline, psnr + spread * sin(1.7 * i));
+  for (int i = 0; i < count; i++) told += ern_divergence_step(divergence, psnr + spread * sin(1.7 * i));
   return told;
 }
 
@@ -22,9 +22,9 @@ static void test_even_and_uneven(void **state) {
 /* A first step that is better by chance is not what the rest is held against. */
 static void test_chance(void **state) {
   (void)state;
-  struct ern_divergence decline = {0};
-  assert_int_equal(run(&decline, 1, 18, 0), 0);
-  assert_int_equal(run(&decline, 500, 10, 1), 0);
+  struct ern_divergence divergence = {0};
+  assert_int_equal(run(&divergence, 1, 18, 0), 0);
+  assert_int_equal(run(&divergence, 500, 10, 1), 0);
 }
 
 static void test_fall(void **state) {

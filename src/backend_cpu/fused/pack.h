@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Weights as the register-tiled product of tile.h reads them: [group][column][ERN_PACK], group g holding the rows
+ * Weights as the register-tiled product of gemm_tile.h reads them: [group][column][ERN_PACK], group g holding the rows
  * g*ERN_PACK and on; rows behind the last are zeros. */
 #ifndef ERN_PACK_H
 #define ERN_PACK_H

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Weights as the product of bf16 pairs reads them (tile_pairs.h): as pack.h has them, with two columns, rounded, in the
- * room of one float: the even column in the lower half. Behind an odd last column there is a zero. */
+ * Weights as the product of bf16 pairs reads them (gemm_tile_bf16.h): as pack.h has them, with two columns, rounded, in
+ * the room of one float: the even column in the lower half. Behind an odd last column there is a zero. */
 #ifndef ERN_PACK_PAIRS_H
 #define ERN_PACK_PAIRS_H
 

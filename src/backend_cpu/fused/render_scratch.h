@@ -34,7 +34,7 @@ struct render_scratch {
   size_t batch;            /* rays that are marched together */
   size_t hits, taken;      /* of the batch: rays with samples, and how many of them have a slot or had one */
   size_t shared;           /* of the hits, those whose share of the colour has been worked out */
-  float *input;      /* pairs of bf16 (tile_pairs.h) of features, attention, eye: the density's input; else NULL */
+  float *input;      /* pairs of bf16 (gemm_tile_bf16.h) of features, attention, eye: the density's input; else NULL */
   float *hidden[2];  /* [widest][tile] */
   float *next_share; /* [colour][tile]: of hits shared-tile .. shared */
   float *distance;   /* [batch][max_steps] */

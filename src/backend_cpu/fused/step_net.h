@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The head's networks as a fused training step multiplies by them: a tile's samples are rows (rows.h), so the weights
- * lie input by input.
+ * The head's networks as a fused training step multiplies by them: a tile's samples are rows (gemm_rows.h), so the
+ * weights lie input by input.
  *
  * Three things are folded, exactly but for rounding, and their gradients unfolded at the end of the step:
  *  - the audio code a and the eye value e, one of each a step, into the density's first layer: its inputs are v and the
@@ -59,7 +59,7 @@ struct ern_train_net {
   size_t hidden_back;    /* [scene_hidden][slope_row] */
   size_t count;
   const float *weights;              /* the block */
-  const float *factors;              /* as products read it: itself, or in pairs of bf16 (simd/rows_factors.h) */
+  const float *factors;              /* as products read it: itself, or in pairs of bf16 (simd/gemm_factors.h) */
   const struct ern_frame_net *grids; /* of it, the unhashed levels alone */
 };
 

@@ -188,7 +188,7 @@ static bool fits(const struct ern_field *field) {
          has_widths(&field->torso_net, 2 * field->torso_grid.levels + encoded, 4);
 }
 
-/* W [rows][columns], its rows `step` apart, packed for tile.h. */
+/* W [rows][columns], its rows `step` apart, packed for gemm_tile.h. */
 static ern_status take_packed(struct ern_stream *stream, const float *w, size_t step, size_t rows, size_t columns,
                               const float **packed) {
   float *room = NULL;

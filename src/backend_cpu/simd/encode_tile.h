@@ -4,8 +4,8 @@
 #define ERN_ENCODE_TILE_H
 
 #include "backend_cpu/fused/frame_net.h"
+#include "backend_cpu/simd/gemm_tile.h"
 #include "backend_cpu/simd/lanes_pairs.h"
-#include "backend_cpu/simd/tile.h"
 
 /* f = bilinear in (s, t) of the four values around a cell. All cells first: the look-ups wait for no address. */
 LANES_INLINE void encode_level(float *f, const vf *u, const vf *v, const struct ern_dense_level *level) {

@@ -9,9 +9,9 @@
 #include "backend_cpu/fused/render_scratch.h"
 #include "backend_cpu/fused/render_worker.h"
 #include "backend_cpu/simd/encode_tile.h"
+#include "backend_cpu/simd/gemm_layers.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "backend_cpu/simd/tile_layers.h"
 
 /* ---- the field --------------------------------------------------------------------------------------------------- */
 

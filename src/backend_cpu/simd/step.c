@@ -5,9 +5,9 @@
 
 #include "backend_cpu/fused/step_kernels.h"
 #include "backend_cpu/simd/encode_tile.h"
+#include "backend_cpu/simd/gemm_factors.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "backend_cpu/simd/rows_factors.h"
 #include "core/profile.h"
 
 enum { ATTENTION = ERN_NET_ATTENTION, EYE = ERN_NET_EYE, UNCERTAINTY = ERN_NET_UNCERTAINTY };

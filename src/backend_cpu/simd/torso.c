@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * The torso's tiles for any instruction set (simd/isa.h). */
 #include "backend_cpu/fused/torso.h"
+#include "backend_cpu/simd/gemm_tile.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
 #include "backend_cpu/simd/lanes_quads.h"
-#include "backend_cpu/simd/tile.h"
 #include "model/torso_ops.h"
 
 /* A band has BANDS rows of blocks; BLOCKS blocks are a tile. Lane 4r + c of a block is its pixel (r, c). */

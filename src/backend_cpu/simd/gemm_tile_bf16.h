@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * The product of tile.h with bf16 factors: out [rows][TILE] = A x, sums in float. x is [count][TILE]: in the room of a
- * float, inputs 2k and 2k + 1 of a sample; A is packed so as well (pack_pairs.h). */
-#ifndef ERN_TILE_PAIRS_H
-#define ERN_TILE_PAIRS_H
+ * The product of gemm_tile.h with bf16 factors: out [rows][TILE] = A x, sums in float. x is [count][TILE]: in the room
+ * of a float, inputs 2k and 2k + 1 of a sample; A is packed so as well (pack_pairs.h). */
+#ifndef ERN_GEMM_TILE_BF16_H
+#define ERN_GEMM_TILE_BF16_H
 
+#include "backend_cpu/simd/gemm_tile.h"
 #include "backend_cpu/simd/lanes_bf16.h"
-#include "backend_cpu/simd/tile.h"
 
 LANES_INLINE vf tile_relu(vf value) { return vf_select(value < 0, (vf){0}, value); } /* a NaN stays one */
 

@@ -4,8 +4,8 @@
  *
  * A is packed: groups of ERN_PACK rows, in a group column by column, so that the values that a block of sums broadcasts
  * lie side by side; rows behind the last are zeros. The layout is the same for every instruction set. */
-#ifndef ERN_TILE_H
-#define ERN_TILE_H
+#ifndef ERN_GEMM_TILE_H
+#define ERN_GEMM_TILE_H
 
 #include "backend_cpu/fused/pack.h"
 #include "backend_cpu/simd/lanes.h"

@@ -5,12 +5,12 @@
  *   backward  dx [samples][ins]  = dy [samples][outs] W
  *   sums      dW^T [ins][outs]  += x^T dy, over the samples of the tile
  *
- * Where ERN_TILE_PAIRS is defined the factors are pairs of bf16 (rows_factors.h), each in the room of a float, and a
+ * Where ERN_TILE_PAIRS is defined the factors are pairs of bf16 (gemm_factors.h), each in the room of a float, and a
  * sum has a term a pair; the sums are float. */
-#ifndef ERN_ROWS_H
-#define ERN_ROWS_H
+#ifndef ERN_GEMM_ROWS_H
+#define ERN_GEMM_ROWS_H
 
-#include "backend_cpu/simd/tile.h"
+#include "backend_cpu/simd/gemm_tile.h"
 #if defined(ERN_TILE_PAIRS)
 #include "backend_cpu/simd/lanes_bf16.h"
 #endif

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * The layers of a network over a tile: in float, or, where ERN_TILE_PAIRS is defined, with weights and inputs in pairs
  * of bf16 and all else in float. */
-#ifndef ERN_TILE_LAYERS_H
-#define ERN_TILE_LAYERS_H
+#ifndef ERN_GEMM_LAYERS_H
+#define ERN_GEMM_LAYERS_H
 
 #if defined(ERN_TILE_PAIRS)
 #include "backend_cpu/fused/pack_pairs.h"
-#include "backend_cpu/simd/tile_pairs.h"
+#include "backend_cpu/simd/gemm_tile_bf16.h"
 
 /* Rows of TILE floats that n inputs of a layer take. */
 LANES_INLINE size_t tile_room(size_t n) { return ern_pairs(n); }
@@ -32,7 +32,7 @@ LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, 
 }
 
 #else
-#include "backend_cpu/simd/tile.h"
+#include "backend_cpu/simd/gemm_tile.h"
 
 LANES_INLINE size_t tile_room(size_t n) { return n; }
 

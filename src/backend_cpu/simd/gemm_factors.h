@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Factors as the products of rows.h read them: floats, or, where ERN_TILE_PAIRS is defined, pairs of bf16 in the room
- * of a float. Of an odd number the last has 0 beside it. */
-#ifndef ERN_ROWS_FACTORS_H
-#define ERN_ROWS_FACTORS_H
+ * Factors as the products of gemm_rows.h read them: floats, or, where ERN_TILE_PAIRS is defined, pairs of bf16 in the
+ * room of a float. Of an odd number the last has 0 beside it. */
+#ifndef ERN_GEMM_FACTORS_H
+#define ERN_GEMM_FACTORS_H
 
-#include "backend_cpu/simd/rows.h"
+#include "backend_cpu/simd/gemm_rows.h"
 
 struct rows_factors {
   const float *at;
