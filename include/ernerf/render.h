@@ -68,10 +68,10 @@ ERN_API size_t ern_pose_index(size_t frame, size_t count);
 ERN_API ERN_NODISCARD ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window);
 
 /* The pose between two transforms matrices, or two camera poses: the rotation by slerp (constant speed about one axis,
- * the shorter way), the translation by a straight line. share: 0..1. The result is `from` at 0, below 0 and for NaN,
- * `to` at 1 and above, and that pose where both are equal, each bit for bit. The residual of a matrix from its nearest
- * rotation is interpolated linearly, and so is a whole 3 x 3 part where one of the two is singular or a reflection.
- * `out` may be one of the two. Any thread. */
+ * the shorter way), the translation by a straight line. share: 0..1; at 0 or below, or NaN, the result is exactly
+ * `from`; at 1 or above exactly `to`; where `from` equals `to`, exactly that pose. The residual of a matrix from its
+ * nearest rotation is interpolated linearly, and so is a whole 3 x 3 part where one of the two is singular or a
+ * reflection. `out` may be one of the two. Any thread. */
 ERN_API void ern_pose_interpolate(float out[16], const float from[16], const float to[16], double share);
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
@@ -80,8 +80,8 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
  * written where a size of the features is out of its range (ern_features). */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
-/* The same for a split whose k-th frame uses row rows[k] of the feature file: what --audio-pad zero means for a clip.
- */
+/* Like ern_audio_windows, with neighbours taken from a split: its frame k uses window rows[k] of `features`. Before the
+ * first and after the last frame of the split they are zeros, as `--audio-pad zero` has it for a clip. */
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
@@ -140,11 +140,11 @@ ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a p
 ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features,
                                                       const char *name);
 
-/* Fewer samples, less accuracy: from now on the renderer skips occupancy cells whose density is below `density` at 8
- * points of the cell for each of `count` inputs of the speech to come. `density` is per unit of length: with samples
- * 0.027 apart, a skipped sample of 0.1 is 0.3 % of the light. windows: [count][8][window_length][width]
- * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors:
- * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+/* Fewer samples, less accuracy: from now on the renderer skips occupancy cells whose density (per unit of length) is
+ * below `density` at all 8 test points, for all of `count` inputs of the speech to come (audio windows and an eye value
+ * each). For example, where samples are 0.027 apart, a skipped sample of density 0.1 would have absorbed 0.3 % of the
+ * light. windows: [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one
+ * before; density 0 skips nothing. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -223,8 +223,8 @@ typedef struct ern_frame_output {
 /* Plain data, may grow. */
 typedef struct ern_frame_times {
   double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
-  double samples; /* whose density was computed for the head; NaN: not counted, by an OpenCL device's fused pass, or no
-                     ray was rendered, as all are kept from the frame before (ern_renderer_reuse_rays) */
+  double samples; /* number of samples whose density was computed for the head. NaN: unknown, as an OpenCL device's
+                     fused pass does not count them, or all rays were reused (ern_renderer_reuse_rays) */
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
@@ -241,9 +241,10 @@ static inline ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer
 /* ---- holding a rate ---------------------------------------------------------------------------------------------- */
 
 /* Chooses for each frame one of several settings of known cost, such as renderers with different options: the most
- * accurate one that holds the budget at the machine's present speed. Late frames are made up for over the next 12, so
- * the setting is changed at once to one that is cheap enough; frames that were early count the other way. It returns to
- * a better setting after 12 frames in a row in which that would have fitted. Plain data, final: copy it, drop it. */
+ * accurate one that holds the budget at the machine's present speed. Time over the budget is recovered over the next 12
+ * frames: the controller switches at once to a setting that is cheap enough for that. Time under the budget is
+ * credited. It switches back to a more accurate setting after 12 frames in a row in which that would have met the
+ * budget. Plain data, final: copy it, drop it. */
 typedef struct ern_rate_controller {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */

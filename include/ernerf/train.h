@@ -112,8 +112,9 @@ typedef struct ern_train_config {
                                   training frame stands in. */
   int validate_frames;         /* most validation frames to render; 0: all */
   bool force;                  /* take a head of another clip all the same */
-  bool ema;                    /* write the moving average as the model; of `iters` it needs 10 updates, else
-                                  ERN_E_ARGUMENT at the start. Saves before its 10th write the weights as they are */
+  bool ema;                    /* write the moving average of the weights as the model. Without `seconds` it needs
+                                  iters >= 10 ema_every, else ern_trainer_create gives ERN_E_ARGUMENT. Saves before the
+                                  10th update write the weights without averaging */
   uint64_t ema_every;          /* steps between its updates; 1000 */
   uint64_t refresh_every;      /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
                                   refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
@@ -150,7 +151,7 @@ typedef struct ern_train_state {
   bool torso;
   uint64_t step, seed;
   int rays;
-  bool has_settings; /* it says what follows; else all that is 0 */
+  bool has_settings; /* true: the state has the settings below; false: all members below are 0 */
   uint64_t iters;
   float lr, lr_net, lr_att;
   uint64_t refresh_every, ema_every;
@@ -167,7 +168,8 @@ typedef struct ern_train_state {
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
- * state is there; ERN_E_FORMAT and others: none that is whole. `model`: how its model is made and seen. */
+ * state is there; ERN_E_FORMAT and others: none that is whole. *model: the configuration of the state's model, and the
+ * settings that it is rendered with. */
 ERN_API ERN_NODISCARD ern_status ern_train_state_describe_sized(ern_context *context, const char *output,
                                                                 ern_train_state *state, size_t state_bytes,
                                                                 ern_model_info *model, size_t model_bytes);
