@@ -87,8 +87,8 @@ typedef enum ern_log_level {
  * ..._default function sets beside the `cookie`, or from an argument. Functions that take or fill a struct without a
  * cookie are inline here and hand sizeof to an exported function ..._sized, as ..._default does to ..._fill; only
  * bindings of other languages call those themselves. The library takes what a shorter struct lacks as 0, or as its
- * default where there is a cookie, and never writes past its end. A struct that the library knows only the beginning
- * of, as the program was built for a later version, is ERN_E_UNSUPPORTED where it is read, and filled up with zeros
+ * default where there is a cookie, and never writes past its end. A struct that is longer than the library's own, as
+ * the program was built for a later version, is ERN_E_UNSUPPORTED where it is read, and filled up with zeros
  * where it is written. docs/abi.md has the rest. */
 
 /* Functions that compute do so in the floating-point environment that C programs start in (to nearest, denormal numbers

@@ -68,8 +68,8 @@ ERN_API ERN_NODISCARD ern_status ern_file_check_output(ern_context *context, con
 
 /* Writes a file, whole or not at all (base.h, "How files are written"). */
 ERN_API ERN_NODISCARD ern_status ern_file_save(ern_context *context, const char *path, const void *bytes, size_t count);
-/* The same of `count` files, sizes[i] bytes each, which belong together: none is put in its place before all are whole
- * on the disk, so one that is full leaves what was there. */
+/* The same of `count` files, sizes[i] bytes each, which belong together: no file gets its final name before all are
+ * whole on the disk, so a full disk leaves what was there. */
 ERN_API ERN_NODISCARD ern_status ern_files_save(ern_context *context, size_t count, const char *const *paths,
                                                 const void *const *bytes, const size_t *sizes);
 

@@ -24,8 +24,9 @@ typedef struct ern_image {
 } ern_image;
 
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
- * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). What its header
- * claims is refused before memory is taken where a side is above ERN_IMAGE_MAX_SIDE or the file is too short for it. */
+ * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A file whose
+ * header has a side above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is
+ * taken. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
 /* Width and height from the header alone. */
 ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);
@@ -214,16 +215,17 @@ typedef struct ern_clip_measures {
   float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
   double turn;             /* degrees: widest angle between two directions from which the camera sees the head */
   double camera_turn;      /* degrees: widest angle between the first pose's rotation and another's, roll included */
-  double camera_shift;     /* widest way from the first pose's place to another's, in its distances to the head */
-  double feature_change;   /* RMS of the features about their mean over the windows, in their own RMS */
-  double loud;             /* share of the 40 ms pieces of aud.wav above -50 dB of full scale; -1 without a sound */
-  double torso_cover;      /* mean share of the picture under the torso layer; 0 without one */
-  double torso_move;       /* RMS way of the torso's centre in the picture, pixels */
-  double torso_against;    /* RMS way of the torso's centre against the head's, pixels */
-  double light;            /* RMS change of the cheeks' mean colour from frame to frame that the pose does not
-                              explain, 0..255; -1 where no frame has landmarks */
+  double camera_shift;   /* largest distance from the first pose's place to another's, over the first one's distance to
+                            the head */
+  double feature_change; /* RMS deviation of the features from their mean over the windows, over their RMS */
+  double loud;           /* share of the 40 ms pieces of aud.wav above -50 dB of full scale; -1 without a sound */
+  double torso_cover;    /* mean share of the picture under the torso layer; 0 without one */
+  double torso_move;     /* RMS way of the torso's centre in the picture, pixels */
+  double torso_against;  /* RMS displacement of the torso's centre relative to the head's, pixels */
+  double light;          /* RMS change of the cheeks' mean colour from frame to frame that the pose does not
+                            explain, 0..255; -1 where no frame has landmarks */
 } ern_clip_measures;
-/* The least span of eye values that is a blink: a tenth of the way, about a pixel of lid at 512 a side. */
+/* The least range of eye values that is a blink: a tenth of open to closed, about one pixel of lid at 512 x 512. */
 #define ERN_CLIP_BLINK 0.1
 /* Reads the pictures that it looks at. */
 ERN_API ERN_NODISCARD ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, size_t bytes);

@@ -21,7 +21,8 @@ enum { ERN_SPEECH_WIDTH = 13 };
 typedef struct ern_speech_stream ern_speech_stream;
 
 /* rate: samples a second, 1000..384000; channels: 1..8, their mean is heard. warp: 0.5..2, 1 for the sound as it is;
- * the frequencies that are listened at are multiplied by it, which is what a throat of another length does. */
+ * the centre frequencies of the mel filters are multiplied by it, as for a speaker with a vocal tract of another
+ * length. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
                                                         ern_speech_stream **stream);
 ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
