@@ -8,7 +8,7 @@ rm -rf "$folder"
 mkdir -p "$folder"
 cd "$folder"
 fail() { echo "portrait_stopped.sh: $1" >&2; cat said.log calls.log >&2; exit 1; }
-export ERNERF=$folder/ernerf TRAIN=0
+export ERNERF=$folder/ernerf TRAIN=0 MINE=
 cat > ernerf << 'END'
 #!/usr/bin/env bash
 echo "$*" >> calls.log
@@ -16,6 +16,7 @@ case $1 in
   prepare) mkdir -p "$4/ori_imgs" && echo poses > "$4/transforms_train.json" ;;
   eval) echo seen > "$5" && echo figures > "$7" ;;
   train)
+    [ -z "${MINE-}" ] || echo mine > "$MINE"
     case $TRAIN in
       wait) trap 'echo ended >> calls.log; exit 143' TERM HUP; echo waits >> calls.log; for i in {1..300}; do sleep 0.1; done ;;
       *) exit "$TRAIN" ;;
@@ -48,6 +49,10 @@ made made --minutes 5 && fail "a user's file was replaced"
 [ "$(cat made/eval.json)" = mine ] && grep -q 'eval.json: is not what' said.log || fail "a user's file"
 rm made/eval.json made/unseen.mp4
 made made --minutes 5 || fail "it did not draw again what was removed"
+
+# one that came while the training ran
+MINE=late/eval.json TRAIN=0 made late && fail "a file that came during the training was replaced"
+[ "$(cat late/eval.json)" = mine ] || fail "a file that came during the training"
 
 # cd looks at CDPATH
 mkdir -p elsewhere/other/clip

@@ -243,7 +243,7 @@ static void test_faces_refused(void **state) {
 
 /* A picture whose level rises by 1 a pixel: the crop of a head that looks into the camera rises with it; that of a head
  * outside the picture is its edge's. */
-static void test_still_crop(void **state) {
+static void test_stabilized_crop(void **state) {
   (void)state;
   enum { COLUMNS = 9, ROWS = 5 };
   struct made_job m;
@@ -431,7 +431,7 @@ static void test_marks(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_poses),    cmocka_unit_test(test_poses_refused), cmocka_unit_test(test_poses_judged),
-      cmocka_unit_test(test_faces),    cmocka_unit_test(test_faces_refused), cmocka_unit_test(test_still_crop),
+      cmocka_unit_test(test_faces),    cmocka_unit_test(test_faces_refused), cmocka_unit_test(test_stabilized_crop),
       cmocka_unit_test(test_quantile), cmocka_unit_test(test_files_there),   cmocka_unit_test(test_files_not_written),
       cmocka_unit_test(test_marks)};
   return cmocka_run_group_tests(tests, NULL, NULL);

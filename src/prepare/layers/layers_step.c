@@ -190,7 +190,7 @@ static void measure(struct layers *l, size_t frame) {
     l->trembles[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
 }
 
-/* Clothes that never move may be taken for the place: a person without shoulders. */
+/* Clothes that never move may be taken for the background: a person without shoulders. */
 static void measure_shoulders(struct layers *l, size_t frame) {
   static const double origin[3] = {0, 0, 0};
   const struct ern_layer_face *face = &l->faces[frame];
@@ -293,7 +293,7 @@ static void judge_shoulders(const struct layers *l) {
   if (2 * l->narrow > l->low && !l->job->options->head_only)
     ern_prepare_judge(l->job, ERN_PREPARE_DOUBTFUL,
                       "the person has no shoulders in %zu of the %zu frames that reach down to them, as where clothes "
-                      "that never move are taken for the place; overlay.mp4 and torso_imgs show it, --masks or "
+                      "that never move are taken for the background; parsing and torso_imgs show it, --masks or "
                       "--head-only helps",
                       l->narrow, l->low);
 }
