@@ -176,7 +176,7 @@ struct many many_exact(ern_element element, const void *values, size_t count) {
 }
 
 struct many many_zeros(size_t count) {
-  const struct many made = many_room(count);
+  const struct many made = many_empty(count);
   EACH_MACHINE (k) support_ok(machines.context, machines.backend[k]->zero(machines.stream[k], made.on[k]));
   return made;
 }
@@ -193,7 +193,7 @@ struct many_rows many_rows_of(struct many span, int rows, size_t n, ern_per per)
 
 struct many_rows many_strided(const float *values, int rows, size_t n, ern_per per) {
   const size_t stride = n + 5;
-  const struct many span = many_room(stride * (size_t)rows);
+  const struct many span = many_empty(stride * (size_t)rows);
   struct many_rows made = {0};
   EACH_MACHINE (k) {
     made.on[k] = (ern_rows){span.on[k], stride, rows, per};

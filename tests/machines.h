@@ -106,7 +106,7 @@ static inline struct many many_reals(const float *values, size_t count) {
 static inline struct many many_int32s(const int32_t *values, size_t count) {
   return many_of(ERN_ELEMENT_INT32, values, count);
 }
-static inline struct many many_room(size_t count) { return many_of(ERN_ELEMENT_REAL, NULL, count); }
+static inline struct many many_empty(size_t count) { return many_of(ERN_ELEMENT_REAL, NULL, count); }
 struct many many_zeros(size_t count);
 /* Inputs that end where their memory does, so that a sanitizer sees what is read past them. */
 struct many many_exact(ern_element element, const void *values, size_t count);

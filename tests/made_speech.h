@@ -15,7 +15,7 @@ enum { MADE_FRAMES = 150 };
 
 struct made_speech {
   ern_features features;
-  float loudness[MADE_FRAMES], rest[MADE_FRAMES];
+  float loudness[MADE_FRAMES], weight[MADE_FRAMES];
 };
 
 static inline float made_noise(uint32_t seed, size_t i) {

@@ -97,12 +97,12 @@ ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const e
                                                    const float *loudness, ern_silence **silence);
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
 
-/* rest[features->windows]: ern_frame_input.rest for each frame of a speech in features of the same kind. It is 0 in
- * speech and in pauses of less than 8 frames. In silence it is 0.2, 0.4, 0.6, 0.8 and then 1; where the recording
- * begins with silence it is 1 at once. It is 0 again from the first frame of speech on. ERN_E_MISMATCH: features of
- * another width. */
-ERN_API ERN_NODISCARD ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features,
-                                                  float *rest);
+/* weights[features->windows]: ern_frame_input.silence_weight for each frame of a speech in features of the same kind.
+ * It is 0 in speech and in pauses of less than 8 frames. In silence it is 0.2, 0.4, 0.6, 0.8 and then 1; where the
+ * recording begins with silence it is 1 at once. It is 0 again from the first frame of speech on. ERN_E_MISMATCH:
+ * features of another width. */
+ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence, const ern_features *features,
+                                                     float *weights);
 
 /* ---- renderer ---------------------------------------------------------------------------------------------------- */
 
@@ -150,7 +150,7 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *rend
                                                               float density);
 
 /* The audio code of windows [8][window_length][width], as a frame would have it without smooth_lips. The mean of a
- * clip's silent frames is its resting code. */
+ * clip's silent frames is its silence code (ern_frame_input). */
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
 
@@ -204,9 +204,9 @@ typedef struct ern_frame_input {
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso;      /* [height][width][4] RGBA drawn between background and head; NULL: none. A model with a
                                 torso draws its own over it. */
-  const float *rest_code;    /* [32] resting code; may be NULL where rest is 0 */
-  float rest;                /* 0..1: the frame's audio code is (1 - rest) of the speech's (after smooth_lips) and rest
-                                of rest_code */
+  const float *silence_code; /* [32] mean audio code of silent frames; may be NULL where silence_weight is 0 */
+  float
+      silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
 } ern_frame_input;
 
 /* Where to put the result; NULL members are not computed into. Memory is the caller's. Plain data, may grow. */

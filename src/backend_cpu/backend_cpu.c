@@ -44,7 +44,7 @@ static void stream_free(struct ern_stream *stream) {
   ern_context *context = stream->backend->context;
   for (int i = 0; i < cpu->workers; i++) stream_free(cpu->worker[i] != NULL ? &cpu->worker[i]->base : NULL);
   ern_frame_net_free(context, cpu->net);
-  ern_train_room_free(context, cpu->train_room);
+  ern_train_workspace_free(context, cpu->train_workspace);
   ern_release(context, cpu->worker);
   ern_pool_free(cpu->pool);
   ern_arena_free(stream->arena);
@@ -79,14 +79,14 @@ fail:
 static void backend_free(struct ern_backend *backend) {
   if (backend == NULL) return;
   struct ern_cpu_backend *cpu = (struct ern_cpu_backend *)backend;
-  ern_release(backend->context, cpu->kernel_room);
+  ern_release(backend->context, cpu->kernel_memory);
   ern_release(backend->context, cpu);
 }
 
 /* What each instruction set does faster than the reference: kernels, and the slots that run several stages at once. */
 #define FASTER(isa)                                       \
   static void faster_##isa(struct ern_cpu_backend *cpu) { \
-    struct ern_cpu_kernels *k = cpu->kernel_room;         \
+    struct ern_cpu_kernels *k = cpu->kernel_memory;       \
     ERN_FAST_KERNELS(FASTER_##isa)                        \
     cpu->render_worker = ern_render_worker_##isa;         \
     cpu->train = &ern_train_kernels_##isa;                \
@@ -114,12 +114,12 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   if (status != ERN_OK) return status;
   struct ern_backend *table = &made->table;
   table->context = context;
-  made->kernel_room = ern_allocate(context, 1, KERNEL_TABLE_BYTES);
-  if (made->kernel_room == NULL) {
+  made->kernel_memory = ern_allocate(context, 1, KERNEL_TABLE_BYTES);
+  if (made->kernel_memory == NULL) {
     ern_release(context, made);
     return ERN_E_NO_MEMORY;
   }
-  made->kernels = made->kernel_room;
+  made->kernels = made->kernel_memory;
   table->name = "cpu";
   table->isa = ern_isa_name(isa);
   table->deterministic = true;
@@ -128,7 +128,7 @@ ern_status ern_cpu_backend_make(ern_context *context, ern_isa isa, struct ern_ba
   table->stream_make = stream_make;
   table->stream_free = stream_free;
   table->free = backend_free;
-  (isa == ERN_ISA_REF64 ? ern_cpu_fill_ref64 : ern_cpu_fill_ref)(table, made->kernel_room);
+  (isa == ERN_ISA_REF64 ? ern_cpu_fill_ref64 : ern_cpu_fill_ref)(table, made->kernel_memory);
 #if defined(ERN_X86_KERNELS)
   made->render_pairs = isa == ERN_ISA_AVX512BF16;
   if (isa == ERN_ISA_AVX2) faster_avx2(made);

@@ -31,12 +31,12 @@ typedef void ern_render_worker_kernel(const struct ern_render_work *work, atomic
 
 struct ern_torso_kernels;
 struct ern_train_kernels;
-struct ern_train_room;
+struct ern_train_workspace;
 
 struct ern_cpu_backend {
   struct ern_backend table; /* first: a backend is one */
   const void *kernels;      /* struct ern_cpu_kernels of this build's scalar */
-  void *kernel_room;
+  void *kernel_memory;
   /* the fused pass of rendering; NULL: render_rays goes through the stages */
   ern_render_worker_kernel *render_worker;
   bool render_pairs; /* it reads a net in pairs of bf16 (frame_net.h) */
@@ -53,7 +53,7 @@ struct ern_cpu_stream {
   int workers;
   struct ern_frame_net *net; /* what render_prepare made, of the parameters net_of; NULL: nothing */
   ern_span net_of;
-  struct ern_train_room *train_room; /* memory of the fused training step; NULL: none was made */
+  struct ern_train_workspace *train_workspace; /* memory of the fused training step; NULL: none was made */
 };
 
 /* Fills the slots, copies and fills of a table, and the reference's struct ern_cpu_kernels (memory.c, compiled once a

@@ -35,24 +35,25 @@ static struct audio_net net_of(const struct ern_audio_net *from) {
 }
 
 /* What a pass leaves behind on the device. */
-struct room {
+struct workspace {
   ern_span codes;  /* [8][A] */
   ern_span values; /* [8][WINDOW_VALUES]: what the layers of AudioNet gave */
   ern_span att;    /* [ATT_VALUES]: those of AudioAttNet, and the windows' weights */
 };
 
-static ern_status take_room(struct ern_stream *stream, const struct ern_audio_net *net, struct room *room) {
+static ern_status take_workspace(struct ern_stream *stream, const struct ern_audio_net *net,
+                                 struct workspace *workspace) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * (size_t)net->code, &room->codes));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * WINDOW_VALUES, &room->values));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ATT_VALUES, &room->att));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * (size_t)net->code, &workspace->codes));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * WINDOW_VALUES, &workspace->values));
+  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ATT_VALUES, &workspace->att));
 fail:
   return status;
 }
 
 /* Codes of the windows whose bit of `known` is not set. */
-static ern_status windows_fwd(struct ern_stream *stream, const struct room *room, const struct ern_audio_fwd_args *a,
-                              unsigned known) {
+static ern_status windows_fwd(struct ern_stream *stream, const struct workspace *workspace,
+                              const struct ern_audio_fwd_args *a, unsigned known) {
   const struct audio_net net = net_of(&a->net);
   cl_uint order = 0;
   size_t groups = 0;
@@ -61,8 +62,8 @@ static ern_status windows_fwd(struct ern_stream *stream, const struct room *room
   }
   if (groups == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_windows", "");
-  ern_cl_span(&call, room->codes);
-  ern_cl_span(&call, room->values);
+  ern_cl_span(&call, workspace->codes);
+  ern_cl_span(&call, workspace->values);
   ern_cl_span(&call, a->windows);
   ern_cl_span(&call, a->parameters);
   ern_cl_value(&call, &net, sizeof net);
@@ -70,13 +71,13 @@ static ern_status windows_fwd(struct ern_stream *stream, const struct room *room
   return ern_cl_run(&call, groups, GROUP);
 }
 
-static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct room *room,
+static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct workspace *workspace,
                           const struct ern_audio_fwd_args *a) {
   const struct audio_net net = net_of(&a->net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_mix", "");
   ern_cl_span(&call, code);
-  ern_cl_span(&call, room->att);
-  ern_cl_span(&call, room->codes);
+  ern_cl_span(&call, workspace->att);
+  ern_cl_span(&call, workspace->codes);
   ern_cl_span(&call, a->parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, 1, GROUP);
@@ -84,11 +85,11 @@ static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct
 
 ern_status ern_cl_audio_fwd(struct ern_stream *stream, struct ern_audio_fwd_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  struct room room;
+  struct workspace workspace;
   ern_status status = ERN_OK;
-  ERN_TRY(take_room(stream, &a->net, &room));
-  ERN_TRY(windows_fwd(stream, &room, a, 0));
-  ERN_TRY(mix_fwd(stream, a->code, &room, a));
+  ERN_TRY(take_workspace(stream, &a->net, &workspace));
+  ERN_TRY(windows_fwd(stream, &workspace, a, 0));
+  ERN_TRY(mix_fwd(stream, a->code, &workspace, a));
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -96,12 +97,12 @@ fail:
 
 ern_status ern_cl_audio_frame(struct ern_stream *stream, struct ern_audio_frame_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  struct room room;
+  struct workspace workspace;
   ern_status status = ERN_OK;
-  ERN_TRY(take_room(stream, &a->audio.net, &room));
-  room.codes = a->codes;
-  ERN_TRY(windows_fwd(stream, &room, &a->audio, a->known));
-  ERN_TRY(mix_fwd(stream, a->audio.code, &room, &a->audio));
+  ERN_TRY(take_workspace(stream, &a->audio.net, &workspace));
+  workspace.codes = a->codes;
+  ERN_TRY(windows_fwd(stream, &workspace, &a->audio, a->known));
+  ERN_TRY(mix_fwd(stream, a->audio.code, &workspace, &a->audio));
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -109,36 +110,36 @@ fail:
 
 /* ---- backward ---------------------------------------------------------------------------------------------------- */
 
-/* d: codes, and the slopes where the room has values */
-static ern_status mix_bwd(struct ern_stream *stream, const struct ern_audio_bwd_args *a, const struct room *room,
-                          const struct room *d) {
+/* d: codes, and the slopes where the workspace has values */
+static ern_status mix_bwd(struct ern_stream *stream, const struct ern_audio_bwd_args *a,
+                          const struct workspace *workspace, const struct workspace *d) {
   const struct audio_net net = net_of(&a->forward.net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_mix_bwd", "");
   ern_cl_span(&call, a->dparameters);
   ern_cl_span(&call, d->codes);
   ern_cl_span(&call, d->att);
   ern_cl_span(&call, a->dcode);
-  ern_cl_span(&call, room->codes);
-  ern_cl_span(&call, room->att);
+  ern_cl_span(&call, workspace->codes);
+  ern_cl_span(&call, workspace->att);
   ern_cl_span(&call, a->forward.parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, 1, GROUP);
 }
 
-static ern_status windows_bwd(struct ern_stream *stream, const struct ern_audio_bwd_args *a, const struct room *room,
-                              const struct room *d) {
+static ern_status windows_bwd(struct ern_stream *stream, const struct ern_audio_bwd_args *a,
+                              const struct workspace *workspace, const struct workspace *d) {
   const struct audio_net net = net_of(&a->forward.net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_windows_bwd", "");
   ern_cl_span(&call, d->values);
   ern_cl_span(&call, d->codes);
-  ern_cl_span(&call, room->values);
+  ern_cl_span(&call, workspace->values);
   ern_cl_span(&call, a->forward.parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, WINDOWS, GROUP);
 }
 
 static ern_status windows_weights(struct ern_stream *stream, const struct ern_audio_bwd_args *a,
-                                  const struct room *room, const struct room *d) {
+                                  const struct workspace *workspace, const struct workspace *d) {
   static const size_t out[ERN_AUDIO_CONVS] = {32, 32, 64, 64};
   const struct audio_net net = net_of(&a->forward.net);
   size_t items = (HIDDEN + (size_t)a->forward.net.code) * (HIDDEN / BLOCK);
@@ -150,7 +151,7 @@ static ern_status windows_weights(struct ern_stream *stream, const struct ern_au
   ern_cl_span(&call, a->dparameters);
   ern_cl_span(&call, d->values);
   ern_cl_span(&call, d->codes);
-  ern_cl_span(&call, room->values);
+  ern_cl_span(&call, workspace->values);
   ern_cl_span(&call, a->forward.windows);
   ern_cl_value(&call, &net, sizeof net);
   ern_cl_size(&call, items);
@@ -159,15 +160,15 @@ static ern_status windows_weights(struct ern_stream *stream, const struct ern_au
 
 ern_status ern_cl_audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  struct room room, d;
+  struct workspace workspace, d;
   ern_status status = ERN_OK;
-  ERN_TRY(take_room(stream, &a->forward.net, &room));
-  ERN_TRY(take_room(stream, &a->forward.net, &d));
-  ERN_TRY(windows_fwd(stream, &room, &a->forward, 0));
-  ERN_TRY(mix_fwd(stream, (ern_span){0}, &room, &a->forward));
-  ERN_TRY(mix_bwd(stream, a, &room, &d));
-  ERN_TRY(windows_bwd(stream, a, &room, &d));
-  ERN_TRY(windows_weights(stream, a, &room, &d));
+  ERN_TRY(take_workspace(stream, &a->forward.net, &workspace));
+  ERN_TRY(take_workspace(stream, &a->forward.net, &d));
+  ERN_TRY(windows_fwd(stream, &workspace, &a->forward, 0));
+  ERN_TRY(mix_fwd(stream, (ern_span){0}, &workspace, &a->forward));
+  ERN_TRY(mix_bwd(stream, a, &workspace, &d));
+  ERN_TRY(windows_bwd(stream, a, &workspace, &d));
+  ERN_TRY(windows_weights(stream, a, &workspace, &d));
 fail:
   ern_arena_release(stream, mark);
   return status;

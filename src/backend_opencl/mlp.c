@@ -25,10 +25,10 @@ struct plan {
 static void say(struct plan *plan, const char *format, ...) {
   va_list values;
   va_start(values, format);
-  const size_t room = sizeof plan->options - plan->used;
-  const int length = vsnprintf(plan->options + plan->used, room, format, values);
+  const size_t left = sizeof plan->options - plan->used;
+  const int length = vsnprintf(plan->options + plan->used, left, format, values);
   va_end(values);
-  if (length < 0 || (size_t)length >= room)
+  if (length < 0 || (size_t)length >= left)
     plan->used = sizeof plan->options - 1; /* the longest are a third of the room */
   else
     plan->used += (size_t)length;
@@ -162,9 +162,9 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
             (size_t)widest);
   say_shape(&plan, &a->forward);
   const size_t part = say_sums(&plan, a, device->cpu);
-  const size_t tiles = n / plan.tile + (n % plan.tile != 0), room = SUMS_MOST / part;
+  const size_t tiles = n / plan.tile + (n % plan.tile != 0), fitting = SUMS_MOST / part;
   size_t most = device->cpu ? PARTS_CPU : PARTS_GPU;
-  if (most > room) most = room > 0 ? room : 1;
+  if (most > fitting) most = fitting > 0 ? fitting : 1;
   size_t each = (tiles + most - 1) / most;
   if (each < LEAST_TILES) each = LEAST_TILES;
   const size_t parts = (tiles + each - 1) / each;

@@ -59,7 +59,7 @@ struct ern_cl_head {
   uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES], of the last frame */
   size_t bits_written, bits_at;                      /* the buffer's number then; 0: none yet */
   float *nearest;                                    /* host: a distance a block of pixels */
-  size_t nearest_room;
+  size_t nearest_capacity;
   char options[OPTIONS_BYTES];
 };
 
@@ -323,11 +323,11 @@ static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p,
   struct ern_backend *table = &ern_cl_backend_of(stream)->table;
   const size_t blocks = ern_tile_count(a->view.width) * ern_tile_count(a->view.height);
   ern_status status = ERN_OK;
-  if (p->nearest_room < blocks) {
+  if (p->nearest_capacity < blocks) {
     ern_release(table->context, p->nearest);
-    p->nearest_room = 0;
+    p->nearest_capacity = 0;
     ERN_TRY(ERN_NEW(table->context, blocks, &p->nearest));
-    p->nearest_room = blocks;
+    p->nearest_capacity = blocks;
   }
   const size_t written = atomic_load(&a->bits.buffer->written);
   if (p->bits_written != written || p->bits_at != a->bits.at) {

@@ -23,12 +23,12 @@ bool ern_number_read(const char **at, const char *end, double *value) {
   const char *p = *at;
   const bool negative = p < end && *p == '-';
   if (p < end && (*p == '-' || *p == '+')) p++;
-  const uint64_t room = (UINT64_MAX - 9) / 10;
+  const uint64_t most = (UINT64_MAX - 9) / 10;
   uint64_t digits = 0;
   long scale = 0;
   bool any = false;
   for (; is_digit(p, end); p++, any = true) {
-    if (digits <= room) {
+    if (digits <= most) {
       digits = digits * 10 + (uint64_t)(*p - '0');
     } else {
       scale++;
@@ -36,7 +36,7 @@ bool ern_number_read(const char **at, const char *end, double *value) {
   }
   if (p < end && *p == '.') {
     for (p++; is_digit(p, end); p++, any = true) {
-      if (digits > room) continue;
+      if (digits > most) continue;
       digits = digits * 10 + (uint64_t)(*p - '0');
       scale--;
     }

@@ -341,9 +341,9 @@ static ern_status take_dimension(const struct look *look, struct span message, s
     if (is_message(&field, 2)) copy_name(field.bytes, name), size = 0;
   }
   const bool fixed = size >= 1 && size <= INT32_MAX;
-  const size_t used = strlen(value->text), room = sizeof value->text - used;
+  const size_t used = strlen(value->text), left = sizeof value->text - used;
   if (fixed) snprintf(name, sizeof name, "%d", (int)size);
-  snprintf(value->text + used, room, "%s%s", value->dims > 0 ? ", " : "", name);
+  snprintf(value->text + used, left, "%s%s", value->dims > 0 ? ", " : "", name);
   if (!fixed && value->open[0] == 0) memcpy(value->open, name, sizeof name);
   if (value->dims < ERN_ONNX_DIMS) value->shape[value->dims] = (int)size;
   value->dims++;

@@ -18,16 +18,16 @@ static ern_status damaged(const struct ern_pickle_machine *m, const char *what) 
 }
 
 static ern_status grow(struct ern_pickle_machine *m, struct ern_pickle_pointers *list, size_t need) {
-  if (need <= list->room) return ERN_OK;
-  size_t room = list->room > 0 ? list->room : 64;
-  while (room < need) room *= 2;
+  if (need <= list->capacity) return ERN_OK;
+  size_t capacity = list->capacity > 0 ? list->capacity : 64;
+  while (capacity < need) capacity *= 2;
   struct ern_pickle_value **fresh = NULL;
-  const ern_status status = ERN_NEW(m->context, room, &fresh);
+  const ern_status status = ERN_NEW(m->context, capacity, &fresh);
   if (status != ERN_OK) return status;
-  if (list->room > 0) memcpy(fresh, list->item, list->room * sizeof list->item[0]);
+  if (list->capacity > 0) memcpy(fresh, list->item, list->capacity * sizeof list->item[0]);
   ern_release(m->context, list->item);
   list->item = fresh;
-  list->room = room;
+  list->capacity = capacity;
   return ERN_OK;
 }
 
@@ -82,7 +82,7 @@ static ern_status memo_put(struct ern_pickle_machine *m, size_t number) {
 }
 
 static ern_status memo_get(struct ern_pickle_machine *m, size_t number) {
-  if (number >= m->memo.room || m->memo.item[number] == NULL)
+  if (number >= m->memo.capacity || m->memo.item[number] == NULL)
     return damaged(m, "nothing was put under that memo number");
   return push(m, m->memo.item[number]);
 }
@@ -167,12 +167,12 @@ static ern_status push_words(struct ern_pickle_machine *m, ern_pickle_kind kind,
 /* ---- callables --------------------------------------------------------------------------------------------------- */
 
 /* A line up to its newline, which is skipped. */
-static ern_status take_line(struct ern_pickle_machine *m, char *line, size_t room) {
+static ern_status take_line(struct ern_pickle_machine *m, char *line, size_t capacity) {
   const uint8_t *from = m->bytes + m->at;
   const uint8_t *end = m->at < m->count ? memchr(from, '\n', m->count - m->at) : NULL;
   if (end == NULL) return damaged(m, "the pickle ends inside a name");
   const size_t length = (size_t)(end - from);
-  if (length >= room) return damaged(m, "a name of more than 200 bytes");
+  if (length >= capacity) return damaged(m, "a name of more than 200 bytes");
   for (size_t i = 0; i < length; i++) line[i] = from[i] >= 32 && from[i] < 127 ? (char)from[i] : '?';
   line[length] = 0;
   m->at += length + 1;
@@ -221,7 +221,7 @@ static ern_status push_list(struct ern_pickle_machine *m, ern_pickle_kind kind, 
     list->as.list.item = ern_pickle_allocate(m, count * sizeof *item, &status);
     if (status != ERN_OK) return status;
     memcpy(list->as.list.item, item, count * sizeof *item);
-    list->as.list.count = list->as.list.room = count;
+    list->as.list.count = list->as.list.capacity = count;
   }
   return push(m, list);
 }

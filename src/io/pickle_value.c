@@ -51,14 +51,14 @@ ern_status ern_pickle_make(struct ern_pickle_machine *m, ern_pickle_kind kind, s
 
 ern_status ern_pickle_append(struct ern_pickle_machine *m, struct ern_pickle_value *list,
                              struct ern_pickle_value *item) {
-  if (list->as.list.count == list->as.list.room) {
-    const size_t room = list->as.list.room > 0 ? 2 * list->as.list.room : 4;
+  if (list->as.list.count == list->as.list.capacity) {
+    const size_t capacity = list->as.list.capacity > 0 ? 2 * list->as.list.capacity : 4;
     ern_status status;
-    struct ern_pickle_value **fresh = ern_pickle_allocate(m, room * sizeof *fresh, &status);
+    struct ern_pickle_value **fresh = ern_pickle_allocate(m, capacity * sizeof *fresh, &status);
     if (status != ERN_OK) return status;
     if (list->as.list.count > 0) memcpy(fresh, list->as.list.item, list->as.list.count * sizeof list->as.list.item[0]);
     list->as.list.item = fresh;
-    list->as.list.room = room;
+    list->as.list.capacity = capacity;
   }
   list->as.list.item[list->as.list.count++] = item;
   return ERN_OK;

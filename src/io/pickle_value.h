@@ -37,7 +37,7 @@ struct ern_pickle_value {
     } words; /* TEXT, BYTES */
     struct {
       struct ern_pickle_value **item; /* of a dict: key, value, key, value ... */
-      size_t count, room;
+      size_t count, capacity;
     } list;
     struct {
       const char *key; /* name of the entry that holds the bytes */
@@ -67,7 +67,7 @@ static inline bool ern_pickle_is_dict(const struct ern_pickle_value *value) {
 
 struct ern_pickle_pointers {
   struct ern_pickle_value **item;
-  size_t count, room;
+  size_t count, capacity;
 };
 
 struct ern_pickle_machine {

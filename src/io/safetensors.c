@@ -173,13 +173,13 @@ static bool is_aligned(const struct ern_tensor *tensor) {
 static ern_status place_tensors(const struct reading *reading, const uint8_t *data, struct ern_tensor_file *file) {
   struct storage *storage = file->private_data;
   ern_status status = ERN_OK;
-  size_t room_bytes = 0;
+  size_t aligned_bytes = 0;
   for (size_t i = 0; i < file->tensor_count; i++) file->tensors[i].data = data + file->tensors[i].at;
   for (size_t i = 0; i < file->tensor_count; i++) {
-    if (!is_aligned(&file->tensors[i])) room_bytes += (tensor_bytes(&file->tensors[i]) + 7) / 8 * 8;
+    if (!is_aligned(&file->tensors[i])) aligned_bytes += (tensor_bytes(&file->tensors[i]) + 7) / 8 * 8;
   }
-  if (room_bytes == 0) return ERN_OK;
-  ERN_TRY(ERN_NEW(reading->context, room_bytes, &storage->aligned));
+  if (aligned_bytes == 0) return ERN_OK;
+  ERN_TRY(ERN_NEW(reading->context, aligned_bytes, &storage->aligned));
   uint8_t *at = storage->aligned;
   for (size_t i = 0; i < file->tensor_count; i++) {
     struct ern_tensor *tensor = &file->tensors[i];

@@ -44,12 +44,12 @@ static ern_status read_number(const struct reading *reading, const char *name, i
   return wrong(reading, name, expected);
 }
 
-/* Text of `letters` (NULL: printable ASCII without quotes and backslashes), `least` to `room` - 1 of them. */
+/* Text of `letters` (NULL: printable ASCII without quotes and backslashes), `least` to `capacity` - 1 of them. */
 static ern_status read_text(const struct reading *reading, const char *name, const char *letters, size_t least,
-                            size_t room, const char *expected, char *to) {
+                            size_t capacity, const char *expected, char *to) {
   const char *text = json_string_value(json_object_get(reading->root, name));
   const size_t count = text != NULL ? strlen(text) : 0;
-  bool fine = text != NULL && count >= least && count < room;
+  bool fine = text != NULL && count >= least && count < capacity;
   for (size_t i = 0; fine && i < count; i++)
     fine = letters != NULL ? strchr(letters, text[i]) != NULL
                            : text[i] > 31 && text[i] < 127 && text[i] != '"' && text[i] != '\\';

@@ -29,7 +29,7 @@ struct writing {
   const struct ern_tensor *tensors;
   size_t tensor_count;
   uint8_t *bytes; /* of data.pkl */
-  size_t count, room;
+  size_t count, capacity;
   struct named_tensor {
     const struct ern_tensor *tensor;
     size_t key;                   /* 1 + the number of its entry; 0: it has none yet */
@@ -42,14 +42,14 @@ struct writing {
 static void put(struct writing *w, const void *bytes, size_t count) {
   uint8_t *fresh = NULL;
   if (w->status != ERN_OK) return;
-  if (count > w->room - w->count) {
-    const size_t room = 2 * w->room + count + 4096;
-    w->status = ERN_NEW(w->context, room, &fresh);
+  if (count > w->capacity - w->count) {
+    const size_t capacity = 2 * w->capacity + count + 4096;
+    w->status = ERN_NEW(w->context, capacity, &fresh);
     if (w->status != ERN_OK) return;
     if (w->count > 0) memcpy(fresh, w->bytes, w->count);
     ern_release(w->context, w->bytes);
     w->bytes = fresh;
-    w->room = room;
+    w->capacity = capacity;
   }
   memcpy(w->bytes + w->count, bytes, count);
   w->count += count;

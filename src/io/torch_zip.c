@@ -10,7 +10,7 @@
 
 #include "core/memory.h"
 
-enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_ROOM = 512 };
+enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_CAPACITY = 512 };
 static const size_t words_limit = (size_t)1 << 24;  /* bytes of all texts of the tree, those held twice counted twice */
 static const size_t spread_limit = (size_t)1 << 28; /* bytes that copies of views may take beyond the file's */
 
@@ -32,7 +32,7 @@ struct opened {
     char *name;
     uint8_t *copy; /* contiguous bytes of a view, NULL: it lies so in the storage */
   } * tensor;      /* all that have a name */
-  size_t tensors, room;
+  size_t tensors, capacity;
 };
 
 bool ern_torch_is_zip(const uint8_t *bytes, size_t count) { return count >= 4 && memcmp(bytes, "PK\3\4", 4) == 0; }
@@ -318,7 +318,7 @@ struct walk {
   ern_context *context;
   struct opened *o;
   const char *prefix;
-  char path[PATH_ROOM];
+  char path[PATH_CAPACITY];
   size_t visits, words; /* values and bytes of texts so far */
   ern_status status;
 };
@@ -457,13 +457,13 @@ ern_status ern_torch_name(ern_context *context, struct ern_torch *torch, struct 
   char *full = NULL;
   ern_status status = ERN_OK;
   if (tensor->as.tensor.name != NULL) return ERN_OK;
-  if (o->tensors == o->room) {
-    const size_t room = o->room > 0 ? 2 * o->room : 64;
-    ERN_TRY(ERN_NEW(context, room, &larger));
+  if (o->tensors == o->capacity) {
+    const size_t capacity = o->capacity > 0 ? 2 * o->capacity : 64;
+    ERN_TRY(ERN_NEW(context, capacity, &larger));
     if (o->tensors > 0) memcpy(larger, o->tensor, o->tensors * sizeof *o->tensor);
     ern_release(context, o->tensor);
     o->tensor = larger;
-    o->room = room;
+    o->capacity = capacity;
   }
   const size_t length = strlen(prefix) + strlen(name) + 1;
   ERN_TRY(ERN_NEW(context, length, &full));

@@ -16,27 +16,27 @@ static const size_t max_samples = (size_t)1 << 31;
 /* A sound of unknown length. */
 struct growing {
   ern_sound sound;
-  size_t room; /* frames that fit */
+  size_t capacity; /* frames that fit */
 };
 
 /* Room for `more` frames past those that are there. */
-static ern_status make_room(ern_context *context, const char *path, struct growing *growing, size_t more) {
+static ern_status reserve(ern_context *context, const char *path, struct growing *growing, size_t more) {
   ern_sound *sound = &growing->sound;
   const size_t channels = (size_t)sound->channels, most = max_samples / channels;
   if (more > most || sound->frames > most - more) {
     return ern_fail(context, ERN_E_SHAPE, "%s: sound is longer than %zu samples, the most that is read", path, most);
   }
   const size_t needed = sound->frames + more;
-  if (needed <= growing->room && sound->data != NULL) return ERN_OK;
-  size_t room = growing->room * 2 > needed ? growing->room * 2 : needed;
-  if (room > most) room = most;
+  if (needed <= growing->capacity && sound->data != NULL) return ERN_OK;
+  size_t capacity = growing->capacity * 2 > needed ? growing->capacity * 2 : needed;
+  if (capacity > most) capacity = most;
   int16_t *larger = NULL;
-  const ern_status status = ERN_NEW(context, room * channels, &larger);
+  const ern_status status = ERN_NEW(context, capacity * channels, &larger);
   if (status != ERN_OK) return status;
   if (sound->frames > 0) memcpy(larger, sound->data, sound->frames * channels * sizeof *sound->data);
   ern_release(context, sound->data);
   sound->data = larger;
-  growing->room = room;
+  growing->capacity = capacity;
   return ERN_OK;
 }
 
@@ -44,9 +44,9 @@ static ern_status append(ern_context *context, struct ern_sound_decoder *decoder
   ern_sound *sound = &growing->sound;
   ern_status status = ERN_OK;
   sound->channels = decoder->channels;
-  ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->silence));
+  ERN_TRY(reserve(context, decoder->decoder.path, growing, decoder->silence));
   sound->frames += decoder->silence; /* zeros, as memory is */
-  ERN_TRY(make_room(context, decoder->decoder.path, growing, decoder->frames));
+  ERN_TRY(reserve(context, decoder->decoder.path, growing, decoder->frames));
   ERN_TRY(ern_sound_decoder_take(decoder, sound->data + sound->frames * (size_t)sound->channels));
   sound->frames += decoder->frames;
 fail:
@@ -71,7 +71,7 @@ ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sou
   }
   growing.sound.rate = decoder.rate;
   growing.sound.channels = decoder.channels;
-  ERN_TRY(make_room(context, path, &growing, 0)); /* not one sample: still an array */
+  ERN_TRY(reserve(context, path, &growing, 0)); /* not one sample: still an array */
   growing.sound.frames -= decoder.surplus;
   *sound = growing.sound;
   growing.sound.data = NULL;

@@ -237,8 +237,8 @@ struct hearing {
   struct ern_sound_decoder sound;
   ern_sound_taker *take;
   void *user;
-  float *samples; /* [room][channels]: the piece that was decoded last */
-  size_t room;
+  float *samples; /* [capacity][channels]: the piece that was decoded last */
+  size_t capacity;
   size_t waiting; /* of its frames; handed on when it is known whether it is the last, whose padding is left out */
   uint64_t frames;
 };
@@ -277,11 +277,11 @@ static ern_status take_piece(struct hearing *hearing) {
                      MOST_HEARD_HOURS));
   ERN_TRY(give_waiting(hearing));
   ERN_TRY(give_silence(hearing));
-  if (count > hearing->room) {
+  if (count > hearing->capacity) {
     ern_release(hearing->context, hearing->samples);
-    hearing->room = 0;
+    hearing->capacity = 0;
     ERN_TRY(ERN_NEW(hearing->context, count * (size_t)sound->channels, &hearing->samples));
-    hearing->room = count;
+    hearing->capacity = count;
   }
   ERN_TRY(ern_sound_decoder_take(sound, hearing->samples));
   hearing->waiting = sound->frames;

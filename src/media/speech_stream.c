@@ -22,8 +22,8 @@ struct ern_speech_stream {
   size_t block_frames, filled;    /* so that the rows do not depend on how the sound was cut */
   float frame[ERN_CEPSTRA_FRAME]; /* the samples of the next row, as far as they are there */
   size_t waiting;                 /* that many */
-  float *row;                     /* [row_room][13]: made and not yet pulled */
-  size_t rows, row_room;
+  float *row;                     /* [row_capacity][13]: made and not yet pulled */
+  size_t rows, row_capacity;
   uint64_t pushed, made; /* frames in; rows */
   bool ended;
   ern_status failed; /* of a call that left the stream without some of its rows */
@@ -78,15 +78,15 @@ void ern_speech_stream_free(ern_speech_stream **stream) {
 }
 
 static ern_status make_row(ern_speech_stream *s) {
-  if (s->rows == s->row_room) {
-    const size_t more = s->row_room > 0 ? 2 * s->row_room : 64;
+  if (s->rows == s->row_capacity) {
+    const size_t more = s->row_capacity > 0 ? 2 * s->row_capacity : 64;
     float *larger = NULL;
     const ern_status status = ERN_NEW(s->context, more * ERN_CEPSTRA_WIDTH, &larger);
     if (status != ERN_OK) return status;
     if (s->rows > 0) memcpy(larger, s->row, s->rows * ERN_CEPSTRA_WIDTH * sizeof *s->row);
     ern_release(s->context, s->row);
     s->row = larger;
-    s->row_room = more;
+    s->row_capacity = more;
   }
   ern_cepstra_row(s->cepstra, s->frame, s->row + s->rows++ * ERN_CEPSTRA_WIDTH);
   s->made++;
@@ -98,7 +98,7 @@ static ern_status make_row(ern_speech_stream *s) {
 /* Samples at 16 kHz. */
 static ern_status take_samples(ern_speech_stream *s, const float *samples, size_t count) {
   while (count > 0) {
-    const size_t room = ERN_CEPSTRA_FRAME - s->waiting, part = count < room ? count : room;
+    const size_t left = ERN_CEPSTRA_FRAME - s->waiting, part = count < left ? count : left;
     memcpy(s->frame + s->waiting, samples, part * sizeof *samples);
     s->waiting += part;
     samples += part;

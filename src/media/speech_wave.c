@@ -16,21 +16,21 @@ struct wave {
   const char *path;
   int rate, from; /* samples a second: wanted, and of the file */
   SwrContext *resampler;
-  float *samples; /* [room] */
-  size_t count, room;
+  float *samples; /* [capacity] */
+  size_t count, capacity;
   uint64_t frames; /* of the file */
 };
 
 static ern_status append(struct wave *wave, const float *samples, size_t count) {
-  if (wave->count + count > wave->room) {
-    const size_t room = 2 * wave->room + count;
+  if (wave->count + count > wave->capacity) {
+    const size_t capacity = 2 * wave->capacity + count;
     float *larger = NULL;
-    const ern_status status = ERN_NEW(wave->context, room, &larger);
+    const ern_status status = ERN_NEW(wave->context, capacity, &larger);
     if (status != ERN_OK) return status;
     if (wave->count > 0) memcpy(larger, wave->samples, wave->count * sizeof *larger);
     ern_release(wave->context, wave->samples);
     wave->samples = larger;
-    wave->room = room;
+    wave->capacity = capacity;
   }
   if (count > 0) memcpy(wave->samples + wave->count, samples, count * sizeof *samples);
   wave->count += count;

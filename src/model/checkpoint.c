@@ -147,7 +147,7 @@ static bool order_fits(const struct reading *r, bool torso, const struct ern_pic
   return true;
 }
 
-static ern_status name_optimizer(struct reading *r, struct trained *list, int64_t *number, size_t room) {
+static ern_status name_optimizer(struct reading *r, struct trained *list, int64_t *number, size_t capacity) {
   static const struct {
     const char *key, *prefix;
   } parts[] = {{"exp_avg_sq", "state.moment."}, {"exp_avg", "state.first."}, {"step", "state.count."}};
@@ -156,7 +156,7 @@ static ern_status name_optimizer(struct reading *r, struct trained *list, int64_
   size_t count = 0;
   if (optimizer == NULL) return ERN_OK;
   r->trains = ern_pickle_is_dict(state) && state->as.list.count <= 2 * (size_t)MOST_TENSORS &&
-              list_numbers(ern_pickle_get(optimizer, "param_groups"), number, room, &count);
+              list_numbers(ern_pickle_get(optimizer, "param_groups"), number, capacity, &count);
   if (r->trains) r->trains = order_fits(r, false, state, number, count, list);
   if (!r->trains && count > 0) r->trains = r->torso = order_fits(r, true, state, number, count, list);
   if (!r->trains) {

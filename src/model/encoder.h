@@ -9,7 +9,7 @@
 /* x: [3] per sample; writes batch->f, and of a network batch->waves and batch->hidden. */
 ERN_NODISCARD ern_status ern_encode_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                                         struct ern_head_batch *batch);
-/* From d->f; d->hidden and d->waves are room. dparameters accumulates, and d->x where there is one. */
+/* From d->f; d->hidden and d->waves are workspace. dparameters accumulates, and d->x where there is one. */
 ERN_NODISCARD ern_status ern_encode_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                                         const struct ern_head_batch *batch, struct ern_head_batch *d,
                                         ern_span dparameters);

@@ -158,12 +158,12 @@ static ern_status read_view(ern_context *context, const json_t *root, const char
 static ern_status read_speech(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
   const json_t *speech = json_object_get(root, "speech"), *network = json_object_get(root, "speech_network");
   char *text = identity->speech_network;
-  const size_t room = sizeof identity->speech_network;
+  const size_t capacity = sizeof identity->speech_network;
   if (speech != NULL && !json_is_string(speech)) return wrong_field(context, path, "speech");
   snprintf(identity->speech, sizeof identity->speech, "%s", speech != NULL ? json_string_value(speech) : "");
   if (network == NULL) return ERN_OK;
-  const size_t count = json_is_object(network) ? json_dumpb(network, text, room - 1, JSON_COMPACT) : 0;
-  if (count == 0 || count >= room) return wrong_field(context, path, "speech_network");
+  const size_t count = json_is_object(network) ? json_dumpb(network, text, capacity - 1, JSON_COMPACT) : 0;
+  if (count == 0 || count >= capacity) return wrong_field(context, path, "speech_network");
   text[count] = 0;
   return ERN_OK;
 }

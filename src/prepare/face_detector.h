@@ -16,10 +16,10 @@ struct ern_face_detector;
  * ERNERF_CASCADES names. */
 ERN_NODISCARD ern_status ern_face_detector_make(ern_context *context, const char *network,
                                                 struct ern_face_detector **detector);
-/* faces[*count] of a picture of 3 channels, the largest first, at most `room`; `frame` is not set. Pixels of the
+/* faces[*count] of a picture of 3 channels, the largest first, at most `capacity`; `frame` is not set. Pixels of the
  * picture, which are shown `aspect` times as wide as high. */
 ERN_NODISCARD ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,
-                                                double aspect, struct ern_found_face *faces, size_t room,
+                                                double aspect, struct ern_found_face *faces, size_t capacity,
                                                 size_t *count);
 /* The part of a picture that begins at pixel x, y and has that width and height, which may be fractions, as a square of
  * `side` pixels, by area averaging. */

@@ -114,12 +114,13 @@ extern "C" ern_status ern_face_detector_make(ern_context *context, const char *n
 }
 
 extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,
-                                             double aspect, struct ern_found_face *faces, size_t room, size_t *count) {
+                                             double aspect, struct ern_found_face *faces, size_t capacity,
+                                             size_t *count) {
   *count = 0;
   return guarded(detector->context, [&] {
     const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
     if (detector->network != nullptr)
-      return ern_face_network_find(detector->context, detector->network.get(), whole, aspect, faces, room, count);
+      return ern_face_network_find(detector->context, detector->network.get(), whole, aspect, faces, capacity, count);
     cv::Mat grey;
     std::vector<cv::Rect> found;
     cv::cvtColor(whole, grey, cv::COLOR_RGB2GRAY);
@@ -139,7 +140,7 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
     }
     std::sort(found.begin(), found.end(), [](const cv::Rect &a, const cv::Rect &b) { return a.width > b.width; });
     for (const cv::Rect &r : found) {
-      if (*count == room) break;
+      if (*count == capacity) break;
       struct ern_found_face *face = &faces[(*count)++];
       *face = ern_found_face{};
       face->x = static_cast<float>(r.x / scale.x);

@@ -170,7 +170,7 @@ ern_status ern_face_network_open(ern_context *context, const char *path, ern_fac
 }
 
 ern_status ern_face_network_find(ern_context *context, ern_face_network *network, const cv::Mat &picture, double aspect,
-                                 ern_found_face *faces, size_t room, size_t *count) {
+                                 ern_found_face *faces, size_t capacity, size_t *count) {
   return guarded(context, *network, [&] {
     Candidates candidates;
     std::vector<int> kept;
@@ -188,7 +188,7 @@ ern_status ern_face_network_find(ern_context *context, ern_face_network *network
     }
     std::stable_sort(found.begin(), found.end(),
                      [](const ern_found_face &a, const ern_found_face &b) { return a.width > b.width; });
-    *count = std::min(room, found.size());
+    *count = std::min(capacity, found.size());
     std::copy_n(found.begin(), *count, faces);
     return ERN_OK;
   });

@@ -23,6 +23,6 @@ struct ern_face_network {
 ERN_NODISCARD ern_status ern_face_network_open(ern_context *context, const char *path, ern_face_network *network);
 /* As ern_face_detector_find; `picture` is RGB of 8 bits. May throw std::bad_alloc. */
 ERN_NODISCARD ern_status ern_face_network_find(ern_context *context, ern_face_network *network, const cv::Mat &picture,
-                                               double aspect, ern_found_face *faces, size_t room, size_t *count);
+                                               double aspect, ern_found_face *faces, size_t capacity, size_t *count);
 
 #endif

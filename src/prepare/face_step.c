@@ -37,7 +37,7 @@ struct scan {
   struct ern_prepare_job *job;
   struct ern_face_detector *detector;
   struct ern_found_face *faces; /* [looks]: the main one of each look; width 0: none */
-  size_t looks, room, found, with_others;
+  size_t looks, capacity, found, with_others;
   float thumb[THUMB * THUMB], change, most_change; /* of the last frame; grey levels, mean over it */
   float usual;                                     /* running mean of the change */
   size_t cut;                                      /* frame of a cut; 0: none */
@@ -112,13 +112,13 @@ static ern_status look(struct scan *s, const ern_image *image) {
   ern_status status = ERN_OK;
   struct ern_found_face found[FACES], *larger = NULL;
   size_t count = 0;
-  if (s->looks == s->room) {
-    const size_t room = 2 * s->room + 256;
-    ERN_TRY(ERN_NEW(s->job->context, room, &larger));
+  if (s->looks == s->capacity) {
+    const size_t capacity = 2 * s->capacity + 256;
+    ERN_TRY(ERN_NEW(s->job->context, capacity, &larger));
     if (s->looks > 0) memcpy(larger, s->faces, s->looks * sizeof *larger);
     ern_release(s->job->context, s->faces);
     s->faces = larger;
-    s->room = room;
+    s->capacity = capacity;
   }
   ERN_TRY(ern_face_detector_find(s->detector, image, s->aspect, found, FACES, &count));
   struct ern_found_face face = {0};

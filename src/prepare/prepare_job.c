@@ -77,16 +77,16 @@ void ern_prepare_judge(struct ern_prepare_job *job, ern_prepare_grade grade, con
   ern_prepare_verdict *verdict = job->verdict;
   const size_t used = strlen(verdict->words);
   char *to = verdict->words + used;
-  size_t room = sizeof verdict->words - used;
+  size_t left = sizeof verdict->words - used;
   if (grade > verdict->grade) verdict->grade = grade;
-  if (used > 0 && room > 2) {
+  if (used > 0 && left > 2) {
     memcpy(to, "; ", 3);
     to += 2;
-    room -= 2;
+    left -= 2;
   }
   va_list list;
   va_start(list, format);
-  (void)vsnprintf(to, room, format, list);
+  (void)vsnprintf(to, left, format, list);
   va_end(list);
 }
 

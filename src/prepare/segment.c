@@ -33,14 +33,14 @@ ern_status ern_segment_read(ern_context *context, const char *text, double *leng
 
 ern_status ern_segment_add(ern_context *context, struct ern_segment_search *search, const struct ern_found_face *face) {
   ern_status status = ERN_OK;
-  if (search->count == search->room) {
+  if (search->count == search->capacity) {
     struct ern_segment_look *larger = NULL;
-    const size_t room = 2 * search->room + 256;
-    ERN_TRY(ERN_NEW(context, room, &larger));
+    const size_t capacity = 2 * search->capacity + 256;
+    ERN_TRY(ERN_NEW(context, capacity, &larger));
     if (search->count > 0) memcpy(larger, search->looks, search->count * sizeof *larger);
     ern_release(context, search->looks);
     search->looks = larger;
-    search->room = room;
+    search->capacity = capacity;
   }
   struct ern_segment_look look = {
       .face = face->width > 0, .cut = search->cut > 0, .cut_before = search->cut > 0 && search->cut < face->frame};

@@ -13,7 +13,7 @@ ERN_NODISCARD ern_status ern_segment_read(ern_context *context, const char *text
 /* The looks at a video, in order and equally far apart; zeroed at the beginning. */
 struct ern_segment_search {
   struct ern_segment_look *looks;
-  size_t count, room;
+  size_t count, capacity;
   size_t cut; /* frame that the first cut since the last look leads to, 0: none */
 };
 

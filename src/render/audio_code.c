@@ -68,7 +68,7 @@ ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
   float now[ERN_AUDIO_CODE];
   ern_status status = ERN_OK;
   ERN_TRY(ern_renderer_hear_alone(r, input));
-  if (!r->options.smooth_lips && !(input->rest > 0)) return ERN_OK;
+  if (!r->options.smooth_lips && !(input->silence_weight > 0)) return ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
   for (int c = 0; c < ERN_AUDIO_CODE; c++) /* before it is kept for the frames to come */
     if (!isfinite(now[c]))
@@ -81,8 +81,8 @@ ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
     memcpy(r->last_code, now, sizeof now);
     r->has_last_code = true;
   }
-  for (int c = 0; c < ERN_AUDIO_CODE && input->rest > 0; c++)
-    now[c] = (1 - input->rest) * now[c] + input->rest * input->rest_code[c];
+  for (int c = 0; c < ERN_AUDIO_CODE && input->silence_weight > 0; c++)
+    now[c] = (1 - input->silence_weight) * now[c] + input->silence_weight * input->silence_code[c];
   ERN_TRY(r->backend->upload_reals(r->stream, code, now, ERN_AUDIO_CODE));
 fail:
   return status;

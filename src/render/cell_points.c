@@ -23,12 +23,12 @@ static void eighths(float *x, const uint32_t *cell, size_t cells, int axis, floa
 }
 
 ern_status ern_cell_points(struct ern_stream *stream, ern_rows x, const uint32_t *cell, size_t cells, float bound,
-                           float *room) {
+                           float *workspace) {
   const size_t n = cells * ERN_EIGHTHS;
   ern_status status = ERN_OK;
   for (int axis = 0; axis < 3; axis++) {
-    eighths(room, cell, cells, axis, bound);
-    ERN_TRY(stream->backend->upload_reals(stream, ern_span_of_row(x, axis, n), room, n));
+    eighths(workspace, cell, cells, axis, bound);
+    ERN_TRY(stream->backend->upload_reals(stream, ern_span_of_row(x, axis, n), workspace, n));
   }
 fail:
   return status;

@@ -10,10 +10,11 @@ enum { ERN_EIGHTHS = 8, ERN_CELL_BLOCK = 27 };
 /* The cells whose bits are set, ascending; cell has room for ERN_OCCUPANCY_CELLS. Returns how many. */
 size_t ern_cells_list(uint32_t *cell, const uint8_t *bits);
 
-/* x: [3] per point <- the middles of the cells' eighths, ERN_EIGHTHS a cell. room: [cells * ERN_EIGHTHS], on the host.
+/* x: [3] per point <- the middles of the cells' eighths, ERN_EIGHTHS a cell. workspace: [cells * ERN_EIGHTHS], on the
+ * host.
  */
 ERN_NODISCARD ern_status ern_cell_points(struct ern_stream *stream, ern_rows x, const uint32_t *cell, size_t cells,
-                                         float bound, float *room);
+                                         float bound, float *workspace);
 
 /* A cell and those that touch it, also at an edge or a corner. Returns how many lie in the grid. */
 int ern_cell_block(uint32_t block[ERN_CELL_BLOCK], uint32_t number);

@@ -10,11 +10,11 @@ static ern_status upload_background(ern_renderer *r, const ern_frame_input *inpu
   struct ern_background_args args = {.pixel = f->background, .opacity = f->torso_opacity.span, .n = f->pixels};
   ern_status status = ERN_OK;
   if (input->background != NULL) {
-    ERN_TRY(ern_renderer_room(r, BACKGROUND_BYTES, ERN_ELEMENT_BYTE, 3 * f->pixels, &args.background));
+    ERN_TRY(ern_renderer_buffer(r, BACKGROUND_BYTES, ERN_ELEMENT_BYTE, 3 * f->pixels, &args.background));
     ERN_TRY(r->backend->upload_bytes(r->stream, args.background, input->background, 3 * f->pixels));
   }
   if (input->torso != NULL) {
-    ERN_TRY(ern_renderer_room(r, TORSO_BYTES, ERN_ELEMENT_BYTE, 4 * f->pixels, &args.torso));
+    ERN_TRY(ern_renderer_buffer(r, TORSO_BYTES, ERN_ELEMENT_BYTE, 4 * f->pixels, &args.torso));
     ERN_TRY(r->backend->upload_bytes(r->stream, args.torso, input->torso, 4 * f->pixels));
   }
   ERN_TRY(r->backend->background(r->stream, &args));
@@ -124,7 +124,7 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
   ERN_TRY(number_rays(r, &input->camera.frame, view, over ? 1 : r->options.image_scale, &args.pixel_number));
   if (r->reuse.on && over) {
     args.colour = (ern_rows){.stride = to->pixel.stride, .rows = 3, .per = ERN_PER_SAMPLE};
-    ERN_TRY(ern_renderer_room(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));
+    ERN_TRY(ern_renderer_buffer(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));
   }
   status = r->reuse.on ? ern_ray_reuse_head(r, &args, over) : r->backend->render_rays(r->stream, &args);
 fail:
@@ -153,7 +153,7 @@ static ern_status small_frame(ern_renderer *r, const struct frame *f, size_t pix
   } extras[EXTRAS] = {{&small->depth, &f->depth}, {&small->attention, &f->attention}, {&small->eye, &f->eye}};
   ern_span planes;
   const ern_status status =
-      ern_renderer_room(r, SMALL, ERN_ELEMENT_REAL, (LAYER + BACKGROUND + EXTRAS) * stride, &planes);
+      ern_renderer_buffer(r, SMALL, ERN_ELEMENT_REAL, (LAYER + BACKGROUND + EXTRAS) * stride, &planes);
   const ern_rows all = {planes, stride, LAYER + BACKGROUND + EXTRAS, ERN_PER_SAMPLE};
   *small = (struct frame){.pixels = pixels,
                           .number = ern_span_part(f->number, 0, pixels),

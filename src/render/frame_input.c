@@ -98,13 +98,14 @@ ern_status ern_frame_input_check(ern_context *context, const struct ern_field *f
   if (status != ERN_OK) return status;
   if (!(input->eye >= 0 && input->eye <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: eye is %g, expected 0 to 1", (double)input->eye);
-  if (!(input->rest >= 0 && input->rest <= 1) || (input->rest > 0 && input->rest_code == NULL))
+  if (!(input->silence_weight >= 0 && input->silence_weight <= 1) ||
+      (input->silence_weight > 0 && input->silence_code == NULL))
     return ern_fail(context, ERN_E_ARGUMENT,
-                    "render: rest is %g %s a rest_code, expected 0 to 1 and a code where above 0", (double)input->rest,
-                    input->rest_code != NULL ? "with" : "without");
-  for (int i = 0; i < ERN_AUDIO_CODE && input->rest > 0; i++)
-    if (!isfinite(input->rest_code[i]))
-      return ern_fail(context, ERN_E_NONFINITE, "render: rest_code: value %d is not finite", i);
+                    "render: silence_weight is %g %s a silence_code, expected 0 to 1 and a code where above 0",
+                    (double)input->silence_weight, input->silence_code != NULL ? "with" : "without");
+  for (int i = 0; i < ERN_AUDIO_CODE && input->silence_weight > 0; i++)
+    if (!isfinite(input->silence_code[i]))
+      return ern_fail(context, ERN_E_NONFINITE, "render: silence_code: value %d is not finite", i);
   if (field->config.codes > 0 && input->individual != ERN_INDIVIDUAL_MEAN &&
       input->individual >= (size_t)field->config.codes)
     return ern_fail(context, ERN_E_ARGUMENT, "render: individual code %zu, expected 0 to %d", input->individual,

@@ -32,7 +32,7 @@ struct ern_keyframes {
   double variance;                                      /* the largest 1/B_kk */
 };
 
-/* *code = room in the stream's scratch with what the moment sounds like to the field, real [A]. */
+/* *code = the audio code of the keyframe, real [A], in the stream's scratch. */
 ERN_NODISCARD ern_status ern_keyframe_code(struct ern_stream *stream, const struct ern_field *field,
                                            ern_span parameters, const struct ern_keyframe *moment, ern_span *code);
 

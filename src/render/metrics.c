@@ -35,15 +35,15 @@ static void blur(double *out, const double *in, size_t count, size_t step, const
   }
 }
 
-/* Mean SSIM of one channel. room: [2][SSIM_MOMENTS][width*height] doubles. */
-static double ssim_channel(const float *rgb, const uint8_t *truth, int width, int height, int channel, double *room,
-                           const double weight[SSIM_WINDOW]) {
+/* Mean SSIM of one channel. workspace: [2][SSIM_MOMENTS][width*height] doubles. */
+static double ssim_channel(const float *rgb, const uint8_t *truth, int width, int height, int channel,
+                           double *workspace, const double weight[SSIM_WINDOW]) {
   const size_t w = (size_t)width, h = (size_t)height, pixels = w * h, out_h = h - SSIM_WINDOW + 1,
                out_w = w - SSIM_WINDOW + 1;
   double *moment[SSIM_MOMENTS], *mean[SSIM_MOMENTS];
   for (size_t m = 0; m < SSIM_MOMENTS; m++) {
-    moment[m] = room + m * pixels;
-    mean[m] = room + (SSIM_MOMENTS + m) * pixels;
+    moment[m] = workspace + m * pixels;
+    mean[m] = workspace + (SSIM_MOMENTS + m) * pixels;
   }
   for (size_t i = 0; i < pixels; i++) {
     const double x = (double)rgb[3 * i + (size_t)channel], y = truth[3 * i + (size_t)channel] / 255.0;

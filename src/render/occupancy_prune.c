@@ -9,16 +9,16 @@ enum { CHUNK = 1 << 13 /* cells looked at in one go */ };
 
 /* dense[i] is set where cell i reaches `least`. */
 static ern_status look_at(struct ern_stream *stream, struct ern_head_density_args *args, const uint32_t *cell, size_t n,
-                          float least, float *room, bool *dense) {
+                          float least, float *workspace, bool *dense) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
   args->n = n * ERN_EIGHTHS;
   ERN_TRY(ern_take_rows(stream, 3, args->n, &args->x));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, args->n, &args->sigma));
-  ERN_TRY(ern_cell_points(stream, args->x, cell, n, args->field->config.bound, room));
+  ERN_TRY(ern_cell_points(stream, args->x, cell, n, args->field->config.bound, workspace));
   ERN_TRY(stream->backend->head_density(stream, args));
-  ERN_TRY(stream->backend->download_reals(stream, room, args->sigma, args->n));
-  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(room[i] < least); /* a NaN is to be seen */
+  ERN_TRY(stream->backend->download_reals(stream, workspace, args->sigma, args->n));
+  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(workspace[i] < least); /* a NaN is to be seen */
 fail:
   ern_arena_release(stream, mark);
   return status;

@@ -10,13 +10,13 @@ static const double outlier = 1.5;          /* a frame so many times slower than
 static const double slowness_least = 0.25;  /* of a mean to which that is applied: it comes back from any */
 static const double debt_frames = 12;       /* over which frames that were late are made up for */
 static const double debt_most = 24, credit_most = 8; /* frames of lateness, and of being early, that are remembered */
-static const double room_least = 0.6;                /* of the budget: what making up may squeeze a frame to */
+static const double least_share = 0.6;               /* of the budget: what making up may squeeze a frame to */
 enum { CALM_FRAMES = 12 }; /* for so many frames a better setting must fit, before it is taken */
 
-/* The most accurate setting that takes `room` ms at most at the machine's present speed; else the fastest. */
-static size_t fitting(const ern_rate_controller *controller, double room) {
+/* The most accurate setting that takes `allowed` at most at the machine's present speed; else the fastest. */
+static size_t fitting(const ern_rate_controller *controller, double allowed) {
   for (size_t i = 0; i < controller->count; i++)
-    if (controller->cost[i] * controller->slowness <= room) return i;
+    if (controller->cost[i] * controller->slowness <= allowed) return i;
   return controller->count - 1;
 }
 
@@ -43,8 +43,8 @@ size_t ern_rate_controller_next(ern_rate_controller *controller, double millisec
       weight_of_newest * (fmin(ratio, outlier * fmax(controller->slowness, slowness_least)) - controller->slowness);
   controller->late = fmin(fmax(controller->late + milliseconds - controller->budget, -credit_most * controller->budget),
                           debt_most * controller->budget);
-  const double room = controller->budget - controller->late / debt_frames;
-  const size_t now = fitting(controller, fmax(room, room_least * controller->budget));
+  const double allowed = controller->budget - controller->late / debt_frames;
+  const size_t now = fitting(controller, fmax(allowed, least_share * controller->budget));
   const size_t better = fitting(controller, controller->budget);
   if (now > controller->at) {
     controller->at = now;

@@ -151,10 +151,10 @@ fail:
   return status;
 }
 
-static void free_rooms(ern_renderer *r) {
-  for (int i = 0; i < ROOMS; i++) {
-    r->backend->buffer_free(r->backend, r->room[i]);
-    r->room[i] = NULL;
+static void free_buffers(ern_renderer *r) {
+  for (int i = 0; i < BUFFERS; i++) {
+    r->backend->buffer_free(r->backend, r->buffer[i]);
+    r->buffer[i] = NULL;
   }
   r->frame = (struct frame){0};
   ern_ray_reuse_forget(r);
@@ -170,7 +170,7 @@ void ern_renderer_free(ern_renderer **renderer) {
   r->backend->buffer_free(r->backend, r->code);
   for (int i = 0; i < 2; i++) r->backend->buffer_free(r->backend, r->audio_code.codes[i]);
   ern_release(r->context, r->audio_code.windows);
-  free_rooms(r);
+  free_buffers(r);
   ern_ray_reuse_free(r);
   r->backend->stream_free(r->stream);
   ern_release(r->context, r);
@@ -232,7 +232,7 @@ static double milliseconds(void) {
 static ern_status number_pixels(ern_renderer *r, struct frame *f) {
   int32_t *number = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_renderer_room(r, NUMBER, ERN_ELEMENT_INT32, f->pixels, &f->number));
+  ERN_TRY(ern_renderer_buffer(r, NUMBER, ERN_ELEMENT_INT32, f->pixels, &f->number));
   ERN_TRY(ERN_NEW(r->context, f->pixels, &number));
   for (size_t i = 0; i < f->pixels; i++) number[i] = (int32_t)i;
   status = r->backend->upload_int32(r->stream, f->number, number, f->pixels);
@@ -251,10 +251,10 @@ static ern_status size_frame(ern_renderer *r, size_t pixels) {
   size_t at = 0;
   ern_status status = ERN_OK;
   if (f->pixels == pixels) return ERN_OK;
-  free_rooms(r);
+  free_buffers(r);
   f->pixels = pixels;
   ERN_TRY(number_pixels(r, f));
-  ERN_TRY(ern_renderer_room(r, PLANES, ERN_ELEMENT_REAL, 8 * stride, &planes));
+  ERN_TRY(ern_renderer_buffer(r, PLANES, ERN_ELEMENT_REAL, 8 * stride, &planes));
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
     const size_t count = (size_t)widths[i] * stride;
     *rows[i] = (ern_rows){ern_span_part(planes, at, count), stride, widths[i], ERN_PER_SAMPLE};
@@ -263,16 +263,16 @@ static ern_status size_frame(ern_renderer *r, size_t pixels) {
   f->layer = (ern_rows){ern_span_part(planes, 4 * stride, 4 * stride), stride, 4, ERN_PER_SAMPLE};
   return ERN_OK;
 fail:
-  free_rooms(r);
+  free_buffers(r);
   return status;
 }
 
-/* What only some callers ask for. Without an eye branch nothing is ever written over the zeros of its room. */
+/* What only some callers ask for. Without an eye branch nothing is ever written over the zeros of its buffer. */
 static ern_status take_wanted(ern_renderer *r, const ern_frame_output *output) {
   struct frame *f = &r->frame;
   const struct {
     ern_rows *rows;
-    enum room room;
+    enum buffer buffer;
     bool wanted;
   } values[] = {{&f->depth, DEPTH, output->depth != NULL},
                 {&f->attention, ATTENTION, output->attention != NULL},
@@ -281,7 +281,7 @@ static ern_status take_wanted(ern_renderer *r, const ern_frame_output *output) {
   for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
     *values[i].rows = (ern_rows){.stride = f->opacity.stride, .rows = 1, .per = ERN_PER_SAMPLE};
     if (values[i].wanted)
-      ERN_TRY(ern_renderer_room(r, values[i].room, ERN_ELEMENT_REAL, f->opacity.stride, &values[i].rows->span));
+      ERN_TRY(ern_renderer_buffer(r, values[i].buffer, ERN_ELEMENT_REAL, f->opacity.stride, &values[i].rows->span));
   }
 fail:
   return status;
@@ -327,9 +327,9 @@ static ern_status read_back(ern_renderer *r, const struct frame *f, const ern_fr
                                   .torso = opaque ? (ern_span){0} : f->torso_opacity.span,
                                   .n = n};
   ern_status status = ERN_OK;
-  if (out->rgba != NULL) ERN_TRY(ern_renderer_room(r, RGBA, ERN_ELEMENT_BYTE, 4 * n, &args.rgba));
-  if (out->rgb != NULL) ERN_TRY(ern_renderer_room(r, RGB, ERN_ELEMENT_REAL, 3 * n, &args.rgb));
-  if (out->alpha != NULL) ERN_TRY(ern_renderer_room(r, ALPHA, ERN_ELEMENT_REAL, n, &args.alpha));
+  if (out->rgba != NULL) ERN_TRY(ern_renderer_buffer(r, RGBA, ERN_ELEMENT_BYTE, 4 * n, &args.rgba));
+  if (out->rgb != NULL) ERN_TRY(ern_renderer_buffer(r, RGB, ERN_ELEMENT_REAL, 3 * n, &args.rgb));
+  if (out->alpha != NULL) ERN_TRY(ern_renderer_buffer(r, ALPHA, ERN_ELEMENT_REAL, n, &args.alpha));
   ERN_TRY(backend->picture(r->stream, &args));
   if (out->rgba != NULL) ERN_TRY(backend->download_bytes(r->stream, out->rgba, args.rgba, 4 * n));
   if (out->rgb != NULL) ERN_TRY(backend->download_reals(r->stream, out->rgb, args.rgb, 3 * n));

@@ -20,8 +20,8 @@ struct frame {
   ern_rows layer;                                         /* [4]: pixel and opacity */
 };
 
-/* Rooms that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
-enum room {
+/* Buffers that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
+enum buffer {
   NUMBER,
   PLANES,
   SMALL,
@@ -34,7 +34,7 @@ enum room {
   RGB,
   ALPHA,
   COLOUR,
-  ROOMS
+  BUFFERS
 };
 
 enum { MAX_WINDOW_LENGTH = 16, AUDIO_CODE_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
@@ -59,7 +59,7 @@ struct ern_renderer {
   float torso_threshold;
   struct frame frame;
   struct ern_profile profile; /* of the head of the frame */
-  struct ern_buffer *room[ROOMS];
+  struct ern_buffer *buffer[BUFFERS];
   struct audio_code_cache audio_code;
   bool has_last_code;
   float last_code[ERN_AUDIO_CODE];
@@ -68,9 +68,9 @@ struct ern_renderer {
 
 static inline ern_span ern_whole(struct ern_buffer *buffer, size_t count) { return (ern_span){buffer, 0, count}; }
 
-/* *span = the room, made at its first use. */
-ERN_NODISCARD ern_status ern_renderer_room(ern_renderer *r, enum room room, ern_element element, size_t count,
-                                           ern_span *span);
+/* *span = the buffer, made at its first use. */
+ERN_NODISCARD ern_status ern_renderer_buffer(ern_renderer *r, enum buffer buffer, ern_element element, size_t count,
+                                             ern_span *span);
 
 /* *moment: [count], to be released, around what a caller has handed in, which has been checked. */
 ERN_NODISCARD ern_status ern_renderer_keyframes(ern_renderer *r, const float *windows, int window_length,
@@ -79,7 +79,7 @@ ERN_NODISCARD ern_status ern_renderer_keyframes(ern_renderer *r, const float *wi
 /* r->code = what is heard in the windows. */
 ERN_NODISCARD ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input);
 
-/* The audio code of the frame: smoothed over frames where that is asked for, and brought to rest. */
+/* The audio code of the frame: smoothed over frames where that is asked for, and blended with the silence code. */
 ERN_NODISCARD ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input);
 
 /* What stands behind the head, to the frame's background rows: background, torso picture, the model's own torso. */

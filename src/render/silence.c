@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which frames of a speech are silent, told from its features alone, and how far the mouth is at rest there.
+ * Which frames of a speech are silent, told from its features alone, and the weight of the silence code there.
  *
  * Features of one kind have no agreed sign of silence: DeepSpeech's have a space and a blank, HuBERT's have no classes.
  * So it is learnt from a recording whose loud and quiet frames are known: Fisher's discriminant with a diagonal
@@ -15,8 +15,8 @@
 #include "io/feature_range.h"
 
 /* Frames, at 25 a second. QUIET_RUN: what is quiet for a shorter time is the closure of a consonant, not silence.
- * REST_RUN: a pause between words is shorter, 0.3 s. EASE: frames on the way into rest. */
-enum { QUIET_RUN = 5, REST_RUN = 8, EASE = 4, FEWEST = 10, CENTRE = 4 };
+ * SILENCE_RUN: a pause between words is shorter, 0.3 s. EASE: frames in which the weight rises. */
+enum { QUIET_RUN = 5, SILENCE_RUN = 8, EASE = 4, FEWEST = 10, CENTRE = 4 };
 
 /* LOUDNESS_GAP, STILLNESS_GAP: dB between the means of quiet and loud frames, at least: speech stands 20 dB and more
  * over a room; features move by a half more. WORST: share of frames told rightly, in the mean of both kinds; a coin has
@@ -235,20 +235,20 @@ void ern_silence_free(ern_silence **silence) {
 
 /* ---- a speech ---------------------------------------------------------------------------------------------------- */
 
-/* Frames [begin, end) are silent. The first ones of the speech are at rest at once: there is nothing to come from. */
-static void rest_in(float *rest, size_t begin, size_t end) {
-  if (end - begin < REST_RUN) return;
+/* Frames [begin, end) are silent. The first ones of the speech have weight 1 at once: no speech comes before them. */
+static void ramp(float *weights, size_t begin, size_t end) {
+  if (end - begin < SILENCE_RUN) return;
   for (size_t t = begin; t < end; t++) {
     const size_t into = t - begin;
-    rest[t] = begin == 0 || into >= EASE ? 1.0f : (float)(into + 1) / (EASE + 1);
+    weights[t] = begin == 0 || into >= EASE ? 1.0f : (float)(into + 1) / (EASE + 1);
   }
 }
 
-ern_status ern_silence_rest(const ern_silence *silence, const ern_features *features, float *rest) {
+ern_status ern_silence_weights(const ern_silence *silence, const ern_features *features, float *weights) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, silence);
   ERN_NEED(silence->context, features);
-  ERN_NEED(silence->context, rest);
+  ERN_NEED(silence->context, weights);
   const size_t count = features->windows;
   double *score = NULL;
   ern_status status = ern_features_check(silence->context, "silence", features);
@@ -259,7 +259,7 @@ ern_status ern_silence_rest(const ern_silence *silence, const ern_features *feat
                     features->width, silence->width);
   ERN_TRY(ERN_NEW(silence->context, count, &score));
   ERN_TRY(score_frames(silence, features, score));
-  memset(rest, 0, count * sizeof *rest);
+  memset(weights, 0, count * sizeof *weights);
   for (size_t t = 0; t < count;) {
     if (!(score[t] < silence->enter)) {
       t++;
@@ -267,7 +267,7 @@ ern_status ern_silence_rest(const ern_silence *silence, const ern_features *feat
     }
     const size_t begin = t;
     while (t < count && score[t] < silence->leave) t++;
-    rest_in(rest, begin, t);
+    ramp(weights, begin, t);
   }
 fail:
   ern_release(silence->context, score);

@@ -193,15 +193,15 @@ void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
 
 ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const char *format, ...) {
   enum { LINE_BYTES = 1024 };
-  if (lines->room - lines->used < LINE_BYTES) {
+  if (lines->capacity - lines->used < LINE_BYTES) {
     char *larger = NULL;
-    const size_t bytes = 2 * lines->room + 16 * LINE_BYTES;
+    const size_t bytes = 2 * lines->capacity + 16 * LINE_BYTES;
     const ern_status status = ERN_NEW(context, bytes, &larger);
     if (status != ERN_OK) return status;
     if (lines->used > 0) memcpy(larger, lines->text, lines->used);
     ern_release(context, lines->text);
     lines->text = larger;
-    lines->room = bytes;
+    lines->capacity = bytes;
   }
   const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0); /* a host's may write 0,5 */
   if (plain == (locale_t)0) return ern_fail(context, ERN_E_NO_MEMORY, "no memory for a locale");

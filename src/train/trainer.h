@@ -24,7 +24,7 @@ enum {
 /* Lines of a text file that are kept until the next save. */
 struct ern_lines {
   char *text;
-  size_t used, room;
+  size_t used, capacity;
 };
 
 /* X.run: the lock, and the names in it. All NULL without an output. */

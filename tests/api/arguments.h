@@ -31,22 +31,22 @@ struct arguments_check {
 
 /* A struct as it is handed out in some number of bytes, of which some may be too many: a fill or ..._sized function
  * writes so many and none past them, zeros where the library knows no member. `call` uses `it` and `bytes`. */
-#define KEEPS_TO(type, call)                                                              \
-  do {                                                                                    \
-    const size_t sizes[] = {0, 1, 8, sizeof(type) - 1, sizeof(type), sizeof(type) + 40};  \
-    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++) {                           \
-      union {                                                                             \
-        type it;                                                                          \
-        unsigned char bytes[sizeof(type) + 64];                                           \
-      } room;                                                                             \
-      const size_t bytes = sizes[k];                                                      \
-      type *it = &room.it;                                                                \
-      memset(&room, 0xa5, sizeof room);                                                   \
-      call;                                                                               \
-      for (size_t i = bytes; i < sizeof room; i++) assert_int_equal(room.bytes[i], 0xa5); \
-      for (size_t i = sizeof(type); i < bytes; i++) assert_int_equal(room.bytes[i], 0);   \
-      if (bytes > 1) assert_true(room.bytes[0] != 0xa5 || room.bytes[1] != 0xa5);         \
-    }                                                                                     \
+#define KEEPS_TO(type, call)                                                                    \
+  do {                                                                                          \
+    const size_t sizes[] = {0, 1, 8, sizeof(type) - 1, sizeof(type), sizeof(type) + 40};        \
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++) {                                 \
+      union {                                                                                   \
+        type it;                                                                                \
+        unsigned char bytes[sizeof(type) + 64];                                                 \
+      } guarded;                                                                                \
+      const size_t bytes = sizes[k];                                                            \
+      type *it = &guarded.it;                                                                   \
+      memset(&guarded, 0xa5, sizeof guarded);                                                   \
+      call;                                                                                     \
+      for (size_t i = bytes; i < sizeof guarded; i++) assert_int_equal(guarded.bytes[i], 0xa5); \
+      for (size_t i = sizeof(type); i < bytes; i++) assert_int_equal(guarded.bytes[i], 0);      \
+      if (bytes > 1) assert_true(guarded.bytes[0] != 0xa5 || guarded.bytes[1] != 0xa5);         \
+    }                                                                                           \
   } while (0)
 
 /* The same of a configuration, which says its size itself. */

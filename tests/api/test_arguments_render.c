@@ -112,9 +112,9 @@ CHECK(ern_silence_free) {
   ern_silence_free(NULL);
   ern_silence_free(&none);
 }
-CHECK(ern_silence_rest) {
+CHECK(ern_silence_weights) {
   enum { COUNT = 400 };
-  static float speech[COUNT], loudness[COUNT], rest[COUNT];
+  static float speech[COUNT], loudness[COUNT], weights[COUNT];
   ern_features features = {speech, COUNT, 1, 1};
   ern_silence *silence = NULL;
   for (int i = 0; i < COUNT; i++) {
@@ -122,11 +122,11 @@ CHECK(ern_silence_rest) {
     speech[i] = (i / 50 % 2 == 0 ? 0.0f : 1.0f) + 0.01f * (float)(i % 5);
   }
   support_ok(w.context, ern_silence_learn(w.context, &features, loudness, &silence));
-  REFUSED_ALONE(ern_silence_rest(NULL, &features, rest));
-  REFUSED(w.context, "ern_silence_rest: features is NULL", ern_silence_rest(silence, NULL, rest));
-  REFUSED(w.context, "ern_silence_rest: rest is NULL", ern_silence_rest(silence, &features, NULL));
+  REFUSED_ALONE(ern_silence_weights(NULL, &features, weights));
+  REFUSED(w.context, "ern_silence_weights: features is NULL", ern_silence_weights(silence, NULL, weights));
+  REFUSED(w.context, "ern_silence_weights: weights is NULL", ern_silence_weights(silence, &features, NULL));
   for (int i = 0; i < 6; i++)
-    REFUSED(w.context, "silence: the features", ern_silence_rest(silence, bad_features(i), rest));
+    REFUSED(w.context, "silence: the features", ern_silence_weights(silence, bad_features(i), weights));
   ern_silence_free(&silence);
 }
 
@@ -226,9 +226,9 @@ CHECK(ern_renderer_frame) {
   input.windows = NULL;
   REFUSED(w.context, "windows", ern_renderer_frame(w.renderer, &input, &output, NULL));
   input.windows = w.windows;
-  input.rest = 1;
-  REFUSED(w.context, "rest_code", ern_renderer_frame(w.renderer, &input, &output, NULL));
-  input.rest = 0;
+  input.silence_weight = 1;
+  REFUSED(w.context, "silence_code", ern_renderer_frame(w.renderer, &input, &output, NULL));
+  input.silence_weight = 0;
   input.camera.width = -1;
   REFUSED(w.context, "size is -1 x", ern_renderer_frame(w.renderer, &input, &output, NULL));
   input.camera.width = SIDE;
@@ -241,9 +241,9 @@ CHECK(ern_renderer_frame_sized) {
   ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
                            .windows = w.windows,
                            .window_length = 16,
-                           .rest = NAN}; /* past the members of the sizes below */
+                           .silence_weight = NAN}; /* past the members of the sizes below */
   const ern_frame_output output = {.rgba = rgba, .rgb = (float *)(void *)rgba};
-  const size_t in = offsetof(ern_frame_input, rest), out = offsetof(ern_frame_output, rgb);
+  const size_t in = offsetof(ern_frame_input, silence_weight), out = offsetof(ern_frame_output, rgb);
   const float matrix[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1};
   ern_camera_pose(input.camera.pose, matrix, 4);
   KEEPS_TO(ern_frame_times,
@@ -317,7 +317,7 @@ static const struct arguments_check table[] = {ROW(ern_fit_box),
                                                ROW(ern_audio_windows_of_rows),
                                                ROW(ern_silence_learn),
                                                ROW(ern_silence_free),
-                                               ROW(ern_silence_rest),
+                                               ROW(ern_silence_weights),
                                                ROW(ern_render_options_default),
                                                ROW(ern_render_options_fill),
                                                ROW(ern_renderer_create),

@@ -45,12 +45,12 @@ static inline void cli_begin(int count, char **words) {
  * (0: any). Words are split at spaces; a word in single quotes may hold some. */
 static inline void cli_start(struct cli *cli, const char *out, size_t file_bytes) {
   char *words[CLI_WORDS];
-  static char room[CLI_LINE_BYTES];
+  static char copy[CLI_LINE_BYTES];
   int count = 1;
   words[0] = getenv("ERNERF_BIN");
   if (words[0] == NULL || words[0][0] == 0) fail_msg("ERNERF_BIN is not set: it is the path of the program");
-  snprintf(room, sizeof room, "%s", cli->line);
-  for (char *at = room; *at != 0;) {
+  snprintf(copy, sizeof copy, "%s", cli->line);
+  for (char *at = copy; *at != 0;) {
     const char end = *at == '\'' ? '\'' : ' ';
     if (*at == ' ') {
       at++;

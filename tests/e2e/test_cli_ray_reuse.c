@@ -88,7 +88,7 @@ static void test_bound(void **state) {
     json_t *object = cli_json(&cli, "still.json");
     assert_true(json_is_null(json_object_get(object, "ray_reuse")));
     if (strstr(ways[i], "no-silence-pose") == NULL)
-      assert_true(json_integer_value(json_object_get(object, "rest_frames")) > 8);
+      assert_true(json_integer_value(json_object_get(object, "silent_frames")) > 8);
     json_decref(object);
     uint8_t *kept = raw(ways[i]);
     const struct report found = report();

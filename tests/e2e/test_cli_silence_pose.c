@@ -75,7 +75,7 @@ static uint8_t *raw(const char *words) {
 
 static void expect_resting(int64_t frames) {
   json_t *report = cli_json(&cli, "rest.json");
-  assert_int_equal(json_integer_value(json_object_get(report, "rest_frames")), frames);
+  assert_int_equal(json_integer_value(json_object_get(report, "silent_frames")), frames);
   json_decref(report);
 }
 
@@ -132,8 +132,8 @@ static void draw_meant(float *rgb, ern_box *mouth) {
       .window_length = LENGTH,
       .background = ern_clip_background(clip)->data,
       .torso = torso.data,
-      .rest_code = code,
-      .rest = 1};
+      .silence_code = code,
+      .silence_weight = 1};
   ern_camera_pose(input.camera.pose, frame->pose.matrix, 4);
   const ern_frame_output output = {.rgb = rgb};
   support_ok(context, ern_renderer_frame(renderer, &input, &output, NULL));

@@ -12,13 +12,13 @@
 
 struct words {
   char *bytes;
-  size_t count, room;
+  size_t count, capacity;
 };
 
 static void put(struct words *w, const void *bytes, size_t count) {
-  if (w->count + count > w->room) {
-    w->room = 2 * w->room + count;
-    w->bytes = realloc(w->bytes, w->room);
+  if (w->count + count > w->capacity) {
+    w->capacity = 2 * w->capacity + count;
+    w->bytes = realloc(w->bytes, w->capacity);
     assert_non_null(w->bytes);
   }
   memcpy(w->bytes + w->count, bytes, count);

@@ -29,7 +29,7 @@ static int tear_down(void **state) {
   return 0;
 }
 
-static void *room(size_t bytes) {
+static void *allocate(size_t bytes) {
   void *memory = ern_allocate(context, bytes, 1);
   assert_non_null(memory);
   return memory;
@@ -51,7 +51,7 @@ static void draw(uint8_t *rgba, int width, int height, int k) {
 static ern_sound tones(int rate, int channels, double seconds) {
   const size_t frames = (size_t)(seconds * rate + 0.5);
   ern_sound sound = {.rate = rate, .channels = channels, .frames = frames};
-  sound.data = room(frames * (size_t)channels * 2 + 1);
+  sound.data = allocate(frames * (size_t)channels * 2 + 1);
   for (size_t i = 0; i < frames; i++) {
     const double t = (double)i / rate, envelope = 0.5 + 0.3 * sin(2 * pi * 3.1 * t) + 0.2 * sin(2 * pi * 7.7 * t + 1);
     for (int c = 0; c < channels; c++) {
@@ -73,7 +73,7 @@ static int files_in(const char *path) {
 
 static void write_video(const char *path, const ern_video_options *options, int frames) {
   ern_video_writer *writer = NULL;
-  uint8_t *rgba = room((size_t)options->width * (size_t)options->height * 4);
+  uint8_t *rgba = allocate((size_t)options->width * (size_t)options->height * 4);
   support_ok(context, ern_video_writer_open(context, path, options, &writer));
   for (int k = 0; k < frames; k++) {
     draw(rgba, options->width, options->height, k);
@@ -91,7 +91,7 @@ static double compare_video(const char *path, const ern_video_options *options, 
   double seconds = -1, lowest = 1e9;
   bool end = false;
   const int width = options->width, height = options->height;
-  uint8_t *rgba = room((size_t)width * (size_t)height * 4);
+  uint8_t *rgba = allocate((size_t)width * (size_t)height * 4);
   support_ok(context, ern_video_reader_open(context, path, &reader));
   ern_video_reader_info(reader, info);
   assert_int_equal(info->width, width + width % 2);
@@ -290,7 +290,7 @@ static void test_colours(void **state) {
   for (size_t i = 0; i < sizeof colours / sizeof *colours; i++) {
     ern_video_writer *writer = NULL;
     ern_video_reader *reader = NULL;
-    uint8_t *rgba = room(64 * 64 * 4);
+    uint8_t *rgba = allocate(64 * 64 * 4);
     for (size_t k = 0; k < 64 * 64; k++) memcpy(rgba + 4 * k, colours[i], 3);
     support_ok(context, ern_video_writer_open(context, "colour.mp4", &options, &writer));
     support_ok(context, ern_video_writer_frame(writer, rgba));
@@ -344,7 +344,7 @@ static void test_nothing_is_left_behind(void **state) {
   (void)state;
   ern_video_options options = ern_video_options_default(64, 64);
   ern_video_writer *writer = NULL;
-  uint8_t *rgba = room(64 * 64 * 4);
+  uint8_t *rgba = allocate(64 * 64 * 4);
   mkdir("place", 0777);
   mkdir("place/folder.mp4", 0777);
   unlink("place/a.mp4");
@@ -419,7 +419,7 @@ static void test_full_disk(void **state) {
   ern_video_options options = ern_video_options_default(96, 96);
   options.sound = &sound;
   ern_video_info info;
-  uint8_t *rgba = room(96 * 96 * 4);
+  uint8_t *rgba = allocate(96 * 96 * 4);
   mkdir("full", 0777);
   write_video("full/a.mp4", &options, 5);
   struct stat about;

@@ -40,8 +40,8 @@ static struct scene scene_make(int channels, int v_rows, size_t n, int kind) {
     *spans[k] = many_reals(values, n);
   }
   s.region = many_strided(NULL, channels, n, ERN_PER_SAMPLE);
-  s.norm = many_room(n);
-  s.region_eye = many_room(n);
+  s.norm = many_empty(n);
+  s.region_eye = many_empty(n);
   return s;
 }
 

@@ -225,7 +225,7 @@ static void check(const struct values *v) {
   const struct many block = many_reals(v->block, v->parameters);
   const struct many dblock = many_reals(v->dblock, v->parameters);
   const struct many dcode = many_reals(v->dcode, code_count);
-  const struct many code = many_room(code_count);
+  const struct many code = many_empty(code_count);
   struct ern_audio_fwd_args forward[MACHINES];
   struct ern_audio_bwd_args backward[MACHINES];
   EACH_MACHINE (b) {
@@ -277,7 +277,7 @@ static void check_frame(int width, int length, unsigned known, int nan_at) {
   const struct many windows = many_reals(v.windows, v.inputs);
   const struct many block = many_reals(v.block, v.parameters);
   const struct many codes = many_reals(v.codes, WINDOWS * 32);
-  const struct many code = many_room(32);
+  const struct many code = many_empty(32);
   struct ern_audio_frame_args args[MACHINES];
   EACH_MACHINE (b)
     args[b] = (struct ern_audio_frame_args){

@@ -15,10 +15,10 @@ typedef void bf16_product(float *out, const float *start, const float *packed, c
                           size_t count, bool relu);
 /* pairs_of_rows of gemm_tile_bf16.h */
 typedef void bf16_rows(float *made, const float *x, size_t n);
-/* Products of training (gemm_rows.h), x [TILE][x_row], rows a whole number of registers; room [2]: what the factors
- * take. Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
+/* Products of training (gemm_rows.h), x [TILE][x_row], rows a whole number of registers; workspace [2]: what the
+ * factors take. Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
 typedef void bf16_rows_product(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
-                               float *room[2]);
+                               float *workspace[2]);
 /* 16 lanes of vf_add_pairs of lanes_bf16.h: sum[i] += a.b of pairs */
 typedef void bf16_add(float sum[16], const uint32_t a[16], const uint32_t b[16]);
 

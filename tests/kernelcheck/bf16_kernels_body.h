@@ -29,16 +29,17 @@ static struct rows_product product_of(float *out, struct rows_factors a, struct 
 }
 
 void BF16_NAME(bf16_forward)(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
-                             float *room[2]) {
-  const struct rows_factors a = rows_beside(room[0], x, x_row, ins), b = rows_below(room[1], y, outs, ins, outs);
+                             float *workspace[2]) {
+  const struct rows_factors a = rows_beside(workspace[0], x, x_row, ins),
+                            b = rows_below(workspace[1], y, outs, ins, outs);
   const struct rows_product p = product_of(out, a, b, TILE, outs, ROWS_STORE);
   rows_forward(&p);
 }
 
 void BF16_NAME(bf16_sums)(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
-                          float *room[2]) {
-  const struct rows_factors a = rows_below(room[0], x, x_row, TILE, x_row),
-                            b = rows_below(room[1], y, outs, TILE, outs);
+                          float *workspace[2]) {
+  const struct rows_factors a = rows_below(workspace[0], x, x_row, TILE, x_row),
+                            b = rows_below(workspace[1], y, outs, TILE, outs);
   const struct rows_product p = product_of(out, a, b, ins, outs, ROWS_ADD);
   rows_sums(&p);
 }

@@ -34,7 +34,7 @@ struct array {
 };
 
 static struct array array_make(size_t count) {
-  struct array array = {.span = many_room(count), .count = count};
+  struct array array = {.span = many_empty(count), .count = count};
   array.data = host_reals(0, array.span.on[0]);
   return array;
 }

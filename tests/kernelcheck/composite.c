@@ -106,8 +106,8 @@ static void pass_make(const struct scene *s, struct pass *p) {
   for (size_t row = 0; row < SAMPLE_ROWS; row++)
     if (row < RED || row > BLUE) sample[row] = many_reals(s->sample + row * total, total);
   for (size_t row = DOPACITY; row < DRAY_ROWS; row++) dray[row] = many_reals(s->dray + row * n, n);
-  for (size_t k = 0; k < RAY_SPANS; k++) p->ray[k] = many_room(n);
-  for (size_t k = 0; k < DSAMPLE_SPANS; k++) p->dsample[k] = many_room(total);
+  for (size_t k = 0; k < RAY_SPANS; k++) p->ray[k] = many_empty(n);
+  for (size_t k = 0; k < DSAMPLE_SPANS; k++) p->dsample[k] = many_empty(total);
   const struct many_rows rgb = many_strided(s->sample + RED * total, 3, total, ERN_PER_SAMPLE);
   const struct many_rows background = many_strided(s->background, 3, n, ERN_PER_RAY);
   const struct many_rows dpixel = many_strided(s->dray, 3, n, ERN_PER_RAY);

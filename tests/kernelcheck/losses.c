@@ -52,7 +52,7 @@ static struct batch batch_make(float *in, size_t n, bool adaptive, bool eye) {
   const struct many_rows pixel = many_strided(in + PIXEL * n, 3, n, ERN_PER_RAY);
   const struct many_rows truth = many_strided(in + TRUTH * n, 3, n, ERN_PER_RAY);
   for (size_t row = OPACITY; row < IN_ROWS; row++) value[row] = many_reals(in + row * n, n);
-  for (size_t k = 0; k < OUT_SPANS; k++) b.out[k] = many_room(n);
+  for (size_t k = 0; k < OUT_SPANS; k++) b.out[k] = many_empty(n);
   b.dpixel = many_strided(NULL, 3, n, ERN_PER_RAY);
   EACH_MACHINE (k)
     b.args[k] = (struct ern_head_loss_args){.dpixel = b.dpixel.on[k],
@@ -337,7 +337,7 @@ static void check_differences(int kind, size_t n) {
   const struct many_rows truth = many_strided(b, 3, n, ERN_PER_RAY);
   const struct many_rows dpixel = many_strided(NULL, 3, n, ERN_PER_RAY);
   const struct many moved = many_reals(a, n), still = many_reals(b, n);
-  const struct many dmoved = many_room(n);
+  const struct many dmoved = many_empty(n);
   struct ern_mse_args mse[MACHINES];
   struct ern_smooth_loss_args smooth[MACHINES];
   EACH_MACHINE (k) {
@@ -375,7 +375,7 @@ static void test_broken_differences(void **state) {
     float a[65] = {0}, b[65] = {0};
     a[64] = odd[i];
     const struct many moved = many_reals(a, 65), still = many_reals(b, 65);
-    const struct many dmoved = many_room(65);
+    const struct many dmoved = many_empty(65);
     struct ern_smooth_loss_args smooth[MACHINES];
     EACH_MACHINE (k) smooth[k] = (struct ern_smooth_loss_args){dmoved.on[k], 0, still.on[k], moved.on[k], 1, 65, 65};
     RUN(smooth_loss, smooth);

@@ -41,7 +41,7 @@ static void test_rays(void **state) {
 static void check_samples(size_t n, struct many t, struct many first, struct many_rows dir, size_t total,
                           const struct ern_march_settings *settings) {
   const struct many_rows x = many_strided(NULL, 3, total, ERN_PER_SAMPLE);
-  const struct many dt = many_room(total), depth = many_room(total), ray = many_of(ERN_ELEMENT_INT32, NULL, total);
+  const struct many dt = many_empty(total), depth = many_empty(total), ray = many_of(ERN_ELEMENT_INT32, NULL, total);
   struct ern_samples_args args[MACHINES];
   EACH_MACHINE (k)
     args[k] = (struct ern_samples_args){.x = x.on[k],
@@ -67,7 +67,7 @@ static void check_samples(size_t n, struct many t, struct many first, struct man
 /* The kernel that render_rays calls, which looks at no cell before a distance, on the CPU's machines: any distances. */
 static void check_march_from(size_t n, struct many t, struct many count, struct many_rows dir, struct many jitter,
                              struct many bits, const struct ern_march_settings *settings) {
-  const struct many not_before = many_exact(ERN_ELEMENT_REAL, scene.not_before, n), t_from = many_room(t.on[0].count),
+  const struct many not_before = many_exact(ERN_ELEMENT_REAL, scene.not_before, n), t_from = many_empty(t.on[0].count),
                     count_from = many_of(ERN_ELEMENT_INT32, NULL, count.on[0].count);
   EACH_MACHINE (k) {
     if (kernels_of(k) == NULL) continue;
@@ -90,7 +90,7 @@ static size_t check_march(size_t n, struct many bits, const struct ern_march_set
   for (size_t a = 0; a < 3; a++) memcpy(rows + a * n, scene.dir + a * MOST, n * sizeof *rows);
   const struct many_rows dir = many_strided(rows, 3, n, ERN_PER_RAY);
   const struct many none = {0}, jitter = with_jitter ? many_exact(ERN_ELEMENT_REAL, scene.jitter, n) : none,
-                    t = many_room(n * (size_t)settings->max_steps), count = many_of(ERN_ELEMENT_INT32, NULL, n),
+                    t = many_empty(n * (size_t)settings->max_steps), count = many_of(ERN_ELEMENT_INT32, NULL, n),
                     first = many_of(ERN_ELEMENT_INT32, NULL, n + 1);
   struct ern_march_args march[MACHINES];
   struct ern_scan_args scan[MACHINES];
@@ -324,9 +324,9 @@ static void bench(void) {
   for (int32_t i = 0; i < RAYS; i++) pixel[i] = i;
   fill_shell(scene.bits, (float[]){0.1f, -0.05f, 0}, (float[]){0.45f, 0.35f, 0.35f}, 0.25f);
   const struct many numbers = many_int32s(pixel, RAYS), bits = many_of(ERN_ELEMENT_BYTE, scene.bits, sizeof scene.bits),
-                    t = many_room(RAYS * STEPS), count = many_of(ERN_ELEMENT_INT32, NULL, RAYS),
-                    first = many_of(ERN_ELEMENT_INT32, NULL, RAYS + 1), dt = many_room(RAYS * STEPS),
-                    depth = many_room(RAYS * STEPS), ray = many_of(ERN_ELEMENT_INT32, NULL, RAYS * STEPS);
+                    t = many_empty(RAYS * STEPS), count = many_of(ERN_ELEMENT_INT32, NULL, RAYS),
+                    first = many_of(ERN_ELEMENT_INT32, NULL, RAYS + 1), dt = many_empty(RAYS * STEPS),
+                    depth = many_empty(RAYS * STEPS), ray = many_of(ERN_ELEMENT_INT32, NULL, RAYS * STEPS);
   const struct many_rows dir = many_strided(NULL, 3, RAYS, ERN_PER_RAY),
                          x = many_strided(NULL, 3, RAYS * STEPS, ERN_PER_SAMPLE);
   EACH_MACHINE (k) {

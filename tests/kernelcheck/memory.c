@@ -8,7 +8,7 @@ static void test_moves(void **state) {
     const size_t n = test_sizes[s];
     float values[MOST_SIZE];
     fill_random(values, n, s, 3);
-    const struct many from = many_reals(values, n), to = many_room(n);
+    const struct many from = many_reals(values, n), to = many_empty(n);
     EACH_MACHINE (k)
       support_ok(machines.context, machines.backend[k]->copy(machines.stream[k], to.on[k], from.on[k], n - n / 3));
     expect_bits("copied", to);

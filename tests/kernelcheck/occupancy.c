@@ -51,7 +51,7 @@ static void aim(struct ern_view *view, uint64_t seed) {
 
 /* Returns how many cells are seen. */
 static size_t check_mark(const struct ern_view *views, size_t count, float bound) {
-  const struct many marked = many_room(CELLS);
+  const struct many marked = many_empty(CELLS);
   struct ern_occupancy_mark_args args[MACHINES];
   size_t seen = 0;
   EACH_MACHINE (k) args[k] = (struct ern_occupancy_mark_args){marked.on[k], views, count, bound};
@@ -187,7 +187,7 @@ static void test_scatter(void **state) {
       cells[i] = (int32_t)(i + 1 == n ? CELLS - 1 : 2003 * i);
       sigma[i] = i % 9 == 8 ? NAN : random_at(s, i, 100);
     }
-    const struct many list = many_int32s(cells, n), value = many_reals(sigma, n), to = many_room(CELLS);
+    const struct many list = many_int32s(cells, n), value = many_reals(sigma, n), to = many_empty(CELLS);
     struct ern_occupancy_scatter_args args[MACHINES];
     EACH_MACHINE (k) args[k] = (struct ern_occupancy_scatter_args){to.on[k], list.on[k], value.on[k], n};
     RUN(occupancy_scatter, args);

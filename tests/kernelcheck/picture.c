@@ -34,7 +34,7 @@ static void check_background(size_t n) {
                     front = many_of(ERN_ELEMENT_BYTE, torso, 4 * n);
   for (int with = 0; with < 4; with++) {
     const struct many_rows pixel = many_strided(NULL, 3, n, ERN_PER_RAY);
-    const struct many opacity = many_room(n);
+    const struct many opacity = many_empty(n);
     struct ern_background_args args[MACHINES];
     EACH_MACHINE (k)
       args[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], with & 1 ? back.on[k] : (ern_span){0},
@@ -116,8 +116,8 @@ static void check_picture(size_t n) {
   for (int over = 0; over < 2; over++) {
     for (int want = 0; want <= WANT_ALL; want++) {
       const struct many rgba = many_of(ERN_ELEMENT_BYTE, NULL, 4 * n);
-      const struct many rgb = many_room(3 * n);
-      const struct many alpha = many_room(n);
+      const struct many rgb = many_empty(3 * n);
+      const struct many alpha = many_empty(n);
       struct ern_picture_args args[MACHINES];
       EACH_MACHINE (k)
         args[k] = (struct ern_picture_args){.rgba = want & WANT_RGBA ? rgba.on[k] : none,

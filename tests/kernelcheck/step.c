@@ -361,7 +361,7 @@ static void test_parts(void **state) {
 static const float *densities(const struct stage *stage, int k, int threads, size_t n) {
   float code[ERN_AUDIO_CODE];
   fill_random(code, ERN_AUDIO_CODE, 8, 1);
-  const struct many sigma = many_room(n), audio = many_reals(code, ERN_AUDIO_CODE);
+  const struct many sigma = many_empty(n), audio = many_reals(code, ERN_AUDIO_CODE);
   const struct many_rows x = rows_of(3, n, -1.02f, 1.02f, 7);
   struct ern_stream *own = stream_replace(k, threads);
   struct ern_head_density_args args = {.sigma = sigma.on[k],

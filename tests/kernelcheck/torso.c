@@ -29,7 +29,7 @@ static void check_pose(const float *pose, const float *anchors, bool has_gamma) 
   const float gamma_value = 1.375f, zeros[12] = {0};
   float dk_values[6];
   fill_random(dk_values, 6, 3, 2);
-  const struct many k = many_room(6), in = many_reals(anchors, 12);
+  const struct many k = many_empty(6), in = many_reals(anchors, 12);
   const struct many gamma = has_gamma ? many_reals(&gamma_value, 1) : (struct many){0};
   const struct many danchors = many_reals(zeros, 12), dk = many_reals(dk_values, 6);
   const struct many dgamma = has_gamma ? many_reals(zeros, 1) : (struct many){0};
@@ -254,7 +254,7 @@ static void check_composite(size_t rays, size_t n, size_t step, bool in_place, b
   const struct many_rows pixel = in_place ? background : many_strided(NULL, 3, rays, ERN_PER_SAMPLE);
   const struct many_rows dlayer = many_strided(NULL, 4, n, ERN_PER_SAMPLE);
   const struct many index = many_int32s(values.index, n);
-  const struct many opacity = has_opacity ? many_room(rays) : (struct many){0};
+  const struct many opacity = has_opacity ? many_empty(rays) : (struct many){0};
   struct ern_torso_composite_fwd_args forward[MACHINES];
   struct ern_torso_composite_bwd_args backward[MACHINES];
   EACH_MACHINE (b) {
@@ -346,7 +346,7 @@ static void bench(void) {
   fill_random(cells, ERN_TORSO_CELLS, 5, 1);
   const struct many pixel = many_int32s(numbers, PIXELS), index = many_int32s(numbers, PIXELS),
                     chosen = many_int32s(numbers, PIXELS), grid = many_reals(cells, ERN_TORSO_CELLS),
-                    alpha = many_reals(cells, ERN_TORSO_CELLS), opacity = many_room(PIXELS);
+                    alpha = many_reals(cells, ERN_TORSO_CELLS), opacity = many_empty(PIXELS);
   const struct many_rows layer = many_strided(reals, 4, PIXELS, ERN_PER_SAMPLE),
                          image = many_strided(reals, 3, PIXELS, ERN_PER_SAMPLE),
                          q = many_strided(reals, 2, PIXELS, ERN_PER_SAMPLE);

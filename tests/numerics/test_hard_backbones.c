@@ -55,7 +55,7 @@ static struct many densities(const struct head *head) {
     x[i] = ends[i % ENDS], x[POINTS + i] = ends[i / ENDS % ENDS], x[2 * POINTS + i] = ends[(i + i / ENDS) % ENDS];
   for (size_t c = 0; c < ERN_AUDIO_CODE; c++) code[c] = machines_random(5, c, 1);
   const struct many parameters = many_reals(head->block, head->field.parameters), codes = many_reals(code, 32);
-  const struct many at = many_reals(x, 3 * POINTS), sigma = many_room(POINTS);
+  const struct many at = many_reals(x, 3 * POINTS), sigma = many_empty(POINTS);
   ON_EACH(head_density, ern_head_density_args,
           {.sigma = sigma.on[k],
            .x = {at.on[k], POINTS, 3, ERN_PER_SAMPLE},

@@ -346,7 +346,7 @@ static void test_frame_of_speech_with_a_nan(void **state) {
   }
 }
 
-static void test_frame_of_odd_eye_and_rest(void **state) {
+static void test_frame_of_odd_eye_and_silence(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY, -0.1f, 1.0001f};
   static float rest[32];
@@ -355,15 +355,15 @@ static void test_frame_of_odd_eye_and_rest(void **state) {
     input.eye = odd[i];
     expect_refused(&input, ERN_E_ARGUMENT, "eye", "expected 0 to 1");
     input = usual();
-    input.rest = odd[i];
-    input.rest_code = rest;
+    input.silence_weight = odd[i];
+    input.silence_code = rest;
     expect_refused(&input, ERN_E_ARGUMENT, "rest", "expected 0 to 1");
   }
   ern_frame_input input = usual();
   float broken[32] = {0};
   broken[31] = NAN;
-  input.rest = 0.5f, input.rest_code = broken;
-  expect_refused(&input, ERN_E_NONFINITE, "rest_code", "31");
+  input.silence_weight = 0.5f, input.silence_code = broken;
+  expect_refused(&input, ERN_E_NONFINITE, "silence_code", "31");
 }
 
 /* ---- networks ---- */
@@ -535,7 +535,7 @@ int main(void) {
       cmocka_unit_test(test_frame_from_inside_the_head),
       cmocka_unit_test(test_frame_of_silent_and_huge_speech),
       cmocka_unit_test(test_frame_of_speech_with_a_nan),
-      cmocka_unit_test(test_frame_of_odd_eye_and_rest),
+      cmocka_unit_test(test_frame_of_odd_eye_and_silence),
       cmocka_unit_test(test_frame_of_saturated_networks),
       cmocka_unit_test(test_frame_of_overflowing_networks),
       cmocka_unit_test(test_frame_of_an_attention_map_without_end),

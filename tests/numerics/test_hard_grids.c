@@ -27,7 +27,7 @@ static void look_up(const struct ern_grid *grid, const float *table, const float
   for (size_t i = 0; i < rows * n; i++) ones[i] = slope;
   const struct many held = many_reals(table, values), df = many_reals(ones, rows * n);
   struct many at[ERN_GRID_MAX_DIMS] = {0};
-  look = (struct look){.grid = grid, .f = many_room(rows * n), .dtable = many_zeros(values)};
+  look = (struct look){.grid = grid, .f = many_empty(rows * n), .dtable = many_zeros(values)};
   for (size_t d = 0; d < (size_t)grid->dims; d++) at[d] = many_reals(x + d * n, n), look.dx[d] = many_zeros(n);
   struct ern_grid_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++) {

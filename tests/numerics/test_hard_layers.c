@@ -15,7 +15,7 @@ static struct activation activate(ern_activation kind, const float *x, size_t n,
   for (size_t i = 0; i < MOST; i++) upstream[i] = dy;
   machines_clear();
   const struct many in = many_reals(x, n), by = many_reals(upstream, n);
-  const struct activation out = {many_room(n), many_room(n)};
+  const struct activation out = {many_empty(n), many_empty(n)};
   ON_EACH(activate_fwd, ern_activate_fwd_args,
           {.y = {out.y.on[k], n, 1, ERN_PER_SAMPLE}, .x = {in.on[k], n, 1, ERN_PER_SAMPLE}, .kind = kind, .n = n})
   ON_EACH(activate_bwd, ern_activate_bwd_args,
@@ -139,7 +139,7 @@ struct layers {
 static struct layers layers(const float *weights, const float *x, const float *dy, size_t n) {
   machines_clear();
   const struct many w = many_reals(weights, WEIGHTS), in = many_reals(x, INS * n), by = many_reals(dy, OUTS * n);
-  const struct layers out = {many_room(OUTS * n), many_zeros(INS * n), many_zeros(WEIGHTS)};
+  const struct layers out = {many_empty(OUTS * n), many_zeros(INS * n), many_zeros(WEIGHTS)};
   struct ern_mlp_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_mlp_fwd_args){.y = {out.y.on[k], n, OUTS, ERN_PER_SAMPLE},

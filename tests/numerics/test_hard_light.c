@@ -50,9 +50,9 @@ static void shine(void) {
   const struct inputs in = inputs_make(colours, ones);
   struct many *const per_ray[] = {&light.opacity, &light.depth, &light.attention, &light.uncertainty};
   struct many *const per_sample[] = {&light.dsigma, &light.dattention, &light.duncertainty};
-  for (size_t i = 0; i < COUNT_OF(per_ray); i++) *per_ray[i] = many_room(n);
-  for (size_t i = 0; i < COUNT_OF(per_sample); i++) *per_sample[i] = many_room(total);
-  light.pixel = many_room(3 * n), light.colour = many_room(3 * n), light.drgb = many_room(3 * total);
+  for (size_t i = 0; i < COUNT_OF(per_ray); i++) *per_ray[i] = many_empty(n);
+  for (size_t i = 0; i < COUNT_OF(per_sample); i++) *per_sample[i] = many_empty(total);
+  light.pixel = many_empty(3 * n), light.colour = many_empty(3 * n), light.drgb = many_empty(3 * total);
   struct ern_composite_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_composite_fwd_args){.pixel = {light.pixel.on[k], n, 3, ERN_PER_RAY},

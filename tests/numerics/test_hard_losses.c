@@ -32,8 +32,8 @@ static void lose_with(struct ern_loss_weights weights) {
   const struct many opacity = many_reals(batch.opacity, n), attention = many_reals(batch.attention, n);
   const struct many eye = many_reals(batch.eye, n), uncertainty = many_reals(batch.uncertainty, n);
   const struct many face = many_reals(batch.face, n);
-  batch.dpixel = many_room(3 * n), batch.dopacity = many_room(n), batch.dattention = many_room(n);
-  batch.deye = many_room(n), batch.duncertainty = many_room(n);
+  batch.dpixel = many_empty(3 * n), batch.dopacity = many_empty(n), batch.dattention = many_empty(n);
+  batch.deye = many_empty(n), batch.duncertainty = many_empty(n);
   for (int k = 0; k < machines.count; k++) {
     struct ern_head_loss_args args = {.dpixel = {batch.dpixel.on[k], n, 3, ERN_PER_RAY},
                                       .dopacity = batch.dopacity.on[k],
@@ -197,7 +197,7 @@ static struct many mse_slope;
 static void mse_of(const float *pixel, const float *truth, size_t n) {
   machines_clear();
   const struct many p = many_reals(pixel, 3 * n), t = many_reals(truth, 3 * n);
-  mse_slope = many_room(3 * n);
+  mse_slope = many_empty(3 * n);
   for (int k = 0; k < machines.count; k++) {
     struct ern_mse_args args = {.dpixel = {mse_slope.on[k], n, 3, ERN_PER_RAY},
                                 .pixel = {p.on[k], n, 3, ERN_PER_RAY},
@@ -256,7 +256,7 @@ static void test_smoothness_of_hardly_and_far_moved(void **state) {
     for (size_t i = 0; i < 77; i++)
       still[i] = (float)(i % 7) / 7, moved[i] = far ? 1e30f * (float)(i % 3) : nextafterf(still[i], 2);
     machines_clear();
-    const struct many from = many_reals(still, 77), to = many_reals(moved, 77), slope = many_room(77);
+    const struct many from = many_reals(still, 77), to = many_reals(moved, 77), slope = many_empty(77);
     double term[MACHINES] = {0};
     for (int k = 0; k < machines.count; k++) {
       struct ern_smooth_loss_args args = {

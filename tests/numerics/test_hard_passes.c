@@ -22,7 +22,7 @@ static struct drawn draw(const int32_t *number, size_t n, const uint8_t *cells) 
   const struct many parameters = many_reals(passes.block, passes.field.parameters), codes = many_reals(code, 32);
   const struct many bits = many_of(ERN_ELEMENT_BYTE, cells, ERN_OCCUPANCY_BYTES), at = many_int32s(number, n);
   const struct many back = many_reals(background, 3 * n);
-  const struct drawn out = {many_room(3 * n), many_room(3 * n), many_room(n), many_room(n), many_room(n), n};
+  const struct drawn out = {many_empty(3 * n), many_empty(3 * n), many_empty(n), many_empty(n), many_empty(n), n};
   for (int k = 0; k < machines.count; k++) {
     struct ern_render_prepare_args prepare = {parameters.on[k], &passes.field};
     support_ok(machines.context, machines.backend[k]->render_prepare(machines.stream[k], &prepare));

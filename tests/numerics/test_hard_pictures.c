@@ -12,7 +12,7 @@ static ern_rows rows_on(struct many span, int k, int rows, size_t n) {
 static struct many upsample(const float *small, int width, int height, int large_width, int large_height) {
   const size_t n = (size_t)width * (size_t)height, many = (size_t)large_width * (size_t)large_height;
   machines_clear();
-  const struct many from = many_reals(small, n), to = many_room(many);
+  const struct many from = many_reals(small, n), to = many_empty(many);
   ON_EACH(upsample, ern_upsample_args,
           {.large = rows_on(to, k, 1, many),
            .small = rows_on(from, k, 1, n),
@@ -115,7 +115,7 @@ static void test_overlay_of_odd_values(void **state) {
   for (size_t i = 0; i < 3 * N; i++) colour[i] = values[(i * 4 + 1) % (VALUES - 2)], background[i] = 0.25f;
   machines_clear();
   const struct many from = many_reals(colour, 3 * N), alpha = many_reals(opacity, N);
-  const struct many back = many_reals(background, 3 * N), to = many_room(3 * N);
+  const struct many back = many_reals(background, 3 * N), to = many_empty(3 * N);
   ON_EACH(overlay, ern_overlay_args,
           {.pixel = rows_on(to, k, 3, N),
            .colour = rows_on(from, k, 3, N),
@@ -180,7 +180,7 @@ static void test_cameras_of_one_pixel_and_resized(void **state) {
                                   .height = out.height};
     const int32_t last = (int32_t)((size_t)out.width * (size_t)out.height - 1);
     machines_clear();
-    const struct many pixel = many_int32s(&last, 1), dir = many_room(3);
+    const struct many pixel = many_int32s(&last, 1), dir = many_empty(3);
     ON_EACH(rays, ern_rays_args, {.dir = rows_on(dir, k, 3, 1), .pixel = pixel.on[k], .view = view, .n = 1})
     expect_within("direction", dir, -1 - 1e-6, 1 + 1e-6);
     for (int k = 0; k < machines.count; k++) {

@@ -246,7 +246,7 @@ static void test_camera_without_a_view(void **state) {
   for (size_t f = 0; f < COUNT_OF(focals); f++) {
     for (size_t c = 0; c < COUNT_OF(centres); c++) {
       machines_clear();
-      const struct many numbers = many_int32s(pixel, 7), dir = many_room(21);
+      const struct many numbers = many_int32s(pixel, 7), dir = many_empty(21);
       ON_EACH(rays, ern_rays_args,
               {.dir = {dir.on[k], 7, 3, ERN_PER_RAY},
                .pixel = numbers.on[k],

@@ -12,15 +12,15 @@ static const int learnt_from[] = {20, 45, 80, 85, 100, 120, MADE_FRAMES};
 static ern_status rest_of(ern_context *context, struct made_speech *s, const float *loudness) {
   ern_silence *silence = NULL;
   ern_status status = ern_silence_learn(context, &s->features, loudness, &silence);
-  if (status == ERN_OK) status = ern_silence_rest(silence, &s->features, s->rest);
+  if (status == ERN_OK) status = ern_silence_weights(silence, &s->features, s->weight);
   ern_silence_free(&silence);
   return status;
 }
 
-static void expect_same_rest(const char *what, double size, const float *rest, const float *expected) {
+static void expect_same_weights(const char *what, double size, const float *weights, const float *expected) {
   for (int t = 0; t < MADE_FRAMES; t++)
-    if (rest[t] != expected[t])
-      fail_msg("%s %g: frame %d rests by %g, expected %g", what, size, t, (double)rest[t], (double)expected[t]);
+    if (weights[t] != expected[t])
+      fail_msg("%s %g: frame %d has weight %g, expected %g", what, size, t, (double)weights[t], (double)expected[t]);
 }
 
 static void scale_features(struct made_speech *s, float scale) {
@@ -40,8 +40,8 @@ static void test_silence_in_features_of_any_size(void **state) {
     if (k > 0) scale_features(&s, scales[k - 1]);
     for (int heard = 0; heard < 2; heard++) {
       support_ok(context, rest_of(context, &s, heard ? s.loudness : NULL));
-      if (k == 0) memcpy(expected[heard], s.rest, sizeof s.rest);
-      expect_same_rest("features times", k > 0 ? (double)scales[k - 1] : 1, s.rest, expected[heard]);
+      if (k == 0) memcpy(expected[heard], s.weight, sizeof s.weight);
+      expect_same_weights("features times", k > 0 ? (double)scales[k - 1] : 1, s.weight, expected[heard]);
     }
     free(s.features.data);
   }
@@ -74,16 +74,16 @@ static void test_silence_of_loudness_without_end(void **state) {
   ern_context *context = support_context();
   made_speech(&s, 4, 12, 3, learnt_from);
   support_ok(context, rest_of(context, &s, s.loudness));
-  memcpy(expected, s.rest, sizeof expected);
+  memcpy(expected, s.weight, sizeof expected);
   for (int t = 0; t < MADE_FRAMES; t++) loudness[t] = s.loudness[t] < 40 ? -INFINITY : s.loudness[t];
   support_ok(context, rest_of(context, &s, loudness));
-  expect_same_rest("quiet frames of", -INFINITY, s.rest, expected);
+  expect_same_weights("quiet frames of", -INFINITY, s.weight, expected);
   for (int t = 0; t < MADE_FRAMES; t++) loudness[t] = s.loudness[t] < 40 ? -FLT_MAX : s.loudness[t];
   support_ok(context, rest_of(context, &s, loudness));
-  expect_same_rest("quiet frames of", -(double)FLT_MAX, s.rest, expected);
+  expect_same_weights("quiet frames of", -(double)FLT_MAX, s.weight, expected);
   for (int t = 0; t < MADE_FRAMES; t++) loudness[t] = t == 5 || t == 60 ? NAN : s.loudness[t];
   support_ok(context, rest_of(context, &s, loudness));
-  expect_same_rest("two frames of", NAN, s.rest, expected);
+  expect_same_weights("two frames of", NAN, s.weight, expected);
   for (int t = 0; t < MADE_FRAMES; t++) loudness[t] = t % 2 == 0 ? INFINITY : -INFINITY;
   support_expect(context, rest_of(context, &s, loudness), ERN_E_STATE, "silence", NULL);
   for (int t = 0; t < MADE_FRAMES; t++) loudness[t] = NAN;

@@ -36,7 +36,7 @@ static struct heard hear(const float *windows, float slope) {
   machines_clear();
   const struct many in = many_reals(windows, WINDOWS), parameters = many_reals(block, field.parameters);
   const struct many dcode = many_reals(slopes, CODE), codes = many_zeros(8 * CODE);
-  const struct heard out = {many_room(CODE), many_room(CODE), many_zeros(field.parameters)};
+  const struct heard out = {many_empty(CODE), many_empty(CODE), many_zeros(field.parameters)};
   struct ern_audio_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_audio_fwd_args){
@@ -147,7 +147,7 @@ static struct attended attend(const float *v, float code, float slope) {
   machines_clear();
   const struct many in = many_reals(v, CODE * N), code_of = many_reals(codes, CODE);
   const struct many by_region = many_reals(slopes, CODE * N), by_norm = many_reals(slopes, N);
-  const struct attended out = {many_room(CODE * N), many_room(N), many_room(CODE * N), many_zeros(CODE)};
+  const struct attended out = {many_empty(CODE * N), many_empty(N), many_empty(CODE * N), many_zeros(CODE)};
   struct ern_attention_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_attention_fwd_args){.region = {out.region.on[k], N, CODE, ERN_PER_SAMPLE},
@@ -205,7 +205,7 @@ static void test_harmonics_of_odd_directions(void **state) {
   float rows_of[3 * COUNT];
   for (size_t i = 0; i < 3 * COUNT; i++) rows_of[i] = d[i % COUNT][i / COUNT];
   machines_clear();
-  const struct many in = many_reals(rows_of, 3 * COUNT), y = many_room(16 * COUNT);
+  const struct many in = many_reals(rows_of, 3 * COUNT), y = many_empty(16 * COUNT);
   ON_EACH(sh_fwd, ern_sh_fwd_args,
           {.y = {y.on[k], COUNT, 16, ERN_PER_RAY}, .d = {in.on[k], COUNT, 3, ERN_PER_RAY}, .n = COUNT})
   expect_truth("harmonics", y, 32 * 0x1p-23, 32 * 0x1p-23 * 3000);
@@ -225,7 +225,7 @@ static void test_sines_of_huge_places(void **state) {
   for (size_t i = 0; i < ROWS * COUNT; i++) ones[i] = 1;
   machines_clear();
   const struct many in = many_reals(x, COUNT), by = many_reals(ones, ROWS * COUNT);
-  const struct many y = many_room(ROWS * COUNT), dx = many_zeros(COUNT);
+  const struct many y = many_empty(ROWS * COUNT), dx = many_zeros(COUNT);
   ON_EACH(freq_fwd, ern_freq_fwd_args,
           {.y = {y.on[k], COUNT, ROWS, ERN_PER_SAMPLE},
            .x = {in.on[k], COUNT, 1, ERN_PER_SAMPLE},

@@ -355,7 +355,7 @@ static void test_densities_of_odd_points(void **state) {
     passes_reset();
     set_exponents(times[i]);
     const struct many parameters = many_reals(passes.block, passes.field.parameters), codes = many_reals(code, 32);
-    const struct many at = many_reals(x, 3 * POINTS), sigma = many_room(POINTS);
+    const struct many at = many_reals(x, 3 * POINTS), sigma = many_empty(POINTS);
     ON_EACH(head_density, ern_head_density_args,
             {.sigma = sigma.on[k],
              .x = {at.on[k], POINTS, 3, ERN_PER_SAMPLE},

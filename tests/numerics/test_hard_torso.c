@@ -13,7 +13,7 @@ static struct points project(const float *anchors, const float *pose, float slop
   machines_clear();
   const float one = 1, slopes[6] = {slope, -slope, slope, slope, slope, slope};
   const struct many at = many_reals(anchors, 12), gamma = many_reals(&one, 1), dk = many_reals(slopes, 6);
-  const struct points out = {many_room(6), many_zeros(12), many_zeros(1)};
+  const struct points out = {many_empty(6), many_zeros(12), many_zeros(1)};
   struct ern_torso_pose_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++) {
     forward[k] = (struct ern_torso_pose_fwd_args){.k = out.k.on[k], .anchors = at.on[k], .gamma = gamma.on[k]};
@@ -133,7 +133,7 @@ static void test_picture_of_one_pixel_a_side(void **state) {
     const int width = sides[s][0], height = sides[s][1];
     const int32_t pixel[3] = {0, width * height - 1, width * height / 2};
     machines_clear();
-    const struct many numbers = many_int32s(pixel, 3), q = many_room(6);
+    const struct many numbers = many_int32s(pixel, 3), q = many_empty(6);
     ON_EACH(torso_coords, ern_torso_coords_args,
             {.q = {q.on[k], 3, 2, ERN_PER_SAMPLE},
              .pixel = numbers.on[k],
@@ -157,7 +157,7 @@ static void test_deformation_without_end(void **state) {
   for (size_t i = 0; i < N; i++) q[i] = 0.8f, by[i] = d[i % 11], slope[i] = 3;
   machines_clear();
   const struct many from = many_reals(q, N), move = many_reals(by, N), dx = many_reals(slope, N);
-  const struct many x = many_room(N), dd = many_room(N);
+  const struct many x = many_empty(N), dd = many_empty(N);
   struct ern_torso_deform_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_torso_deform_fwd_args){.x = {x.on[k], 11, 2, ERN_PER_SAMPLE},
@@ -187,8 +187,8 @@ static void test_torso_alpha_at_its_ends(void **state) {
   machines_clear();
   const struct many layers = many_reals(layer, 4 * N), at = many_int32s(index, N),
                     back = many_reals(background, 3 * RAYS);
-  const struct many dpixel = many_reals(slope, 3 * RAYS), dlayer = many_room(4 * N), pixel = many_room(3 * RAYS),
-                    opacity = many_room(RAYS);
+  const struct many dpixel = many_reals(slope, 3 * RAYS), dlayer = many_empty(4 * N), pixel = many_empty(3 * RAYS),
+                    opacity = many_empty(RAYS);
   struct ern_torso_composite_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
     forward[k] = (struct ern_torso_composite_fwd_args){.pixel = {pixel.on[k], RAYS, 3, ERN_PER_RAY},

@@ -23,7 +23,7 @@ static struct painted paint(const struct canvas *canvas) {
   for (size_t i = 0; i < ERN_TORSO_CELLS; i++) cells[i] = canvas->grid[i % 2];
   const struct many parameters = many_reals(passes.block, passes.field.parameters);
   const struct many grid = many_reals(cells, ERN_TORSO_CELLS);
-  const struct painted out = {many_reals(background, 3 * n), many_room(n), n};
+  const struct painted out = {many_reals(background, 3 * n), many_empty(n), n};
   free(background), free(cells);
   struct ern_render_torso_args args[MACHINES];
   for (int k = 0; k < machines.count; k++) {

@@ -195,8 +195,8 @@ bool compare_paths(const struct head_pose *truth, const struct head_pose *prepar
   if (count < 3) return false;
   double *values = calloc(count, sizeof *values);
   double(*places)[3] = calloc(count, sizeof *places), (*expected)[3] = calloc(count, sizeof *expected);
-  const bool room = values != NULL && places != NULL && expected != NULL;
-  if (room) {
+  const bool allocated = values != NULL && places != NULL && expected != NULL;
+  if (allocated) {
     const double none[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     align_rotations(truth, prepared, count, alignment);
     for (size_t i = 0; i < count; i++) {
@@ -229,7 +229,7 @@ bool compare_paths(const struct head_pose *truth, const struct head_pose *prepar
   free(values);
   free(places);
   free(expected);
-  return room;
+  return allocated;
 }
 
 /* ---- landmarks, layers, blinks ----------------------------------------------------------------------------------- */

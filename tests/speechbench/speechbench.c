@@ -32,9 +32,9 @@ static void die(const char *what) {
 }
 
 static void *memory(size_t count, size_t bytes) {
-  void *room = calloc(count > 0 ? count : 1, bytes);
-  if (room == NULL) die("no memory");
-  return room;
+  void *block = calloc(count > 0 ? count : 1, bytes);
+  if (block == NULL) die("no memory");
+  return block;
 }
 
 /* ---- voices ------------------------------------------------------------------------------------------------------ */
@@ -42,15 +42,15 @@ static void *memory(size_t count, size_t bytes) {
 static void to_16_khz(const ern_sound *sound, struct voice *voice) {
   AVChannelLayout mono = AV_CHANNEL_LAYOUT_MONO;
   SwrContext *convert = NULL;
-  const size_t room = sound->frames * ERN_CEPSTRA_RATE / (size_t)sound->rate + 64;
-  voice->samples = memory(room, sizeof(float));
+  const size_t capacity = sound->frames * ERN_CEPSTRA_RATE / (size_t)sound->rate + 64;
+  voice->samples = memory(capacity, sizeof(float));
   uint8_t *to = (uint8_t *)voice->samples;
   const uint8_t *from = (const uint8_t *)sound->data;
   if (swr_alloc_set_opts2(&convert, &mono, AV_SAMPLE_FMT_FLT, ERN_CEPSTRA_RATE, &mono, AV_SAMPLE_FMT_S16, sound->rate,
                           0, NULL) < 0 ||
       swr_init(convert) < 0)
     die("no resampler");
-  const int made = swr_convert(convert, &to, (int)room, &from, (int)sound->frames);
+  const int made = swr_convert(convert, &to, (int)capacity, &from, (int)sound->frames);
   if (made <= 0) die("the sound cannot be converted");
   voice->count = (size_t)made;
   swr_free(&convert);

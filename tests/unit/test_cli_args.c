@@ -64,12 +64,12 @@ static struct args fresh(void) {
 
 /* Parses "a b LINE", split at spaces, and keeps what is said on stderr. */
 static int parse(const char *line) {
-  static char room[1024];
+  static char copy[1024];
   char *argv[64] = {"a", "b"};
   int argc = 2;
   struct args args = fresh();
-  snprintf(room, sizeof room, "%s", line);
-  for (char *at = strtok(room, " "); at != NULL; at = strtok(NULL, " ")) argv[argc++] = at;
+  snprintf(copy, sizeof copy, "%s", line);
+  for (char *at = strtok(copy, " "); at != NULL; at = strtok(NULL, " ")) argv[argc++] = at;
   const int keep = dup(STDERR_FILENO);
   assert_non_null(freopen("said.txt", "w", stderr));
   const int status = args_parse(&args, argc, argv);

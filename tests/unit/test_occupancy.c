@@ -67,9 +67,9 @@ static int seen_by(const struct ern_view *views, size_t count, uint32_t x, uint3
     }
     const double room_x = (double)(view->cx / view->focal) * q[2] + 2.0 / 128 * bound - fabs(q[0]);
     const double room_y = (double)(view->cy / view->focal) * q[2] + 2.0 / 128 * bound - fabs(q[1]);
-    const double room = fmin(fmin(room_x, room_y), q[2]);
-    if (room > 1e-5) return 0;
-    if (room > -1e-5) said = 1;
+    const double margin = fmin(fmin(room_x, room_y), q[2]);
+    if (margin > 1e-5) return 0;
+    if (margin > -1e-5) said = 1;
   }
   return said;
 }

@@ -40,9 +40,9 @@ static double random_between(double low, double high) {
 
 /* A point whose readings are drawn from ms +- 1.5 half. */
 static struct candidate point(double ms, double half, const double *db, size_t changes) {
-  static double room[POINTS][TURNS];
+  static double turn_values[POINTS][TURNS];
   static size_t made;
-  double *turns = room[made++ % POINTS];
+  double *turns = turn_values[made++ % POINTS];
   for (size_t t = 0; t < TURNS; t++) turns[t] = random_between(ms - 1.5 * half, ms + 1.5 * half);
   return (struct candidate){
       .ms = {ms - half, ms, ms + half}, .turns = turns, .turn_count = TURNS, .db = db, .changes = changes};

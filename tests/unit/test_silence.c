@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Silence, learnt from one speech and found in another; and a renderer that is told to rest. */
+ * Silence, learnt from one speech and found in another; and a renderer that blends the silence code in. */
 #include "../made_speech.h"
 
 #include "ernerf/backend.h"
@@ -10,13 +10,13 @@
 static const int learnt_from[] = {20, 45, 80, 85, 100, 120, MADE_FRAMES};
 
 static void expect_rest(const ern_silence *silence, struct made_speech *s, const float *expected) {
-  assert_int_equal(ern_silence_rest(silence, &s->features, s->rest), ERN_OK);
+  assert_int_equal(ern_silence_weights(silence, &s->features, s->weight), ERN_OK);
   for (int t = 0; t < MADE_FRAMES; t++)
-    if (fabsf(s->rest[t] - expected[t]) > 1e-6f)
-      fail_msg("frame %d rests by %g, expected %g", t, (double)s->rest[t], (double)expected[t]);
+    if (fabsf(s->weight[t] - expected[t]) > 1e-6f)
+      fail_msg("frame %d has weight %g, expected %g", t, (double)s->weight[t], (double)expected[t]);
 }
 
-/* In another speech: half a second of silence eases in and ends at once, its first frames are at rest from the start,
+/* In another speech: half a second of silence eases in and ends at once, its first frames have weight 1 from the start,
  * and a short pause is none; in features of every shape, with loudness or without. */
 static void test_found(void **state) {
   (void)state;
@@ -68,7 +68,7 @@ static void test_untold(void **state) {
   ern_silence *silence = NULL;
   support_ok(context, ern_silence_learn(context, &s.features, s.loudness, &silence));
   made_speech(&wide, 16, 44, 3, learnt_from);
-  support_expect(context, ern_silence_rest(silence, &wide.features, wide.rest), ERN_E_MISMATCH, "44 wide",
+  support_expect(context, ern_silence_weights(silence, &wide.features, wide.weight), ERN_E_MISMATCH, "44 wide",
                  "expected 29", NULL);
   ern_silence_free(&silence);
   free(s.features.data);
@@ -87,7 +87,7 @@ static ern_status learn_and_find(ern_context *context) {
   ern_silence *silence = NULL;
   made_speech(&s, 2, 8, 3, learnt_from);
   ern_status status = ern_silence_learn(context, &s.features, NULL, &silence);
-  if (status == ERN_OK) status = ern_silence_rest(silence, &s.features, s.rest);
+  if (status == ERN_OK) status = ern_silence_weights(silence, &s.features, s.weight);
   ern_silence_free(&silence);
   free(s.features.data);
   return status;
@@ -136,7 +136,7 @@ static void scene_free(struct scene *scene) {
   ern_context_free(&scene->context);
 }
 
-static ern_status draw(struct scene *scene, const float *windows, const float *rest_code, float rest, float *rgb) {
+static ern_status draw(struct scene *scene, const float *windows, const float *silence_code, float weight, float *rgb) {
   const ern_frame_input input = {.camera = {.pose = {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1},
                                             .focal = 3 * SIDE,
                                             .cx = SIDE / 2,
@@ -145,8 +145,8 @@ static ern_status draw(struct scene *scene, const float *windows, const float *r
                                             .height = SIDE},
                                  .windows = windows,
                                  .window_length = LENGTH,
-                                 .rest_code = rest_code,
-                                 .rest = rest};
+                                 .silence_code = silence_code,
+                                 .silence_weight = weight};
   const ern_frame_output output = {.rgb = rgb};
   return ern_renderer_frame(scene->renderer, &input, &output, NULL);
 }
@@ -157,8 +157,8 @@ static double distance(const float *a, const float *b) {
   return sqrt(sum);
 }
 
-/* At rest a frame is that of the windows that the code is of, to the bit; half way it is between; with weight 0 it is
- * the speech's. */
+/* With weight 1 a frame is that of the windows that the code is of, to the bit; half way it is between; with weight 0
+ * it is the speech's. */
 static void test_rest(void **state) {
   (void)state;
   static struct scene scene;
@@ -177,16 +177,18 @@ static void test_rest(void **state) {
   assert_true(distance(found, said) < distance(said, unsaid) && distance(found, unsaid) < distance(said, unsaid));
   assert_true(distance(found, said) > 0 && distance(found, unsaid) > 0);
 
-  support_expect(scene.context, draw(&scene, scene.said, NULL, 0.5f, found), ERN_E_ARGUMENT, "rest", "without", NULL);
-  support_expect(scene.context, draw(&scene, scene.said, code, 1.5f, found), ERN_E_ARGUMENT, "rest is 1.5", NULL);
-  support_expect(scene.context, draw(&scene, scene.said, code, NAN, found), ERN_E_ARGUMENT, "rest is", NULL);
+  support_expect(scene.context, draw(&scene, scene.said, NULL, 0.5f, found), ERN_E_ARGUMENT, "silence_weight",
+                 "without", NULL);
+  support_expect(scene.context, draw(&scene, scene.said, code, 1.5f, found), ERN_E_ARGUMENT, "silence_weight is 1.5",
+                 NULL);
+  support_expect(scene.context, draw(&scene, scene.said, code, NAN, found), ERN_E_ARGUMENT, "silence_weight is", NULL);
   code[5] = NAN;
-  support_expect(scene.context, draw(&scene, scene.said, code, 1, found), ERN_E_NONFINITE, "rest_code", "5", NULL);
+  support_expect(scene.context, draw(&scene, scene.said, code, 1, found), ERN_E_NONFINITE, "silence_code", "5", NULL);
   support_expect(scene.context, ern_renderer_code(scene.renderer, scene.said, 17, code), ERN_E_ARGUMENT, "17", NULL);
   scene_free(&scene);
 }
 
-/* Calm lips are calmed speech: rest is not mixed into what the next frame goes on from. */
+/* Calm lips are calmed speech: the silence code is not mixed into what the next frame goes on from. */
 static void test_smooth_lips(void **state) {
   (void)state;
   static struct scene scene;

@@ -15,14 +15,14 @@ void bytes_free(struct bytes *bytes) {
 /* Room for `more` and a 0. */
 static bool grow(struct bytes *bytes, size_t more) {
   if (bytes->failed) return false;
-  if (more < bytes->room - bytes->count) return true;
-  size_t room = bytes->room > 0 ? bytes->room : 256;
-  while (room <= SIZE_MAX / 2 && room - bytes->count <= more) room *= 2;
-  char *data = room - bytes->count > more ? realloc(bytes->data, room) : NULL;
+  if (more < bytes->capacity - bytes->count) return true;
+  size_t capacity = bytes->capacity > 0 ? bytes->capacity : 256;
+  while (capacity <= SIZE_MAX / 2 && capacity - bytes->count <= more) capacity *= 2;
+  char *data = capacity - bytes->count > more ? realloc(bytes->data, capacity) : NULL;
   bytes->failed = data == NULL;
   if (data == NULL) return false;
   bytes->data = data;
-  bytes->room = room;
+  bytes->capacity = capacity;
   return true;
 }
 

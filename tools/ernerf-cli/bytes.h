@@ -11,7 +11,7 @@
 /* Zeroed: empty. Once memory is out, `failed` is set and nothing more is added: look at the end. */
 struct bytes {
   char *data; /* with a 0 after the last; NULL: none yet */
-  size_t count, room;
+  size_t count, capacity;
   bool failed;
 };
 

@@ -33,19 +33,19 @@ static void unhash_level(float *value, const float *table, const struct ern_grid
   }
 }
 
-static float *unhash(struct ern_frame_net *net, const struct ern_field *field, const float *parameters, float *room) {
+static float *unhash(struct ern_frame_net *net, const struct ern_field *field, const float *parameters, float *memory) {
   for (int plane = 0; plane < ERN_PLANES; plane++) {
     const struct ern_grid *grid = &field->encoder.grid[plane];
     for (int d = 0; d < 2; d++) net->axis[plane][d] = field->encoder.axis[plane][d];
     for (int l = 0; l < grid->levels; l++) {
       const struct ern_grid_level *level = &grid->level[l];
       const uint32_t side = level->resolution + 1;
-      unhash_level(room, parameters + field->encoder.table[plane], grid, level);
-      net->level[plane][l] = (struct ern_dense_level){level->scale, side, room};
-      room += (size_t)side * side;
+      unhash_level(memory, parameters + field->encoder.table[plane], grid, level);
+      net->level[plane][l] = (struct ern_dense_level){level->scale, side, memory};
+      memory += (size_t)side * side;
     }
   }
-  return room;
+  return memory;
 }
 
 /* ---- weights ----------------------------------------------------------------------------------------------------- */
@@ -69,9 +69,9 @@ static void multiply(float *out, const float *a, size_t a_row, const float *scal
 }
 
 /* Packed columns that n inputs take, and the density's in all. */
-static size_t room_of(const struct ern_frame_net *net, size_t n) { return net->pairs ? ern_pairs(n) : n; }
-static size_t density_room(const struct ern_frame_net *net) {
-  return room_of(net, net->features) + room_of(net, net->attention) + net->eye;
+static size_t rows_padded(const struct ern_frame_net *net, size_t n) { return net->pairs ? ern_pairs(n) : n; }
+static size_t density_rows(const struct ern_frame_net *net) {
+  return rows_padded(net, net->features) + rows_padded(net, net->attention) + net->eye;
 }
 
 /* A [rows][columns], rows `row_step` apart, from place `at` of a layer that takes `width`. */
@@ -83,7 +83,7 @@ static void pack_part(const struct ern_frame_net *net, float *packed, size_t wid
     ern_pack_columns(packed, width, at, a, row_step, 1, rows, columns);
 }
 static void pack(const struct ern_frame_net *net, float *packed, const float *w, size_t rows, size_t columns) {
-  pack_part(net, packed, room_of(net, columns), 0, w, columns, rows, columns);
+  pack_part(net, packed, rows_padded(net, columns), 0, w, columns, rows, columns);
 }
 
 /* The colour's first layer reads [SH, geometry, code]; the density's last one gives [log sigma, geometry]. */
@@ -96,11 +96,12 @@ static void pack_model(struct ern_frame_net *net, const struct ern_field *field,
     pack(net, net->eye1, layer(&field->eye, parameters, 0), net->eye_hidden, net->features);
     pack(net, net->eye2, layer(&field->eye, parameters, 1), 1, net->eye_hidden);
   }
-  const size_t room = density_room(net);
+  const size_t columns_padded = density_rows(net);
   const float *density = layer(&field->density, parameters, 0);
-  pack_part(net, net->density1, room, 0, density, wide, net->density, net->features);
+  pack_part(net, net->density1, columns_padded, 0, density, wide, net->density, net->features);
   if (net->eye)
-    pack_part(net, net->density1, room, room - 1, density + net->features + net->value_rows, wide, net->density, 1);
+    pack_part(net, net->density1, columns_padded, columns_padded - 1, density + net->features + net->value_rows, wide,
+              net->density, 1);
   pack(net, net->density2, layer(&field->density, parameters, 1), net->density, net->density);
   pack(net, net->sigma, last, 1, net->density);
   multiply(net->folded, first + net->harmonics, inputs, NULL, last + net->density, net->colour, ERN_GEOMETRY,
@@ -116,7 +117,7 @@ void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field
   net->eye_value = eye_value;
   multiply(net->folded, layer(&field->density, parameters, 0) + net->features, wide, code,
            layer(&field->attention, parameters, 1), net->density, net->value_rows, net->attention);
-  pack_part(net, net->density1, density_room(net), room_of(net, net->features), net->folded, net->attention,
+  pack_part(net, net->density1, density_rows(net), rows_padded(net, net->features), net->folded, net->attention,
             net->density, net->attention);
   memset(net->code, 0, net->colour * sizeof *net->code);
   if (field->config.codes == 0) return;
@@ -134,19 +135,19 @@ struct part {
 };
 
 static size_t parts_of(struct ern_frame_net *net, struct part part[12]) {
-  const size_t features = room_of(net, net->features), hidden = room_of(net, net->attention);
-  const size_t density = room_of(net, net->density), eye_hidden = room_of(net, net->eye_hidden);
+  const size_t features = rows_padded(net, net->features), hidden = rows_padded(net, net->attention);
+  const size_t density = rows_padded(net, net->density), eye_hidden = rows_padded(net, net->eye_hidden);
   const struct part all[] = {
       {&net->attention1, ern_pack_count(net->attention, features)},
       {&net->eye1, ern_pack_count(net->eye_hidden, features)},
       {&net->eye2, ern_pack_count(net->eye, eye_hidden)},
       {&net->value, ern_pack_count(net->value_rows, hidden)},
-      {&net->density1, ern_pack_count(net->density, density_room(net))},
+      {&net->density1, ern_pack_count(net->density, density_rows(net))},
       {&net->density2, ern_pack_count(net->density, density)},
       {&net->sigma, ern_pack_count(1, density)},
       {&net->colour1, ern_pack_count(net->colour, density)},
       {&net->ray, ern_pack_count(net->colour, net->harmonics)},
-      {&net->colour2, ern_pack_count(3, room_of(net, net->colour))},
+      {&net->colour2, ern_pack_count(3, rows_padded(net, net->colour))},
       {&net->code, ern_pack_count(net->colour, 1)},
       {&net->folded, ern_pack_count(net->density > net->colour ? net->density : net->colour,
                                     net->density > net->attention ? net->density : net->attention)},
@@ -181,12 +182,12 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
   size_t count = 0;
   for (size_t i = 0; i < parts; i++) count += (part[i].count + 15) / 16 * 16;
   for (int plane = 0; plane < ERN_PLANES; plane++) count += dense_count(&field->encoder.grid[plane]);
-  status = ERN_NEW(context, count, &made->room);
+  status = ERN_NEW(context, count, &made->memory);
   if (status != ERN_OK) {
     ern_release(context, made);
     return status;
   }
-  float *at = made->room;
+  float *at = made->memory;
   for (size_t i = 0; i < parts; i++) {
     *part[i].at = at;
     at += (part[i].count + 15) / 16 * 16;
@@ -199,6 +200,6 @@ ern_status ern_frame_net_make(ern_context *context, const struct ern_field *fiel
 
 void ern_frame_net_free(ern_context *context, struct ern_frame_net *net) {
   if (net == NULL) return;
-  ern_release(context, net->room);
+  ern_release(context, net->memory);
   ern_release(context, net);
 }

@@ -43,7 +43,7 @@ struct ern_frame_net {
   float *colour2;     /* [3] x [colour] */
   float *code;        /* [colour], plain; of the frame */
   float *folded;      /* a product on its way into one of these */
-  float *room;        /* of all the above */
+  float *memory;      /* of all the above */
 };
 
 /* Whether a model has the layers that the net is made of. */

@@ -18,35 +18,35 @@ static size_t batch_of(const struct ern_render_work *work) {
 
 static size_t most(size_t a, size_t b) { return a > b ? a : b; }
 
-/* The next `bytes` of the room, on a line of their own; room NULL: only counted. */
-static void *carve(char *room, size_t *used, size_t bytes) {
-  void *at = room != NULL ? room + *used : NULL;
+/* The next `bytes` of memory, on a line of their own; memory NULL: only counted. */
+static void *carve(char *memory, size_t *used, size_t bytes) {
+  void *at = memory != NULL ? memory + *used : NULL;
   *used += (bytes + LINE - 1) / LINE * LINE;
   return at;
 }
 
-static size_t lay_out(struct render_scratch *s, char *room, const struct ern_render_work *work) {
+static size_t lay_out(struct render_scratch *s, char *memory, const struct ern_render_work *work) {
   const struct ern_frame_net *net = work->net;
   const size_t tile = ERN_MLP_TILE * sizeof(float), steps = (size_t)work->settings.max_steps, batch = batch_of(work);
   const size_t widest = most(most(net->density, net->colour), most(net->eye_hidden, net->value_rows));
   size_t used = 0;
-  carve(room, &used, sizeof *s);
+  carve(memory, &used, sizeof *s);
   s->batch = batch;
-  for (int k = 0; k < 2; k++) s->hidden[k] = carve(room, &used, widest * tile);
+  for (int k = 0; k < 2; k++) s->hidden[k] = carve(memory, &used, widest * tile);
   if (net->pairs)
-    s->input = carve(room, &used, (ern_pairs(net->features) + ern_pairs(net->attention) + ern_pairs(1)) * tile);
-  s->next_share = carve(room, &used, net->colour * tile);
+    s->input = carve(memory, &used, (ern_pairs(net->features) + ern_pairs(net->attention) + ern_pairs(1)) * tile);
+  s->next_share = carve(memory, &used, net->colour * tile);
   for (int k = 0; k < ERN_FLIGHTS; k++) {
-    s->flight[k].distance = carve(room, &used, steps * tile);
-    s->flight[k].ray_share = carve(room, &used, net->colour * tile);
-    s->flight[k].features = carve(room, &used, (net->features + net->attention + 1) * tile);
+    s->flight[k].distance = carve(memory, &used, steps * tile);
+    s->flight[k].ray_share = carve(memory, &used, net->colour * tile);
+    s->flight[k].features = carve(memory, &used, (net->features + net->attention + 1) * tile);
   }
-  s->distance = carve(room, &used, batch * steps * sizeof(float));
-  s->direction = carve(room, &used, 3 * batch * sizeof(float));
-  s->number = carve(room, &used, batch * sizeof(int32_t));
-  s->count = carve(room, &used, batch * sizeof(int32_t));
-  s->hit = carve(room, &used, batch * sizeof(int32_t));
-  s->ray = carve(room, &used, batch * sizeof(int32_t));
+  s->distance = carve(memory, &used, batch * steps * sizeof(float));
+  s->direction = carve(memory, &used, 3 * batch * sizeof(float));
+  s->number = carve(memory, &used, batch * sizeof(int32_t));
+  s->count = carve(memory, &used, batch * sizeof(int32_t));
+  s->hit = carve(memory, &used, batch * sizeof(int32_t));
+  s->ray = carve(memory, &used, batch * sizeof(int32_t));
   return used;
 }
 

@@ -47,7 +47,7 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
   const size_t workers = (size_t)ern_pool_threads(stream->pool);
   float *next = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_NET, 2 * s->net.count + ERN_SHARDS * s->net.forward, &next));
+  ERN_TRY(ern_train_workspace_take(stream, ERN_TRAIN_NET, 2 * s->net.count + ERN_SHARDS * s->net.forward, &next));
   *weights = ern_train_cut(&next, 2 * s->net.count);
   s->gradient = next;
   for (size_t k = 0; k < ERN_SHARDS; k++) {
@@ -55,7 +55,7 @@ static ern_status take_threads(struct ern_train_step *s, float **weights) {
     if (r.end - r.begin > s->shard_rays) s->shard_rays = r.end - r.begin;
   }
   const size_t worker_floats = ern_train_worker_floats(s->shard_rays);
-  ERN_TRY(ern_train_room_take(stream, ERN_TRAIN_WORKERS, workers * worker_floats, &next));
+  ERN_TRY(ern_train_workspace_take(stream, ERN_TRAIN_WORKERS, workers * worker_floats, &next));
   s->workers = (char *)next;
   s->worker_bytes = worker_floats * sizeof(float);
   for (size_t worker = 0; worker < workers; worker++)
@@ -78,7 +78,8 @@ static ern_status take_marched(struct ern_train_step *s) {
   float *next = NULL;
   s->stride = ern_train_padded(s->marched.total);
   const size_t rays = (s->rays + 63) / 64 * 64, floats = s->stride * (s->net.feature_row + 7) + rays;
-  const ern_status status = ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_MARCHED, floats, &next);
+  const ern_status status =
+      ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_MARCHED, floats, &next);
   if (status != ERN_OK) return status;
   s->feature_rows = ern_train_cut(&next, s->stride * s->net.feature_row);
   s->rgb = ern_train_cut(&next, 3 * s->stride);
@@ -89,7 +90,8 @@ static ern_status take_marched(struct ern_train_step *s) {
 }
 
 static ern_status take_slopes(struct ern_train_step *s, size_t stride) {
-  return ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_SLOPES, s->net.features * stride, &s->df);
+  return ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_SLOPES, s->net.features * stride,
+                                  &s->df);
 }
 
 static ern_span span_of(const struct ern_train_step *s, const float *values, size_t count) {

@@ -10,7 +10,7 @@
 void ern_cpu_fuse_step(struct ern_backend *backend);
 
 /* What a stream keeps from step to step. */
-struct ern_train_room;
-void ern_train_room_free(ern_context *context, struct ern_train_room *room); /* accepts NULL */
+struct ern_train_workspace;
+void ern_train_workspace_free(ern_context *context, struct ern_train_workspace *workspace); /* accepts NULL */
 
 #endif

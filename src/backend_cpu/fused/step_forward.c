@@ -37,7 +37,8 @@ ern_status ern_train_unhash(struct ern_train_step *s) {
       floats += side * side + ERN_NET_ALIGNED;
     }
   }
-  const ern_status status = ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_GRIDS, floats, &next);
+  const ern_status status =
+      ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_GRIDS, floats, &next);
   if (status != ERN_OK) return status;
   s->grids.levels = levels;
   s->grids.bound = field->config.bound;
@@ -69,12 +70,12 @@ struct waiting {
 };
 
 static struct waiting waiting_make(const struct ern_train_step *s, struct ern_train_worker *worker, struct range r) {
-  int32_t *room = (int32_t *)(void *)worker->by_ray;
+  int32_t *queues = (int32_t *)(void *)worker->by_ray;
   struct waiting w = {.first = int32s(s->marched.first) + r.begin,
-                      .queue = room,
-                      .done = room + s->shard_rays,
+                      .queue = queues,
+                      .done = queues + s->shard_rays,
                       .live = s->live + r.begin,
-                      .light = (float *)(void *)(room + 2 * s->shard_rays),
+                      .light = (float *)(void *)(queues + 2 * s->shard_rays),
                       .rays = r.end - r.begin};
   for (size_t i = 0; i < w.rays; i++) {
     w.done[i] = w.live[i] = 0;
@@ -201,7 +202,7 @@ static ern_status take_live(struct ern_train_step *s) {
   s->count = total;
   const size_t stride = s->live_stride = ern_train_padded(total), rays = (s->rays + 64) / 64 * 64;
   const size_t floats = LIVE_ROWS * stride + rays;
-  const ern_status status = ern_train_room_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_LIVE, floats, &next);
+  const ern_status status = ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_LIVE, floats, &next);
   if (status != ERN_OK) return status;
   s->reals = (struct ern_buffer){ERN_ELEMENT_REAL, floats, next};
   s->ints = (struct ern_buffer){ERN_ELEMENT_INT32, floats, next};

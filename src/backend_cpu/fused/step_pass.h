@@ -24,13 +24,13 @@ typedef enum ern_train_use {
   ERN_TRAIN_SLOPES,  /* the features' gradient */
   ERN_TRAIN_USES
 } ern_train_use;
-struct ern_train_room {
+struct ern_train_workspace {
   struct ern_train_block block[ERN_TRAIN_USES];
 };
 
 /* *memory = room for `count` floats; what it held is lost. */
-ERN_NODISCARD ern_status ern_train_room_take(struct ern_cpu_stream *stream, ern_train_use use, size_t count,
-                                             float **memory);
+ERN_NODISCARD ern_status ern_train_workspace_take(struct ern_cpu_stream *stream, ern_train_use use, size_t count,
+                                                  float **memory);
 
 /* The next `count` floats of a block, and how many a quantity of n samples takes up. */
 static inline float *ern_train_cut(float **block, size_t count) {

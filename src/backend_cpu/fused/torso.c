@@ -191,10 +191,10 @@ static bool fits(const struct ern_field *field) {
 /* W [rows][columns], its rows `step` apart, packed for gemm_tile.h. */
 static ern_status take_packed(struct ern_stream *stream, const float *w, size_t step, size_t rows, size_t columns,
                               const float **packed) {
-  float *room = NULL;
-  const ern_status status = take(stream, ern_pack_count(rows, columns), &room);
-  if (status == ERN_OK) ern_pack_columns(room, columns, 0, w, step, 1, rows, columns);
-  *packed = room;
+  float *made = NULL;
+  const ern_status status = take(stream, ern_pack_count(rows, columns), &made);
+  if (status == ERN_OK) ern_pack_columns(made, columns, 0, w, step, 1, rows, columns);
+  *packed = made;
   return status;
 }
 

@@ -13,8 +13,9 @@ struct rows_factors {
 
 #if defined(ERN_TILE_PAIRS)
 
-/* x [TILE][x_row], columns 0 .. count-1, summed over columns: pairs of columns, in room [TILE][count/2 aligned]. */
-LANES_INLINE struct rows_factors rows_beside(float *room, const float *x, size_t x_row, size_t count) {
+/* x [TILE][x_row], columns 0 .. count-1, summed over columns: pairs of columns, in workspace [TILE][count/2 aligned].
+ */
+LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, size_t x_row, size_t count) {
   const size_t row = (count + 2 * LANES - 1) / (2 * LANES) * LANES;
   for (size_t c = 0; c < count; c += 2 * LANES) {
     const size_t left = count - c;
@@ -26,32 +27,34 @@ LANES_INLINE struct rows_factors rows_beside(float *room, const float *x, size_t
         high = vf_load(from + LANES);
       else if (left > LANES)
         high = vf_load_first(from + LANES, left - LANES);
-      vf_store(room + s * row + c / 2, (vf)vf_pairs_beside(low, high));
+      vf_store(workspace + s * row + c / 2, (vf)vf_pairs_beside(low, high));
     }
   }
-  return (struct rows_factors){room, row, (count + 1) / 2};
+  return (struct rows_factors){workspace, row, (count + 1) / 2};
 }
 
-/* x [count][x_row], summed over rows: pairs of rows, in room [count/2][width]. width: whole registers; to and from may
- * be weights, an odd count has zeros beside its last row */
-LANES_INLINE struct rows_factors rows_below(float *room, const float *x, size_t x_row, size_t count, size_t width) {
+/* x [count][x_row], summed over rows: pairs of rows, in workspace [count/2][width]. width: whole registers; to and from
+ * may be weights, an odd count has zeros beside its last row */
+LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, size_t x_row, size_t count,
+                                            size_t width) {
   for (size_t k = 0; k < count; k += 2) {
     for (size_t c = 0; c < width; c += LANES) {
       const vf low = vf_load(x + k * x_row + c), high = k + 1 < count ? vf_load(x + (k + 1) * x_row + c) : (vf){0};
-      vf_store(room + k / 2 * width + c, (vf)vf_pairs(low, high));
+      vf_store(workspace + k / 2 * width + c, (vf)vf_pairs(low, high));
     }
   }
-  return (struct rows_factors){room, width, (count + 1) / 2};
+  return (struct rows_factors){workspace, width, (count + 1) / 2};
 }
 
 #else
 
-LANES_INLINE struct rows_factors rows_beside(float *room, const float *x, size_t x_row, size_t count) {
-  (void)room;
+LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, size_t x_row, size_t count) {
+  (void)workspace;
   return (struct rows_factors){x, x_row, count};
 }
-LANES_INLINE struct rows_factors rows_below(float *room, const float *x, size_t x_row, size_t count, size_t width) {
-  (void)room, (void)width;
+LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, size_t x_row, size_t count,
+                                            size_t width) {
+  (void)workspace, (void)width;
   return (struct rows_factors){x, x_row, count};
 }
 

@@ -9,47 +9,47 @@
 #include "backend_cpu/simd/gemm_tile_bf16.h"
 
 /* Rows of TILE floats that n inputs of a layer take. */
-LANES_INLINE size_t tile_room(size_t n) { return ern_pairs(n); }
+LANES_INLINE size_t tile_rows_padded(size_t n) { return ern_pairs(n); }
 
-/* x [n][TILE], as the inputs of a layer: themselves, or in `room`. */
-LANES_INLINE float *tile_inputs(float *room, float *x, size_t n) {
-  pairs_of_rows(room, x, n);
-  return room;
+/* x [n][TILE], as the inputs of a layer: themselves, or in `workspace`. */
+LANES_INLINE float *tile_inputs(float *workspace, float *x, size_t n) {
+  pairs_of_rows(workspace, x, n);
+  return workspace;
 }
 
 /* The last input of a layer, behind which its room ends. */
 LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, (vf)vf_pairs(value, (vf){0})); }
 
-/* Inputs of the next layer, relu(start + A x); x takes `room` rows. */
+/* Inputs of the next layer, relu(start + A x); x takes `rows_padded` rows. */
 LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
-                             size_t room) {
-  pairs_product(next, start, packed, x, rows, room, TILE_RELU);
+                             size_t rows_padded) {
+  pairs_product(next, start, packed, x, rows, rows_padded, TILE_RELU);
 }
 
 /* A x, in float. */
-LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t room) {
-  pairs_product(out, NULL, packed, x, rows, room, TILE_STORE);
+LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t rows_padded) {
+  pairs_product(out, NULL, packed, x, rows, rows_padded, TILE_STORE);
 }
 
 #else
 #include "backend_cpu/simd/gemm_tile.h"
 
-LANES_INLINE size_t tile_room(size_t n) { return n; }
+LANES_INLINE size_t tile_rows_padded(size_t n) { return n; }
 
-LANES_INLINE float *tile_inputs(float *room, float *x, size_t n) {
-  (void)room, (void)n;
+LANES_INLINE float *tile_inputs(float *workspace, float *x, size_t n) {
+  (void)workspace, (void)n;
   return x;
 }
 
 LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, value); }
 
 LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
-                             size_t room) {
-  tile_product(next, start, packed, x, rows, room, TILE_RELU);
+                             size_t rows_padded) {
+  tile_product(next, start, packed, x, rows, rows_padded, TILE_RELU);
 }
 
-LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t room) {
-  tile_product(out, NULL, packed, x, rows, room, TILE_STORE);
+LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t rows_padded) {
+  tile_product(out, NULL, packed, x, rows, rows_padded, TILE_STORE);
 }
 
 #endif

@@ -27,7 +27,7 @@ LANES_INLINE vf squares(const float *v, size_t rows, const float times) {
 
 /* norm = |W_v h|: what the samples' attention is reported by */
 static void attention_norm(float *norm, float *v, const struct ern_frame_net *net, const float *hidden) {
-  tile_outputs(v, net->value, hidden, net->value_rows, tile_room(net->attention));
+  tile_outputs(v, net->value, hidden, net->value_rows, tile_rows_padded(net->attention));
   for (size_t k = 0; k < TILE; k += LANES) {
     const vf sum = squares(v + k, net->value_rows, 1);
     vf root = vf_sqrt(sum);
@@ -41,13 +41,13 @@ static void attention_norm(float *norm, float *v, const struct ern_frame_net *ne
 /* sigma, rgb of a tile whose features are there. */
 static void field_tile(struct render_scratch *s, const struct flight *f, const struct ern_frame_net *net,
                        bool norm_wanted) {
-  const size_t features = tile_room(net->features), density = tile_room(net->density);
+  const size_t features = tile_rows_padded(net->features), density = tile_rows_padded(net->density);
   float *input = tile_inputs(s->input, f->features, net->features);
-  float *hidden = input + features * TILE, *eye = hidden + tile_room(net->attention) * TILE;
+  float *hidden = input + features * TILE, *eye = hidden + tile_rows_padded(net->attention) * TILE;
   tile_layer(hidden, NULL, net->attention1, input, net->attention, features);
   if (net->eye) {
     tile_layer(s->hidden[0], NULL, net->eye1, input, net->eye_hidden, features);
-    tile_outputs(s->eye, net->eye2, s->hidden[0], 1, tile_room(net->eye_hidden));
+    tile_outputs(s->eye, net->eye2, s->hidden[0], 1, tile_rows_padded(net->eye_hidden));
     for (size_t k = 0; k < TILE; k += LANES) {
       const vf attention = vf_sigmoid(vf_load(s->eye + k));
       vf_store(s->eye + k, attention);
@@ -55,11 +55,12 @@ static void field_tile(struct render_scratch *s, const struct flight *f, const s
     }
   }
   if (norm_wanted) attention_norm(s->norm, s->hidden[0], net, hidden);
-  tile_layer(s->hidden[0], NULL, net->density1, input, net->density, features + tile_room(net->attention) + net->eye);
+  tile_layer(s->hidden[0], NULL, net->density1, input, net->density,
+             features + tile_rows_padded(net->attention) + net->eye);
   tile_layer(s->hidden[1], NULL, net->density2, s->hidden[0], net->density, density);
   tile_outputs(s->sigma, net->sigma, s->hidden[1], 1, density);
   tile_layer(s->hidden[0], f->ray_share, net->colour1, s->hidden[1], net->colour, density);
-  tile_outputs(s->rgb, net->colour2, s->hidden[0], 3, tile_room(net->colour));
+  tile_outputs(s->rgb, net->colour2, s->hidden[0], 3, tile_rows_padded(net->colour));
   for (size_t k = 0; k < TILE; k += LANES) {
     const vf log_sigma = vf_load(s->sigma + k);
     vf_store(s->sigma + k, vf_exp(vf_select(log_sigma > 80, vf_all(80), log_sigma)));

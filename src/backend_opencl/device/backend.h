@@ -81,7 +81,7 @@ struct ern_cl_backend {
   struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
   pthread_mutex_t lock; /* of the programs */
   struct ern_cl_program *programs;
-  size_t program_count, program_room;
+  size_t program_count, program_capacity;
 };
 
 struct ern_cl_kernel {
@@ -104,7 +104,7 @@ struct ern_cl_stream {
   struct ern_cl_backend *owner; /* the backend that made it */
   cl_command_queue queue;
   struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */
-  size_t kernel_count, kernel_room;
+  size_t kernel_count, kernel_capacity;
   struct ern_buffer *figures; /* real; the pending ones one behind the other */
   float *figures_host;
   size_t figures_used;

@@ -19,15 +19,15 @@ static ern_status kernel_get(struct ern_cl_stream *stream, cl_program program, c
     *kernel = known->kernel;
     return ERN_OK;
   }
-  if (stream->kernel_count == stream->kernel_room) {
-    const size_t room = stream->kernel_room > 0 ? 2 * stream->kernel_room : 64;
+  if (stream->kernel_count == stream->kernel_capacity) {
+    const size_t capacity = stream->kernel_capacity > 0 ? 2 * stream->kernel_capacity : 64;
     struct ern_cl_kernel *grown = NULL;
-    const ern_status status = ERN_NEW(backend->table.context, room, &grown);
+    const ern_status status = ERN_NEW(backend->table.context, capacity, &grown);
     if (status != ERN_OK) return status;
     if (stream->kernel_count > 0) memcpy(grown, stream->kernels, stream->kernel_count * sizeof *stream->kernels);
     ern_release(backend->table.context, stream->kernels);
     stream->kernels = grown;
-    stream->kernel_room = room;
+    stream->kernel_capacity = capacity;
   }
   cl_int code = CL_SUCCESS;
   *kernel = clCreateKernel(program, name, &code);

@@ -132,16 +132,16 @@ static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source sour
 
 static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program program) {
   ern_context *context = backend->table.context;
-  if (backend->program_count == backend->program_room) {
-    const size_t room = backend->program_room > 0 ? 2 * backend->program_room : 32;
+  if (backend->program_count == backend->program_capacity) {
+    const size_t capacity = backend->program_capacity > 0 ? 2 * backend->program_capacity : 32;
     struct ern_cl_program *grown = NULL;
-    const ern_status status = ERN_NEW(context, room, &grown);
+    const ern_status status = ERN_NEW(context, capacity, &grown);
     if (status != ERN_OK) return status;
     if (backend->program_count > 0)
       memcpy(grown, backend->programs, backend->program_count * sizeof *backend->programs);
     ern_release(context, backend->programs);
     backend->programs = grown;
-    backend->program_room = room;
+    backend->program_capacity = capacity;
   }
   struct ern_cl_program *entry = &backend->programs[backend->program_count];
   *entry = (struct ern_cl_program){.source = source, .program = program};

@@ -9,9 +9,9 @@
 #pragma OPENCL FP_CONTRACT OFF
 
 #if WIDTH == 1
-enum { RAYS = 1, ROOM = 1 };
+enum { RAYS = 1, KNOWN_AHEAD = 1 };
 #else
-enum { RAYS = 64, ROOM = 512 };
+enum { RAYS = 64, KNOWN_AHEAD = 512 };
 #endif
 
 /* alpha_i and 1 - alpha_i: by expm1, so that alpha keeps its digits for thin samples, and by exp, so that what is left
@@ -19,17 +19,17 @@ enum { RAYS = 64, ROOM = 512 };
  * [from, until). A longer ray than there is room for goes without. */
 struct light {
   global const float *sigma, *dt;
-  float alpha[ROOM], rest[ROOM];
+  float alpha[KNOWN_AHEAD], rest[KNOWN_AHEAD];
   ulong from, until;
   bool ahead;
 };
 
 /* Before the samples [begin, end) of a ray are looked at; `last` is the end of the item's samples. */
 void look_ahead(struct light *light, ulong begin, ulong end, ulong last) {
-  light->ahead = WIDTH > 1 && end - begin <= ROOM;
+  light->ahead = WIDTH > 1 && end - begin <= KNOWN_AHEAD;
   if (!light->ahead || end <= light->until) return;
   light->from = begin;
-  light->until = min(begin + ROOM, last);
+  light->until = min(begin + KNOWN_AHEAD, last);
   for (ulong i = begin; i < light->until; i += WIDTH) {
     const ulong count = light->until - i;
     const floatw tau = loadw_first(light->sigma + i, count) * loadw_first(light->dt + i, count);

@@ -18,30 +18,30 @@ ulong part_of(ulong n) { return (n + PARTS * GROUP - 1) / (PARTS * GROUP) * GROU
 /* Elements that a lane has from r on. */
 ulong count_of(ulong r, ulong end) { return r < end ? min(end - r, (ulong)WIDTH) : 0; }
 
-/* The sum of a group's values. room: [GROUP] */
-float group_sum(local float *room, floatw value) {
+/* The sum of a group's values. partial: [GROUP] */
+float group_sum(local float *partial, floatw value) {
   const uint item = get_local_id(0);
-  STOREW(value, room + item * WIDTH);
+  STOREW(value, partial + item * WIDTH);
   for (uint apart = GROUP / 2; apart > 0; apart /= 2) {
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = item; k < apart; k += ITEMS) room[k] += room[k + apart];
+    for (uint k = item; k < apart; k += ITEMS) partial[k] += partial[k + apart];
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  const float sum = room[0];
+  const float sum = partial[0];
   barrier(CLK_LOCAL_MEM_FENCE);
   return sum;
 }
 
 /* The largest of them; those that are no number do not count. */
-float group_most(local float *room, floatw value) {
+float group_most(local float *partial, floatw value) {
   const uint item = get_local_id(0);
-  STOREW(value, room + item * WIDTH);
+  STOREW(value, partial + item * WIDTH);
   for (uint apart = GROUP / 2; apart > 0; apart /= 2) {
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = item; k < apart; k += ITEMS) room[k] = fmax(room[k], room[k + apart]);
+    for (uint k = item; k < apart; k += ITEMS) partial[k] = fmax(partial[k], partial[k + apart]);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  const float most = room[0];
+  const float most = partial[0];
   barrier(CLK_LOCAL_MEM_FENCE);
   return most;
 }
@@ -59,17 +59,17 @@ SUMMING void head_softmax(SPAN(float, most), SPAN(float, sum), SPAN(const float,
   OPEN(float, most);
   OPEN(float, sum);
   OPEN(const float, uncertainty);
-  local float room[GROUP];
+  local float partial[GROUP];
   const ulong part = get_group_id(0), begin = min(part * part_of(n), n), end = min(begin + part_of(n), n);
   const uint item = get_local_id(0);
   floatw own = -INFINITY, share = 0;
   for (ulong r = begin + item * WIDTH; r < end; r += GROUP)
     own = fmax(own, first_of(count_of(r, end), loadw_first(uncertainty + r, count_of(r, end)), -INFINITY));
-  const float of_part = group_most(room, own);
+  const float of_part = group_most(partial, own);
   const float from = of_part == -INFINITY ? 0 : of_part; /* exp(-infinity - 0) is 0 */
   for (ulong r = begin + item * WIDTH; r < end; r += GROUP)
     share += first_of(count_of(r, end), exp(loadw_first(uncertainty + r, count_of(r, end)) - from), 0);
-  const float sum_of_part = group_sum(room, share);
+  const float sum_of_part = group_sum(partial, share);
   if (item != 0) return;
   most[part] = of_part;
   sum[part] = sum_of_part;
@@ -130,13 +130,13 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
   OPEN(const float, face);
   OPEN(const float, most);
   OPEN(const float, sum);
-  local float room[GROUP];
+  local float partial[GROUP];
   const uint item = get_local_id(0);
   float all_most = 0, all_sum = 1;
   if (by.adaptive) { /* each part's sum was of exp(u - its own most) */
     const floatw its_most = LOADW(most + item * WIDTH), its_sum = LOADW(sum + item * WIDTH);
-    all_most = group_most(room, its_most);
-    all_sum = group_sum(room, WHERE(its_sum != 0, its_sum * exp(its_most - all_most), 0));
+    all_most = group_most(partial, its_most);
+    all_sum = group_sum(partial, WHERE(its_sum != 0, its_sum * exp(its_most - all_most), 0));
   }
   const ulong part = get_group_id(0), begin = min(part * part_of(n), n), end = min(begin + part_of(n), n);
   floatw share[TERMS] = {0, 0, 0, 0, 0, 0};
@@ -166,7 +166,7 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
     for (uint t = 0; t < TERMS; t++) share[t] += first_of(count, term[t] * by.mean, 0);
   }
   for (uint t = 0; t < TERMS; t++) {
-    const float of_part = group_sum(room, share[t]);
+    const float of_part = group_sum(partial, share[t]);
     if (item == 0) terms[part * TERMS + t] = of_part;
   }
 }
@@ -189,8 +189,8 @@ void add_square(struct squares *sum, floatw x) {
 }
 
 /* squares: [PARTS][3] */
-void write_squares(global float *squares, local float *room, struct squares *own) {
-  const float usual = group_sum(room, own->usual), huge = group_sum(room, own->huge), tiny = group_sum(room, own->tiny);
+void write_squares(global float *squares, local float *partial, struct squares *own) {
+  const float usual = group_sum(partial, own->usual), huge = group_sum(partial, own->huge), tiny = group_sum(partial, own->tiny);
   if (get_local_id(0) == 0) vstore3((float3)(usual, huge, tiny), get_group_id(0), squares);
 }
 
@@ -201,7 +201,7 @@ SUMMING void smooth_loss(SPAN(float, squares), SPAN(float, dmoved), SPAN(const f
   OPEN(float, dmoved);
   OPEN(const float, still);
   OPEN(const float, moved);
-  local float room[GROUP];
+  local float partial[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
   struct squares own = {0, 0, 0};
   for (ulong i = begin + get_local_id(0) * WIDTH; i < end; i += GROUP) {
@@ -210,7 +210,7 @@ SUMMING void smooth_loss(SPAN(float, squares), SPAN(float, dmoved), SPAN(const f
     add_square(&own, difference);
     storew_first(dmoved + i, factor * difference, count);
   }
-  write_squares(squares, room, &own);
+  write_squares(squares, partial, &own);
 }
 
 /* squares: [PARTS][3], of pixel - truth; dpixel = factor (pixel - truth); [3] per ray */
@@ -220,7 +220,7 @@ SUMMING void mse(SPAN(float, squares), ROWS(float, dpixel), ROWS(const float, pi
   OPEN(float, dpixel);
   OPEN(const float, pixel);
   OPEN(const float, truth);
-  local float room[GROUP];
+  local float partial[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
   struct squares own = {0, 0, 0};
   for (ulong r = begin + get_local_id(0) * WIDTH; r < end; r += GROUP) {
@@ -232,7 +232,7 @@ SUMMING void mse(SPAN(float, squares), ROWS(float, dpixel), ROWS(const float, pi
       storew_first(dpixel + c * dpixel_stride + r, factor * difference, count);
     }
   }
-  write_squares(squares, room, &own);
+  write_squares(squares, partial, &own);
 }
 
 /* short_of: [3], 1 - w of each key point, whose squares are the host's; anchors, danchors: [3][4], danchors accumulates
@@ -290,7 +290,7 @@ SUMMING void pose_bwd(SPAN(float, sums), ROWS(const float, dx), ROWS(const float
   OPEN(const float, dd);
   OPEN(const float, d);
   OPEN(const float, weight);
-  local float room[GROUP];
+  local float partial[GROUP];
   const ulong begin = min(get_group_id(0) * part_of(n), n), end = min(begin + part_of(n), n);
   floatw own[6] = {0, 0, 0, 0, 0, 0};
   for (ulong i = begin + get_local_id(0) * WIDTH; i < end; i += GROUP) {
@@ -301,7 +301,7 @@ SUMMING void pose_bwd(SPAN(float, sums), ROWS(const float, dx), ROWS(const float
     for (ulong axis = 0; axis < 3; axis++) own[3 + axis] += u * loadw_first(dx + axis * dx_stride + i, count);
   }
   for (uint k = 0; k < 6; k++) {
-    const float sum = group_sum(room, own[k]);
+    const float sum = group_sum(partial, own[k]);
     if (get_local_id(0) == 0) sums[6 * get_group_id(0) + k] = sum;
   }
 }

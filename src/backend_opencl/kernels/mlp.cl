@@ -37,7 +37,7 @@ typedef JOIN(float, LANES) vf;
 #define BLOCK (LANES == 8 ? 4 : 8)
 #define STAGE
 #define STAGED
-#define STAGED_ROOM
+#define STAGE_MEMORY
 #define WAIT
 #else
 #define LINE (GROUP * VECTORS + 1)
@@ -46,7 +46,7 @@ typedef JOIN(float, LANES) vf;
 #define STAGE_ROW (BLOCK + 4) /* room for one row more than a block; a multiple of four */
 #define STAGE , local float *stage
 #define STAGED , stage
-#define STAGED_ROOM local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
+#define STAGE_MEMORY local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
 #define WAIT barrier(CLK_LOCAL_MEM_FENCE);
 #endif
 /* Rows behind the last full block; a single one joins that block where there are registers for it. */
@@ -236,7 +236,7 @@ INLINE void product(const finish how, local vf *out, local const vf *in, global 
 /* y [C<LAYERS>][n]; a group a tile. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(float, y), INPUTS, ulong n) {
   local vf tiles[(EVEN + ODD) * LINE];
-  STAGED_ROOM
+  STAGE_MEMORY
   OPEN(float, y);
   OPEN_INPUTS
   local vf *const turns[2] = {tiles, tiles + EVEN * LINE};
@@ -388,7 +388,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
   local vf values[VALUES * LINE];
   local float *const turned = 0;
 #endif
-  STAGED_ROOM
+  STAGE_MEMORY
   OPEN_GRADIENTS
   OPEN(float, sums);
   OPEN(const float, dy);

@@ -19,25 +19,25 @@ enum {
 /* Positions of all samples of the frame. */
 struct points {
   float *x[3];
-  size_t n, room;
+  size_t n, capacity;
 };
 
 static void free_points(ern_context *context, struct points *points) {
   for (int d = 0; d < 3; d++) ern_release(context, points->x[d]);
 }
 
-static ern_status make_room(ern_context *context, struct points *points, size_t more) {
-  if (points->room - points->n >= more) return ERN_OK;
-  const size_t room = 2 * points->room + more;
+static ern_status reserve(ern_context *context, struct points *points, size_t more) {
+  if (points->capacity - points->n >= more) return ERN_OK;
+  const size_t capacity = 2 * points->capacity + more;
   for (int d = 0; d < 3; d++) {
     float *larger = NULL;
-    const ern_status status = ERN_NEW(context, room, &larger);
+    const ern_status status = ERN_NEW(context, capacity, &larger);
     if (status != ERN_OK) return status;
     for (size_t i = 0; i < points->n; i++) larger[i] = points->x[d][i];
     ern_release(context, points->x[d]);
     points->x[d] = larger;
   }
-  points->room = room;
+  points->capacity = capacity;
   return ERN_OK;
 }
 
@@ -50,7 +50,7 @@ static ern_status march_tile(struct ern_stream *stream, const struct ern_bench_s
   struct ern_marched marched;
   ern_status status = ERN_OK;
   ERN_TRY(ern_march_rays(stream, pixels, &view, (ern_span){0}, bits, &settings, pixels.count, &marched));
-  ERN_TRY(make_room(stream->backend->context, points, marched.total));
+  ERN_TRY(reserve(stream->backend->context, points, marched.total));
   for (int d = 0; d < 3 && marched.total > 0; d++)
     ERN_TRY(stream->backend->download_reals(stream, points->x[d] + points->n,
                                             ern_span_of_row(marched.x, d, marched.total), marched.total));
@@ -121,7 +121,7 @@ ern_status ern_bench_collisions(ern_backend *backend, const ern_bench_scene *sce
   ERN_NEED(backend->context, scene);
   ERN_NEED(backend->context, table);
   static const int volume[3] = {0, 1, 2}, plane[3][3] = {{0, 2}, {0, 1}, {1, 2}};
-  struct points points = {.room = 0};
+  struct points points = {.capacity = 0};
   ern_status status = ERN_OK;
   *table = (ern_bench_collision_table){.points = 0};
   ERN_TRY(march_frame(backend, scene, &points));

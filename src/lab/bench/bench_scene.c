@@ -138,9 +138,9 @@ static ern_camera front_camera(int width, int height) {
 static ern_status make_frame(struct ern_bench_scene *scene, int width, int height, uint64_t seed) {
   const size_t pixels = (size_t)width * (size_t)height,
                values = (size_t)ERN_AUDIO_WINDOWS * MADE_WINDOW * MADE_FEATURES;
-  scene->room = ern_allocate(scene->context, values * sizeof(float) + 6 * pixels, 1);
-  if (scene->room == NULL) return ERN_E_NO_MEMORY;
-  float *windows = scene->room;
+  scene->memory = ern_allocate(scene->context, values * sizeof(float) + 6 * pixels, 1);
+  if (scene->memory == NULL) return ERN_E_NO_MEMORY;
+  float *windows = scene->memory;
   uint8_t *background = (uint8_t *)(windows + values), *truth = background + 3 * pixels;
   for (size_t i = 0; i < values; i++)
     windows[i] = 2 * ern_uniform(ern_random_at(seed, 1, (uint32_t)i, ERN_RNG_INIT).word[0]) - 1;
@@ -217,7 +217,7 @@ void ern_bench_scene_free(ern_bench_scene **scene) {
   struct ern_bench_scene *made = *scene;
   *scene = NULL;
   ern_model_free(&made->own);
-  ern_release(made->context, made->room);
+  ern_release(made->context, made->memory);
   ern_release(made->context, made);
 }
 

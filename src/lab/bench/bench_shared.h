@@ -51,7 +51,7 @@ struct ern_bench_scene {
   ern_frame_input frame;
   const uint8_t *truth; /* [height][width][3] */
   ern_box face;
-  void *room; /* of a made-up scene: windows, background, truth */
+  void *memory; /* of a made-up scene: windows, background, truth */
   bool made_up;
 };
 

@@ -48,7 +48,7 @@ struct espeak {
 struct taking {
   ern_context *context;
   ern_spoken *spoken;
-  size_t room, phoneme_room;
+  size_t capacity, phoneme_capacity;
   ern_status status;
 };
 
@@ -78,9 +78,9 @@ static ern_status load(ern_context *context, struct espeak *espeak) {
 }
 
 /* Room for `more` elements past `count`. */
-#define GROW(context, array, count, more, room, status)                \
+#define GROW(context, array, count, more, capacity, status)            \
   do {                                                                 \
-    if ((count) + (more) <= (room)) break;                             \
+    if ((count) + (more) <= (capacity)) break;                         \
     const size_t wanted_ = 2 * ((count) + (more));                     \
     void *old_ = (array);                                              \
     (status) = ERN_NEW(context, wanted_, &(array));                    \
@@ -90,7 +90,7 @@ static ern_status load(ern_context *context, struct espeak *espeak) {
     }                                                                  \
     if ((count) > 0) memcpy((array), old_, (count) * sizeof *(array)); \
     ern_release(context, old_);                                        \
-    (room) = wanted_;                                                  \
+    (capacity) = wanted_;                                              \
   } while (0)
 
 static void take_samples(struct taking *taking, const short *samples, size_t count) {
@@ -99,7 +99,7 @@ static void take_samples(struct taking *taking, const short *samples, size_t cou
     taking->status = ern_fail(taking->context, ERN_E_SHAPE, "speech: the text takes more than %d s", MOST_SECONDS);
     return;
   }
-  GROW(taking->context, sound->data, sound->frames, count, taking->room, taking->status);
+  GROW(taking->context, sound->data, sound->frames, count, taking->capacity, taking->status);
   if (taking->status != ERN_OK) return;
   memcpy(sound->data + sound->frames, samples, count * sizeof *samples);
   sound->frames += count;
@@ -107,7 +107,7 @@ static void take_samples(struct taking *taking, const short *samples, size_t cou
 
 static void take_phoneme(struct taking *taking, const espeak_EVENT *event) {
   ern_spoken *spoken = taking->spoken;
-  GROW(taking->context, spoken->phoneme, spoken->count, 1, taking->phoneme_room, taking->status);
+  GROW(taking->context, spoken->phoneme, spoken->count, 1, taking->phoneme_capacity, taking->status);
   if (taking->status != ERN_OK) return;
   ern_phoneme *phoneme = &spoken->phoneme[spoken->count++];
   *phoneme = (ern_phoneme){.start = (double)event->sample / spoken->sound.rate};

@@ -59,15 +59,15 @@ static void take_crop(const struct crop *crop, const float *grey, int width, int
     }
 }
 
-static bool make_room(struct mouth_motion *motion) {
-  if (motion->count < motion->room) return true;
-  const size_t room = 2 * motion->room + 64, bytes = room * MOUTH_PIXELS * sizeof(float);
+static bool reserve(struct mouth_motion *motion) {
+  if (motion->count < motion->capacity) return true;
+  const size_t capacity = 2 * motion->capacity + 64, bytes = capacity * MOUTH_PIXELS * sizeof(float);
   float *truth = realloc(motion->truth, bytes);
   if (truth != NULL) motion->truth = truth;
   float *rendered = realloc(motion->rendered, bytes);
   if (rendered != NULL) motion->rendered = rendered;
   if (truth == NULL || rendered == NULL) return false;
-  motion->room = room;
+  motion->capacity = capacity;
   return true;
 }
 
@@ -75,7 +75,7 @@ bool mouth_motion_add(struct mouth_motion *motion, const ern_clip_frame *frame, 
                       const float *truth, const float *rendered) {
   struct crop crop;
   if (!find_crop(frame, width, height, &crop)) return true;
-  if (!make_room(motion)) return false;
+  if (!reserve(motion)) return false;
   take_crop(&crop, truth, width, height, motion->truth + motion->count * MOUTH_PIXELS);
   take_crop(&crop, rendered, width, height, motion->rendered + motion->count * MOUTH_PIXELS);
   motion->count++;

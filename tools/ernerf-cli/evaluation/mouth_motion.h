@@ -14,8 +14,8 @@
 enum { MOUTH_WIDTH = 48, MOUTH_HEIGHT = 32, MOUTH_PIXELS = MOUTH_WIDTH * MOUTH_HEIGHT };
 
 struct mouth_motion {
-  float *truth, *rendered; /* [room][MOUTH_PIXELS], 0..1 */
-  size_t count, room;
+  float *truth, *rendered; /* [capacity][MOUTH_PIXELS], 0..1 */
+  size_t count, capacity;
 };
 
 struct mouth_figures {

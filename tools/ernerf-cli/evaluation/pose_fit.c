@@ -170,9 +170,9 @@ static int take_step(struct search *search, const float start[16], float pose[16
   return 0;
 }
 
-static int iterate(struct search *search, float *room, struct pose_fit *fit) {
-  float *slopes[N], *rgb = room, start[16];
-  for (size_t k = 0; k < N; k++) slopes[k] = room + (1 + k) * search->values;
+static int iterate(struct search *search, float *memory, struct pose_fit *fit) {
+  float *slopes[N], *rgb = memory, start[16];
+  for (size_t k = 0; k < N; k++) slopes[k] = memory + (1 + k) * search->values;
   memcpy(start, search->input.head_pose != NULL ? search->input.head_pose : search->input.camera.pose, sizeof start);
   memcpy(fit->pose, start, sizeof start);
   if (draw(search, start, rgb) != 0) return EXIT_FAILURE;
@@ -218,15 +218,15 @@ int pose_fit(struct evaluation *evaluation, ern_renderer *renderer, const ern_mo
   *fit = (struct pose_fit){.turn = 0};
   for (int i = 0; i < N; i++)
     search.unit[i] = i < 3 ? probe_turn * degree : probe_move / 1000 * (double)evaluation->scale;
-  float *room = malloc(PICTURES * search.values * sizeof *room);
-  if (room == NULL)
+  float *memory = malloc(PICTURES * search.values * sizeof *memory);
+  if (memory == NULL)
     return session_fail_with(evaluation->session, "no memory for %d pictures of %d x %d", (int)PICTURES, width, height);
-  search.truth = room;
-  search.low = room + search.values;
+  search.truth = memory;
+  search.low = memory + search.values;
   search.high = search.low + search.values;
   int status = take_truth(&search, k);
   if (status == 0) status = evaluate_input(evaluation, model, k, &search.input);
   if (status == 0) status = iterate(&search, search.high + search.values, fit);
-  free(room);
+  free(memory);
   return status;
 }

@@ -7,7 +7,7 @@
 
 #include "evaluation/regions.h"
 
-static bool make_room(struct tremble *t, size_t pixels) {
+static bool reserve(struct tremble *t, size_t pixels) {
   if (t->pixels == pixels) return true;
   tremble_free(t);
   t->flow = malloc(2 * pixels * sizeof *t->flow);
@@ -53,7 +53,7 @@ ern_status tremble_add(struct tremble *t, ern_context *context, const ern_clip_f
     t->frames = 0;
     return ERN_OK;
   }
-  if (!make_room(t, pixels)) return ERN_E_NO_MEMORY;
+  if (!reserve(t, pixels)) return ERN_E_NO_MEMORY;
   if (frame->pose.aud_id != t->time + 1) t->frames = 0;
   uint8_t *now = malloc(pixels);
   ern_status status = now != NULL ? ERN_OK : ERN_E_NO_MEMORY;

@@ -26,7 +26,7 @@ struct soak_job {
   ern_clip *clip;
   ern_dataset data;
   ern_model *head;
-  struct soak_room room;
+  struct soak_buffers buffers;
   struct progress progress;
   double began;
   uint64_t done, rounds, resumes, frames; /* so far */
@@ -117,7 +117,7 @@ static int run_round(struct soak_job *job, struct soak_round *round) {
   struct soak_data data;
   ern_trainer *trainer = NULL;
   char more[64];
-  soak_bend(&data, &job->data, round, &job->room);
+  soak_bend(&data, &job->data, round, &job->buffers);
   round->config.output = job->output;
   round->config.threads = job->session.threads;
   int status = 0;
@@ -218,9 +218,9 @@ static int open_all(struct soak_job *job) {
   job->data.scale = 4;
   const ern_features *features = job->data.features;
   const size_t each = (size_t)features->window_length * (size_t)features->width;
-  job->room.speech = malloc(features->windows * each * sizeof(float));
-  job->room.truth = malloc(3 * (size_t)job->data.width * (size_t)job->data.height);
-  if (job->room.speech == NULL || job->room.truth == NULL)
+  job->buffers.speech = malloc(features->windows * each * sizeof(float));
+  job->buffers.truth = malloc(3 * (size_t)job->data.width * (size_t)job->data.height);
+  if (job->buffers.speech == NULL || job->buffers.truth == NULL)
     return session_fail_with(session, "no memory for speech and pixels");
   if (job->torso && !job->data.has_torso)
     return session_fail_with(session, "%s: has no torso_imgs, so no torso can be learnt", job->clip_path);
@@ -241,8 +241,8 @@ static void close_all(struct soak_job *job) {
   (void)rmdir(job->folder); /* unless something in it is of use */
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
-  free(job->room.speech);
-  free(job->room.truth);
+  free(job->buffers.speech);
+  free(job->buffers.truth);
   session_close(&job->session);
 }
 

@@ -32,10 +32,10 @@ struct soak_round {
 void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
                  const ern_model *head);
 /* "rays 3, lr 0.41, ..." */
-void soak_words(const struct soak_round *round, char *text, size_t room);
+void soak_words(const struct soak_round *round, char *text, size_t capacity);
 
 /* Room for what a round puts in place of the clip's own. */
-struct soak_room {
+struct soak_buffers {
   float *speech;  /* the features */
   uint8_t *truth; /* [height][width][3] */
 };
@@ -48,6 +48,6 @@ struct soak_data {
   const uint8_t *truth; /* of all frames; NULL: each frame's own */
 };
 void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
-               const struct soak_room *room);
+               const struct soak_buffers *buffers);
 
 #endif

@@ -98,7 +98,7 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const
   choose_length(&dice, round);
 }
 
-void soak_words(const struct soak_round *round, char *text, size_t room) {
+void soak_words(const struct soak_round *round, char *text, size_t capacity) {
   static const char *const lids[] = {"as they are", "open", "closed", "fluttering"};
   static const char *const pixels[] = {"as they are", "black", "white", "noise"};
   const ern_train_config *c = &round->config;
@@ -111,7 +111,7 @@ void soak_words(const struct soak_round *round, char *text, size_t room) {
   else
     snprintf(head, sizeof head, "torso, gamma %s, shrink %.3g, ", c->torso_gamma ? "yes" : "no",
              (double)c->torso_shrink);
-  snprintf(text, room,
+  snprintf(text, capacity,
            "%s%d rays, %d samples a ray, dt_gamma %.3g, lr %.3g, lr_net %.3g, lr_att %.3g, speech times %.3g, distance "
            "times %.3g, turned by %.3g, lids %s, pixels %s, %s, %" PRIu64 " steps, average every %" PRIu64
            ", occupancy every %" PRIu64 ", resumed after %" PRIu64 ", seed %" PRIu64,
@@ -148,15 +148,15 @@ static void paint(uint8_t *truth, size_t bytes, const struct soak_round *round) 
 }
 
 void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
-               const struct soak_room *room) {
+               const struct soak_buffers *buffers) {
   const ern_features *from = clip->features;
   const size_t count = from->windows * (size_t)from->window_length * (size_t)from->width;
   *data = (struct soak_data){.clip = *clip, .bent = *clip, .round = round, .features = *from};
-  data->features.data = room->speech;
-  for (size_t i = 0; i < count; i++) room->speech[i] = from->data[i] * round->loud;
+  data->features.data = buffers->speech;
+  for (size_t i = 0; i < count; i++) buffers->speech[i] = from->data[i] * round->loud;
   if (round->pixels != SOAK_PIXELS_AS_THEY_ARE) {
-    paint(room->truth, 3 * (size_t)clip->width * (size_t)clip->height, round);
-    data->truth = room->truth;
+    paint(buffers->truth, 3 * (size_t)clip->width * (size_t)clip->height, round);
+    data->truth = buffers->truth;
   }
   data->bent.user = data;
   data->bent.features = &data->features;

@@ -20,12 +20,12 @@ void curve_free(struct curve *curve) {
 
 int curve_add(struct curve *curve, struct session *session, struct curve_point point) {
   while (curve->count > 0 && curve->point[curve->count - 1].step >= point.step) curve->count--;
-  if (curve->count == curve->room) {
-    const size_t room = 2 * curve->room + 64;
-    struct curve_point *larger = room > curve->room ? realloc(curve->point, room * sizeof *larger) : NULL;
-    if (larger == NULL) return session_fail_with(session, "no memory for a curve of %zu points", room);
+  if (curve->count == curve->capacity) {
+    const size_t capacity = 2 * curve->capacity + 64;
+    struct curve_point *larger = capacity > curve->capacity ? realloc(curve->point, capacity * sizeof *larger) : NULL;
+    if (larger == NULL) return session_fail_with(session, "no memory for a curve of %zu points", capacity);
     curve->point = larger;
-    curve->room = room;
+    curve->capacity = capacity;
   }
   curve->point[curve->count++] = point;
   return 0;

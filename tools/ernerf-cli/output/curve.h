@@ -16,7 +16,7 @@ struct curve_point {
 /* In the order of the steps. Zeroed: empty. */
 struct curve {
   struct curve_point *point;
-  size_t count, room;
+  size_t count, capacity;
 };
 
 void curve_free(struct curve *curve);

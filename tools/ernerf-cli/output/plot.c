@@ -25,7 +25,7 @@ struct drawing {
   const struct plot *plot;
   struct plot_axis x, y;
   struct box *taken; /* where no label may lie: marks, bars, lines, labels that stand */
-  size_t taken_count, taken_room;
+  size_t taken_count, taken_capacity;
   bool no_memory;
 };
 
@@ -121,13 +121,13 @@ static void draw_mark(cairo_t *cairo, enum plot_mark mark, double x, double y, u
 }
 
 static void take(struct drawing *d, struct box box) {
-  if (d->taken_count == d->taken_room) {
-    const size_t room = 2 * d->taken_room + 64;
-    struct box *grown = realloc(d->taken, room * sizeof *grown);
+  if (d->taken_count == d->taken_capacity) {
+    const size_t capacity = 2 * d->taken_capacity + 64;
+    struct box *grown = realloc(d->taken, capacity * sizeof *grown);
     d->no_memory |= grown == NULL;
     if (grown == NULL) return;
     d->taken = grown;
-    d->taken_room = room;
+    d->taken_capacity = capacity;
   }
   d->taken[d->taken_count++] = box;
 }

@@ -10,9 +10,9 @@ struct plot_axis plot_axis_around(double low, double high, bool log) {
   if (!(low <= high)) low = high = 1;
   double a = log ? log10(low) : low, b = log ? log10(high) : high;
   const double least = log ? 0.1 : fmax(1e-6, 1e-3 * fmax(fabs(a), fabs(b)));
-  const double room = fmax(margin * (b - a), least / 2);
-  a -= room;
-  b += room;
+  const double padding = fmax(margin * (b - a), least / 2);
+  a -= padding;
+  b += padding;
   axis.low = log ? pow(10, a) : a;
   axis.high = log ? pow(10, b) : b;
   return axis;

@@ -69,16 +69,16 @@ int sink_check(const struct sink *sink, struct session *session, const struct fr
 
 /* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
 
-static ern_status write_exr(const struct sink *sink, const struct sink_room *room, const char *path) {
+static ern_status write_exr(const struct sink *sink, const struct sink_picture *picture, const char *path) {
   const char *names[EXR_CHANNELS] = {"R", "G", "B", "A", "Z"};
-  const float *more[EXR_CHANNELS] = {[3] = room->alpha, [4] = room->depth};
+  const float *more[EXR_CHANNELS] = {[3] = picture->alpha, [4] = picture->depth};
   const size_t pixels = (size_t)sink->width * (size_t)sink->height;
   size_t channels = 5;
-  if (sink->has_attention) names[channels] = "audio_attention", more[channels++] = room->attention;
-  if (sink->has_eye) names[channels] = "eye_attention", more[channels++] = room->eye;
+  if (sink->has_attention) names[channels] = "audio_attention", more[channels++] = picture->attention;
+  if (sink->has_eye) names[channels] = "eye_attention", more[channels++] = picture->eye;
   for (size_t i = 0; i < pixels; i++) {
     float *to = sink->channels + i * channels;
-    memcpy(to, room->rgb + 3 * i, 3 * sizeof(float));
+    memcpy(to, picture->rgb + 3 * i, 3 * sizeof(float));
     for (size_t c = 3; c < channels; c++) to[c] = more[c][i];
   }
   return ern_image_write_exr(sink->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
@@ -96,20 +96,21 @@ static bool give_up(struct sink *sink, const char *format, ...) {
   return false;
 }
 
-static bool write_room(struct sink *sink, const struct sink_room *room) {
+static bool write_picture(struct sink *sink, const struct sink_picture *picture) {
   const size_t bytes = (size_t)sink->width * (size_t)sink->height * 4;
   char path[PATH_BYTES];
   ern_status status = ERN_OK;
   if (sink->kind == SINK_RAW) {
-    if (fwrite(room->rgba, 1, bytes, stdout) == bytes && fflush(stdout) == 0) return true;
+    if (fwrite(picture->rgba, 1, bytes, stdout) == bytes && fflush(stdout) == 0) return true;
     return give_up(sink, "standard output: cannot be written: %s", strerror(errno));
   }
   if (sink->kind == SINK_VIDEO) {
-    status = ern_video_writer_frame(sink->video, room->rgba);
+    status = ern_video_writer_frame(sink->video, picture->rgba);
   } else {
-    (void)numbered_path(sink, room->number, path); /* fits: sink_check has tried it */
-    const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = room->rgba};
-    status = sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, room, path);
+    (void)numbered_path(sink, picture->number, path); /* fits: sink_check has tried it */
+    const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = picture->rgba};
+    status =
+        sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, picture, path);
   }
   if (status == ERN_OK) return true;
   (void)ern_last_error_copy(sink->context, path, sizeof path); /* the thread that draws may fail at the same time */
@@ -120,7 +121,7 @@ static void *writer_main(void *argument) {
   struct sink *sink = argument;
   for (int place = queue_item(&sink->queue); place != QUEUE_OVER; place = queue_item(&sink->queue)) {
     const double began = session_seconds();
-    const bool written = write_room(sink, &sink->rooms[place]);
+    const bool written = write_picture(sink, &sink->pictures[place]);
     sink->seconds += session_seconds() - began;
     if (!written) {
       queue_break(&sink->queue);
@@ -133,22 +134,22 @@ static void *writer_main(void *argument) {
 
 /* ---- opening and closing ----------------------------------------------------------------------------------------- */
 
-static bool make_room(const struct sink *sink, struct sink_room *room) {
+static bool make_picture(const struct sink *sink, struct sink_picture *picture) {
   const size_t pixels = (size_t)sink->width * (size_t)sink->height; /* at most 2^26 */
-  if (sink->kind != SINK_EXR) return (room->rgba = malloc(pixels * 4)) != NULL;
-  room->rgb = malloc(pixels * 3 * sizeof(float));
-  room->alpha = malloc(pixels * sizeof(float));
-  room->depth = malloc(pixels * sizeof(float));
-  room->attention = malloc(pixels * sizeof(float));
-  room->eye = malloc(pixels * sizeof(float));
-  return room->rgb != NULL && room->alpha != NULL && room->depth != NULL && room->attention != NULL &&
-         room->eye != NULL;
+  if (sink->kind != SINK_EXR) return (picture->rgba = malloc(pixels * 4)) != NULL;
+  picture->rgb = malloc(pixels * 3 * sizeof(float));
+  picture->alpha = malloc(pixels * sizeof(float));
+  picture->depth = malloc(pixels * sizeof(float));
+  picture->attention = malloc(pixels * sizeof(float));
+  picture->eye = malloc(pixels * sizeof(float));
+  return picture->rgb != NULL && picture->alpha != NULL && picture->depth != NULL && picture->attention != NULL &&
+         picture->eye != NULL;
 }
 
 static bool make_rooms(struct sink *sink) {
   const size_t pixels = (size_t)sink->width * (size_t)sink->height;
   bool made = true;
-  for (size_t i = 0; i < SINK_ROOMS; i++) made = made && make_room(sink, &sink->rooms[i]);
+  for (size_t i = 0; i < SINK_PICTURES; i++) made = made && make_picture(sink, &sink->pictures[i]);
   if (sink->kind != SINK_EXR) return made;
   sink->channels = malloc(pixels * EXR_CHANNELS * sizeof(float));
   return made && sink->channels != NULL;
@@ -171,7 +172,7 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
     if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)
       return session_fail(session);
   }
-  queue_make(&sink->queue, SINK_ROOMS);
+  queue_make(&sink->queue, SINK_PICTURES);
   if (pthread_create(&sink->writer, NULL, writer_main, sink) != 0) {
     queue_free(&sink->queue);
     return session_fail_with(session, "the system refused a thread that writes");
@@ -193,26 +194,26 @@ static int say_trouble(const struct sink *sink, struct session *session) {
   return session_fail_with(session, "%s", sink->trouble != NULL ? sink->trouble : "no memory while writing");
 }
 
-int sink_room(struct sink *sink, struct session *session, ern_frame_output *output) {
+int sink_next(struct sink *sink, struct session *session, ern_frame_output *output) {
   const int place = sink->running ? queue_free_place(&sink->queue) : QUEUE_OVER;
   if (place == QUEUE_OVER) {
     end_writer(sink);
     return say_trouble(sink, session);
   }
-  const struct sink_room *room = &sink->rooms[place];
-  *output = (ern_frame_output){.rgba = room->rgba,
-                               .rgb = room->rgb,
-                               .alpha = room->alpha,
-                               .depth = room->depth,
-                               .attention = sink->has_attention ? room->attention : NULL,
-                               .eye = sink->has_eye ? room->eye : NULL};
+  const struct sink_picture *picture = &sink->pictures[place];
+  *output = (ern_frame_output){.rgba = picture->rgba,
+                               .rgb = picture->rgb,
+                               .alpha = picture->alpha,
+                               .depth = picture->depth,
+                               .attention = sink->has_attention ? picture->attention : NULL,
+                               .eye = sink->has_eye ? picture->eye : NULL};
   return 0;
 }
 
 void sink_put(struct sink *sink, size_t number) {
-  const int place = queue_free_place(&sink->queue); /* that of sink_room */
-  if (place == QUEUE_OVER) return;                  /* the next sink_room says why */
-  sink->rooms[place].number = number;
+  const int place = queue_free_place(&sink->queue); /* that of sink_next */
+  if (place == QUEUE_OVER) return;                  /* the next sink_next says why */
+  sink->pictures[place].number = number;
   queue_fill(&sink->queue);
 }
 
@@ -227,14 +228,14 @@ void sink_free(struct sink *sink) {
   if (sink->running) queue_break(&sink->queue);
   end_writer(sink);
   ern_video_writer_abandon(&sink->video);
-  for (size_t i = 0; i < SINK_ROOMS; i++) {
-    struct sink_room *room = &sink->rooms[i];
-    free(room->rgba);
-    free(room->rgb);
-    free(room->alpha);
-    free(room->depth);
-    free(room->attention);
-    free(room->eye);
+  for (size_t i = 0; i < SINK_PICTURES; i++) {
+    struct sink_picture *picture = &sink->pictures[i];
+    free(picture->rgba);
+    free(picture->rgb);
+    free(picture->alpha);
+    free(picture->depth);
+    free(picture->attention);
+    free(picture->eye);
   }
   free(sink->channels);
   free(sink->trouble);

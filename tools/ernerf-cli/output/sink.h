@@ -18,24 +18,24 @@ enum sink_kind {
 };
 
 /* Where a frame lies between drawing and writing. */
-struct sink_room {
+struct sink_picture {
   uint8_t *rgba;                                /* [height][width][4]; of all but SINK_EXR */
   float *rgb, *alpha, *depth, *attention, *eye; /* of SINK_EXR: [height][width] each, rgb [3] */
   size_t number;                                /* of the frame, for its picture's name */
 };
 
 /* One is drawn into while another is written and one waits, so that neither thread stands still for an uneven frame. */
-enum { SINK_ROOMS = 3 };
+enum { SINK_PICTURES = 3 };
 
 struct sink {
   const char *path;
   enum sink_kind kind;
   int width, height;
   ern_video_writer *video;
-  struct sink_room rooms[SINK_ROOMS];
+  struct sink_picture pictures[SINK_PICTURES];
   float *channels;             /* of SINK_EXR, what is written: [height][width][channels] */
   bool has_attention, has_eye; /* channels of SINK_EXR */
-  struct bounded_queue queue;  /* rooms on their way to the writer */
+  struct bounded_queue queue;  /* pictures on their way to the writer */
   pthread_t writer;
   bool running;
   ern_context *context;
@@ -55,9 +55,9 @@ int sink_check(const struct sink *sink, struct session *session, const struct fr
  * the next ones. */
 int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
               const ern_model_info *model, const ern_sound *sound, double sound_start);
-/* *output = where the renderer has to put the next frame, once there is room. Fails where the writer has failed. */
-int sink_room(struct sink *sink, struct session *session, ern_frame_output *output);
-/* Hands the frame in that room to the writer. `number` names its picture. */
+/* *output = where the renderer has to put the next frame, once one is free. Fails where the writer has failed. */
+int sink_next(struct sink *sink, struct session *session, ern_frame_output *output);
+/* Hands the picture of the last sink_next to the writer. `number` names its picture. */
 void sink_put(struct sink *sink, size_t number);
 /* Waits for the last frame and ends the output; a video appears at its place only now. */
 int sink_close(struct sink *sink, struct session *session);

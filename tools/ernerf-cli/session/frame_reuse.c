@@ -81,10 +81,11 @@ json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct p
                    "samples", session_number(work.samples / frames));
 }
 
-void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text, size_t room) {
+void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text,
+                     size_t capacity) {
   const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   text[0] = 0;
   if (frame_reuse->off || !frame_reuse->stands || work.frames == 0) return;
-  snprintf(text, room, ", %.1f %% of rays and %.1f %% of samples drawn anew", 100 * work.rays / (double)work.frames,
+  snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples drawn anew", 100 * work.rays / (double)work.frames,
            100 * work.samples / (double)work.frames);
 }

@@ -28,6 +28,7 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
 /* {"bound": of 255, "rays": share rendered anew, "samples": likewise}; null where nothing is kept. */
 json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait);
 /* The same in words, beginning with a comma; empty where the camera does not stand. */
-void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text, size_t room);
+void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text,
+                     size_t capacity);
 
 #endif

@@ -130,8 +130,8 @@ static void fill_gaps(struct rate_control *g, const struct settings *base) {
   struct rung measured[LOOK_RUNGS];
   const size_t count = g->count;
   memcpy(measured, g->rung, count * sizeof *measured);
-  const double room = (double)(RATE_CONTROL_RUNGS - count), range = log(measured[0].ms / measured[count - 1].ms);
-  const double step = fmax(log(apart), range / room);
+  const double spaces = (double)(RATE_CONTROL_RUNGS - count), range = log(measured[0].ms / measured[count - 1].ms);
+  const double step = fmax(log(apart), range / spaces);
   g->count = 0;
   for (size_t i = 0; i < count; i++) {
     const struct rung *from = &measured[i], *to = from + 1;

@@ -7,19 +7,19 @@
 
 enum { FRAMES_A_SECOND = 25, WINDOWS = 8, CODE = 32, MOST_FRAMES = 500 };
 
-void silence_pose_options(struct silence_pose *rest, struct option options[SILENCE_POSE_OPTIONS]) {
+void silence_pose_options(struct silence_pose *pose, struct option options[SILENCE_POSE_OPTIONS]) {
   options[0] = (struct option){.name = "no-silence-pose",
                                .alias = "no_rest",
                                .kind = OPTION_FLAG,
-                               .target = &rest->off,
+                               .target = &pose->off,
                                .help =
                                    "leave the mouth to the speech also where nothing is said for 8 frames and more; "
                                    "else it comes to rest as in the clip's silent frames"};
 }
 
-void silence_pose_free(struct silence_pose *rest) {
-  free(rest->weight);
-  *rest = (struct silence_pose){.off = rest->off};
+void silence_pose_free(struct silence_pose *pose) {
+  free(pose->weight);
+  *pose = (struct silence_pose){.off = pose->off};
 }
 
 /* loudness[count] in dB of the 40 ms of each frame, all channels together; what is past the end of the sound is as
@@ -61,14 +61,14 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   return 0;
 }
 
-/* The mean code of the rows of `features` that are fully at rest; of every k-th where they are many. */
-static int mean_code(struct silence_pose *rest, struct session *session, const struct portrait *portrait,
+/* The mean code of the rows of `features` whose weight is 1; of every k-th where they are many. */
+static int mean_code(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                      const ern_features *features, const float *weight, float *windows) {
   double sum[CODE] = {0};
   float code[CODE];
-  size_t resting = 0, seen = 0, used = 0;
-  for (size_t t = 0; t < features->windows; t++) resting += weight[t] >= 1;
-  const size_t every = 1 + resting / MOST_FRAMES;
+  size_t silent = 0, seen = 0, used = 0;
+  for (size_t t = 0; t < features->windows; t++) silent += weight[t] >= 1;
+  const size_t every = 1 + silent / MOST_FRAMES;
   for (size_t t = 0; t < features->windows; t++) {
     if (weight[t] < 1 || seen++ % every != 0) continue;
     ern_audio_windows(windows, features, (int64_t)t, ERN_AUDIO_PAD_EDGE);
@@ -77,38 +77,38 @@ static int mean_code(struct silence_pose *rest, struct session *session, const s
     for (int c = 0; c < CODE; c++) sum[c] += (double)code[c];
     used++;
   }
-  for (int c = 0; c < CODE && used > 0; c++) rest->code[c] = (float)(sum[c] / (double)used);
-  rest->known = used > 0;
-  if (!rest->known)
+  for (int c = 0; c < CODE && used > 0; c++) pose->code[c] = (float)(sum[c] / (double)used);
+  pose->known = used > 0;
+  if (!pose->known)
     session_note(session, "render: %s: is silent nowhere for 8 frames, so the mouth follows the speech alone",
                  portrait->source.path);
   return 0;
 }
 
-static int find(struct silence_pose *rest, struct session *session, const struct portrait *portrait,
+static int find(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                 const ern_features *speech, const ern_silence *silence) {
   const ern_features *clip = ern_clip_features(portrait->clip);
   float *weight = malloc(clip->windows * sizeof *weight);
   float *windows = malloc((size_t)WINDOWS * (size_t)clip->window_length * (size_t)clip->width * sizeof *windows);
-  rest->weight = malloc(speech->windows * sizeof *rest->weight);
-  rest->rows = speech->windows;
+  pose->weight = malloc(speech->windows * sizeof *pose->weight);
+  pose->rows = speech->windows;
   int status = 0;
-  if (weight == NULL || windows == NULL || rest->weight == NULL)
+  if (weight == NULL || windows == NULL || pose->weight == NULL)
     status = session_fail_with(session, "no memory for %zu frames of speech", speech->windows);
-  else if (ern_silence_rest(silence, clip, weight) != ERN_OK ||
-           ern_silence_rest(silence, speech, rest->weight) != ERN_OK)
+  else if (ern_silence_weights(silence, clip, weight) != ERN_OK ||
+           ern_silence_weights(silence, speech, pose->weight) != ERN_OK)
     status = session_fail(session);
   else
-    status = mean_code(rest, session, portrait, clip, weight, windows);
+    status = mean_code(pose, session, portrait, clip, weight, windows);
   free(weight);
   free(windows);
   return status;
 }
 
-int silence_pose_open(struct silence_pose *rest, struct session *session, const struct portrait *portrait,
+int silence_pose_open(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                       const ern_features *speech) {
   ern_silence *silence = NULL;
-  if (rest->off) return 0;
+  if (pose->off) return 0;
   if (portrait->clip == NULL) {
     session_note(session, "render: without --clip it is not known how the mouth rests, so it follows the speech alone");
     return 0;
@@ -129,25 +129,25 @@ int silence_pose_open(struct silence_pose *rest, struct session *session, const 
     return 0;
   }
   int status = learn(session, portrait, &silence);
-  if (status == 0 && silence != NULL) status = find(rest, session, portrait, speech, silence);
+  if (status == 0 && silence != NULL) status = find(pose, session, portrait, speech, silence);
   ern_silence_free(&silence);
   return status;
 }
 
-static float weight_of(const struct silence_pose *rest, const struct source_frame *frame) {
-  const int64_t row = frame->pose.aud_id, last = (int64_t)rest->rows - 1;
-  return rest->weight[row < 0 ? 0 : row > last ? last : row];
+static float weight_of(const struct silence_pose *pose, const struct source_frame *frame) {
+  const int64_t row = frame->pose.aud_id, last = (int64_t)pose->rows - 1;
+  return pose->weight[row < 0 ? 0 : row > last ? last : row];
 }
 
-float silence_pose_of(const struct silence_pose *rest, const struct frame_source *frame_source, size_t k) {
-  if (!rest->known) return 0;
-  const float from = weight_of(rest, frame_source_before(frame_source, k)),
-              to = weight_of(rest, frame_source_after(frame_source, k));
+float silence_pose_of(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k) {
+  if (!pose->known) return 0;
+  const float from = weight_of(pose, frame_source_before(frame_source, k)),
+              to = weight_of(pose, frame_source_after(frame_source, k));
   return from + frame_source->source_frame[k].toward * (to - from);
 }
 
-size_t silence_pose_count(const struct silence_pose *rest, const struct frame_source *frame_source) {
+size_t silence_pose_count(const struct silence_pose *pose, const struct frame_source *frame_source) {
   size_t count = 0;
-  for (size_t k = 0; k < frame_source->count; k++) count += silence_pose_of(rest, frame_source, k) > 0;
+  for (size_t k = 0; k < frame_source->count; k++) count += silence_pose_of(pose, frame_source, k) > 0;
   return count;
 }

@@ -26,7 +26,7 @@ struct render_job {
   struct portrait portrait;
   struct rate_control rate_control;
   struct control control;
-  struct silence_pose rest;
+  struct silence_pose silence_pose;
   struct frame_reuse frame_reuse;
   /* from the command line */
   const char *poses, *audio, *wav, *background_file, *out;
@@ -250,11 +250,11 @@ static void say_plan(struct render_job *job) {
   if (is_behind(job) && job->frame_source.frame != NULL)
     session_note(&job->session,
                  "render: the head is drawn for each frame, over the nearest of the clip's torso pictures");
-  const size_t resting = silence_pose_count(&job->rest, &job->frame_source);
-  if (resting > 0)
+  const size_t silent = silence_pose_count(&job->silence_pose, &job->frame_source);
+  if (silent > 0)
     session_note(&job->session,
                  "render: in %zu of %zu frames nothing is said: the mouth rests (--no-silence-pose: it does not)",
-                 resting, job->frame_source.count);
+                 silent, job->frame_source.count);
 }
 
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
@@ -275,8 +275,8 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
                                  .individual = ERN_INDIVIDUAL_MEAN,
                                  .background = job->background.image.data,
                                  .torso = torso,
-                                 .rest_code = job->rest.code,
-                                 .rest = silence_pose_of(&job->rest, &job->frame_source, k)};
+                                 .silence_code = job->silence_pose.code,
+                                 .silence_weight = silence_pose_of(&job->silence_pose, &job->frame_source, k)};
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
@@ -309,7 +309,7 @@ static int draw(struct render_job *job, size_t k) {
       rate_control_asked(&job->rate_control) ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
   if (renderer == NULL) return EXIT_FAILURE;
   if (is_behind(job) && background_next_torso(&job->background, &job->session, &torso) != 0) return EXIT_FAILURE;
-  if (sink_room(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
+  if (sink_next(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
   if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);
   job->stages.audio += times.audio;
@@ -329,7 +329,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
-  if (status == 0) status = silence_pose_open(&job->rest, session, &job->portrait, job->features);
+  if (status == 0) status = silence_pose_open(&job->silence_pose, session, &job->portrait, job->features);
   if (status == 0) status = open_frames(job, args);
   if (status == 0) status = sink_check(&job->sink, session, &job->frame_source);
   if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->frame_source, job->features);
@@ -363,14 +363,15 @@ static json_t *report(const struct render_job *job, double seconds) {
   json_t *still = frame_reuse_report(&job->frame_reuse, &job->portrait);
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack(
-      "{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate", rate, "output",
-      session_text(job->out), "model", session_text(job->portrait.model_path), "kind", portrait_kind(&job->portrait),
-      "frames", (json_int_t)job->frame_source.count, "width", job->size.width, "height", job->size.height,
-      "rest_frames", (json_int_t)silence_pose_count(&job->rest, &job->frame_source), "seconds", session_number(seconds),
-      "fps", session_number(frames / seconds), "ms_per_frame", session_number(1000 * seconds / frames), "ms_by_stage",
-      report_stages(job), "sound", job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
-      job->session.backend_info.isa, "rate_control", pace, "ray_reuse", still);
+  return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
+                   rate, "output", session_text(job->out), "model", session_text(job->portrait.model_path), "kind",
+                   portrait_kind(&job->portrait), "frames", (json_int_t)job->frame_source.count, "width",
+                   job->size.width, "height", job->size.height, "silent_frames",
+                   (json_int_t)silence_pose_count(&job->silence_pose, &job->frame_source), "seconds",
+                   session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
+                   session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
+                   job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
+                   job->session.backend_info.isa, "rate_control", pace, "ray_reuse", still);
 }
 
 static int draw_all(struct render_job *job) {
@@ -405,7 +406,7 @@ static int draw_all(struct render_job *job) {
 
 static void close_all(struct render_job *job) {
   sink_free(&job->sink);
-  silence_pose_free(&job->rest);
+  silence_pose_free(&job->silence_pose);
   free(job->windows);
   free(job->look);
   rate_control_close(&job->rate_control);
@@ -444,7 +445,7 @@ int cmd_render(int argc, char **argv) {
   own_options(&job, own);
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job.control, control);
-  silence_pose_options(&job.rest, control + CONTROL_OPTIONS);
+  silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);
   frame_reuse_options(&job.frame_reuse, shared + PORTRAIT_OPTIONS);
   rate_control_options(&job.rate_control, pace);
   session_compute_options(&job.session, common);
