@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-/* Read-only once made: any number of threads may make models, renderers and trainers on one, and describe it. */
+/* Read-only once made: any number of threads may make renderers and trainers on one, and describe it. A model belongs
+ * to no backend. */
 typedef struct ern_backend ern_backend;
 
 enum { ERN_THREADS_MOST = 256 }; /* of a renderer, a trainer or a measurement */
@@ -19,16 +20,18 @@ enum { ERN_THREADS_MOST = 256 }; /* of a renderer, a trainer or a measurement */
 /* Plain data, may grow. */
 typedef struct ern_backend_config {
   uint32_t cookie, size; /* set by ern_backend_config_default() */
-  const char *name;      /* "auto" (the CPU), "cpu", "opencl" */
-  const char *isa;       /* "auto" or NULL (the environment's ERNERF_ISA, else the best), "ref" the plain reference,
-                            "ref64" the reference in double, "avx2", "avx512", "avx512bf16", "neon". An OpenCL device computes
-                            without one, and refuses a name that the machine does not have all the same */
-  int device;            /* number of an OpenCL device, as ern_devices_list counts; another one is ERN_E_UNSUPPORTED */
-  bool deterministic;    /* of an OpenCL device: sums without atomics, so the same bytes on every run; some devices are
-                            slower so. The CPU, as either backend, always computes in this way */
-  bool tune; /* measure now which sizes of work-groups and tiles suit an OpenCL device, for up to two minutes,
-                and keep that for later runs in the user's cache folder. GPUs are measured unasked when first
-                used, for up to 20 seconds */
+  const char *name;      /* "cpu", "opencl"; "auto" (default) or NULL: "cpu" */
+  const char *isa;       /* instruction set of the CPU: "ref" (the reference, in float), "ref64" (the reference, in
+                            double), "avx2", "avx512", "avx512bf16", "neon"; "auto" (default) or NULL: that of the
+                            environment variable ERNERF_ISA, else the fastest that the machine has. One that the machine
+                            lacks is ERN_E_UNSUPPORTED, also with "opencl", which does not use it otherwise */
+  int device;            /* number of the OpenCL device, as ern_devices_list counts them; a number that no device has is
+                            ERN_E_UNSUPPORTED */
+  bool deterministic; /* of an OpenCL device: sums without atomics, so the same bytes on every run, which is slower on
+                         some devices. On a CPU, "opencl" or not, results are the same on every run in any case */
+  bool tune; /* of an OpenCL device: measure now which sizes of work-groups and tiles suit it, for up to two minutes,
+                and keep the result for later runs in the user's cache folder. Without it a GPU is measured for up to 20
+                seconds when it is first used */
 } ern_backend_config;
 
 ERN_API void ern_backend_config_fill(ern_backend_config *config, size_t bytes);
@@ -38,8 +41,8 @@ static inline ern_backend_config ern_backend_config_default(void) {
   return config;
 }
 
-/* On success the caller owns *backend; it serves any number of models, renderers and trainers of the context, and must
- * outlive them. ERN_E_UNSUPPORTED names what the machine or the build lacks. config NULL: the defaults. */
+/* On success the caller owns *backend. It serves any number of renderers and trainers of the context, and must outlive
+ * them. ERN_E_UNSUPPORTED: the machine or the build lacks what the error text names. config NULL: the defaults. */
 ERN_API ERN_NODISCARD ern_status ern_backend_create(ern_backend **backend, ern_context *context,
                                                     const ern_backend_config *config);
 ERN_API void ern_backend_free(ern_backend **backend); /* accepts NULL and a pointer to NULL */

@@ -30,19 +30,20 @@ typedef enum ern_status {
   ERN_OK = 0,
   ERN_E_ARGUMENT = 1, /* the caller broke the contract of the function */
   ERN_E_NO_MEMORY = 2,
-  ERN_E_STATE = 3,      /* right call, wrong time */
-  ERN_E_CANCELLED = 4,  /* a callback of the caller asked to stop */
+  ERN_E_STATE = 3,      /* the call is right, but not now: all steps of a training are done, a clip is not finished */
+  ERN_E_CANCELLED = 4,  /* a callback of the program ended the call */
   ERN_E_IO = 10,        /* the operating system refused: open, read, write, rename */
   ERN_E_MISSING = 11,   /* a file or folder is not there */
-  ERN_E_BUSY = 12,      /* another process holds the lock */
-  ERN_E_EXISTS = 13,    /* a file is there already, and nobody allowed it to be replaced */
+  ERN_E_BUSY = 12,      /* another process, or another object of this one, writes there; or a file of somebody else has
+                           the name of the temporary file ("How files are written") */
+  ERN_E_EXISTS = 13,    /* a file is there already and may not be replaced (ern_context_config.keep_files) */
   ERN_E_FORMAT = 20,    /* a file is not what it claims to be */
   ERN_E_SHAPE = 21,     /* right format, wrong sizes */
   ERN_E_MISMATCH = 22,  /* two inputs that do not belong together */
   ERN_E_NONFINITE = 30, /* a NaN or an infinity where none may be */
-  ERN_E_UNSUPPORTED = 40,
-  ERN_E_DEVICE = 50, /* a compute device failed */
-  ERN_E_MEDIA = 60   /* a picture, video or sound library failed */
+  ERN_E_UNSUPPORTED = 40, /* this version, build or machine cannot do it, or the form of a file cannot hold it */
+  ERN_E_DEVICE = 50,      /* a compute device failed */
+  ERN_E_MEDIA = 60        /* a picture, video or sound library failed */
 } ern_status;
 
 /* A short constant name such as "ERN_E_FORMAT"; never NULL. */
@@ -64,53 +65,59 @@ typedef enum ern_log_level {
  *   means; `user` of a callback always may.
  * - A function that returns ern_status answers ERN_E_ARGUMENT, before it does anything else, where another pointer is
  *   NULL, where a number or an enum is out of its range, or where a structure with a `cookie` was not made by its
- *   ..._default function. (A few ranges have a status of their own, which the function names.) The context's text
- *   names what is wrong: "ern_model_load: path is NULL". The context is the argument, or that of the object handed
- *   in; where that is NULL, there is the status alone.
+ *   ..._default function. (A few ranges have a status of their own, which the function names.) The error text of the
+ *   context names what is wrong: "ern_model_load: path is NULL". The context is the argument, or that of the object
+ *   handed in; where that is NULL, there is the status alone.
  * - After an error, a pointer through which a new object is returned (ern_model **) is NULL, and a structure that
  *   would own memory (ern_features, ern_eyes, ern_pose_list, ern_image, ern_sound) is all zeros, unless the function
  *   keeps an earlier content and says so. All other outputs are undefined: some of them may have been written.
  * - A function that returns void or a value has no error. Where it needs a pointer that is NULL, it changes nothing,
  *   a structure to be filled becomes all zeros, and the value is 0, false, NULL, or a structure of zeros; NaN where
  *   the function says so.
- * - A free function accepts NULL and a pointer to NULL, and sets what it freed to NULL or zeros. One that takes a
- *   context does nothing without it.
- * - A callback that returns ern_status or int may answer anything: what is not ERN_OK, or 0, ends the call. What a
- *   callback writes is checked as arguments are. */
+ * - A function ern_..._free accepts NULL and a pointer to NULL. It sets the pointer that it frees through to NULL, or
+ *   the structure whose memory it frees to zeros. One that takes a context does nothing where that is NULL.
+ * - A callback that returns ern_status answers ERN_OK to go on, and one that returns int answers 0. Any other value
+ *   ends the call. What a callback writes is checked as arguments are. */
 
-/* Types. "Plain data" is a struct without functions of its own: threads may read one at the same time; who writes one,
- * or has a function write it, has it alone meanwhile. What is handed to a callback by pointer is valid until the
- * callback returns.
+/* Types. "Plain data" is a struct without functions of its own. Any number of threads may read one at the same time.
+ * While one thread writes it, or has a function write it, no other thread may read or write it. What is handed to a
+ * callback by pointer is valid until the callback returns.
  *
- * "Final": the struct stays as it is. "May grow": a later version may add members at its end. A program need not be
- * built again for that, as the library knows which size the program's headers gave a struct: from the `size` that the
- * ..._default function sets beside the `cookie`, or from an argument. Functions that take or fill a struct without a
- * cookie are inline here and hand sizeof to an exported function ..._sized, as ..._default does to ..._fill; only
- * bindings of other languages call those themselves. The library takes what a shorter struct lacks as 0, or as its
- * default where there is a cookie, and never writes past its end. A struct that is longer than the library's own, as
- * the program was built for a later version, is ERN_E_UNSUPPORTED where it is read, and filled up with zeros
- * where it is written. docs/abi.md has the rest. */
+ * "Final": no later version adds members to the struct. "May grow": a later version may add members at its end. A
+ * program that was built with earlier headers still runs then, as the library knows which size the program's headers
+ * give the struct. It has that size from the member `size`, which ..._default sets beside the `cookie`. For a struct
+ * without a cookie it is an argument of the exported function ..._sized; the function that a program calls is inline
+ * here and hands sizeof on. In the same way ..._default is inline over the exported ..._fill. Only bindings of other
+ * languages call ..._sized and ..._fill themselves.
+ *
+ * Where the program's struct is shorter than the library's, the library takes the missing members as their defaults (a
+ * struct with a cookie) or as 0 (one without), and never writes past the end. Where it is longer, as the program was
+ * built with later headers, the library answers ERN_E_UNSUPPORTED if it would read the struct, and fills the rest with
+ * zeros if it writes the struct. docs/abi.md has the rest. */
 
-/* Functions that compute do so in the floating-point environment that C programs start in (to nearest, denormal numbers
- * kept, nothing trapped), whatever the caller's is, and leave the caller's as it was; hooks of the caller are called in
- * the former. */
+/* Floating point. A function that computes sets the floating-point environment that C programs start in: rounding to
+ * nearest, denormal numbers kept, nothing trapped. It restores the caller's environment before it returns. Hooks and
+ * callbacks that it calls run in the environment that it has set. */
 
 /* How files are written. A function that writes a file writes a temporary file in the same folder, flushes it to the
  * disk, and then gives it its name: a reader sees the old file or the new one, never a part. The temporary file of
  * FOLDER/NAME is FOLDER/NAME.ernerf-tmp. It is locked while it is written, so a second process that writes the same
- * file gets ERN_E_BUSY. A process that is killed leaves it; the next one that writes FOLDER/NAME removes it, where it
- * has the mark of such a file (the sticky bit); a file of that name without the mark is ERN_E_BUSY. No other file is
- * ever removed. Where another process removed or replaced it while it was written, the function fails with ERN_E_IO. A
- * symbolic link is followed: the file that it names is written. */
+ * file gets ERN_E_BUSY. The temporary file has the sticky bit as a mark. A process that is killed leaves it behind; the
+ * next one that writes FOLDER/NAME removes it. A file of that name without the mark is not removed, and the call ends
+ * with ERN_E_BUSY. No other file is ever removed. Where another process removed or replaced the temporary file while it
+ * was written, the function fails with ERN_E_IO. A symbolic link is followed: the file that it names is written.
+ * "Atomic" in the comment of a function means all of this. */
 
-/* Processes. After a fork() during which no other thread is in a call, the child may go on with contexts, models,
- * features, poses and pictures, and with backends of the CPU, from which it makes renderers and trainers of its own. It
- * neither uses nor frees the parent's renderers, trainers and video writers: the child does not have their threads, and
- * the call would never return. */
+/* Processes. A child process that fork() makes while no other thread is in a call may use the parent's contexts,
+ * models, features, poses and pictures, and the parent's backends of the CPU: on these it makes renderers and trainers
+ * of its own. It may neither use nor free the parent's renderers, trainers and video writers. These have threads, which
+ * the child lacks, and a call that waits for one would never return. It may not use the parent's backends of OpenCL
+ * devices either. */
 
-/* Holds allocator, log hook and the text of the last error. Every object is made from one context and must be freed
- * before it. One context may serve several threads; the text of the last error is then that of whoever failed last, and
- * only ern_last_error_copy may be called while other threads use the context. */
+/* Holds the allocator, the log hook and the error text. Every object is made from one context and must be freed before
+ * it. Several threads may use one context at the same time. They share its one error text, which is that of the call
+ * that failed last in any thread. A thread reads it with ern_last_error_copy, not with ern_last_error, while other
+ * threads use the context. */
 typedef struct ern_context ern_context;
 
 /* Plain data, may grow. */
@@ -124,7 +131,8 @@ typedef struct ern_context_config {
   /* Receives one line without a newline; NULL: silence. May be called from several threads. */
   void (*log)(void *user, ern_log_level level, const char *line);
   void *user;      /* handed to the hooks */
-  bool keep_files; /* functions that write a file fail with ERN_E_EXISTS where it exists; false: they replace it */
+  bool keep_files; /* true: a function that writes a file fails with ERN_E_EXISTS where a file of that name exists;
+                      false (default): it replaces that file. Trainings and ern_prepare go by options of their own */
 } ern_context_config;
 
 ERN_API void ern_context_config_fill(ern_context_config *config, size_t bytes);

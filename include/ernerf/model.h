@@ -11,32 +11,39 @@
 extern "C" {
 #endif
 
-/* Least and largest half side of the scene. */
+/* Least and largest bound of a model: half the side of the cube that holds its scene, in scene units. `scale` scene
+ * units are one unit of length of the transforms file (ern_camera_pose), which is a metre in a clip of ern_prepare. */
 #define ERN_BOUND_LEAST 0.125
 #define ERN_BOUND_MOST 16.0
 
-/* What a head is made of: the paper's own, and what its ablation compares that with. What encodes a position: */
+/* The parts of a head. The first of each enum is the paper's own; the others are what its ablation compares that with.
+ * What encodes a position: */
 typedef enum ern_backbone {
-  ERN_BACKBONE_TRIHASH,  /* three hashed planes of 2..24 levels, the paper's own */
-  ERN_BACKBONE_HASH3D,   /* one hashed volume of 2..24 levels, two features each, 16 as a rule */
-  ERN_BACKBONE_TRIPLANE, /* three dense planes of 128 x 128 places, 12 features each */
-  ERN_BACKBONE_MLP       /* sines of the position through 8 layers of 256 */
+  ERN_BACKBONE_TRIHASH,  /* three hash grids of two dimensions: 2..24 levels of 1 feature each, 14 by default */
+  ERN_BACKBONE_HASH3D,   /* one hash grid of three dimensions: 2..24 levels of 2 features each, 16 by default */
+  ERN_BACKBONE_TRIPLANE, /* three dense planes of 128 x 128 entries with 12 features each */
+  ERN_BACKBONE_MLP       /* a network: sines and cosines of the position through 8 hidden layers of 256 */
 } ern_backbone;
-/* How speech reaches a position: */
+/* How the audio code of a frame, 32 numbers, reaches a position: */
 typedef enum ern_attention {
-  ERN_ATTENTION_CHANNEL, /* weighed channel by channel, by what the position is: the paper's own */
-  ERN_ATTENTION_FEATURE, /* weighed as a whole */
-  ERN_ATTENTION_CONCAT   /* as it is, the same everywhere */
+  ERN_ATTENTION_CHANNEL, /* each number times a weight of its own, which depends on the position */
+  ERN_ATTENTION_FEATURE, /* all numbers times one weight, which depends on the position */
+  ERN_ATTENTION_CONCAT   /* unchanged, the same at every position */
 } ern_attention;
-/* And how the eye value does, where the clip has one: */
+/* How the eye value of a frame reaches a position, in a model that has_eye: */
 typedef enum ern_eye_attention {
-  ERN_EYE_ATTENTION_SIGMOID, /* weighed by the position: the paper's own */
-  ERN_EYE_ATTENTION_CONCAT   /* as it is */
+  ERN_EYE_ATTENTION_SIGMOID, /* times a weight, which depends on the position */
+  ERN_EYE_ATTENTION_CONCAT   /* unchanged */
 } ern_eye_attention;
-/* What stands in for speech past its ends: */
+/* A frame's input is 8 windows of speech: 4 before its own, its own and 3 after it. Which windows these are near the
+ * ends of the speech: */
 typedef enum ern_audio_pad {
-  ERN_AUDIO_PAD_EDGE = 0, /* neighbours from the feature file by number; the nearest window past its ends */
-  ERN_AUDIO_PAD_ZERO = 1  /* zeros past the ends of the list that is indexed: the public code's, with its ghosts */
+  ERN_AUDIO_PAD_EDGE = 0, /* the rows of the feature file around the frame's row; before the first row the first one,
+                             past the last row the last one */
+  ERN_AUDIO_PAD_ZERO = 1  /* as in the public program: the rows of the frames around it in the list of frames at hand,
+                             such as one split of a clip; zeros past the ends of that list. For frames of a clip a
+                             program calls ern_audio_windows_of_rows; where frame k has row k of the feature file,
+                             ern_audio_windows gives the same */
 } ern_audio_pad;
 /* The words of the command line and of model files ("trihash", "channel", "sigmoid"); NULL for no such kind. */
 ERN_API const char *ern_backbone_name(ern_backbone backbone);
@@ -47,40 +54,45 @@ ERN_API const char *ern_audio_pad_name(ern_audio_pad pad); /* "edge", "zero" */
 /* Read-only once loaded: any number of renderers, in any threads, may share one. */
 typedef struct ern_model ern_model;
 
-/* Reads a .safetensors file with the public checkpoint's tensor names, or a .pth file as PyTorch's public program saves
- * it (the zip that torch.save writes since 1.6; nothing in it is executed); the content decides. Strict: every tensor
- * with its shape and finite values, or an error that names the first that is wrong. On success the caller owns *model.
- */
+/* Reads a .safetensors file of this library, or a .pth checkpoint of the public program, which is the PyTorch program
+ * that the authors of ER-NeRF published. The file's content decides which it is, not its name. A .pth is the zip that
+ * torch.save writes since PyTorch 1.6; nothing in it is executed. Every tensor must be there, with its shape and finite
+ * values, else the error text names the first that is wrong. On success the caller owns *model. */
 ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *context, const char *path);
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 
-/* Writes the model: weights as float32, occupancy as bits, configuration and identity in the metadata. Atomic. */
+/* Writes the model as .safetensors: weights as float32, occupancy as bits, configuration and identity of the clip in
+ * the metadata. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
 /* Plain data, may grow. */
 typedef struct ern_model_info {
-  bool has_torso; /* head and torso, else the head alone */
-  bool has_eye;   /* follows the eye value */
-  bool has_view;  /* colour depends on the direction it is seen from */
-  bool has_codes; /* individual codes of the training frames */
-  bool has_gamma; /* trained scale of the torso's key points */
+  bool has_torso; /* head and torso; false: the head alone */
+  bool has_eye;   /* the eye value of a frame is an input */
+  bool has_view;  /* the colour depends on the direction from which a point is seen */
+  bool has_codes; /* each training frame has an individual code: learnt numbers for what its pose, speech and eye value
+                     do not determine (ERN_INDIVIDUAL_MEAN) */
+  bool has_gamma; /* the scale of the torso's key points was trained; false: it is 1 */
   ern_backbone backbone;
   ern_attention attention;
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D of the speech features it was trained on */
   int window_length;               /* L of them, vectors a window; 0 where the file does not say */
-  int codes;                       /* rows of the individual codes */
-  float bound;                     /* half side of the scene, ERN_BOUND_LEAST..ERN_BOUND_MOST */
-  /* What it was trained with, so that it is seen the same way. A renderer takes the first three by itself
-   * (ern_render_options); a program hands `scale` to ern_camera_pose and `audio_pad` to ern_audio_windows. */
-  bool has_view_settings;  /* the file says these five; else they are those in brackets */
+  int codes;                       /* rows of the individual codes; 0 without has_codes */
+  float bound; /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Of it the
+                  head takes the part |y| <= bound/2 (y is out of the face, ern_camera) */
+  /* The settings that it was trained with and must be rendered with. A renderer takes the first three from the model
+   * unless its ern_render_options say otherwise; a program hands `scale` to ern_camera_pose and takes the windows of
+   * speech as `audio_pad` says. */
+  bool has_view_settings;  /* true: the file has the next five; false: it has none of them, and they are the defaults in
+                              brackets */
   int max_steps;           /* samples a ray at most, 1..1024 (16) */
   float dt_gamma;          /* step growth with distance, 0..1 (1/256) */
-  float torso_shrink;      /* factor of the torso coordinates, above 0, at most 1 (0.8); meaningful with has_torso */
-  float scale;             /* of the poses' translation, 1e-3..1e3 (4) */
+  float torso_shrink;      /* factor of the torso coordinates, 0.001..1 (0.8); meaningful with has_torso */
+  float scale;             /* factor of the poses' translations, 1e-3..1e3 (4) */
   ern_audio_pad audio_pad; /* (edge) */
-  size_t cameras;          /* training poses with a trained refinement (ern_model_refine); 0: none */
+  size_t cameras;          /* training frames whose poses have trained corrections (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */
@@ -110,23 +122,28 @@ ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const ch
 /* SHA-256 of a file's bytes as 64 lower-case hex digits: tells one model from another. */
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
-/* The pose of training frame `index` as the model's camera refinement has it (where ern_model_info.cameras is not 0;
- * index past the last: the last): the rotation dR of its three angles (about x, then y, then z, in degrees) turns the
- * rays, d' = transpose(dR) d, and its move is added to the origin. Scene units, after ern_camera_pose. The torso of a
- * model does not take part. */
+/* Corrects the pose of a training frame, in place. pose: a camera pose in scene units (ern_camera_pose). index: the
+ * training frame, counted from 0 in the order of the frames of split 0 (of transforms_train.json, for a clip); one past
+ * the last corrected frame stands for the last. The correction is three angles, about x, then y, then z, in degrees,
+ * and a move in scene units. With dR = Rx Ry Rz of the angles, rotation R and origin o of the pose become transpose(dR)
+ * R and o + move. A renderer takes such a pose as ern_frame_input.head_pose: the torso keeps the pose of the clip. The
+ * pose stays as it is where ern_model_info.cameras is 0. */
 ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
 
-/* The pose of a frame that was not trained on, as its neighbours in time have it: the mean of the refinements of the
- * training frames, weighted by exp(-(d/3)^2/2), d being the distance to `frame`, and of none, weighted by 1. So a frame
- * far from all of them keeps its pose. frames: [count] numbers of the training frames, in the order of the model's
- * rows; they and `frame` are img_id, or any other count of frames. Nothing where the model has no refinement. */
+/* Corrects the pose of a frame that was not trained on, in place, by those of the training frames near it in time: the
+ * correction (angles and move) is sum_i w_i c_i/(1 + sum_i w_i), w_i = exp(-((frames[i] - frame)/3)^2/2), with c_i that
+ * of training frame i. So a frame far from all of them keeps its pose. frames: [count] numbers of the training frames,
+ * in the order of ern_model_refine; they and `frame` are img_id, or count frames in another way. The pose stays as it
+ * is where ern_model_info.cameras is 0. */
 ERN_API void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                                      float pose[16]);
 
-/* Turns a model's file into the other form; the name of `out` decides: .safetensors, or .pth and .pt, which PyTorch's
- * torch.load(weights_only=True) opens and the public program loads. Optimizer and average go with it. What the public
- * program cannot hold is refused by name (ERN_E_UNSUPPORTED); what it needs to be told is said in the log. Files of
- * other tensors are carried over as they are. Atomic. */
+/* Writes the model of file `in` to file `out` in the form that the name of `out` asks for: .safetensors, or .pth and
+ * .pt, which the public program loads, and torch.load(weights_only=True) too. `in` is of either form. A training
+ * state's optimizer moments and moving average of the weights are written too. An `in` that is no model is written with
+ * its tensors as they are, and a warning goes to the log. Atomic. The log also has what must be told to the public
+ * program, such as --scale. ERN_E_ARGUMENT: another ending. ERN_E_UNSUPPORTED: the error text names what the public
+ * program cannot hold. Otherwise errors are those of ern_model_load and of writing a file. */
 ERN_API ERN_NODISCARD ern_status ern_file_convert(ern_context *context, const char *in, const char *out);
 
 #ifdef __cplusplus

@@ -23,8 +23,8 @@ typedef struct ern_dataset_frame {
   float eye;        /* 0..1 */
   bool has_face;
   ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
-  ern_box lower_face; /* from the tip of the nose to the chin; what is outside of the picture is left out, and one
-                         without a pixel is not known */
+  ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
+                         without a pixel counts as unknown */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */

@@ -25,7 +25,7 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   if (!from->has_landmarks) return ERN_OK;
   out->face = box_of(from->landmarks, 0, 68);
   out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
-  out->lower_face.top = (int)from->landmarks[33][1]; /* the tip of the nose */
+  out->lower_face.top = (int)from->landmarks[33][1]; /* the base of the nose */
   return ERN_OK;
 }
 

@@ -45,9 +45,9 @@ typedef void ern_march_kernel(ern_real *t, int32_t *count, const ern_real *dir, 
                               size_t n);
 
 /* The same for rays that are known to meet no occupied cell before distance not_before[r] [n] (NULL: nothing is known):
- * they go up the ladder t_{k+1} = t_k + dt(t_k) without a look at the cells until there, so the samples are the same.
- * (Where steps are shorter than the way through a cell, a rung within rounding of a cell's border may be counted to
- * the other cell.) */
+ * they go along the sequence t_{k+1} = t_k + dt(t_k) without a look at the cells until there, so the samples are the
+ * same. (Where steps are shorter than the way through a cell, a distance within rounding of a cell's border may be
+ * counted to the other cell.) */
 typedef void ern_march_from_kernel(ern_real *t, int32_t *count, const ern_real *dir, size_t stride,
                                    const ern_real *jitter, const float *not_before, const uint8_t *bits,
                                    const float origin[3], const struct ern_march_settings *settings, size_t n);

@@ -116,7 +116,7 @@ static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, float
     if (bits[number >> 3] >> (number & 7) & 1) {
       t_out[count++] = t;
     } else {
-      /* steps until past the border, so that a ray's samples stay on its own ladder t_{k+1} = t_k + dt(t_k) */
+      /* steps until past the border, so that a ray's samples stay on its own sequence t_{k+1} = t_k + dt(t_k) */
       const float border = t + cell_leave(ray, p, cell, bound);
       for (float last = t; last < next && next < border && next < far;) {
         last = next;

@@ -150,7 +150,7 @@ void ern_trainer_poses_free(ern_trainer *t) {
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
-/* q -= sum over k of G_k (G_k . q) */
+/* c -= sum over k of G_k (G_k . c) */
 static void hold_gauge(ern_trainer *t) {
   struct ern_trainer_poses *p = t->poses;
   double share[ERN_POSE_GAUGE][N] = {{0}};

@@ -2,8 +2,8 @@
  * Rays, marching and samples for any instruction set (simd/isa.h).
  *
  * A lane is a ray (of ern_samples: a sample of one ray). Every product is rounded by itself, so what comes out is the
- * reference's to the last bit, on every instruction set. Rays that arithmetic cannot carry up the ladder step by step
- * (infinite, or so far away that t + dt = t) are left to the reference. */
+ * reference's to the last bit, on every instruction set. Rays that arithmetic cannot carry along the sequence step by
+ * step (infinite, or so far away that t + dt = t) are left to the reference. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
 #include "core/kernels.h"
@@ -42,7 +42,8 @@ void ERN_ISA(ern_rays)(float *dir, size_t stride, const int32_t *pixel, const st
   }
 }
 
-/* ---- the ladder t_{k+1} = t_k + dt(t_k) -------------------------------------------------------------------------- */
+/* ---- the sequence t_{k+1} = t_k + dt(t_k) --------------------------------------------------------------------------
+ */
 
 static const double two_root_three = 3.46410161513775459; /* the diagonal of [-1, 1]^3 */
 
@@ -134,7 +135,7 @@ LANES_INLINE vf walk_leave(const struct walk *walk, const vi cell[AXES], const v
 }
 
 /* The samples of the lanes, gathered in rows with room for one more than a ray can have: every lane writes at each
- * rung, and only those that hit move on. */
+ * distance, and only those that hit move on. */
 struct found {
   vu next; /* where in `t` the lane writes */
   size_t stride;
@@ -171,8 +172,8 @@ static void found_copy(float *t, int32_t *count, const struct found *found, size
   memcpy(count, &number, lanes * sizeof *count);
 }
 
-/* Every rung is looked at: where no step is shorter than the longest way through a cell. */
-LANES_INLINE void walk_rungs(struct found *found, const struct walk *from, const bool constant) {
+/* Every distance of the sequence is looked at: where no step is shorter than the longest way through a cell. */
+LANES_INLINE void walk_all(struct found *found, const struct walk *from, const bool constant) {
   const struct walk walk = *from;
   vf t = walk.t, p[AXES];
   vi cell[AXES];
@@ -203,7 +204,7 @@ LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
   }
 }
 
-/* Up the ladder without a look, while t < not_before. */
+/* Along the sequence without a look, while t < not_before. */
 LANES_INLINE void walk_climb(struct walk *walk, vf not_before, const bool constant) {
   const vf far = walk->far, end = vf_min(far, not_before); /* not a number: nothing is known */
   vf t = walk->t;
@@ -270,9 +271,9 @@ void ERN_ISA(ern_march_from)(float *t, int32_t *count, const float *dir, size_t 
     if (walk_short(&walk) != 0) {
       walk_cells(&found, &walk);
     } else if (walk.stepping.constant) {
-      walk_rungs(&found, &walk, true);
+      walk_all(&found, &walk, true);
     } else {
-      walk_rungs(&found, &walk, false);
+      walk_all(&found, &walk, false);
     }
     found_copy(t + r * row, count + r, &found, lanes, row);
     for (uint32_t left = stuck; left != 0; left &= left - 1) {

@@ -183,7 +183,7 @@ INLINE reals cell_leave(const struct walk *walk, const reals d[3], const reals i
 }
 
 /* -1 where steps may be shorter than the way through a cell. The reference's |side - p| is below the cell's width but
- * for roundings, which `cell` leaves room for; elsewhere the next rung is past the border anyhow. */
+ * for roundings, which `cell` leaves room for; elsewhere the next distance is past the border anyhow. */
 INLINE ints are_short(const struct walk *walk, const reals inverse[3]) {
   const reals least = fmin(fmin(fabs(inverse[0]), fabs(inverse[1])), fabs(inverse[2]));
   return ~TRUTH(least * walk->cell < walk->shortest);
@@ -203,7 +203,7 @@ INLINE void keep(global float *t, const struct walk *walk, reals now, ints count
 }
 
 /* Samples of WIDTH rays, those in `live`. t: their rows. Steps through an empty cell go on until past its border, so
- * that a ray's samples stay on its own ladder t_{k+1} = t_k + dt(t_k). */
+ * that a ray's samples stay on its own sequence t_{k+1} = t_k + dt(t_k). */
 INLINE ints march_rays(global float *t, const struct walk *walk, const reals d[3], reals jitter, ints live,
                        global const uchar *bits) {
   const reals inverse[3] = {1.0f / d[0], 1.0f / d[1], 1.0f / d[2]};

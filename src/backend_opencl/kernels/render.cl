@@ -73,7 +73,7 @@ INLINE uintw spread(uintw x) {
   return (x | x << 2) & 0x49249249u;
 }
 
-/* Up the ladder t_{k+1} = t_k + dt(t_k), from t on, to the first rung in an occupied cell; lanes of `going` that have
+/* Along the sequence t_{k+1} = t_k + dt(t_k), from t on, to the first distance in an occupied cell; lanes of `going` that have
  * one before `far`. */
 INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const floatw inverse[3],
                  const struct frame *f, global const uchar *bits) {
@@ -93,7 +93,7 @@ INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const 
     found |= occupied;
     going &= NOT(occupied);
     if (!ANY(going)) break;
-    /* on along the ladder until past the cell's border */
+    /* on along the sequence until past the cell's border */
     floatw least = INFINITY;
     EACH_AXIS {
       const floatw ahead = select((floatw)(1), (floatw)(0), signbit(d[axis]));

@@ -1,0 +1,68 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Runs every command line `ernerf VERB ...` that README and docs show in a block, in their order, on a made-up video, with few
+# steps and short times in the place of what the documents say. Commands that need a network or a device which may not be here are
+# counted and left out: api/test_docs checks their options.
+# Usage: docs_commands.sh SOURCE ERNERF FOLDER
+set -euo pipefail
+source=$1 ernerf=$2 folder=$3
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+
+# The files that the documents name.
+"$ernerf" synth truth --size 192 --frames 60 --seed 3 --video person.mp4 --quiet
+mv person.mp4 VIDEO
+cp truth/aud.wav speech.wav
+cp truth/aud.wav speech.mp3 # the form is told from the content
+
+# option NAME VALUE: gives the option this value in `line`, in the place of the one it has or at its end.
+option() {
+  case " $line " in
+    *" $1 "*) line=$(sed -E "s/( $1) [^ ]+/\1 $2/" <<<"$line") ;;
+    *) line="$line $1 $2" ;;
+  esac
+}
+
+# shortened VERB: `line` with less to do.
+shortened() {
+  case $1 in
+    prepare) option --size 192 ;;
+    train)
+      if [[ $line == *" --time "* ]]; then option --time 6s; else option --iters 30; fi
+      option --rays 512 ;;
+    synth) option --frames 40; option --size 64 ;;
+    tradeoff)
+      option --seconds 3
+      if [[ $line == *--training* ]]; then option --rays 512; option --seeds 1; else option --frames 0:2; fi ;;
+    ablate) option --iters 4; option --rays 256; option --repeats 3; option --frames 0:1 ;;
+    soak) option --steps 12 ;;
+    bench)
+      option --seconds 1
+      option --size 64x64; option --rays 1024
+      [[ $line != *--isa* ]] || option --isa ref ;; # on every machine
+  esac
+  line="$line --overwrite --quiet"
+}
+
+ran=0 left_out=0
+while IFS= read -r line; do
+  line=$(sed -E 's/ {4,}.*//; s/ #.*//; s/ +/ /g' <<<"$line")
+  case $line in
+    *.onnx* | *opencl*) left_out=$((left_out + 1)); continue ;;
+    *"MODEL CLIP"*) line=${line/MODEL CLIP/portrait.safetensors CLIP} ;;
+    *ngp.pth*) [ -e ngp.pth ] || "$ernerf" convert head.safetensors ngp.pth --quiet 2> convert.log ;;
+  esac
+  read -r _ verb _ <<<"$line"
+  [ "$verb" = info ] || [ "$verb" = check ] || shortened "$verb"
+  words=($line)
+  if ! "$ernerf" "${words[@]:1}" > out.log 2>&1; then
+    tail -n 5 out.log
+    echo "FAIL: $line"
+    exit 1
+  fi
+  echo "$line"
+  ran=$((ran + 1))
+done < <(cd "$source" && sed -nE 's/^ {4}(ernerf [a-z].*)/\1/p' README.md docs/*.md)
+[ "$ran" -ge 20 ] || { echo "FAIL: $ran commands, expected 20 at least: the search for them is broken"; exit 1; }
+echo "$ran commands ran, $left_out need a network or a device"
