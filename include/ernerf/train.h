@@ -25,12 +25,13 @@ typedef struct ern_dataset_frame {
   ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
+  ern_box lips; /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS  /* of a head: 40 of 100 in the lower face, the others anywhere (docs/maths.md) */
+  ERN_RAY_SAMPLING_REGIONS  /* of a head: 20 of 100 in the lower face, the others anywhere (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
@@ -77,6 +78,7 @@ typedef enum ern_precision {
 } ern_precision;
 
 #define ERN_FRAMES_PER_STEP_MOST 64
+#define ERN_FINE_ALL UINT64_MAX
 
 /* Plain data, may grow. */
 typedef struct ern_train_config {
@@ -135,6 +137,13 @@ typedef struct ern_train_config {
   int frames_per_step;      /* number of frames that share the rays of a step, each with its own speech,
                                1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
                                summed */
+  uint64_t fine_steps;      /* of a head: the last so many of `iters` are the fine stage, whose rays are square patches
+                               with a loss of their own (docs/maths.md); 0 (default): none; ERN_FINE_ALL: all from the
+                               step on that the training starts or goes on at. A fine stage that is resumed goes on in
+                               any case. Not with `seconds` (ERN_E_ARGUMENT) */
+  int patch_size;           /* pixels a side, 16, 32, 48 or 64; 32. A fine stage needs at least the rays of a patch, and
+                               pictures of that size */
+  float fine_weight;        /* of the patches' loss, 0..1e3; 0.1 */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -165,6 +174,9 @@ typedef struct ern_train_state {
   bool refine_poses;
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have */
   int frames_per_step;
+  uint64_t fine_steps; /* of iters; 0: no fine stage */
+  int patch_size;      /* 0 where a state does not say it */
+  float fine_weight;   /* likewise */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

@@ -26,6 +26,7 @@
 #include "render/upsample_ops.h"
 #include "train/losses_ops.h"
 #include "train/optimizer_ops.h"
+#include "train/patches_ops.h"
 #include "train/step_ops.h"
 
 #define ERN_OPERATIONS(OP, X)      \
@@ -43,6 +44,7 @@
   ERN_UPSAMPLE_OPERATIONS(OP, X)   \
   ERN_RENDER_OPERATIONS(OP, X)     \
   ERN_LOSSES_OPERATIONS(OP, X)     \
+  ERN_PATCHES_OPERATIONS(OP, X)    \
   ERN_OPTIMIZER_OPERATIONS(OP, X)  \
   ERN_STEP_OPERATIONS(OP, X)
 

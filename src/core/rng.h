@@ -16,7 +16,8 @@ typedef enum ern_purpose {
   ERN_RNG_SMOOTH,
   ERN_RNG_REFRESH_FRAME,
   ERN_RNG_REFRESH_CELL,
-  ERN_RNG_SPEECH
+  ERN_RNG_SPEECH,
+  ERN_RNG_PATCH
 } ern_purpose;
 
 struct ern_random {

@@ -26,6 +26,7 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   out->face = box_of(from->landmarks, 0, 68);
   out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
   out->lower_face.top = (int)from->landmarks[33][1]; /* the base of the nose */
+  out->lips = box_of(from->landmarks, 48, 68);
   return ERN_OK;
 }
 

@@ -14,6 +14,7 @@ typedef enum ern_loss_term {
   ERN_LOSS_EYE_AMBIENT,
   ERN_LOSS_SMOOTHNESS,
   ERN_LOSS_KEY_POINTS,
+  ERN_LOSS_PATCHES,
   ERN_LOSS_TERMS
 } ern_loss_term;
 

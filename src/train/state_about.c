@@ -51,6 +51,14 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
                 t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
                 ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside,
                 "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma, "frames_per_step", c->frames_per_step);
+  if (training != NULL && t->fine_from != UINT64_MAX) {
+    json_t *fine = json_pack("{s:I, s:i, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size, "weight",
+                             (double)c->fine_weight);
+    if (json_object_set_new(training, "fine", fine) != 0) {
+      json_decref(training);
+      training = NULL;
+    }
+  }
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
                            "seconds", t->seconds, "training", training);
@@ -88,6 +96,22 @@ static bool read_seconds(const json_t *value, double *seconds) {
 static bool read_later_flag(const json_t *value, bool *flag) {
   *flag = json_is_true(value);
   return value == NULL || json_is_boolean(value);
+}
+
+/* Not there: no fine stage. */
+static bool read_fine(const json_t *value, struct ern_state_about *about) {
+  const json_t *from = json_object_get(value, "from"), *side = json_object_get(value, "patch_size"),
+               *weight = json_object_get(value, "weight");
+  about->fine_from = UINT64_MAX;
+  if (value == NULL) return true;
+  if (!whole_in(from, 0, ERN_MODEL_MOST_STEPS) || !whole_in(side, ERN_PATCH_UNIT, ERN_PATCH_MOST_SIDE) ||
+      json_integer_value(side) % ERN_PATCH_UNIT != 0 || !json_is_number(weight) || !(json_number_value(weight) >= 0) ||
+      !(json_number_value(weight) <= ERN_TRAIN_MOST_RATE))
+    return false;
+  about->fine_from = (uint64_t)json_integer_value(from);
+  about->patch_size = (int)json_integer_value(side);
+  about->fine_weight = (float)json_number_value(weight);
+  return true;
 }
 
 /* The name of the first field that is missing or out of range, NULL: none. */
@@ -136,6 +160,7 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   const json_t *frames = json_object_get(root, "frames_per_step"); /* not there: an earlier version's */
   if (frames != NULL && !whole_in(frames, 1, ERN_FRAMES_PER_STEP_MOST)) return "frames_per_step";
   about->frames_per_step = frames != NULL ? (int)json_integer_value(frames) : 1;
+  if (!read_fine(json_object_get(root, "fine"), about)) return "fine";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");
@@ -163,7 +188,8 @@ ern_status ern_state_about_parse(ern_context *context, const char *text, const c
                                     .ema_updates = (uint64_t)json_integer_value(updates),
                                     .seed = seed_value,
                                     .rays = (int)json_integer_value(rays),
-                                    .seconds = json_number_value(seconds)};
+                                    .seconds = json_number_value(seconds),
+                                    .fine_from = UINT64_MAX};
   const char *wrong = training != NULL ? read_training(training, about) : NULL;
   json_decref(root);
   if (!whole)
@@ -263,6 +289,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"data_end", count(about->data_end), count(c->data_end)},
       {"torso_layer", count(about->layer), count(t->data.has_torso)},
       {"refine_poses", count(about->refine_poses), count(t->poses != NULL)}};
+  const bool fine = about->fine_from < about->step; /* it has begun */
   const struct change loose[] = {
       {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
       both[0],
@@ -274,6 +301,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"lr_att", number(about->lr_att), number(c->lr_att)},
       {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
       {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
+      {"patch_size", count(fine ? (uint64_t)about->patch_size : 0), count(fine ? (uint64_t)c->patch_size : 0)},
+      {"fine_weight", number(fine ? about->fine_weight : 0), number(fine ? c->fine_weight : 0)},
       {"ema_every", count(about->ema_every), count(c->ema_every)},
       {"ema", count(about->ema), count(c->ema)},
       {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},

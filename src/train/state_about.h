@@ -22,6 +22,9 @@ struct ern_state_about {
   bool refine_poses;
   bool torso_gamma; /* config.torso_gamma; of a head what its torso is to have */
   int frames_per_step;
+  uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next two are 0 */
+  int patch_size;
+  float fine_weight;
 };
 
 /* *text is the caller's (ern_release). */

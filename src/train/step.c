@@ -19,6 +19,7 @@ struct pass {
   size_t total;              /* samples of all rays */
   struct ern_mse_args plain; /* figures of these come with `synchronize` */
   struct ern_head_loss_args loss;
+  struct ern_patch_loss_args patches;
   struct ern_smooth_loss_args smooth[3];
   struct ern_pose_bwd_args pose;
 };
@@ -133,8 +134,10 @@ static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, 
                                         .weights = a->weights,
                                         .max_steps = a->settings->max_steps,
                                         .n = a->n};
-  const ern_status status = stream->backend->mse(stream, &p->plain);
-  return status != ERN_OK ? status : stream->backend->head_loss(stream, &p->loss);
+  p->patches = ern_patches_of_step(a, p->dpixel, p->pixel);
+  ern_status status = stream->backend->mse(stream, &p->plain);
+  if (status == ERN_OK) status = stream->backend->head_loss(stream, &p->loss);
+  return status != ERN_OK ? status : stream->backend->patch_loss(stream, &p->patches);
 }
 
 /* Room for the gradients of a part's positions and directions, and its harmonics by sample. */
@@ -301,6 +304,7 @@ static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, s
   add_pose(a, p);
   memcpy(a->terms, p->loss.terms, sizeof a->terms);
   a->terms[ERN_LOSS_SMOOTHNESS] = smooth;
+  a->terms[ERN_LOSS_PATCHES] = p->patches.term;
   for (int i = 0; i < 3; i++) a->terms[ERN_LOSS_SMOOTHNESS] += p->smooth[i].term;
   a->squared_error = p->plain.term;
   a->samples = p->total;

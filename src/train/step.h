@@ -10,6 +10,17 @@ ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_
 /* The same, up to the rounding of sums, with the samples of `at_once` rays in memory at a time; all of them are
  * computed twice if that is not all rays. On failure dparameters holds part of the gradient. */
 ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once);
+/* The loss of a step's patches, none where it has none. */
+static inline struct ern_patch_loss_args ern_patches_of_step(const struct ern_head_step_args *args, ern_rows dpixel,
+                                                             ern_rows pixel) {
+  return (struct ern_patch_loss_args){.dpixel = dpixel,
+                                      .pixel = pixel,
+                                      .truth = args->truth,
+                                      .filter = args->patches.filter,
+                                      .weight = args->patches.weight,
+                                      .side = args->patches.side,
+                                      .patches = args->patches.count};
+}
 ern_status ern_head_density_stages(struct ern_stream *stream, struct ern_head_density_args *args);
 ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args);
 

@@ -5,6 +5,7 @@
 
 #include "core/types.h"
 #include "train/losses_ops.h"
+#include "train/patches_ops.h"
 
 struct ern_field;
 struct ern_view;
@@ -20,6 +21,14 @@ struct ern_head_density_args {
   float eye_value;
   bool bf16; /* products of bf16, sums in float; where the backend trains_bf16 and the head is the paper's own */
   size_t n;
+};
+
+/* The rays as patches (patches_ops.h), patch after patch, with a loss of their own. All zeros: they are not. */
+struct ern_step_patches {
+  ern_span filter; /* of ern_patch_loss_args */
+  float weight;
+  int side;     /* pixels */
+  size_t count; /* side^2 count = n */
 };
 
 struct ern_head_step_args {
@@ -50,7 +59,8 @@ struct ern_head_step_args {
   double *dpose;               /* out, on the host: [ERN_POSE_SLOPES], as ern_pose_bwd_args has it, without the
                                 * smoothness term; NULL: not wanted */
   ern_span dpose_weight;       /* real [n], of a ray in dpose; zeroed: 1 */
-  size_t n;                    /* rays */
+  struct ern_step_patches patches;
+  size_t n; /* rays */
 };
 
 struct ern_torso_step_args {

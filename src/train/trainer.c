@@ -21,8 +21,11 @@ static double seconds_now(void) {
   return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
 }
 
-/* Progress of the coarse stage: s of docs/maths.md, Update. */
-static double progress(const ern_trainer *t) { return (double)t->step / (double)t->config.iters; }
+/* Progress: s of docs/maths.md, Update. The coarse stage has its own, the fine one that of all steps. */
+static double progress(const ern_trainer *t) {
+  const bool coarse = t->fine_from < t->config.iters && !ern_trainer_is_fine(t);
+  return (double)t->step / (double)(coarse ? t->fine_from : t->config.iters);
+}
 
 static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
 
@@ -35,7 +38,7 @@ void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
 
 static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertainty",   "static_uncertainty",
                                                       "entropy",     "audio_ambient", "eye_ambient",
-                                                      "smoothness",  "key_points"};
+                                                      "smoothness",  "key_points",    "patches"};
 
 /* What the parts of a step add up to; means over its rays. */
 struct step_sum {
@@ -45,10 +48,19 @@ struct step_sum {
 
 static void add_part(const ern_trainer *t, struct step_sum *sum, const double *terms, double squared_error,
                      size_t samples, size_t rays) {
-  const double share = (double)rays / t->config.rays;
+  const double all = (double)ern_trainer_step_rays(t), share = (double)rays / all;
   for (int i = 0; i < ERN_LOSS_TERMS; i++) sum->terms[i] += share * terms[i];
   sum->squared_error += share * squared_error;
-  sum->samples += (double)samples / t->config.rays;
+  sum->samples += (double)samples / all;
+}
+
+static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern_batch *batch) {
+  if (batch->patches == 0) return (struct ern_step_patches){.count = 0};
+  const int side = t->config.patch_size;
+  return (struct ern_step_patches){.filter = {t->patch_filter, 0, ern_patch_filter_count((size_t)side)},
+                                   .weight = t->config.fine_weight,
+                                   .side = side,
+                                   .count = batch->patches};
 }
 
 static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct step_sum *sum) {
@@ -83,6 +95,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct step
                                     .step = t->step,
                                     .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
                                     .dpose_weight = batch->rigid,
+                                    .patches = patches_of(t, batch),
                                     .n = batch->rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
@@ -109,7 +122,7 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
 
 /* Every term and every gradient, or the name of the first that is not finite. */
 static ern_status check_finite(ern_trainer *t, const struct ern_batch *batches, const double *terms) {
-  const size_t frames = (size_t)t->config.frames_per_step;
+  const size_t frames = ern_trainer_step_frames(t);
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
       return ern_fail(t->context, ERN_E_NONFINITE,
@@ -142,7 +155,7 @@ static ern_status check_finite(ern_trainer *t, const struct ern_batch *batches, 
 static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
 static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
 
-/* AdamW by learning-rate group (docs/maths.md, Update); rates fall as 0.5^s. */
+/* AdamW by learning-rate group (docs/maths.md, Update); rates fall as 0.5^s, in the fine stage as 0.05^s. */
 static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_parameter *row, float factor) {
   float rate = t->config.lr_net, decay = 0;
   if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;
@@ -154,7 +167,7 @@ static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_pa
 /* Rows that follow each other and are of one group go together, as most are short; between them are zeros, which stay.
  */
 static ern_status update(ern_trainer *t) {
-  const float factor = (float)pow(0.5, progress(t));
+  const float factor = (float)pow(ern_trainer_is_fine(t) ? 0.05 : 0.5, progress(t));
   const struct ern_parameter_table *table = &t->model->table;
   for (int r = 0; r < table->rows;) {
     const struct ern_parameter *first = &table->row[r++];
@@ -186,7 +199,7 @@ static ern_status average(ern_trainer *t) {
 static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
-  const size_t frames = (size_t)t->config.frames_per_step;
+  const size_t frames = ern_trainer_step_frames(t);
   struct step_sum sum = {.samples = 0};
   struct ern_batch batches[ERN_FRAMES_PER_STEP_MOST];
   ern_status status = ERN_OK;
@@ -364,7 +377,9 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     status = take_step(t, &report);
     const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* it may end an update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
-    if (t->config.rays >= 64 && ern_divergence_step(&divergence, report.psnr)) warn_of_divergence(t, &divergence);
+    /* patches differ too much from step to step */
+    if (t->config.rays >= 64 && !ern_trainer_is_fine(t) && ern_divergence_step(&divergence, report.psnr))
+      warn_of_divergence(t, &divergence);
     tally.loss += report.loss;
     tally.psnr += report.psnr;
     tally.samples += report.samples_per_ray;

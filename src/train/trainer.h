@@ -9,7 +9,7 @@
 #include "model/model.h"
 
 /* Share of a head's rays that are drawn in the lower face, found by trying (docs/history-training.md). */
-#define ERN_LOWER_FACE_SHARE 0.4f
+#define ERN_LOWER_FACE_SHARE 0.2f
 
 enum {
   ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
@@ -75,8 +75,10 @@ struct ern_trainer {
   struct ern_view *views;          /* [training frames], as the clip has them */
   struct ern_trainer_poses *poses; /* NULL: they stay as they are */
   uint64_t step, ema_updates;
-  double seconds; /* of training, all runs together */
-  double beside;  /* seconds of validations and saves, all runs together */
+  uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */
+  struct ern_buffer *patch_filter; /* of patches_ops.h; NULL without a fine stage */
+  double seconds;                  /* of training, all runs together */
+  double beside;                   /* seconds of validations and saves, all runs together */
   struct ern_run_folder run;
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
   bool declined;  /* since the last save, with a state of before in the folder */
@@ -91,7 +93,7 @@ struct ern_trainer {
 
 /* What one step trains on, or a part of it: a frame and rays of it, on the backend (scratch). */
 struct ern_batch {
-  size_t frame, rays;
+  size_t frame, rays, patches; /* patches 0: rays are on their own */
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
@@ -128,8 +130,20 @@ bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_
  * the time is past, but `least` at least. */
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
+/* trainer_fine.c (docs/maths.md, "The fine stage") */
+/* Whether the next step is of it. */
+static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->step >= t->fine_from; }
+/* When it begins; `found`: where a resumed state had it begin, UINT64_MAX: nowhere. */
+ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
+/* Of the next step. */
+size_t ern_trainer_step_frames(const ern_trainer *t);
+size_t ern_trainer_step_rays(const ern_trainer *t);
+size_t ern_trainer_step_patches(const ern_trainer *t); /* 0: its rays are no patches */
+/* Pixels of patches [first, first + count) of the step, one patch after the other. lips: of the frame */
+void ern_trainer_place_patches(const ern_trainer *t, const ern_box *lips, size_t first, size_t count, int32_t *pixel);
+
 /* trainer_batch.c */
-/* Part k of config.frames_per_step. */
+/* Part k of ern_trainer_step_frames. */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
 /* The speech of a frame, of a training frame as part k of the step hears it. */
 ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host);

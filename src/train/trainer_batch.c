@@ -207,6 +207,26 @@ fail:
   return status;
 }
 
+static void fill_patches_task(void *user, size_t shard, int worker) {
+  (void)worker;
+  const struct draw *draw = user;
+  const ern_trainer *t = draw->t;
+  const struct portion p = portion_of(draw, shard);
+  float part[256];
+  for (int value = 0; value < 256; value++) part[value] = (float)value / 255;
+  for (size_t i = p.begin; i < p.end; i++) {
+    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
+    t->host_rows[7 * draw->rays + i] = ern_uniform(random.word[1]);
+    fill_ray(draw, i, (size_t)t->host_pixels[i], part);
+  }
+}
+
+/* Of the fine stage: `count` patches of the step from number `first` on. */
+static void draw_patches(struct draw *draw, size_t first, size_t count) {
+  ern_trainer_place_patches(draw->t, &draw->about->lips, first, count, draw->t->host_pixels);
+  ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
+}
+
 static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   const size_t rays = batch->rays;
   struct ern_backend *backend = t->backend;
@@ -235,16 +255,23 @@ fail:
 
 ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
   const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
-  const size_t rays = (size_t)t->config.rays, frames = (size_t)t->config.frames_per_step, first = rays * k / frames;
+  const size_t frames = ern_trainer_step_frames(t), patches = ern_trainer_step_patches(t);
+  const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
+  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* that are dealt to the frames */
+  const size_t first = units * k / frames, count = units * (k + 1) / frames - first;
   ern_dataset_frame about;
-  struct draw draw = {.t = t, .about = &about, .first = first, .rays = rays * (k + 1) / frames - first};
+  struct draw draw = {.t = t, .about = &about, .first = first * each, .rays = count * each};
   ern_status status = ERN_OK;
-  *batch = (struct ern_batch){.frame = ern_trainer_pick(t, of_frame.word[0]), .rays = draw.rays};
+  *batch = (struct ern_batch){
+      .frame = ern_trainer_pick(t, of_frame.word[0]), .rays = draw.rays, .patches = patches > 0 ? count : 0};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   find_lower_face(&draw);
-  ERN_TRY(draw_rays(&draw));
+  if (batch->patches > 0)
+    draw_patches(&draw, first, count);
+  else
+    ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, k, &batch->windows));
 fail:

@@ -37,7 +37,9 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .validate_frames = 16,
                                 .ema_every = 1000,
                                 .ray_sampling = ERN_RAY_SAMPLING_REGIONS,
-                                .frames_per_step = 1};
+                                .frames_per_step = 1,
+                                .patch_size = 32,
+                                .fine_weight = 0.1f};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -69,6 +71,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"threads", c->threads, 0, ERN_THREADS_MOST},
                 {"frames_per_step", c->frames_per_step, 1, ERN_FRAMES_PER_STEP_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
+                {"fine_weight", (double)c->fine_weight, 0, 1e3},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 0, 1e12}};
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
@@ -461,6 +464,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->data = data;
   t->config = chosen;
   t->run.lock = t->torso_run.lock = -1;
+  t->fine_from = UINT64_MAX;
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(make_model(t));
@@ -481,6 +485,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
     name_features(t);
   }
   ERN_TRY(fill(t));
+  ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
   ERN_TRY(check_average(t));
   t->config.output = t->output;
   t->config.from = t->config.torso_output = NULL; /* the caller's words and head are used up; only copies are kept */
@@ -500,6 +505,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_run_folder_close(t->context, &t->torso_run);
   t->backend->buffer_free(t->backend, t->reals);
   t->backend->buffer_free(t->backend, t->bits_buffer);
+  t->backend->buffer_free(t->backend, t->patch_filter);
   t->backend->buffer_free(t->backend, t->cells_buffer);
   t->backend->stream_free(t->stream);
   ern_pool_free(t->pool);

@@ -220,9 +220,16 @@ void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-static uint64_t first_step(const ern_trainer *t) { return t->config.iters / 10; }
+/* Steps of the coarse stage. */
+static uint64_t last_step(const ern_trainer *t) {
+  return t->fine_from < t->config.iters ? t->fine_from : t->config.iters;
+}
+static uint64_t first_step(const ern_trainer *t) { return last_step(t) / 10; }
 
-bool ern_trainer_poses_due(const ern_trainer *t) { return t->poses != NULL && t->step >= first_step(t); }
+/* Not in the fine stage: a patch shows too little of the head. */
+bool ern_trainer_poses_due(const ern_trainer *t) {
+  return t->poses != NULL && t->step >= first_step(t) && !ern_trainer_is_fine(t);
+}
 
 /* r_k = bend + second difference of the rows: what the path bends by at a frame. */
 static double bend_at(const struct ern_trainer_poses *p, size_t frame, size_t k) {
@@ -243,7 +250,7 @@ static double size_of(float *mean_square, const double slope[3]) {
 
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   struct ern_trainer_poses *p = t->poses;
-  const double left = (double)(t->config.iters - first_step(t)), s = (double)(t->config.iters - t->step) / left;
+  const double left = (double)(last_step(t) - first_step(t)), s = (double)(last_step(t) - t->step) / left;
   const double fall = s * s,
                visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
   const double scale = (double)t->data.scale;

@@ -402,6 +402,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
+  t->fine_from = best.about.fine_from;
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
   t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
@@ -447,7 +448,10 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .ray_sampling = about->ray_sampling,
                                .refine_poses = about->refine_poses,
                                .torso_gamma = about->torso_gamma,
-                               .frames_per_step = about->frames_per_step};
+                               .frames_per_step = about->frames_per_step,
+                               .fine_steps = about->fine_from < about->iters ? about->iters - about->fine_from : 0,
+                               .patch_size = about->patch_size,
+                               .fine_weight = about->fine_weight};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

@@ -39,7 +39,7 @@ shortened() {
     soak) option --steps 12 ;;
     bench)
       option --seconds 1
-      option --size 64x64; option --rays 1024
+      [[ $line == *"--only kernels"* ]] || { option --size 64x64; option --rays 1024; }
       [[ $line != *--isa* ]] || option --isa ref ;; # on every machine
   esac
   line="$line --overwrite --quiet"

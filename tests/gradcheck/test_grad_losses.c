@@ -6,6 +6,7 @@
 #include "difference.h"
 
 #include "core/kernels.h"
+#include "train/patch_filter.h"
 
 enum { RAYS = 60, STRIDE = 64, STEPS = 16 };
 
@@ -163,11 +164,45 @@ static void test_key_points(void **state) {
   difference_check(&of, "key points", anchors, gradient, 12, 1);
 }
 
+/* ---- patches ----------------------------------------------------------------------------------------------------- */
+
+enum { SIDE = 32, PATCH = SIDE * SIDE };
+
+struct patch {
+  double x[PATCH], y[PATCH], gradient[PATCH], filter[2 * (PATCH + PATCH / 4 + PATCH / 16)];
+};
+
+static double patch_loss(void *user) {
+  static double dx[PATCH], scratch[ERN_PATCH_SCRATCH * PATCH];
+  struct patch *p = user;
+  return ern_patch_loss_ref64(dx, p->x, p->y, p->filter, SIDE, 0.5f, scratch);
+}
+
+/* Noise, and a flat truth under a nearly flat picture: where variances are next to nothing the gradient is steep. */
+static void test_patches(void **state) {
+  (void)state;
+  static struct patch p;
+  static float filter[sizeof p.filter / sizeof *p.filter];
+  static double scratch[ERN_PATCH_SCRATCH * PATCH];
+  ern_patch_filter(filter, SIDE);
+  for (size_t i = 0; i < sizeof filter / sizeof *filter; i++) p.filter[i] = (double)filter[i];
+  for (int kind = 0; kind < 2; kind++) {
+    difference_fill(p.x, PATCH, kind == 0 ? 0.5 : 0.01, 31);
+    difference_fill(p.y, PATCH, kind == 0 ? 0.5 : 0, 32);
+    for (int i = 0; i < PATCH; i++) p.x[i] += 0.5, p.y[i] += 0.5, p.gradient[i] = 3;
+    ern_patch_loss_ref64(p.gradient, p.x, p.y, p.filter, SIDE, 0.5f, scratch);
+    for (int i = 0; i < PATCH; i++) p.gradient[i] -= 3; /* it accumulates */
+    const struct difference of = {patch_loss, NULL, &p};
+    difference_check(&of, "patches", p.x, p.gradient, PATCH, 1);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_head),
       cmocka_unit_test(test_smooth_and_mse),
       cmocka_unit_test(test_key_points),
+      cmocka_unit_test(test_patches),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

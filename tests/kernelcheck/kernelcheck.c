@@ -11,6 +11,7 @@
   N(hashgrid)    \
   N(head)        \
   N(losses)      \
+  N(patches)     \
   N(march)       \
   N(memory)      \
   N(mlp)         \

@@ -9,6 +9,7 @@
 
 #include "core/profile.h"
 #include "model/parameters.h"
+#include "train/patch_filter.h"
 #include "train/step.h"
 
 static const double FACTOR = 6, FLOOR = 3e-6;
@@ -18,7 +19,7 @@ static const double FLOOR_ATT = 1e-4;
 /* With products of bf16, see compare_bf16. */
 static const double ROUGH = 0.4, ROUGH_ATT = 0.8, ROUGH_LOSS = 5e-5, ALIKE = 0.998;
 
-enum { MAX_RAYS = 400, SIDE = 24, WINDOWS = 8 * 16 * 5 };
+enum { MAX_RAYS = 400, SIDE = 24, PATCH = 16, WINDOWS = 8 * 16 * 5 };
 
 struct scene {
   const char *name;
@@ -30,24 +31,26 @@ struct scene {
   unsigned cells; /* of 8 cells in a row these are occupied, as bits */
   float height;   /* of the camera: at the side of the cube points are moved out of it */
   bool no_view;   /* the colour is not told the direction */
+  bool patch;     /* the rays are one patch of the picture, with the loss of one */
 };
 
 static const struct scene scenes[] = {
-    {"plain", 12, true, false, 3, 64, 1, 0xff, 0.02f, false},
-    {"16 samples a ray, smooth", 14, true, true, 3, 333, 1, 0xff, 0.02f, false},
-    {"no eye", 14, false, true, 3, 100, 1, 0xff, 0.02f, false},
-    {"no codes", 12, true, true, 0, 100, 4, 0x0f, 0.02f, false},
-    {"neither", 4, false, false, 0, 47, 4, 0xff, 0.02f, false},
-    {"dense", 14, true, true, 3, 400, 1000, 0xff, 0.02f, false},
-    {"dense, not smooth", 14, true, false, 3, 400, 1000, 0x7e, 0.02f, false},
-    {"light spent slowly", 12, true, false, 3, 400, 300, 0xff, 0.02f, false},
-    {"one ray", 12, true, true, 3, 1, 1, 0xff, 0.02f, false},
-    {"at the side of the cube", 14, true, true, 3, 200, 1, 0xff, 0.93f, false},
-    {"as many levels as there may be", 24, true, true, 3, 60, 4, 0xff, 0.02f, false},
-    {"features a whole number of registers", 16, true, true, 3, 60, 4, 0xff, 0.02f, false},
-    {"no samples", 12, true, true, 3, 64, 1, 0, 0.02f, false},
-    {"no view", 14, true, true, 3, 200, 1, 0xff, 0.02f, true},
-    {"no view, eye or codes", 12, false, false, 0, 100, 300, 0xff, 0.02f, true},
+    {"plain", 12, true, false, 3, 64, 1, 0xff, 0.02f, false, false},
+    {"16 samples a ray, smooth", 14, true, true, 3, 333, 1, 0xff, 0.02f, false, false},
+    {"no eye", 14, false, true, 3, 100, 1, 0xff, 0.02f, false, false},
+    {"no codes", 12, true, true, 0, 100, 4, 0x0f, 0.02f, false, false},
+    {"neither", 4, false, false, 0, 47, 4, 0xff, 0.02f, false, false},
+    {"dense", 14, true, true, 3, 400, 1000, 0xff, 0.02f, false, false},
+    {"dense, not smooth", 14, true, false, 3, 400, 1000, 0x7e, 0.02f, false, false},
+    {"light spent slowly", 12, true, false, 3, 400, 300, 0xff, 0.02f, false, false},
+    {"one ray", 12, true, true, 3, 1, 1, 0xff, 0.02f, false, false},
+    {"at the side of the cube", 14, true, true, 3, 200, 1, 0xff, 0.93f, false, false},
+    {"as many levels as there may be", 24, true, true, 3, 60, 4, 0xff, 0.02f, false, false},
+    {"features a whole number of registers", 16, true, true, 3, 60, 4, 0xff, 0.02f, false, false},
+    {"no samples", 12, true, true, 3, 64, 1, 0, 0.02f, false, false},
+    {"no view", 14, true, true, 3, 200, 1, 0xff, 0.02f, true, false},
+    {"no view, eye or codes", 12, false, false, 0, 100, 300, 0xff, 0.02f, true, false},
+    {"a patch", 14, true, true, 3, PATCH *PATCH, 4, 0xff, 0.02f, false, true},
 };
 enum { SCENES = COUNT_OF(scenes) };
 
@@ -116,7 +119,11 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
                                   .width = SIDE,
                                   .height = SIDE};
   memset(cells, (int)scene->cells, ERN_OCCUPANCY_BYTES);
-  for (size_t i = 0; i < n; i++) number[i] = (int32_t)((i * 37 + 60) % (SIDE * SIDE));
+  for (size_t i = 0; i < n; i++)
+    number[i] = (int32_t)(scene->patch ? (i / PATCH + 3) * SIDE + i % PATCH + 5 : (i * 37 + 60) % (SIDE * SIDE));
+  float filters[2 * (PATCH * PATCH + PATCH * PATCH / 4 + PATCH * PATCH / 16)];
+  ern_patch_filter(filters, PATCH);
+  const struct many filter = many_reals(filters, COUNT_OF(filters));
   const struct many pixel = many_int32s(number, n), bits = many_of(ERN_ELEMENT_BYTE, cells, ERN_OCCUPANCY_BYTES);
   const struct many_rows jitter = rows_of(1, n, 0, 0.999f, 1), truth = rows_of(3, n, 0, 1, 2),
                          background = rows_of(3, n, 0, 1, 3), face = rows_of(1, n, 0, 1, 4),
@@ -144,6 +151,8 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
                                                  .step = 4,
                                                  .dpose_weight = scene->eye ? face.on[k].span : (ern_span){0},
                                                  .n = n};
+  EACH_MACHINE (k)
+    if (scene->patch) stage->args[k].patches = (struct ern_step_patches){filter.on[k], 0.5f, PATCH, 1};
 }
 
 /* What a step leaves behind. */

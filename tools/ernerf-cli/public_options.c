@@ -10,7 +10,7 @@
 #define DRAWING "is an option of `ernerf render`"
 #define LOSS "is not a choice here: the losses and their weights are fixed (docs/maths.md)"
 #define FIXED "is not a choice here: it is the public code's default"
-#define FINE "belongs to the fine stage (LPIPS on patches), which this program does not have"
+#define FINE "is `--stage fine` of `ernerf train` here: patches of the picture and of the lips in turn"
 #define WINDOW \
   "belongs to the public program's window, which this one does not have: `ernerf render -o out.mp4` draws a video"
 #define SPEECH \
@@ -48,7 +48,6 @@ static const struct {
     {"min_near", FIXED " (0.05)"},
     {"density_thresh", FIXED " (10)"},
     {"density_thresh_torso", FIXED " (0.01)"},
-    {"patch_size", FINE},
     {"init_lips", FINE},
     {"finetune_lips", FINE},
     {"gui", WINDOW},

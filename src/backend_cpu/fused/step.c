@@ -146,6 +146,7 @@ static ern_status losses(struct ern_head_step_args *a, const struct ern_train_st
                                     .weights = a->weights,
                                     .max_steps = a->settings->max_steps,
                                     .n = a->n};
+  struct ern_patch_loss_args patches = ern_patches_of_step(a, rays->dpixel, rays->pixel);
   struct ern_composite_bwd_args backward = {.dsigma = span_of(s, s->dsigma, s->count),
                                             .drgb = rows_of(s, s->drgb),
                                             .dsample_attention = span_of(s, s->dnorm, s->count),
@@ -161,9 +162,11 @@ static ern_status losses(struct ern_head_step_args *a, const struct ern_train_st
   ERN_TRY(backend->composite_fwd(s->stream, &forward));
   ERN_TRY(backend->mse(s->stream, &plain));
   ERN_TRY(backend->head_loss(s->stream, &loss));
+  ERN_TRY(backend->patch_loss(s->stream, &patches));
   ERN_TRY(backend->composite_bwd(s->stream, &backward));
   a->squared_error = plain.term;
   memcpy(a->terms, loss.terms, sizeof a->terms);
+  a->terms[ERN_LOSS_PATCHES] = patches.term;
 fail:
   return status;
 }

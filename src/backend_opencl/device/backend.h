@@ -25,6 +25,7 @@
   SOURCE(audio)                \
   SOURCE(torso)                \
   SOURCE(losses)               \
+  SOURCE(patches)              \
   SOURCE(optimizer)            \
   SOURCE(portrait)             \
   SOURCE(render)               \

@@ -41,17 +41,20 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && config->torso)
     status = args_forbid(args,
                          "levels bound ind_num effects backbone attention eye-attention ray-sampling refine-poses "
-                         "no-refine-poses " SPEECH_COPIES_NAMES,
+                         "no-refine-poses stage fine-steps patch-size fine-weight " SPEECH_COPIES_NAMES,
                          "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
+  if (status < 0 && args_given(args, "stage"))
+    status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
   if (status < 0 && job->seconds > 0)
-    status = args_forbid(args, "iters save-every validate-every", "counts steps, and --time says when it ends");
+    status = args_forbid(args, "iters save-every validate-every stage fine-steps patch-size fine-weight",
+                         "counts steps, and --time says when it ends");
   return status;
 }
 
@@ -137,6 +140,8 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
+  if (job->stage > 0) /* fine */
+    config->fine_steps = ERN_FINE_ALL;
   if (job->paper) follow_paper(args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);

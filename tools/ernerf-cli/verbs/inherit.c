@@ -48,6 +48,9 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   if (!args_given(args, "frames-per-step") && state->torso == config->torso)
     config->frames_per_step = state->frames_per_step;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = state->ray_sampling;
+  if (!args_given(args, "stage") && !args_given(args, "fine-steps")) config->fine_steps = state->fine_steps;
+  if (!args_given(args, "patch-size") && state->patch_size > 0) config->patch_size = state->patch_size;
+  if (!args_given(args, "fine-weight") && state->patch_size > 0) config->fine_weight = state->fine_weight;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))
     config->refine_poses = state->refine_poses;
   if (!args_given(args, "ema-every")) config->ema_every = state->ema_every;

@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: MIT
+ * Slot of the loss over patches: scale after scale down, their slopes, and up again. */
+#include "backend_opencl/opencl.h"
+
+enum { SCALES = ERN_PATCH_SCALES, PRODUCTS = 5, SLOPES = 4 };
+
+struct patch_pass {
+  struct ern_stream *stream;
+  struct ern_patch_loss_args *args;
+  size_t planes;
+  size_t side[SCALES], total[SCALES]; /* total: values of all planes of a scale */
+  ern_span x[SCALES], y[SCALES], d[SCALES], filter[SCALES];
+  ern_span base, between, slope;
+};
+
+static ern_status take(struct patch_pass *p) {
+  ern_status status = ERN_OK;
+  size_t at = 0;
+  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, p->planes, &p->base));
+  for (size_t k = 0; k < SCALES; k++) {
+    const size_t side = (size_t)p->args->side >> k, total = p->planes * side * side;
+    p->side[k] = side;
+    p->total[k] = total;
+    p->filter[k] = ern_span_part(p->args->filter, at, side * side);
+    at += 2 * side * side; /* kernels read the matrix both ways */
+    ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->x[k]));
+    ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->y[k]));
+    if (k > 0) ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->d[k]));
+  }
+  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, PRODUCTS * p->total[0], &p->between));
+  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, SLOPES * p->total[0], &p->slope));
+fail:
+  return status;
+}
+
+static struct ern_cl_call begin(const struct patch_pass *p, const char *kernel) {
+  return ern_cl_begin(p->stream, ERN_CL_patches, kernel, "");
+}
+
+static ern_status run(const struct patch_pass *p, struct ern_cl_call *call, size_t k) {
+  ern_cl_size(call, p->side[k]);
+  ern_cl_size(call, p->total[k]);
+  return ern_cl_each(call, p->total[k]);
+}
+
+/* The patches less their means, and their smaller scales. */
+static ern_status make_scales(const struct patch_pass *p) {
+  const struct ern_patch_loss_args *a = p->args;
+  const size_t n = p->side[0] * p->side[0];
+  ern_status status = ERN_OK;
+  struct ern_cl_call base = begin(p, "patch_base");
+  ern_cl_span(&base, p->base);
+  ern_cl_rows(&base, a->truth);
+  ern_cl_size(&base, n);
+  ern_cl_size(&base, p->planes);
+  ERN_TRY(ern_cl_each(&base, p->planes));
+  struct ern_cl_call shift = begin(p, "patch_shift");
+  ern_cl_span(&shift, p->x[0]);
+  ern_cl_span(&shift, p->y[0]);
+  ern_cl_rows(&shift, a->pixel);
+  ern_cl_rows(&shift, a->truth);
+  ern_cl_span(&shift, p->base);
+  ern_cl_size(&shift, n);
+  ern_cl_size(&shift, p->total[0]);
+  ERN_TRY(ern_cl_each(&shift, p->total[0]));
+  for (size_t k = 1; k < SCALES; k++) {
+    struct ern_cl_call halve = begin(p, "patch_halve");
+    ern_cl_span(&halve, p->x[k]);
+    ern_cl_span(&halve, p->y[k]);
+    ern_cl_span(&halve, p->x[k - 1]);
+    ern_cl_span(&halve, p->y[k - 1]);
+    ERN_TRY(run(p, &halve, k));
+  }
+fail:
+  return status;
+}
+
+static double part_of(const struct ern_patch_loss_args *a, size_t k) {
+  const double side = (double)(a->side >> k);
+  return (double)a->weight / (SCALES * 3 * (double)a->patches * side * side);
+}
+
+/* Figures of a scale are as many as its lines: from their number alone it follows which scale they are of. */
+static void deliver(void *args, const float *values, size_t count) {
+  struct ern_patch_loss_args *a = args;
+  const size_t lines = 3 * a->patches * (size_t)a->side;
+  size_t k = 0;
+  double sum = 0;
+  while (k + 1 < SCALES && lines >> k > count) k++;
+  for (size_t i = 0; i < count; i++) sum += (double)values[i];
+  a->term += part_of(a, k) * sum;
+}
+
+/* Slopes of one scale, and its sums. */
+static ern_status make_slopes(const struct patch_pass *p, size_t k) {
+  const size_t lines = p->planes * p->side[k];
+  ern_span figures;
+  ern_status status = ERN_OK;
+  struct ern_cl_call columns = begin(p, "patch_columns");
+  ern_cl_span(&columns, p->between);
+  ern_cl_span(&columns, p->x[k]);
+  ern_cl_span(&columns, p->y[k]);
+  ern_cl_span(&columns, p->filter[k]);
+  ERN_TRY(run(p, &columns, k));
+  struct ern_cl_call slopes = begin(p, "patch_slopes");
+  ern_cl_span(&slopes, p->slope);
+  ern_cl_span(&slopes, p->between);
+  ern_cl_span(&slopes, p->base);
+  ern_cl_span(&slopes, p->filter[k]);
+  ERN_TRY(run(p, &slopes, k));
+  ERN_TRY(ern_cl_figures(p->stream, lines, deliver, p->args, &figures));
+  struct ern_cl_call sums = begin(p, "patch_sums");
+  ern_cl_span(&sums, figures);
+  ern_cl_span(&sums, p->slope);
+  ern_cl_size(&sums, p->side[k]);
+  ern_cl_size(&sums, p->total[k]);
+  status = ern_cl_each(&sums, lines);
+  if (status != ERN_OK) { /* they must not be delivered */
+    sums.stream->pending_count--;
+    sums.stream->figures_used -= lines;
+  }
+fail:
+  return status;
+}
+
+/* From slopes to the gradient of the scale's pixels, or of the rays. */
+static ern_status backward(const struct patch_pass *p, size_t k) {
+  ern_status status = ERN_OK;
+  struct ern_cl_call columns = begin(p, "patch_columns_bwd");
+  ern_cl_span(&columns, p->between);
+  ern_cl_span(&columns, p->slope);
+  ern_cl_span(&columns, p->filter[k]);
+  ERN_TRY(run(p, &columns, k));
+  struct ern_cl_call back = begin(p, k > 0 ? "patch_bwd" : "patch_rays_bwd");
+  if (k > 0)
+    ern_cl_span(&back, p->d[k]);
+  else
+    ern_cl_rows(&back, p->args->dpixel);
+  ern_cl_span(&back, p->x[k]);
+  ern_cl_span(&back, p->y[k]);
+  ern_cl_span(&back, p->between);
+  ern_cl_span(&back, p->filter[k]);
+  ern_cl_span(&back, k + 1 < SCALES ? p->d[k + 1] : (ern_span){0});
+  ern_cl_float(&back, (float)part_of(p->args, k));
+  ERN_TRY(run(p, &back, k));
+fail:
+  return status;
+}
+
+ern_status ern_cl_patch_loss(struct ern_stream *stream, struct ern_patch_loss_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  struct patch_pass pass = {.stream = stream, .args = a, .planes = 3 * a->patches};
+  ern_status status = ERN_OK;
+  a->term = 0;
+  if (a->patches == 0) return ERN_OK;
+  ERN_TRY(take(&pass));
+  ERN_TRY(make_scales(&pass));
+  for (size_t k = SCALES; k-- > 0;) {
+    ERN_TRY(make_slopes(&pass, k));
+    ERN_TRY(backward(&pass, k));
+  }
+fail:
+  ern_arena_release(stream, mark);
+  return status;
+}

@@ -1,0 +1,97 @@
+/* SPDX-License-Identifier: MIT
+ * The fine stage of a head's training: when it begins, and where its patches lie. */
+#include <inttypes.h>
+
+#include "core/memory.h"
+#include "core/rng.h"
+#include "core/status.h"
+#include "train/patch_filter.h"
+#include "train/trainer.h"
+
+static size_t patch_rays(const ern_trainer *t) { return (size_t)t->config.patch_size * (size_t)t->config.patch_size; }
+
+/* What a fine stage needs. */
+static ern_status check(const ern_trainer *t) {
+  const ern_train_config *c = &t->config;
+  const int side = c->patch_size, width = t->data.width, height = t->data.height;
+  if (c->torso) return ern_fail(t->context, ERN_E_ARGUMENT, "train: the fine stage is of a head, and this is a torso");
+  if (c->seconds > 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the fine stage needs a number of steps, and `seconds` is %g",
+                    c->seconds);
+  if (side < ERN_PATCH_UNIT || side > ERN_PATCH_MOST_SIDE || side % ERN_PATCH_UNIT != 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: patch_size is %d, expected 16, 32, 48 or 64", side);
+  if (side > width || side > height)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: patch_size is %d, expected at most the %d x %d of the frames",
+                    side, width, height);
+  if (patch_rays(t) > (size_t)c->rays)
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: rays is %d, expected at least the %zu of a patch of the fine stage", c->rays,
+                    patch_rays(t));
+  return ERN_OK;
+}
+
+static ern_status make_filter(ern_trainer *t) {
+  const size_t count = ern_patch_filter_count((size_t)t->config.patch_size);
+  float *filter = NULL;
+  ern_status status = ERN_NEW(t->context, count, &filter);
+  if (status != ERN_OK) return status;
+  ern_patch_filter(filter, t->config.patch_size);
+  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, count, &t->patch_filter));
+  ERN_TRY(t->backend->upload_reals(t->stream, (ern_span){t->patch_filter, 0, count}, filter, count));
+  ERN_TRY(t->backend->synchronize(t->stream));
+fail:
+  ern_release(t->context, filter);
+  return status;
+}
+
+ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
+  const uint64_t steps = t->config.fine_steps, iters = t->config.iters;
+  t->fine_from = UINT64_MAX;
+  if (found < t->step)
+    t->fine_from = found;
+  else if (steps == ERN_FINE_ALL)
+    t->fine_from = t->step;
+  else if (steps > 0)
+    t->fine_from = iters > steps ? iters - steps : 0;
+  if (t->fine_from == UINT64_MAX) return ERN_OK;
+  const ern_status status = check(t);
+  return status != ERN_OK ? status : make_filter(t);
+}
+
+size_t ern_trainer_step_patches(const ern_trainer *t) {
+  return ern_trainer_is_fine(t) ? (size_t)t->config.rays / patch_rays(t) : 0;
+}
+
+size_t ern_trainer_step_rays(const ern_trainer *t) {
+  const size_t patches = ern_trainer_step_patches(t);
+  return patches > 0 ? patches * patch_rays(t) : (size_t)t->config.rays;
+}
+
+size_t ern_trainer_step_frames(const ern_trainer *t) {
+  const size_t patches = ern_trainer_step_patches(t), frames = (size_t)t->config.frames_per_step;
+  return patches > 0 && patches < frames ? patches : frames;
+}
+
+/* The first row or column of a patch around `middle`, inside `size` pixels. */
+static int begin_around(int middle, int side, int size) {
+  const int begin = middle - side / 2;
+  return begin < 0 ? 0 : begin > size - side ? size - side : begin;
+}
+
+void ern_trainer_place_patches(const ern_trainer *t, const ern_box *lips, size_t first, size_t count, int32_t *pixel) {
+  const int side = t->config.patch_size, width = t->data.width, height = t->data.height;
+  const int box_left = lips->left > 0 ? lips->left : 0, box_right = lips->right < width ? lips->right : width;
+  const int box_top = lips->top > 0 ? lips->top : 0, box_bottom = lips->bottom < height ? lips->bottom : height;
+  const bool mouth = t->step % 2 == 1 && box_left < box_right && box_top < box_bottom;
+  for (size_t p = 0; p < count; p++) {
+    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(first + p), ERN_RNG_PATCH);
+    int left = (int)ern_below(random.word[0], (uint32_t)(width - side + 1));
+    int top = (int)ern_below(random.word[1], (uint32_t)(height - side + 1));
+    if (mouth) {
+      left = begin_around(box_left + (int)ern_below(random.word[0], (uint32_t)(box_right - box_left)), side, width);
+      top = begin_around(box_top + (int)ern_below(random.word[1], (uint32_t)(box_bottom - box_top)), side, height);
+    }
+    for (int r = 0; r < side; r++)
+      for (int c = 0; c < side; c++) *pixel++ = (top + r) * width + left + c;
+  }
+}

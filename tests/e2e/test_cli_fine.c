@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: MIT
+ * The fine stage from the command line: after a coarse training, as its last part, and what does not go with it. */
+#include "cli.h"
+
+static struct cli cli;
+
+static int make_clip(void **state) {
+  (void)state;
+  static const char *const old[] = {"clip",  "m.safetensors", "m.run", "n.safetensors",
+                                    "n.run", "o.safetensors", "o.run"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  return 0;
+}
+
+static void expect_same_files(const char *left, const char *right) {
+  size_t first = 0, second = 0;
+  uint8_t *one = cli_bytes(left, &first), *other = cli_bytes(right, &second);
+  assert_int_equal(first, second);
+  assert_memory_equal(one, other, first);
+  free(one);
+  free(other);
+}
+
+#define HEAD "--rays 600 --levels 2 --patch-size 16 --fine-weight 0.3 --seed 5 --validate-every 0 "
+
+/* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
+ * of it. What is drawn then differs from what a coarse training of as many steps draws. */
+static void test_after_and_as_the_last_part(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o m.safetensors " HEAD "--iters 30 --fine-steps 12");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 18");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine --patch-size 16 --fine-weight 0.3 --iters 30");
+  cli_expect(&cli, 0, NULL);
+  expect_same_files("m.safetensors", "n.safetensors");
+  cli_run(&cli, "train clip -o n.safetensors --resume --iters 34");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o o.safetensors " HEAD "--iters 30");
+  cli_expect(&cli, 0, NULL);
+  size_t first = 0, second = 0;
+  uint8_t *fine = cli_bytes("m.safetensors", &first), *coarse = cli_bytes("o.safetensors", &second);
+  assert_true(first != second || memcmp(fine, coarse, first) != 0);
+  free(fine);
+  free(coarse);
+}
+
+static void test_refused(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage fine");
+  cli_expect(&cli, 2, "--stage", "--time", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --stage fine --fine-steps 3");
+  cli_expect(&cli, 2, "--fine-steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --fine-steps 3");
+  cli_expect(&cli, 2, "--fine-steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --fine-steps 3 --patch-size 24");
+  cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --fine-steps 3 --rays 100");
+  cli_expect(&cli, 1, "rays is 100, expected at least the 1024 of a patch", NULL);
+  assert_true(access("p.safetensors", F_OK) != 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part), cmocka_unit_test(test_refused)};
+  return cmocka_run_group_tests(tests, make_clip, NULL);
+}
