@@ -79,6 +79,7 @@ static const struct {
     {"lr", TRAINING},
     {"lr_net", TRAINING},
     {"num_rays", TRAINING},
+    {"patch_size", TRAINING},
     {"update_extra_interval", TRAINING},
     {"ind_num", TRAINING},
     {"bound", TRAINING "; the model says its own"},

@@ -9,12 +9,13 @@
 
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
+#include "evaluation/frame_figures.h"
 #include "evaluation/pose_fit.h"
 #include "output/progress.h"
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 3 };
+enum { OWN_OPTIONS = 5 };
 
 /* Over the frames. */
 struct totals {
@@ -28,7 +29,7 @@ struct eval_job {
   struct portrait portrait;
   struct evaluation evaluation;
   struct measures measures;
-  const char *video; /* NULL: none */
+  const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
   struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
   bool refine_poses;
@@ -111,6 +112,16 @@ static void print_refined(const struct eval_job *job) {
       mean(fitted->turn, n), mean(fitted->move, n));
 }
 
+/* Under the means: half of their 95 % intervals. */
+static void print_intervals(const struct eval_job *job) {
+  const json_t *frames = job->frames;
+  printf("%8s  %10.3f  %10.5f", "95 % +-", frame_figures_interval(frames, "psnr"),
+         frame_figures_interval(frames, "ssim"));
+  print_decibels(frame_figures_interval(frames, "psnr_head"), job->own.heads > 1);
+  print_decibels(frame_figures_interval(frames, "psnr_mouth"), job->own.mouths > 1);
+  printf("  %10.2f\n", frame_figures_interval(frames, "ms"));
+}
+
 static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   const size_t n = job->evaluation.frame_source.count;
   const struct evaluated *sum = &job->own.sum;
@@ -129,6 +140,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   print_decibels(sum->head, job->own.heads);
   print_decibels(sum->mouth, job->own.mouths);
   printf("  %10.2f\n", mean(sum->ms, n));
+  if (n > 1) print_intervals(job);
   if (job->refine_poses) print_refined(job);
   printf("\n");
   const struct measures_figures figures = measures_figures(&job->measures);
@@ -154,6 +166,17 @@ static json_t *report_refined(const struct eval_job *job) {
                    session_number(mean(fitted->turn, n)), "moved_mm", session_number(mean(fitted->move, n)));
 }
 
+/* Half of the means' 95 % intervals; null where fewer than two frames have the figure. */
+static json_t *report_intervals(const struct eval_job *job) {
+  static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth"};
+  json_t *made = json_object();
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    const double half = frame_figures_interval(job->frames, names[i]);
+    json_object_set_new(made, names[i], region_number(half, isfinite(half)));
+  }
+  return made;
+}
+
 static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   static const char *const splits[] = {"train", "val", "all"};
   const size_t n = job->evaluation.frame_source.count;
@@ -165,16 +188,17 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, s:O}",
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, "
+      "s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
       portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
       session_number(mean(sum->ssim, n)), "psnr_head", region_mean(sum->head, job->own.heads), "psnr_mouth",
-      region_mean(sum->mouth, job->own.mouths), "refined", report_refined(job), "measures", measures_json(&figures),
-      "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps", session_number(1000 / mean(sum->ms, n)),
-      "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes,
-      "param_bytes", (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
-      job->session.backend_info.isa, "frames", job->frames);
+      region_mean(sum->mouth, job->own.mouths), "interval95", report_intervals(job), "refined", report_refined(job),
+      "measures", measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
+      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
+      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
+      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -203,6 +227,22 @@ static int open_all(struct eval_job *job, const struct args *args) {
   return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
 }
 
+static int write_files(struct eval_job *job) {
+  struct session *session = &job->session;
+  int status = 0;
+  if (job->csv != NULL) {
+    struct bytes csv = {0};
+    frame_figures_csv(job->frames, &csv);
+    status = csv.failed ? session_fail_with(session, "no memory for %s", job->csv)
+                        : session_write(session, job->csv, csv.data, csv.count);
+    bytes_free(&csv);
+  }
+  if (status == 0 && job->sheet != NULL)
+    status =
+        frame_figures_sheet(&job->evaluation, job->portrait.renderer, job->portrait.model, job->frames, job->sheet);
+  return status;
+}
+
 static int evaluate_all(struct eval_job *job) {
   struct session *session = &job->session;
   struct progress progress;
@@ -224,6 +264,7 @@ static int evaluate_all(struct eval_job *job) {
   }
   progress_end(&progress);
   if (job->video != NULL && comparison_finish(&job->comparison) != 0) return EXIT_FAILURE;
+  if (write_files(job) != 0) return EXIT_FAILURE;
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
   if (!session_json_on_stdout(session)) print_table(job, model_bytes);
   return session_report(session, report(job, model_bytes));
@@ -251,6 +292,16 @@ int cmd_eval(int argc, char **argv) {
        .target = &job.video,
        .choices = "FILE.mp4",
        .help = "the frames beside the truth, with the clip's sound"},
+      {.name = "csv",
+       .kind = OPTION_TEXT,
+       .target = &job.csv,
+       .choices = "FILE.csv",
+       .help = "the figures of each frame as a table"},
+      {.name = "sheet",
+       .kind = OPTION_TEXT,
+       .target = &job.sheet,
+       .choices = "FILE.png",
+       .help = "the best, the median and the worst frame by PSNR, each beside the truth and 4 times their difference"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &job.refine_poses,
@@ -283,6 +334,11 @@ int cmd_eval(int argc, char **argv) {
   if (status < 0 && job.refine_poses)
     status =
         args_forbid(&args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
+  const char *dot = job.sheet != NULL ? strrchr(job.sheet, '.') : NULL;
+  if (status < 0 && job.sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
+    status = args_refuse(&args, "--sheet is \"%s\", expected a name that ends in .png", job.sheet);
+  if (status < 0 && job.sheet != NULL)
+    status = args_forbid(&args, "smooth_lips", "needs frames one after the other, and --sheet draws some again");
   job.session.inputs[0] = job.portrait.model_path;
   job.session.inputs[1] = job.portrait.source.path;
   job.session.inputs[2] = job.portrait.source.features;
@@ -290,7 +346,9 @@ int cmd_eval(int argc, char **argv) {
   job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  if (job.video != NULL) status = session_check_output(&job.session, job.video);
+  const char *const outputs[] = {job.video, job.csv, job.sheet};
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs && status <= 0; i++)
+    if (outputs[i] != NULL) status = session_check_output(&job.session, outputs[i]);
   if (status <= 0) status = open_all(&job, &args);
   if (status == 0) status = evaluate_all(&job);
   close_all(&job);

@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: MIT */
+#include "evaluation/frame_figures.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { COLUMNS = 3, GAIN = 4 /* of the difference */ };
+
+static void print_number(struct bytes *csv, const json_t *number, int digits) {
+  if (json_is_number(number))
+    bytes_print(csv, ",%.*f", digits, json_number_value(number));
+  else
+    bytes_print(csv, ",");
+}
+
+void frame_figures_csv(const json_t *frames, struct bytes *csv) {
+  size_t index;
+  json_t *frame;
+  bytes_print(csv, "frame,split,psnr,ssim,psnr_head,psnr_mouth,ms\n");
+  json_array_foreach((json_t *)frames, index, frame) {
+    bytes_print(csv, "%" JSON_INTEGER_FORMAT ",%s", json_integer_value(json_object_get(frame, "id")),
+                json_string_value(json_object_get(frame, "split")));
+    print_number(csv, json_object_get(frame, "psnr"), 4);
+    print_number(csv, json_object_get(frame, "ssim"), 6);
+    print_number(csv, json_object_get(frame, "psnr_head"), 4);
+    print_number(csv, json_object_get(frame, "psnr_mouth"), 4);
+    print_number(csv, json_object_get(frame, "ms"), 3);
+    bytes_print(csv, "\n");
+  }
+}
+
+double frame_figures_interval(const json_t *frames, const char *name) {
+  double sum = 0, squares = 0, n = 0;
+  size_t index;
+  json_t *frame;
+  json_array_foreach((json_t *)frames, index, frame) {
+    const json_t *value = json_object_get(frame, name);
+    if (!json_is_number(value)) continue;
+    sum += json_number_value(value);
+    n++;
+  }
+  if (n < 2) return NAN;
+  json_array_foreach((json_t *)frames, index, frame) {
+    const json_t *value = json_object_get(frame, name);
+    if (json_is_number(value)) squares += pow(json_number_value(value) - sum / n, 2);
+  }
+  return 1.96 * sqrt(squares / (n - 1) / n);
+}
+
+/* ---- the sheet --------------------------------------------------------------------------------------------------- */
+
+static double psnr_of(const json_t *frames, size_t k) {
+  const json_t *value = json_object_get(json_array_get(frames, k), "psnr");
+  return json_is_number(value) ? json_number_value(value) : -INFINITY;
+}
+
+/* Frames with a larger PSNR, or with the same and a smaller number, stand before frame k. */
+static size_t frames_before(const json_t *frames, size_t k) {
+  const double own = psnr_of(frames, k);
+  size_t before = 0;
+  for (size_t i = 0; i < json_array_size(frames); i++) {
+    const double other = psnr_of(frames, i);
+    before += other > own || (!(other < own) && i < k);
+  }
+  return before;
+}
+
+void frame_figures_rank(const json_t *frames, size_t place[SHEET_FRAMES]) {
+  const size_t count = json_array_size(frames), wanted[SHEET_FRAMES] = {0, count / 2, count - 1};
+  for (size_t k = 0; k < count; k++) {
+    const size_t before = frames_before(frames, k);
+    for (size_t i = 0; i < SHEET_FRAMES; i++)
+      if (before == wanted[i]) place[i] = k;
+  }
+}
+
+/* rgb: [height][COLUMNS width][3] */
+static void fill_row(uint8_t *rgb, const uint8_t *drawn, const uint8_t *truth, size_t width, size_t height) {
+  for (size_t y = 0; y < height; y++)
+    for (size_t x = 0; x < width; x++)
+      for (size_t c = 0; c < 3; c++) {
+        const int a = drawn[4 * (y * width + x) + c], b = truth[3 * (y * width + x) + c], d = GAIN * abs(a - b);
+        uint8_t *to = rgb + 3 * (y * COLUMNS * width + x) + c;
+        to[0] = (uint8_t)a;
+        to[3 * width] = (uint8_t)b;
+        to[6 * width] = (uint8_t)(d < 255 ? d : 255);
+      }
+}
+
+int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model,
+                        const json_t *frames, const char *path) {
+  struct session *session = evaluation->session;
+  const size_t width = (size_t)evaluation->info.width, height = (size_t)evaluation->info.height;
+  const size_t row = 3 * COLUMNS * width * height;
+  size_t place[SHEET_FRAMES] = {0};
+  uint8_t *rgb = malloc(SHEET_FRAMES * row);
+  int status = rgb != NULL ? 0
+                           : session_fail_with(session, "no memory for a sheet of %zu x %zu", COLUMNS * width,
+                                               SHEET_FRAMES * height);
+  frame_figures_rank(frames, place);
+  for (size_t i = 0; i < SHEET_FRAMES && status == 0; i++) {
+    const struct source_frame *frame = &evaluation->frame_source.source_frame[place[i]];
+    struct evaluated evaluated;
+    ern_image truth = {0};
+    status = evaluate_draw(evaluation, renderer, model, place[i], &evaluated);
+    if (status == 0 && ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
+      status = session_fail(session);
+    if (status == 0) fill_row(rgb + i * row, evaluation->rgba, truth.data, width, height);
+  }
+  const ern_image sheet = {
+      .width = (int)(COLUMNS * width), .height = (int)(SHEET_FRAMES * height), .channels = 3, .data = rgb};
+  if (status == 0 && ern_image_write(session->context, path, &sheet, 100) != ERN_OK) status = session_fail(session);
+  free(rgb);
+  return status;
+}

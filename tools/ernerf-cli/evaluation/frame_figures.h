@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT
+ * What an evaluation keeps of its frames: a table, how sure their means are, and a sheet of the best, the median and
+ * the worst frame. */
+#ifndef ERN_CLI_FRAME_FIGURES_H
+#define ERN_CLI_FRAME_FIGURES_H
+
+#include <jansson.h>
+
+#include "bytes.h"
+#include "evaluation/evaluate.h"
+
+/* frames: an array of objects, one a frame, with the numbers "psnr", "ssim", "psnr_head", "psnr_mouth" or null, "id",
+ * "split", "ms". A line a frame; an empty field where a number is null. */
+void frame_figures_csv(const json_t *frames, struct bytes *csv);
+
+/* Half of the 95 % interval of the mean of a number over the frames that have it, 1.96 s/sqrt(n), s being their sample
+ * standard deviation; NAN for fewer than 2. Frames count as independent, which neighbours of a video are not: the
+ * interval is too small by what they have in common. */
+double frame_figures_interval(const json_t *frames, const char *name);
+
+enum { SHEET_FRAMES = 3 }; /* best, median, worst by PSNR */
+/* Their places among the frames; of equal ones the first. Frames: at least one. */
+void frame_figures_rank(const json_t *frames, size_t place[SHEET_FRAMES]);
+
+/* Draws the three once more and writes a PNG: a row each, best, median, worst; from left to right the model's picture,
+ * the truth, 4 times their difference. Returns 0, or EXIT_FAILURE after a message. */
+int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model,
+                        const json_t *frames, const char *path);
+
+#endif
