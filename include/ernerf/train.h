@@ -31,7 +31,7 @@ typedef struct ern_dataset_frame {
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS  /* of a head: 20 of 100 in the lower face, the others anywhere (docs/maths.md) */
+  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face, the others anywhere (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
@@ -140,7 +140,9 @@ typedef struct ern_train_config {
   uint64_t fine_steps;      /* of a head: the last so many of `iters` are the fine stage, whose rays are square patches
                                with a loss of their own (docs/maths.md); 0 (default): none; ERN_FINE_ALL: all from the
                                step on that the training starts or goes on at. A fine stage that is resumed goes on in
-                               any case. Not with `seconds` (ERN_E_ARGUMENT) */
+                               any case. With `seconds` expected 0 (ERN_E_ARGUMENT) */
+  double fine_share;        /* of a head, with `seconds`: the last such share of the time is the fine stage, 0..1; 0
+                               (default): none. Ignored without `seconds` */
   int patch_size;           /* pixels a side, 16, 32, 48 or 64; 32. A fine stage needs at least the rays of a patch, and
                                pictures of that size */
   float fine_weight;        /* of the patches' loss, 0..1e3; 0.1 */
@@ -177,6 +179,7 @@ typedef struct ern_train_state {
   uint64_t fine_steps; /* of iters; 0: no fine stage */
   int patch_size;      /* 0 where a state does not say it */
   float fine_weight;   /* likewise */
+  double fine_share;   /* ern_train_config.fine_share */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

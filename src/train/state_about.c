@@ -43,14 +43,14 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training =
-      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:i}", "iters",
-                (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
-                "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema,
-                "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer",
-                t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16), "ray_sampling",
-                ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside", t->beside,
-                "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma, "frames_per_step", c->frames_per_step);
+  json_t *training = json_pack(
+      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:i, s:f}", "iters",
+      (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
+      "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
+      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
+      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling),
+      "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
+      c->torso_gamma, "frames_per_step", c->frames_per_step, "fine_share", c->fine_share);
   if (training != NULL && t->fine_from != UINT64_MAX) {
     json_t *fine = json_pack("{s:I, s:i, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size, "weight",
                              (double)c->fine_weight);
@@ -161,6 +161,10 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (frames != NULL && !whole_in(frames, 1, ERN_FRAMES_PER_STEP_MOST)) return "frames_per_step";
   about->frames_per_step = frames != NULL ? (int)json_integer_value(frames) : 1;
   if (!read_fine(json_object_get(root, "fine"), about)) return "fine";
+  const json_t *share = json_object_get(root, "fine_share"); /* not there: an earlier version's */
+  about->fine_share = json_number_value(share);
+  if (share != NULL && !(json_is_number(share) && about->fine_share >= 0 && about->fine_share <= 1))
+    return "fine_share";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
   const json_t *precision = json_object_get(root, "precision");
@@ -301,6 +305,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"lr_att", number(about->lr_att), number(c->lr_att)},
       {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
       {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
+      {"fine_share", number((float)about->fine_share), number((float)c->fine_share)},
       {"patch_size", count(fine ? (uint64_t)about->patch_size : 0), count(fine ? (uint64_t)c->patch_size : 0)},
       {"fine_weight", number(fine ? about->fine_weight : 0), number(fine ? c->fine_weight : 0)},
       {"ema_every", count(about->ema_every), count(c->ema_every)},

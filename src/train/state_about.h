@@ -25,6 +25,7 @@ struct ern_state_about {
   uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next two are 0 */
   int patch_size;
   float fine_weight;
+  double fine_share; /* of config.seconds */
 };
 
 /* *text is the caller's (ern_release). */

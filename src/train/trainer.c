@@ -23,8 +23,8 @@ static double seconds_now(void) {
 
 /* Progress: s of docs/maths.md, Update. The coarse stage has its own, the fine one that of all steps. */
 static double progress(const ern_trainer *t) {
-  const bool coarse = t->fine_from < t->config.iters && !ern_trainer_is_fine(t);
-  return (double)t->step / (double)(coarse ? t->fine_from : t->config.iters);
+  const uint64_t steps = ern_trainer_is_fine(t) ? t->config.iters : ern_trainer_coarse_steps(t);
+  return steps > t->step ? (double)t->step / (double)steps : 1;
 }
 
 static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
@@ -199,11 +199,12 @@ static ern_status average(ern_trainer *t) {
 static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
-  const size_t frames = ern_trainer_step_frames(t);
   struct step_sum sum = {.samples = 0};
   struct ern_batch batches[ERN_FRAMES_PER_STEP_MOST];
   ern_status status = ERN_OK;
   if (t->step < t->config.iters) ern_trainer_follow_time(t, t->step + 1);
+  ern_trainer_fine_due(t);
+  const size_t frames = ern_trainer_step_frames(t);
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));

@@ -9,7 +9,7 @@
 #include "model/model.h"
 
 /* Share of a head's rays that are drawn in the lower face, found by trying (docs/history-training.md). */
-#define ERN_LOWER_FACE_SHARE 0.2f
+#define ERN_LOWER_FACE_SHARE 0.3f
 
 enum {
   ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
@@ -135,6 +135,10 @@ void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->step >= t->fine_from; }
 /* When it begins; `found`: where a resumed state had it begin, UINT64_MAX: nowhere. */
 ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
+/* Steps before it, all where there is none; with `seconds` as the pace so far gives them. */
+uint64_t ern_trainer_coarse_steps(const ern_trainer *t);
+/* With `seconds`, before a step: lets it begin where its share of the time has come. */
+void ern_trainer_fine_due(ern_trainer *t);
 /* Of the next step. */
 size_t ern_trainer_step_frames(const ern_trainer *t);
 size_t ern_trainer_step_rays(const ern_trainer *t);

@@ -15,9 +15,10 @@ static ern_status check(const ern_trainer *t) {
   const ern_train_config *c = &t->config;
   const int side = c->patch_size, width = t->data.width, height = t->data.height;
   if (c->torso) return ern_fail(t->context, ERN_E_ARGUMENT, "train: the fine stage is of a head, and this is a torso");
-  if (c->seconds > 0)
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the fine stage needs a number of steps, and `seconds` is %g",
-                    c->seconds);
+  if (c->seconds > 0 && c->fine_steps > 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: fine_steps is %" PRIu64 ", expected 0 with `seconds`, of which fine_share says how much",
+                    c->fine_steps);
   if (side < ERN_PATCH_UNIT || side > ERN_PATCH_MOST_SIDE || side % ERN_PATCH_UNIT != 0)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: patch_size is %d, expected 16, 32, 48 or 64", side);
   if (side > width || side > height)
@@ -46,6 +47,7 @@ fail:
 
 ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
   const uint64_t steps = t->config.fine_steps, iters = t->config.iters;
+  const bool timed = t->config.seconds > 0 && t->config.fine_share > 0 && !t->config.torso;
   t->fine_from = UINT64_MAX;
   if (found < t->step)
     t->fine_from = found;
@@ -53,9 +55,20 @@ ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
     t->fine_from = t->step;
   else if (steps > 0)
     t->fine_from = iters > steps ? iters - steps : 0;
-  if (t->fine_from == UINT64_MAX) return ERN_OK;
+  if (t->fine_from == UINT64_MAX && !timed) return ERN_OK;
   const ern_status status = check(t);
   return status != ERN_OK ? status : make_filter(t);
+}
+
+uint64_t ern_trainer_coarse_steps(const ern_trainer *t) {
+  const uint64_t iters = t->config.iters;
+  if (t->fine_from != UINT64_MAX) return t->fine_from < iters ? t->fine_from : iters;
+  return t->patch_filter != NULL ? (uint64_t)((1 - t->config.fine_share) * (double)iters) : iters;
+}
+
+void ern_trainer_fine_due(ern_trainer *t) {
+  if (t->patch_filter != NULL && t->fine_from == UINT64_MAX && t->step > 0 && t->step >= ern_trainer_coarse_steps(t))
+    t->fine_from = t->step;
 }
 
 size_t ern_trainer_step_patches(const ern_trainer *t) {

@@ -72,6 +72,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"frames_per_step", c->frames_per_step, 1, ERN_FRAMES_PER_STEP_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"fine_weight", (double)c->fine_weight, 0, 1e3},
+                {"fine_share", c->fine_share, 0, 1},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 0, 1e12}};
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {

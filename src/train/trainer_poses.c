@@ -220,11 +220,7 @@ void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-/* Steps of the coarse stage. */
-static uint64_t last_step(const ern_trainer *t) {
-  return t->fine_from < t->config.iters ? t->fine_from : t->config.iters;
-}
-static uint64_t first_step(const ern_trainer *t) { return last_step(t) / 10; }
+static uint64_t first_step(const ern_trainer *t) { return ern_trainer_coarse_steps(t) / 10; }
 
 /* Not in the fine stage: a patch shows too little of the head. */
 bool ern_trainer_poses_due(const ern_trainer *t) {
@@ -250,7 +246,8 @@ static double size_of(float *mean_square, const double slope[3]) {
 
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   struct ern_trainer_poses *p = t->poses;
-  const double left = (double)(last_step(t) - first_step(t)), s = (double)(last_step(t) - t->step) / left;
+  const uint64_t last = ern_trainer_coarse_steps(t);
+  const double left = (double)(last - first_step(t)), s = last > t->step ? (double)(last - t->step) / left : 0;
   const double fall = s * s,
                visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
   const double scale = (double)t->data.scale;

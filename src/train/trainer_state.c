@@ -451,7 +451,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                                .frames_per_step = about->frames_per_step,
                                .fine_steps = about->fine_from < about->iters ? about->iters - about->fine_from : 0,
                                .patch_size = about->patch_size,
-                               .fine_weight = about->fine_weight};
+                               .fine_weight = about->fine_weight,
+                               .fine_share = about->fine_share};
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:

@@ -39,7 +39,8 @@ shortened() {
     soak) option --steps 12 ;;
     bench)
       option --seconds 1
-      [[ $line == *"--only kernels"* ]] || { option --size 64x64; option --rays 1024; }
+      [[ $line == *"--only kernels"* ]] || option --rays 1024
+      [[ $line == *"--only kernels"* || $line == *CLIP* ]] || option --size 64x64
       [[ $line != *--isa* ]] || option --isa ref ;; # on every machine
   esac
   line="$line --overwrite --quiet"

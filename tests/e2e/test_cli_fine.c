@@ -6,8 +6,11 @@ static struct cli cli;
 
 static int make_clip(void **state) {
   (void)state;
-  static const char *const old[] = {"clip",  "m.safetensors", "m.run", "n.safetensors",
-                                    "n.run", "o.safetensors", "o.run"};
+  static const char *const old[] = {"clip",  "m.safetensors",      "m.run",      "n.safetensors",
+                                    "n.run", "o.safetensors",      "o.run",      "t.safetensors",
+                                    "t.run", "t.head.safetensors", "t.head.run", "u.safetensors",
+                                    "u.run", "u.head.safetensors", "u.head.run", "v.safetensors",
+                                    "v.run", "v.head.safetensors", "v.head.run"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -23,17 +26,18 @@ static void expect_same_files(const char *left, const char *right) {
   free(other);
 }
 
-#define HEAD "--rays 600 --levels 2 --patch-size 16 --fine-weight 0.3 --seed 5 --validate-every 0 "
+#define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 "
+#define FINE " --patch-size 16 --fine-weight 0.3 "
 
 /* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
  * of it. What is drawn then differs from what a coarse training of as many steps draws. */
 static void test_after_and_as_the_last_part(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD "--iters 30 --fine-steps 12");
+  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 30 --fine-steps 12");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 18");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine --patch-size 16 --fine-weight 0.3 --iters 30");
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine" FINE "--iters 30");
   cli_expect(&cli, 0, NULL);
   expect_same_files("m.safetensors", "n.safetensors");
   cli_run(&cli, "train clip -o n.safetensors --resume --iters 34");
@@ -47,10 +51,49 @@ static void test_after_and_as_the_last_part(void **state) {
   free(coarse);
 }
 
+static json_t *state_of(const char *path) {
+  size_t count = 0;
+  uint8_t *bytes = cli_bytes(path, &count);
+  uint64_t length = 0;
+  json_error_t error;
+  memcpy(&length, bytes, sizeof length);
+  json_t *header = json_loadb((const char *)bytes + 8, (size_t)length, 0, &error);
+  const json_t *text = json_object_get(json_object_get(header, "__metadata__"), "ernerf.state");
+  json_t *about = json_loads(json_string_value(text), 0, &error);
+  assert_non_null(about);
+  json_decref(header);
+  free(bytes);
+  return about;
+}
+
+/* By the clock the last fifth of the head's steps are fine ones, where a patch fits into a step, unless they are not
+ * wanted. */
+static void test_by_the_clock(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o t.safetensors --time 4s --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  json_t *about = state_of("t.head.run/state.safetensors"), *training = json_object_get(about, "training");
+  const double steps = json_number_value(json_object_get(about, "step"));
+  const double from = json_number_value(json_object_get(json_object_get(training, "fine"), "from"));
+  assert_true(from > 0.3 * steps && from < steps);
+  json_decref(about);
+  cli_run(&cli, "train clip -o u.safetensors --time 2s --levels 2 --stage coarse --quiet");
+  cli_expect(&cli, 0, NULL);
+  about = state_of("u.head.run/state.safetensors");
+  assert_null(json_object_get(json_object_get(about, "training"), "fine"));
+  json_decref(about);
+  cli_run(&cli, "train clip -o v.safetensors --time 2s --levels 2 --rays 500 --quiet"); /* less than a patch */
+  cli_expect(&cli, 0, NULL);
+}
+
 static void test_refused(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage fine");
-  cli_expect(&cli, 2, "--stage", "--time", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --fine-steps 9");
+  cli_expect(&cli, 2, "--fine-steps", "--time", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --patch-size 16");
+  cli_expect(&cli, 2, "--patch-size", "--stage fine", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage coarse --fine-weight 1");
+  cli_expect(&cli, 2, "--fine-weight", "--stage fine", NULL);
   cli_run(&cli, "train clip -o p.safetensors --stage fine --fine-steps 3");
   cli_expect(&cli, 2, "--fine-steps", NULL);
   cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --fine-steps 3");
@@ -63,6 +106,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part),
+                                     cmocka_unit_test(test_by_the_clock), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

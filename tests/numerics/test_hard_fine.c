@@ -181,7 +181,7 @@ static void test_refused_fine_stage(void **state) {
   refuse(config, "rays is 255, expected at least the 256 of a patch");
   config = fine_config(9, ERN_FINE_ALL);
   config.seconds = 5;
-  refuse(config, "the fine stage needs a number of steps");
+  refuse(config, "fine_steps is");
   config = fine_config(9, 3);
   config.fine_weight = NAN;
   refuse(config, "fine_weight is");

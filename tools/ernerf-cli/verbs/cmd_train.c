@@ -15,6 +15,7 @@
 
 /* Found by trying (docs/history-training.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
+static const double timed_fine_share = 0.2; /* of the head's time */
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -48,13 +49,16 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
+  if (status < 0 && job->stage == 0 && config->fine_steps == 0 && !config->resume &&
+      (args_given(args, "stage") || !(job->seconds > 0)))
+    status = args_forbid(args, "patch-size fine-weight", "is the fine stage's: --stage fine or --fine-steps N");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
   if (status < 0 && job->seconds > 0)
-    status = args_forbid(args, "iters save-every validate-every stage fine-steps patch-size fine-weight",
-                         "counts steps, and --time says when it ends");
+    status =
+        args_forbid(args, "iters save-every validate-every fine-steps", "counts steps, and --time says when it ends");
   return status;
 }
 
@@ -120,6 +124,17 @@ static void choose_timed(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 
+/* What --stage says; with --time, where a patch fits, the last fifth as published. */
+static void choose_stage(const struct train_job *job, const struct args *args, ern_train_config *config) {
+  const bool given = args_given(args, "stage"), fine = job->stage > 0, timed = config->seconds > 0;
+  const int side = config->patch_size;
+  const bool fits = side * side <= config->rays && side <= job->clip_info.width && side <= job->clip_info.height;
+  if (config->torso) return;
+  if (given && timed) config->fine_share = fine ? 1 : 0;
+  if (given && !timed) config->fine_steps = fine ? ERN_FINE_ALL : 0;
+  if (!given && timed && !job->has_state && fits) config->fine_share = timed_fine_share;
+}
+
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
@@ -140,8 +155,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
-  if (job->stage > 0) /* fine */
-    config->fine_steps = ERN_FINE_ALL;
+  choose_stage(job, args, config);
   if (job->paper) follow_paper(args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);

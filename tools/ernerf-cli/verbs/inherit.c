@@ -48,7 +48,10 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   if (!args_given(args, "frames-per-step") && state->torso == config->torso)
     config->frames_per_step = state->frames_per_step;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = state->ray_sampling;
-  if (!args_given(args, "stage") && !args_given(args, "fine-steps")) config->fine_steps = state->fine_steps;
+  if (!args_given(args, "stage") && !args_given(args, "fine-steps")) {
+    config->fine_steps = config->seconds > 0 ? 0 : state->fine_steps;
+    config->fine_share = state->fine_share;
+  }
   if (!args_given(args, "patch-size") && state->patch_size > 0) config->patch_size = state->patch_size;
   if (!args_given(args, "fine-weight") && state->patch_size > 0) config->fine_weight = state->fine_weight;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))

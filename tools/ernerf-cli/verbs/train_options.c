@@ -172,7 +172,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .kind = OPTION_CHOICE,
        .target = &job->ray_sampling,
        .choices = "regions|uniform",
-       .help = "where the rays of a head go: 20 of 100 through the lower face where the clip has landmarks, or "
+       .help = "where the rays of a head go: 30 of 100 through the lower face where the clip has landmarks, or "
                "anywhere alike as published (default regions)"},
       {.name = "frames-per-step",
        .kind = OPTION_INT,
@@ -187,6 +187,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .choices = "coarse|fine",
        .help = "fine: from the step on that the training starts or goes on at, a head's rays are square patches, of "
                "the whole picture and of the lips in turn, with a loss by structural similarity too (default coarse, "
+               "with --time fine for its last fifth, "
                "with --resume as before)"},
       {.name = "fine-steps",
        .kind = OPTION_COUNT,
