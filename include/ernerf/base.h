@@ -124,8 +124,8 @@ typedef struct ern_context ern_context;
 typedef struct ern_context_config {
   uint32_t cookie; /* set by ern_context_config_default(); proves that the struct was initialised */
   uint32_t size;   /* set beside it: bytes of the struct in the program's headers */
-  /* Memory hooks, both or neither; NULL: the C library. allocate returns at least `bytes` bytes aligned to
-   * `alignment` (a power of two), or NULL. */
+  /* Memory hooks, both or neither; NULL: the C library. Both may be called from several threads at a time. allocate
+   * returns at least `bytes` (> 0) bytes aligned to `alignment` (a power of two), or NULL. release never gets NULL. */
   void *(*allocate)(void *user, size_t bytes, size_t alignment);
   void (*release)(void *user, void *memory);
   /* Receives one line without a newline; NULL: silence. May be called from several threads. */

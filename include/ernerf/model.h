@@ -113,17 +113,17 @@ typedef struct ern_tensor_info {
   size_t shape[4];
 } ern_tensor_info;
 
-/* Lists the tensors of a .safetensors, .pth or .npy file (the last has one, without a name), after checking the file as
- * a whole.
+/* Lists the tensors of a .safetensors, .pth or .npy file (the last has one, whose name is ""), after checking the file
+ * as a whole.
  */
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 
-/* SHA-256 of a file's bytes as 64 lower-case hex digits: tells one model from another. */
+/* SHA-256 of the bytes of a file of at most 1 GiB, as 64 lower-case hex digits: tells one model from another. */
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
 /* Corrects the pose of a training frame, in place. pose: a camera pose in scene units (ern_camera_pose). index: the
- * training frame, counted from 0 in the order of the frames of split 0 (of transforms_train.json, for a clip); one past
+ * training frame, counted from 0 in the order of the frames of split 0 (of transforms_train.json, for a clip); any past
  * the last corrected frame stands for the last. The correction is three angles, about x, then y, then z, in degrees,
  * and a move in scene units. With dR = Rx Ry Rz of the angles, rotation R and origin o of the pose become transpose(dR)
  * R and o + move. A renderer takes such a pose as ern_frame_input.head_pose: the torso keeps the pose of the clip. The

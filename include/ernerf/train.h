@@ -20,7 +20,7 @@ extern "C" {
 typedef struct ern_dataset_frame {
   float matrix[16]; /* camera to world, as in a transforms file */
   int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
-  float eye;        /* 0..1 */
+  float eye;        /* 0 open .. 1 closed */
   bool has_face;
   ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
@@ -48,10 +48,10 @@ typedef struct ern_dataset {
   float scale; /* of the poses' translation, 1e-3..1e3; 4 for the public preprocessing; kept in the model */
   bool has_eye, has_torso;
   const ern_features *features;
-  const uint8_t *background; /* [height][width][3] */
+  const uint8_t *background; /* [height][width][3], RGB, the top row first, as all pictures here */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
-  /* truth [height][width][3]; torso [height][width][4], NULL: transparent everywhere; not looked at where has_torso is
-   * false. Valid until the next call. */
+  /* truth [height][width][3]; torso [height][width][4], alpha not multiplied in, NULL: transparent everywhere; not
+   * looked at where has_torso is false. Valid until the next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
   const char *identity; /* 64 hex digits; "" or NULL: none */
   /* Data augmentation: [copy_count] versions of the same speech, such as in voices of another pitch, each of the shape
@@ -91,7 +91,7 @@ typedef struct ern_train_config {
   const char *from;      /* model file whose weights the training starts from; NULL: random weights. If the file has the
                             optimizer's state, that and its step number are taken too. It must not be a state inside
                             X.run, whose files the saves replace: use `resume` */
-  const ern_model *head; /* of a torso: the head that it belongs to; copied */
+  const ern_model *head; /* of a torso: the head that it belongs to, copied; NULL: that of the file `from` */
   uint64_t iters;        /* steps in all, also when resuming; 100000 */
   int rays;              /* rays a step, 1..1048576; 65536 */
   ern_backbone backbone; /* of a head, as the next two: trihash */
@@ -99,34 +99,37 @@ typedef struct ern_train_config {
   ern_eye_attention eye_attention; /* sigmoid; `concat` needs a clip with eye values */
   int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
   bool no_view;                    /* of a head: its colour is the same from everywhere */
-  uint64_t seed;
-  int threads;              /* 0..ERN_THREADS_MOST; 0: one a core */
-  float lr, lr_net, lr_att; /* learning rates of grids 1e-2, networks 1e-3, AudioAttNet 5e-3 */
-  int codes;                /* rows of the individual codes; -1: one a training frame, 0: no codes. With `from`, the
-                               first rows are copied from the file; rows that it lacks are initialised anew */
-  bool torso_gamma;         /* the paper's trained scale of the key points */
-  int max_steps;            /* samples a ray, 1..1024; 16 */
+  uint64_t seed;                   /* any; 0 */
+  int threads;                     /* 0..ERN_THREADS_MOST; 0: one a core */
+  float lr, lr_net, lr_att;        /* learning rates of grids 1e-2, networks 1e-3, the network that weighs
+                                      the 8 windows of speech (audio_att_net) 5e-3 */
+  int codes;        /* rows of the individual codes: -1: one a training frame; 0: no codes; else at least as many as
+                       training frames. With `from`, the first rows are copied from the file; rows that it lacks are
+                       initialised anew */
+  bool torso_gamma; /* the paper's trained scale of the key points */
+  int max_steps;    /* samples a ray, 1..1024; 16 */
   float dt_gamma, bound, torso_shrink; /* 1/256; 1, ERN_BOUND_LEAST..ERN_BOUND_MOST; 0.8 */
-  ern_audio_pad audio_pad;
-  size_t data_begin, data_end; /* training frames [begin, end) to use; end 0: all */
-  uint64_t save_every;         /* steps between saves; 0: only at the end */
-  uint64_t validate_every;     /* steps between validations; 0: only at the end. Without validation frames the first
-                                  training frame stands in. */
-  int validate_frames;         /* most validation frames to render; 0: all */
-  bool force;                  /* take a head of another clip all the same */
-  bool ema;                    /* write the moving average of the weights as the model. Without `seconds` it needs
-                                  iters >= 10 ema_every, else ern_trainer_create gives ERN_E_ARGUMENT. Saves before the
-                                  10th update write the weights without averaging */
-  uint64_t ema_every;          /* steps between its updates; 1000 */
-  uint64_t refresh_every;      /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
-                                  refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
-                                  steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
-                                  one sixteenth of the others in turn */
+  ern_audio_pad audio_pad;             /* edge */
+  size_t data_begin, data_end;         /* training frames [begin, end) to use; end 0: all */
+  uint64_t save_every;                 /* steps between saves; 0: only at the end; 1000 */
+  uint64_t validate_every; /* steps between validations; 0: only at the end; 1000. Without validation frames the first
+                              training frame stands in. */
+  int validate_frames;     /* most validation frames to render; 0: all; 16 */
+  bool force;              /* take a head of another clip all the same */
+  bool ema;                /* write the moving average of the weights as the model. Without `seconds` it needs
+                              iters >= 10 ema_every, else ern_trainer_create gives ERN_E_ARGUMENT. Saves before the
+                              10th update write the weights without averaging */
+  uint64_t ema_every;      /* steps between its updates; 1000 */
+  uint64_t refresh_every;  /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
+                              refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
+                              steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
+                              one sixteenth of the others in turn */
   ern_precision precision;
   ern_ray_sampling ray_sampling; /* regions */
   double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
                      this time; earlier runs of a resumed training count. Learning rates and loss weights then follow
-                     the share of the time that has passed instead of step/iters. `iters`, `save_every` and
+                     the share of the time that has passed instead of step/iters (before a fine stage: of the time
+                     up to its beginning). `iters`, `save_every` and
                      `validate_every` are ignored: the trainer saves every minute, and validates at each tenth of the
                      time, at most once a minute. The result cannot be reproduced exactly */
   bool refine_poses;        /* of a head: corrections of the training frames' poses are parameters too, and the model
@@ -194,10 +197,13 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
 }
 
 /* Checks data and configuration, takes the lock of X.run, and makes or loads the state. Nothing of an earlier training
- * is touched before the first save. `dataset` is copied; what it points to is not.
+ * is touched before the first save. `dataset` is copied; what it points to is not. config NULL: the defaults; its
+ * strings and head are copied. `backend` must outlive the trainer.
  * ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an earlier training is there, and neither resume nor
  * overwrite is set. ERN_E_NONFINITE: a pose or feature is not finite. ERN_E_MISMATCH: the state or the head belongs to
- * another clip or configuration. A resume must have its state's speech features, copies, frames, torso layer,
+ * another clip or configuration. ERN_E_STATE: the state to resume is beyond `iters`, or that of `from` at `iters` or
+ * beyond. ERN_E_SHAPE: a member of `copies` has another shape than `features`.
+ * A resume must have its state's speech features, copies, copy_share, data_begin, data_end, ern_dataset.has_torso,
  * refine_poses, scale, audio_pad and dt_gamma, and a torso's its torso_shrink; other changes (rates, rays, seed, iters,
  * intervals, max_steps, precision) are logged. A torso must have its head's scale, audio_pad, dt_gamma and max_steps.
  * Differences from the file of `from` are logged. */
@@ -226,8 +232,9 @@ static inline void ern_trainer_describe(const ern_trainer *trainer, ern_train_re
   ern_trainer_describe_sized(trainer, report, sizeof *report);
 }
 
-/* One step, with its occupancy refresh where one is due. Neither saves nor validates. A non-finite loss or gradient is
- * ERN_E_NONFINITE, names step and term or tensor, and leaves the parameters as they were before the step. */
+/* One step, with its occupancy refresh where one is due. ERN_E_STATE: all steps are done, or the time is past. Neither
+ * saves nor validates. A non-finite loss or gradient is ERN_E_NONFINITE, names step and term or tensor, and leaves the
+ * parameters as they were before the step. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report, size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_step(ern_trainer *trainer, ern_train_report *report) {
   return ern_trainer_step_sized(trainer, report, sizeof *report);
@@ -254,7 +261,7 @@ typedef struct ern_train_hooks {
 
 /* Steps until config.iters, or until config.seconds are past, saving and validating on the way and at the end. Where a
  * validation fails, a save that is due at the same step is made before the error is returned, unless that is
- * ERN_E_NONFINITE or ERN_E_DEVICE. */
+ * ERN_E_NONFINITE or ERN_E_DEVICE. hooks NULL: none. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {
