@@ -349,15 +349,15 @@ static void test_frame_of_speech_with_a_nan(void **state) {
 static void test_frame_of_odd_eye_and_silence(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY, -0.1f, 1.0001f};
-  static float rest[32];
+  static float code[32];
   for (size_t i = 0; i < COUNT_OF(odd); i++) {
     ern_frame_input input = usual();
     input.eye = odd[i];
     expect_refused(&input, ERN_E_ARGUMENT, "eye", "expected 0 to 1");
     input = usual();
     input.silence_weight = odd[i];
-    input.silence_code = rest;
-    expect_refused(&input, ERN_E_ARGUMENT, "rest", "expected 0 to 1");
+    input.silence_code = code;
+    expect_refused(&input, ERN_E_ARGUMENT, "silence_weight", "expected 0 to 1");
   }
   ern_frame_input input = usual();
   float broken[32] = {0};
