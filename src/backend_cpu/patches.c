@@ -18,10 +18,10 @@ static void patch_task(void *user, size_t k, int worker) {
   const float weight = (float)((double)a->weight / (double)(ERN_PATCH_SCALES * channels));
   for (size_t i = r.begin; i < r.end; i++) {
     const size_t row = i % 3, at = i / 3 * n;
-    job->part[k] += job->kernels->patch_loss(reals(a->dpixel.span) + row * a->dpixel.stride + at,
-                                             reals(a->pixel.span) + row * a->pixel.stride + at,
-                                             reals(a->truth.span) + row * a->truth.stride + at, reals(a->filter),
-                                             a->side, weight, job->scratch + k * ERN_PATCH_SCRATCH * n);
+    job->part[k] += ERN_REF(ern_patch_pyramid)(
+        job->kernels->patch_scale, reals(a->dpixel.span) + row * a->dpixel.stride + at,
+        reals(a->pixel.span) + row * a->pixel.stride + at, reals(a->truth.span) + row * a->truth.stride + at,
+        reals(a->filter), a->side, weight, job->scratch + k * ERN_PATCH_SCRATCH * n);
   }
 }
 

@@ -80,15 +80,9 @@ static double part_of(const struct ern_patch_loss_args *a, size_t k) {
   return (double)a->weight / (SCALES * 3 * (double)a->patches * side * side);
 }
 
-/* Figures of a scale are as many as its lines: from their number alone it follows which scale they are of. */
 static void deliver(void *args, const float *values, size_t count) {
   struct ern_patch_loss_args *a = args;
-  const size_t lines = 3 * a->patches * (size_t)a->side;
-  size_t k = 0;
-  double sum = 0;
-  while (k + 1 < SCALES && lines >> k > count) k++;
-  for (size_t i = 0; i < count; i++) sum += (double)values[i];
-  a->term += part_of(a, k) * sum;
+  for (size_t i = 0; i < count; i++) a->term += (double)values[i];
 }
 
 /* Slopes of one scale, and its sums. */
@@ -112,6 +106,7 @@ static ern_status make_slopes(const struct patch_pass *p, size_t k) {
   struct ern_cl_call sums = begin(p, "patch_sums");
   ern_cl_span(&sums, figures);
   ern_cl_span(&sums, p->slope);
+  ern_cl_float(&sums, (float)part_of(p->args, k));
   ern_cl_size(&sums, p->side[k]);
   ern_cl_size(&sums, p->total[k]);
   status = ern_cl_each(&sums, lines);

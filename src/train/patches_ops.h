@@ -39,12 +39,20 @@ struct ern_patch_loss_args {
   size_t patches;
 };
 
-/* Of a channel of a patch, all [side][side]: adds weight d(sum over scales of mean(1 - SSIM))/dx to dx and returns the
- * sum times weight. scratch: [ERN_PATCH_SCRATCH side^2] */
-enum { ERN_PATCH_SCRATCH = 10 };
-typedef double ern_patch_loss_kernel(ern_real *dx, const ern_real *x, const ern_real *y, const ern_real *filter,
-                                     int side, float weight, ern_real *scratch);
+/* Of one scale of a channel of a patch, all [side][side]: adds factor d(sum of 1 - SSIM)/dx to dx and returns the sum.
+ * x, y: less `base`, the mean of the truth. a: the filter of the scale and its transpose.
+ * scratch: [ERN_PATCH_SCALE_SCRATCH side^2] */
+enum { ERN_PATCH_SCALE_SCRATCH = 7, ERN_PATCH_SCRATCH = ERN_PATCH_SCALE_SCRATCH + 3 };
+typedef double ern_patch_scale_kernel(ern_real *dx, const ern_real *x, const ern_real *y, ern_real base,
+                                      const ern_real *a, size_t side, ern_real factor, ern_real *scratch);
 
-#define ERN_PATCHES_OPERATIONS(OP, X) OP(X, patch_loss, SLOT, FAST)
+/* Of all scales of a channel: adds weight d(sum over scales of mean(1 - SSIM))/dx to dx [side][side] and returns the
+ * sum times weight. scratch: [ERN_PATCH_SCRATCH side^2] */
+double ERN_REF(ern_patch_pyramid)(ern_patch_scale_kernel *kernel, ern_real *dx, const ern_real *x, const ern_real *y,
+                                  const ern_real *filters, int side, float weight, ern_real *scratch);
+
+#define ERN_PATCHES_OPERATIONS(OP, X) \
+  OP(X, patch_loss, SLOT, NONE)       \
+  OP(X, patch_scale, NONE, FAST)
 
 #endif

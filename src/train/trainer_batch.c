@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * What a step trains on: a frame or some, each with its speech and random rays of it.
  *
- * The rays are handed on patch by patch of the picture: rays of a patch pass through the same cells, so the tables that
+ * The rays are handed on tile by tile of the picture: rays of a tile pass through the same cells, so the tables that
  * they read and add to stay in the cache. Which rays they are does not depend on it. */
 #include <stdio.h>
 #include <string.h>
 
 #include "core/memory.h"
-
 #include "core/rng.h"
 #include "core/status.h"
 #include "render/frame_input.h"
@@ -78,7 +77,7 @@ fail:
 
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
-enum { PATCHES = 4096 /* most patches of a picture */, LEAST_PATCH = 16 /* pixels a side */ };
+enum { MOST_TILES = 4096 /* of a picture */, LEAST_TILE = 16 /* pixels a side */ };
 
 /* A batch while it is drawn. */
 struct draw {
@@ -87,10 +86,11 @@ struct draw {
   const uint8_t *truth, *torso; /* torso NULL: none */
   const ern_dataset_frame *about;
   uint32_t left, top, width, height; /* of the lower face; 0 wide: rays go anywhere alike */
-  uint32_t side, across, patches;    /* of a patch; patches a row, in all */
+  uint32_t side, across, tiles;      /* of a tile; tiles a row, in all */
   int32_t *pixel;                    /* [rays], as drawn */
   float *jitter;
-  int32_t *place; /* [patches][ERN_SHARDS]: rays of a patch that a shard drew, then where they go */
+  int32_t *place;  /* [tiles][ERN_SHARDS]: rays of a tile that a shard drew, then where they go */
+  float part[256]; /* n/255 */
 };
 
 struct portion {
@@ -100,7 +100,7 @@ static struct portion portion_of(const struct draw *draw, size_t shard) {
   return (struct portion){draw->rays * shard / ERN_SHARDS, draw->rays * (shard + 1) / ERN_SHARDS};
 }
 
-static uint32_t patch_of(const struct draw *draw, int32_t pixel) {
+static uint32_t tile_of(const struct draw *draw, int32_t pixel) {
   const uint32_t width = (uint32_t)draw->t->data.width, row = (uint32_t)pixel / width;
   return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
 }
@@ -131,12 +131,12 @@ static void draw_task(void *user, size_t shard, int worker) {
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
   const struct portion p = portion_of(draw, shard);
-  for (uint32_t patch = 0; patch < draw->patches; patch++) draw->place[patch * ERN_SHARDS + shard] = 0;
+  for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     draw->pixel[i] = pick_pixel(draw, &random);
     draw->jitter[i] = ern_uniform(random.word[1]);
-    draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
+    draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
   }
 }
 
@@ -145,8 +145,9 @@ static bool lies_in(ern_box box, int row, int column) {
 }
 
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. part: n/255 */
-static void fill_ray(const struct draw *draw, size_t i, size_t pixel, const float part[256]) {
+ * to become. */
+static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
+  const float *part = draw->part;
   const ern_trainer *t = draw->t;
   const ern_dataset_frame *about = draw->about;
   const size_t rays = draw->rays, width = (size_t)t->data.width;
@@ -170,33 +171,31 @@ static void fill_task(void *user, size_t shard, int worker) {
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
   const struct portion p = portion_of(draw, shard);
-  float part[256];
-  for (int value = 0; value < 256; value++) part[value] = (float)value / 255;
   for (size_t i = p.begin; i < p.end; i++) {
-    const size_t to = (size_t)draw->place[patch_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
+    const size_t to = (size_t)draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
     t->host_pixels[to] = draw->pixel[i];
     t->host_rows[7 * draw->rays + to] = draw->jitter[i];
-    fill_ray(draw, to, (size_t)draw->pixel[i], part);
+    fill_ray(draw, to, (size_t)draw->pixel[i]);
   }
 }
 
-/* Within a patch the rays keep the order in which they were drawn. */
+/* Within a tile the rays keep the order in which they were drawn. */
 static ern_status draw_rays(struct draw *draw) {
   ern_trainer *t = draw->t;
   const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
   const size_t rays = draw->rays;
   ern_status status = ERN_OK;
-  for (draw->side = LEAST_PATCH;; draw->side *= 2) {
+  for (draw->side = LEAST_TILE;; draw->side *= 2) {
     draw->across = (width + draw->side - 1) / draw->side;
-    draw->patches = draw->across * ((height + draw->side - 1) / draw->side);
-    if (draw->patches <= PATCHES) break;
+    draw->tiles = draw->across * ((height + draw->side - 1) / draw->side);
+    if (draw->tiles <= MOST_TILES) break;
   }
-  ERN_TRY(ERN_NEW(t->context, 2 * rays + draw->patches * (size_t)ERN_SHARDS, &draw->pixel));
+  ERN_TRY(ERN_NEW(t->context, 2 * rays + draw->tiles * (size_t)ERN_SHARDS, &draw->pixel));
   draw->jitter = (float *)(void *)(draw->pixel + rays);
   draw->place = draw->pixel + 2 * rays;
   ern_pool_run(t->pool, ERN_SHARDS, draw_task, draw);
   int32_t next = 0;
-  for (size_t i = 0; i < draw->patches * (size_t)ERN_SHARDS; i++) {
+  for (size_t i = 0; i < draw->tiles * (size_t)ERN_SHARDS; i++) {
     const int32_t count = draw->place[i];
     draw->place[i] = next;
     next += count;
@@ -212,12 +211,10 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
   const struct portion p = portion_of(draw, shard);
-  float part[256];
-  for (int value = 0; value < 256; value++) part[value] = (float)value / 255;
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     t->host_rows[7 * draw->rays + i] = ern_uniform(random.word[1]);
-    fill_ray(draw, i, (size_t)t->host_pixels[i], part);
+    fill_ray(draw, i, (size_t)t->host_pixels[i]);
   }
 }
 
@@ -267,6 +264,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
+  for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_lower_face(&draw);
   if (batch->patches > 0)
     draw_patches(&draw, first, count);

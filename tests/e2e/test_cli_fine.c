@@ -102,7 +102,13 @@ static void test_refused(void **state) {
   cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
   cli_run(&cli, "train clip -o p.safetensors --fine-steps 3 --rays 100");
   cli_expect(&cli, 1, "rays is 100, expected at least the 1024 of a patch", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --rays 500 --patch-size 32");
+  cli_expect(&cli, 1, "rays is 500, expected at least the 1024 of a patch", NULL);
   assert_true(access("p.safetensors", F_OK) != 0);
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 36");
+  cli_expect(&cli, 1, "--stage coarse", "since step 18", NULL);
+  cli_run(&cli, "train clip -o o.safetensors --resume --patch-size 16 --iters 36");
+  cli_expect(&cli, 2, "--patch-size", "--stage fine", NULL);
 }
 
 int main(void) {

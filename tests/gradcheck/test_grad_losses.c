@@ -175,7 +175,7 @@ struct patch {
 static double patch_loss(void *user) {
   static double dx[PATCH], scratch[ERN_PATCH_SCRATCH * PATCH];
   struct patch *p = user;
-  return ern_patch_loss_ref64(dx, p->x, p->y, p->filter, SIDE, 0.5f, scratch);
+  return ern_patch_pyramid_ref64(ern_patch_scale_ref64, dx, p->x, p->y, p->filter, SIDE, 0.5f, scratch);
 }
 
 /* Noise, and a flat truth under a nearly flat picture: where variances are next to nothing the gradient is steep. */
@@ -190,7 +190,7 @@ static void test_patches(void **state) {
     difference_fill(p.x, PATCH, kind == 0 ? 0.5 : 0.01, 31);
     difference_fill(p.y, PATCH, kind == 0 ? 0.5 : 0, 32);
     for (int i = 0; i < PATCH; i++) p.x[i] += 0.5, p.y[i] += 0.5, p.gradient[i] = 3;
-    ern_patch_loss_ref64(p.gradient, p.x, p.y, p.filter, SIDE, 0.5f, scratch);
+    ern_patch_pyramid_ref64(ern_patch_scale_ref64, p.gradient, p.x, p.y, p.filter, SIDE, 0.5f, scratch);
     for (int i = 0; i < PATCH; i++) p.gradient[i] -= 3; /* it accumulates */
     const struct difference of = {patch_loss, NULL, &p};
     difference_check(&of, "patches", p.x, p.gradient, PATCH, 1);

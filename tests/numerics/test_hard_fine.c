@@ -9,18 +9,10 @@
 enum { PATCH = 16, RAYS = 2 * PATCH * PATCH };
 
 static struct made made;
-static ern_box lips; /* of every frame */
-
-static ern_status frame_with_lips(void *user, int split, size_t index, ern_dataset_frame *frame) {
-  const ern_status status = made_frame(user, split, index, frame);
-  frame->lips = lips;
-  return status;
-}
 
 static int open_clip(void **state) {
   (void)state;
   made_open(&made);
-  made.data.frame = frame_with_lips;
   return 0;
 }
 static int close_clip(void **state) {
@@ -111,7 +103,7 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
 static void test_resumed_fine_stage(void **state) {
   (void)state;
   ern_train_config config = fine_config(12, 6);
-  lips = (ern_box){12, 15, 6, 14};
+  made.lips = (ern_box){12, 15, 6, 14};
   config.frames_per_step = 3;
   config.refine_poses = true;
   config.threads = 1;
@@ -135,7 +127,7 @@ static void test_resumed_fine_stage(void **state) {
   ern_model_info model;
   support_ok(made.context, ern_train_state_describe(made.context, "fine_resumed.safetensors", &said, &model));
   assert_true(said.fine_steps == 6 && said.patch_size == PATCH && said.fine_weight == config.fine_weight);
-  lips = (ern_box){0, 0, 0, 0};
+  made.lips = (ern_box){0, 0, 0, 0};
 }
 
 /* Flat, saturated and equal pictures: the structural similarity divides by their variances. */

@@ -9,18 +9,10 @@
 enum { RAYS = 1 << 16, PIXELS = SIDE * SIDE };
 
 static struct made made;
-static ern_box lower_face; /* of every frame */
-
-static ern_status frame_with_lower_face(void *user, int split, size_t index, ern_dataset_frame *frame) {
-  const ern_status status = made_frame(user, split, index, frame);
-  frame->lower_face = lower_face;
-  return status;
-}
 
 static int open_clip(void **state) {
   (void)state;
   made_open(&made);
-  made.data.frame = frame_with_lower_face;
   return 0;
 }
 static int close_clip(void **state) {
@@ -71,9 +63,9 @@ static void test_share_of_the_lower_face(void **state) {
       {8, 18, 4, 16}, {-5, 30, -4, 26}, {0, 1, 0, 1}, {18, 40, 15, 90}, {INT_MIN, INT_MAX, INT_MIN, INT_MAX}};
   int count[PIXELS];
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-    lower_face = cases[i];
+    made.lower_face = cases[i];
     count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
-    expect_counts(count, lower_face, (double)ERN_LOWER_FACE_SHARE);
+    expect_counts(count, made.lower_face, (double)ERN_LOWER_FACE_SHARE);
   }
 }
 
@@ -85,15 +77,15 @@ static void test_no_face_in_the_frame(void **state) {
       {0, 0, 0, 0},   {5, 5, 0, 20},       {9, 3, 2, 8},   {3, 9, 8, 2},
       {20, 30, 0, 9}, {0, 9, INT_MIN, -1}, {-9, 0, 0, 20}, {INT_MAX, INT_MIN, INT_MAX, INT_MIN}};
   int uniform[PIXELS], count[PIXELS], expected[PIXELS] = {0};
-  lower_face = empty[0];
+  made.lower_face = empty[0];
   count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, uniform);
   const uint64_t seed = small_config(1, NULL).seed;
   for (int i = 0; i < RAYS; i++)
     expected[ern_below(ern_random_at(seed, 0, (uint32_t)i, ERN_RNG_PIXEL).word[0], PIXELS)]++;
   assert_memory_equal(uniform, expected, sizeof expected);
-  expect_counts(uniform, lower_face, 0);
+  expect_counts(uniform, made.lower_face, 0);
   for (size_t i = 0; i < sizeof empty / sizeof *empty; i++) {
-    lower_face = empty[i];
+    made.lower_face = empty[i];
     count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
     assert_memory_equal(count, uniform, sizeof count);
   }
@@ -107,13 +99,13 @@ static void test_uniform_and_torso(void **state) {
   ern_trainer *trainer = NULL;
   ern_train_report report;
   ern_model *head = NULL;
-  lower_face = (ern_box){0, 0, 0, 0};
+  made.lower_face = (ern_box){0, 0, 0, 0};
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
   support_ok(made.context, ern_trainer_step(trainer, &report));
   support_ok(made.context, ern_trainer_model(trainer, &head));
   ern_trainer_free(&trainer);
   count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, uniform);
-  lower_face = (ern_box){10, 13, 6, 12};
+  made.lower_face = (ern_box){10, 13, 6, 12};
   count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, count);
   assert_memory_equal(count, uniform, sizeof count);
   count_rays(ERN_RAY_SAMPLING_REGIONS, head, count);
@@ -126,7 +118,7 @@ static void test_uniform_and_torso(void **state) {
 static bool asked[FRAMES];
 static ern_status frame_asked_for(void *user, int split, size_t index, ern_dataset_frame *frame) {
   if (split == 0) asked[index] = true;
-  return frame_with_lower_face(user, split, index, frame);
+  return made_frame(user, split, index, frame);
 }
 
 /* One step of 10 rays in so many parts, from frames [begin, end). */
@@ -151,7 +143,7 @@ static ern_train_report step_of(int frames_per_step, size_t begin, size_t end) {
 /* Of one frame the parts have the rays of the whole: 3, 3 and 4. */
 static void test_parts_of_one_frame(void **state) {
   (void)state;
-  lower_face = (ern_box){8, 18, 4, 16};
+  made.lower_face = (ern_box){8, 18, 4, 16};
   const ern_train_report whole = step_of(1, 2, 3), parts = step_of(3, 2, 3), each = step_of(10, 2, 3);
   assert_true(whole.samples_per_ray > 0);
   assert_true(fabs(parts.samples_per_ray - whole.samples_per_ray) < 1e-9);

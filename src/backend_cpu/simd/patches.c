@@ -36,105 +36,49 @@ static void products(float *out, const float *a, const float *b, size_t n) {
   for (size_t i = 0; i < n; i += LANES) vf_store(out + i, vf_load(a + i) * vf_load(b + i));
 }
 
-static void halve(float *half, const float *whole, size_t side) {
-  for (size_t r = 0; r < side / 2; r++)
-    for (size_t c = 0; c < side / 2; c++) {
-      const float *from = whole + 2 * r * side + 2 * c;
-      half[r * (side / 2) + c] = ((from[0] + from[1]) + (from[side] + from[side + 1])) / 4;
-    }
-}
-
-/* What the pixels of one scale need. */
-struct scale {
-  const float *x, *y; /* less the mean `base` */
-  float base;
-  float *mx, *my, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
+/* Of the pixels of a scale, less the mean `base` of the truth. */
+struct filtered {
+  float *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };
 
-/* Sum of 1 - SSIM; mx, xx, xy become the slopes of the sum of SSIM by A x, A x^2, A xy. */
-static double slopes(const struct scale *s, size_t n) {
+/* Sum of 1 - SSIM; f->x, xx, xy become the slopes of the sum of SSIM by A x, A x^2, A xy. */
+static double slopes(const struct filtered *f, float base, size_t n) {
   struct vd_pair sum = {{{0}}};
   for (size_t i = 0; i < n; i += LANES) {
-    const vf ux = vf_load(s->mx + i), uy = vf_load(s->my + i), mx = s->base + ux, my = s->base + uy;
-    const vf vx = vf_load(s->xx + i) - ux * ux, vy = vf_load(s->yy + i) - uy * uy, vxy = vf_load(s->xy + i) - ux * uy;
+    const vf ux = vf_load(f->x + i), uy = vf_load(f->y + i), mx = base + ux, my = base + uy;
+    const vf vx = vf_load(f->xx + i) - ux * ux, vy = vf_load(f->yy + i) - uy * uy, vxy = vf_load(f->xy + i) - ux * uy;
     const vf n1 = 2 * mx * my + 1e-4f, n2 = 2 * vxy + 9e-4f, d1 = mx * mx + my * my + 1e-4f, d2 = vx + vy + 9e-4f;
     const vf product = d1 * d2, ssim = n1 * n2 / product;
     const vf by_n1 = n2 / product, by_n2 = n1 / product, by_d1 = ssim / d1, by_d2 = ssim / d2;
     vd_add(&sum, ssim);
-    vf_store(s->mx + i, 2 * (by_n1 * my - by_d1 * mx) + 2 * (by_d2 * ux - by_n2 * uy));
-    vf_store(s->xx + i, -by_d2);
-    vf_store(s->xy + i, 2 * by_n2);
+    vf_store(f->x + i, 2 * (by_n1 * my - by_d1 * mx) + 2 * (by_d2 * ux - by_n2 * uy));
+    vf_store(f->xx + i, -by_d2);
+    vf_store(f->xy + i, 2 * by_n2);
   }
   return (double)n - vd_total(sum);
 }
 
-/* One scale: adds factor times the slope of the sum of 1 - SSIM to dx. Returns that sum. */
-static double scale_loss(float *dx, const struct scale *s, const float *a, size_t side, float factor, float *product,
-                         float *between) {
-  const float *at = a + side * side;
+double ERN_ISA(ern_patch_scale)(float *dx, const float *x, const float *y, float base, const float *a, size_t side,
+                                float factor, float *scratch) {
   const size_t n = side * side;
-  filter(s->mx, s->x, a, at, side, between);
-  filter(s->my, s->y, a, at, side, between);
-  products(product, s->x, s->x, n);
-  filter(s->xx, product, a, at, side, between);
-  products(product, s->y, s->y, n);
-  filter(s->yy, product, a, at, side, between);
-  products(product, s->x, s->y, n);
-  filter(s->xy, product, a, at, side, between);
-  const double sum = slopes(s, n);
-  filter(s->my, s->mx, at, a, side, between);
-  filter(s->yy, s->xx, at, a, side, between);
-  filter(product, s->xy, at, a, side, between);
+  const float *at = a + n;
+  float *const product = scratch + 5 * n, *const between = scratch + 6 * n;
+  const struct filtered f = {scratch, scratch + n, scratch + 2 * n, scratch + 3 * n, scratch + 4 * n};
+  filter(f.x, x, a, at, side, between);
+  filter(f.y, y, a, at, side, between);
+  products(product, x, x, n);
+  filter(f.xx, product, a, at, side, between);
+  products(product, y, y, n);
+  filter(f.yy, product, a, at, side, between);
+  products(product, x, y, n);
+  filter(f.xy, product, a, at, side, between);
+  const double sum = slopes(&f, base, n);
+  filter(f.y, f.x, at, a, side, between);
+  filter(f.yy, f.xx, at, a, side, between);
+  filter(product, f.xy, at, a, side, between);
   for (size_t i = 0; i < n; i += LANES) {
-    const vf slope =
-        vf_load(s->my + i) + 2 * vf_load(s->x + i) * vf_load(s->yy + i) + vf_load(s->y + i) * vf_load(product + i);
+    const vf slope = vf_load(f.y + i) + 2 * vf_load(x + i) * vf_load(f.yy + i) + vf_load(y + i) * vf_load(product + i);
     vf_store(dx + i, vf_load(dx + i) - factor * slope);
-  }
-  return sum;
-}
-
-static float mean_of(const float *values, size_t n) {
-  struct vd_pair sum = {{{0}}};
-  for (size_t i = 0; i < n; i += LANES) vd_add(&sum, vf_load(values + i));
-  return (float)(vd_total(sum) / (double)n);
-}
-
-double ERN_ISA(ern_patch_loss)(float *dx, const float *x, const float *y, const float *filters, int side, float weight,
-                               float *scratch) {
-  const size_t whole = (size_t)side, n = whole * whole;
-  float *own_x[ERN_PATCH_SCALES], *own_y[ERN_PATCH_SCALES], *own_dx[ERN_PATCH_SCALES] = {dx}, *next = scratch;
-  struct scale s = {.mx = next, .my = next + n, .xx = next + 2 * n, .yy = next + 3 * n, .xy = next + 4 * n};
-  float *const product = next + 5 * n, *const between = next + 6 * n;
-  double sum = 0;
-  next += 7 * n;
-  s.base = mean_of(y, n);
-  for (size_t k = 0; k < ERN_PATCH_SCALES; k++) {
-    const size_t at = whole >> k;
-    own_x[k] = next;
-    own_y[k] = next + at * at;
-    next += 2 * at * at;
-    for (size_t i = 0; k == 0 && i < n; i += LANES) {
-      vf_store(own_x[0] + i, vf_load(x + i) - s.base);
-      vf_store(own_y[0] + i, vf_load(y + i) - s.base);
-    }
-    if (k == 0) continue;
-    halve(own_x[k], own_x[k - 1], 2 * at);
-    halve(own_y[k], own_y[k - 1], 2 * at);
-    own_dx[k] = next;
-    next += at * at;
-    for (size_t i = 0; i < at * at; i++) own_dx[k][i] = 0;
-  }
-  for (size_t k = 0; k < ERN_PATCH_SCALES; k++) {
-    const size_t at = whole >> k;
-    s.x = own_x[k], s.y = own_y[k];
-    const double part = (double)weight / (double)(at * at);
-    sum += part * scale_loss(own_dx[k], &s, filters, at, (float)part, product, between);
-    filters += 2 * at * at;
-  }
-  for (size_t k = ERN_PATCH_SCALES - 1; k > 0; k--) {
-    const size_t at = whole >> k;
-    for (size_t r = 0; r < 2 * at; r++)
-      for (size_t c = 0; c < 2 * at; c++) own_dx[k - 1][r * 2 * at + c] += own_dx[k][r / 2 * at + c / 2] / 4;
   }
   return sum;
 }

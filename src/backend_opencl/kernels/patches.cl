@@ -103,15 +103,15 @@ kernel void patch_slopes(SPAN(float, slope), SPAN(const float, between), SPAN(co
   slope[3 * total + i] = 1 - ssim;
 }
 
-/* figure[line] = sum of 1 - SSIM over a line; lines: planes * side */
-kernel void patch_sums(SPAN(float, figure), SPAN(const float, slope), ulong side, ulong total) {
+/* figure[line] = factor times the sum of 1 - SSIM over a line; lines: planes * side */
+kernel void patch_sums(SPAN(float, figure), SPAN(const float, slope), float factor, ulong side, ulong total) {
   OPEN(float, figure);
   OPEN(const float, slope);
   const ulong line = get_global_id(0);
   if (line >= total / side) return;
   float sum = 0;
   for (ulong c = 0; c < side; c++) sum += slope[3 * total + line * side + c];
-  figure[line] = sum;
+  figure[line] = factor * sum;
 }
 
 /* between [3][total] = A^T of the first three slopes, along columns */

@@ -54,13 +54,13 @@ struct event {
 
 struct script {
   struct event *events;
-  size_t count, room;
+  size_t count, capacity;
   double now;
 };
 
 static ern_status script_say(ern_context *context, struct script *script, int letter, double seconds) {
-  if (script->count == script->room)
-    return ern_fail(context, ERN_E_STATE, "made-up speech: more than %zu letters", script->room);
+  if (script->count == script->capacity)
+    return ern_fail(context, ERN_E_STATE, "made-up speech: more than %zu letters", script->capacity);
   script->events[script->count++] = (struct event){script->now, script->now + seconds, letter};
   script->now += seconds;
   return ERN_OK;
@@ -183,10 +183,11 @@ static void speech_articulate(struct ern_synth_speech *speech, float (*raw)[2]) 
 ern_status ern_synth_speech_make(ern_context *context, uint64_t seed, size_t frames, struct ern_synth_speech *speech) {
   ern_status status = ERN_OK;
   const double seconds = (double)frames / ERN_SYNTH_FPS;
-  struct script script = {.room = (size_t)(seconds * 16.0) + 64}; /* letters last 60 ms or more, mostly twice that */
+  struct script script = {.capacity =
+                              (size_t)(seconds * 16.0) + 64}; /* letters last 60 ms or more, mostly twice that */
   float(*raw)[2] = NULL;
   *speech = (struct ern_synth_speech){.steps = 2 * frames + ERN_SYNTH_BEFORE + ERN_SYNTH_WINDOW};
-  ERN_TRY(ERN_NEW(context, script.room, &script.events));
+  ERN_TRY(ERN_NEW(context, script.capacity, &script.events));
   ERN_TRY(ERN_NEW(context, speech->steps, &raw));
   ERN_TRY(ERN_NEW(context, speech->steps, &speech->logits));
   ERN_TRY(ERN_NEW(context, 7 * speech->steps, &speech->jaw));

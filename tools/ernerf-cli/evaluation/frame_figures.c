@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { COLUMNS = 3, GAIN = 4 /* of the difference */ };
+enum { COLUMNS = 3, SHEET_FRAMES = 3, GAIN = 4 /* of the difference */ };
 
 static void print_number(struct bytes *csv, const json_t *number, int digits) {
   if (json_is_number(number))
@@ -50,29 +50,31 @@ double frame_figures_interval(const json_t *frames, const char *name) {
 
 /* ---- the sheet --------------------------------------------------------------------------------------------------- */
 
-static double psnr_of(const json_t *frames, size_t k) {
-  const json_t *value = json_object_get(json_array_get(frames, k), "psnr");
-  return json_is_number(value) ? json_number_value(value) : -INFINITY;
+struct ranked {
+  double psnr;
+  size_t place;
+};
+
+/* The larger PSNR first, of equal ones the earlier frame. */
+static int by_psnr(const void *left, const void *right) {
+  const struct ranked *a = left, *b = right;
+  if (a->psnr != b->psnr) return a->psnr > b->psnr ? -1 : 1;
+  return a->place < b->place ? -1 : a->place > b->place;
 }
 
-/* Frames with a larger PSNR, or with the same and a smaller number, stand before frame k. */
-static size_t frames_before(const json_t *frames, size_t k) {
-  const double own = psnr_of(frames, k);
-  size_t before = 0;
-  for (size_t i = 0; i < json_array_size(frames); i++) {
-    const double other = psnr_of(frames, i);
-    before += other > own || (!(other < own) && i < k);
-  }
-  return before;
-}
-
-void frame_figures_rank(const json_t *frames, size_t place[SHEET_FRAMES]) {
+/* Places of the best, the median and the worst. */
+static int rank_frames(const json_t *frames, size_t place[SHEET_FRAMES]) {
   const size_t count = json_array_size(frames), wanted[SHEET_FRAMES] = {0, count / 2, count - 1};
+  struct ranked *ranked = malloc(count * sizeof *ranked);
+  if (ranked == NULL) return -1;
   for (size_t k = 0; k < count; k++) {
-    const size_t before = frames_before(frames, k);
-    for (size_t i = 0; i < SHEET_FRAMES; i++)
-      if (before == wanted[i]) place[i] = k;
+    const json_t *psnr = json_object_get(json_array_get(frames, k), "psnr"); /* null: infinite */
+    ranked[k] = (struct ranked){json_is_number(psnr) ? json_number_value(psnr) : INFINITY, k};
   }
+  qsort(ranked, count, sizeof *ranked, by_psnr);
+  for (size_t i = 0; i < SHEET_FRAMES; i++) place[i] = ranked[wanted[i]].place;
+  free(ranked);
+  return 0;
 }
 
 /* rgb: [height][COLUMNS width][3] */
@@ -95,10 +97,9 @@ int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, c
   const size_t row = 3 * COLUMNS * width * height;
   size_t place[SHEET_FRAMES] = {0};
   uint8_t *rgb = malloc(SHEET_FRAMES * row);
-  int status = rgb != NULL ? 0
-                           : session_fail_with(session, "no memory for a sheet of %zu x %zu", COLUMNS * width,
-                                               SHEET_FRAMES * height);
-  frame_figures_rank(frames, place);
+  int status = 0;
+  if (rgb == NULL || rank_frames(frames, place) != 0)
+    status = session_fail_with(session, "no memory for a sheet of %zu x %zu", COLUMNS * width, SHEET_FRAMES * height);
   for (size_t i = 0; i < SHEET_FRAMES && status == 0; i++) {
     const struct source_frame *frame = &evaluation->frame_source.source_frame[place[i]];
     struct evaluated evaluated;

@@ -18,12 +18,9 @@ void frame_figures_csv(const json_t *frames, struct bytes *csv);
  * interval is too small by what they have in common. */
 double frame_figures_interval(const json_t *frames, const char *name);
 
-enum { SHEET_FRAMES = 3 }; /* best, median, worst by PSNR */
-/* Their places among the frames; of equal ones the first. Frames: at least one. */
-void frame_figures_rank(const json_t *frames, size_t place[SHEET_FRAMES]);
-
-/* Draws the three once more and writes a PNG: a row each, best, median, worst; from left to right the model's picture,
- * the truth, 4 times their difference. Returns 0, or EXIT_FAILURE after a message. */
+/* Draws the best, the median and the worst frame by PSNR (of equal ones the first) once more and writes a PNG, a row
+ * each: from left to right the model's picture, the truth, 4 times their difference. Returns 0, or EXIT_FAILURE after a
+ * message. */
 int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model,
                         const json_t *frames, const char *path);
 

@@ -146,7 +146,7 @@ static bool make_picture(const struct sink *sink, struct sink_picture *picture) 
          picture->eye != NULL;
 }
 
-static bool make_rooms(struct sink *sink) {
+static bool make_pictures(struct sink *sink) {
   const size_t pixels = (size_t)sink->width * (size_t)sink->height;
   bool made = true;
   for (size_t i = 0; i < SINK_PICTURES; i++) made = made && make_picture(sink, &sink->pictures[i]);
@@ -162,7 +162,7 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   sink->height = height;
   sink->has_attention = model->attention != ERN_ATTENTION_CONCAT;
   sink->has_eye = model->has_eye && model->eye_attention == ERN_EYE_ATTENTION_SIGMOID;
-  if (!make_rooms(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
+  if (!make_pictures(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
   if (sink->kind == SINK_VIDEO) {
     ern_video_options options = ern_video_options_default(width, height);
     options.rate_numerator = rate.numerator;

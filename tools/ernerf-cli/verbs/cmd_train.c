@@ -129,10 +129,27 @@ static void choose_stage(const struct train_job *job, const struct args *args, e
   const bool given = args_given(args, "stage"), fine = job->stage > 0, timed = config->seconds > 0;
   const int side = config->patch_size;
   const bool fits = side * side <= config->rays && side <= job->clip_info.width && side <= job->clip_info.height;
+  const bool wanted = args_given(args, "patch-size") || args_given(args, "fine-weight"); /* then the trainer refuses */
   if (config->torso) return;
   if (given && timed) config->fine_share = fine ? 1 : 0;
   if (given && !timed) config->fine_steps = fine ? ERN_FINE_ALL : 0;
-  if (!given && timed && !job->has_state && fits) config->fine_share = timed_fine_share;
+  if (!given && timed && !job->has_state && (fits || wanted)) config->fine_share = timed_fine_share;
+}
+
+/* Words about a fine stage that a resumed training does not have, or is in and does not leave. */
+static int check_resumed_stage(struct train_job *job, const struct args *args) {
+  const ern_train_state *state = &job->state;
+  const uint64_t from = state->iters - state->fine_steps;
+  if (!job->has_state || job->config.torso) return 0;
+  if (args_given(args, "stage") && job->stage == 0 && state->fine_steps > 0 && state->step > from)
+    return session_fail_with(&job->session,
+                             "--stage coarse: %s is in its fine stage since step %" PRIu64
+                             ", and does not leave it; expected --stage fine, or neither",
+                             job->config.output, from);
+  if (state->fine_steps > 0 || job->config.fine_steps > 0 || job->config.fine_share > 0) return 0;
+  const int status = args_forbid(args, "patch-size fine-weight",
+                                 "is the fine stage's, which the training has none of: --stage fine or --fine-steps N");
+  return status < 0 ? 0 : status;
 }
 
 static void fill_config(struct train_job *job, const struct args *args) {
@@ -281,6 +298,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status == 0) status = open_clip(job, args);
   if (status != 0) return status;
   fill_config(job, args);
+  if ((status = check_resumed_stage(job, args)) != 0) return status;
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
