@@ -283,7 +283,10 @@ static ern_status persistent(struct ern_pickle_machine *m) {
   struct ern_pickle_value *id = NULL, *storage = NULL;
   ern_status status = pop(m, &id);
   if (status == ERN_OK) status = ern_pickle_storage(m, id, &storage);
-  return status == ERN_OK ? push(m, storage) : status;
+  if (status == ERN_OK) status = grow(m, &m->storages, m->storages.count + 1);
+  if (status != ERN_OK) return status;
+  m->storages.item[m->storages.count++] = storage;
+  return push(m, storage);
 }
 
 /* ---- the machine ------------------------------------------------------------------------------------------------- */
@@ -336,6 +339,8 @@ static ern_status step(struct ern_pickle_machine *m) {
     case 'X': return push_words(m, ERN_PICKLE_TEXT, 4);
     case 0x8c: return push_words(m, ERN_PICKLE_TEXT, 1);
     case 0x8d: return push_words(m, ERN_PICKLE_TEXT, 8);
+    case 'U': return push_words(m, ERN_PICKLE_TEXT, 1); /* a text of Python 2 */
+    case 'T': return push_words(m, ERN_PICKLE_TEXT, 4);
     case 'B': return push_words(m, ERN_PICKLE_BYTES, 4);
     case 'C': return push_words(m, ERN_PICKLE_BYTES, 1);
     case 0x8e: return push_words(m, ERN_PICKLE_BYTES, 8);
@@ -379,7 +384,7 @@ static ern_status run(struct ern_pickle_machine *m, struct ern_pickle_value **ro
       const ern_status status = pop(m, root);
       if (status != ERN_OK) return status;
       if (m->stack.count != 0) return damaged(m, "values are left on the stack at the end");
-      return m->at == m->count ? ERN_OK : damaged(m, "bytes follow the end");
+      return m->first || m->at == m->count ? ERN_OK : damaged(m, "bytes follow the end");
     }
     const ern_status status = step(m);
     if (status != ERN_OK) return status;
@@ -390,21 +395,41 @@ static ern_status run(struct ern_pickle_machine *m, struct ern_pickle_value **ro
 void ern_pickle_free(ern_context *context, struct ern_pickle *pickle) {
   if (pickle == NULL) return;
   ern_pickle_arena_free(context, pickle->arena);
+  ern_release(context, pickle->storage);
   *pickle = (struct ern_pickle){0};
 }
 
-ern_status ern_pickle_read(ern_context *context, const char *where, const uint8_t *bytes, size_t count,
-                           struct ern_pickle *pickle) {
-  struct ern_pickle_machine m = {
-      .context = context, .where = where, .bytes = bytes, .count = count, .mark = {.kind = ERN_PICKLE_MARK}};
+static ern_status read_one(ern_context *context, const char *where, const uint8_t *bytes, size_t count, bool first,
+                           struct ern_pickle *pickle, size_t *used) {
+  struct ern_pickle_machine m = {.context = context,
+                                 .where = where,
+                                 .bytes = bytes,
+                                 .count = count,
+                                 .mark = {.kind = ERN_PICKLE_MARK},
+                                 .first = first};
   ern_status status = ERN_OK;
   *pickle = (struct ern_pickle){0};
   ERN_TRY(ern_pickle_arena_make(context, &pickle->arena));
   m.arena = pickle->arena;
   status = run(&m, &pickle->root);
+  *used = m.at;
 fail:
+  pickle->storage = m.storages.item;
+  pickle->storages = m.storages.count;
   ern_release(context, m.stack.item);
   ern_release(context, m.memo.item);
   if (status != ERN_OK) ern_pickle_free(context, pickle);
   return status;
+}
+
+ern_status ern_pickle_read(ern_context *context, const char *where, const uint8_t *bytes, size_t count,
+                           struct ern_pickle *pickle) {
+  size_t used = 0;
+  return read_one(context, where, bytes, count, false, pickle, &used);
+}
+
+ern_status ern_pickle_read_first(ern_context *context, const char *where, const uint8_t *bytes, size_t count,
+                                 struct ern_pickle *pickle, size_t *used) {
+  *used = 0;
+  return read_one(context, where, bytes, count, true, pickle, used);
 }

@@ -6,13 +6,23 @@
 #include "core/memory.h"
 #include "io/half.h"
 
-enum { CALL_TENSOR, CALL_PARAMETER, CALL_ORDERED, CALL_STORAGE, CALL_NUMPY_SCALAR, CALL_NUMPY_DTYPE, CALL_ENCODE };
+enum {
+  CALL_TENSOR,
+  CALL_FIRST_TENSOR,
+  CALL_PARAMETER,
+  CALL_ORDERED,
+  CALL_STORAGE,
+  CALL_NUMPY_SCALAR,
+  CALL_NUMPY_DTYPE,
+  CALL_ENCODE
+};
 
 static const struct {
   const char *module, *name;
   int call;
   ern_dtype dtype; /* of a storage */
 } callables[] = {{"torch._utils", "_rebuild_tensor_v2", CALL_TENSOR, 0},
+                 {"torch._utils", "_rebuild_tensor", CALL_FIRST_TENSOR, 0},
                  {"torch._utils", "_rebuild_parameter", CALL_PARAMETER, 0},
                  {"collections", "OrderedDict", CALL_ORDERED, 0},
                  {"torch", "FloatStorage", CALL_STORAGE, ERN_F32},
@@ -57,11 +67,14 @@ ern_status ern_pickle_storage(struct ern_pickle_machine *m, const struct ern_pic
                               struct ern_pickle_value **storage) {
   struct ern_pickle_value *const *part = id->as.list.item;
   *storage = NULL;
-  if (id->kind != ERN_PICKLE_TUPLE || id->as.list.count != 5 || !is_text(part[0], "storage") ||
-      part[1]->kind != ERN_PICKLE_CALLABLE || callables[part[1]->as.integer].call != CALL_STORAGE ||
-      part[2]->kind != ERN_PICKLE_TEXT || part[3]->kind != ERN_PICKLE_TEXT || part[4]->kind != ERN_PICKLE_INT ||
-      part[4]->as.integer < 0)
+  const size_t parts = id->kind == ERN_PICKLE_TUPLE ? id->as.list.count : 0;
+  if (parts < 5 || parts > 6 || !is_text(part[0], "storage") || part[1]->kind != ERN_PICKLE_CALLABLE ||
+      callables[part[1]->as.integer].call != CALL_STORAGE || part[2]->kind != ERN_PICKLE_TEXT ||
+      part[3]->kind != ERN_PICKLE_TEXT || part[4]->kind != ERN_PICKLE_INT || part[4]->as.integer < 0)
     return wrong(m, "expected a storage: its type, key, place and count");
+  if (parts == 6 && part[5]->kind != ERN_PICKLE_NONE) /* of before 1.6: the part of another storage that it is */
+    return ern_fail(m->context, ERN_E_UNSUPPORTED, "%s: opcode 0x%02x at offset %zu: a view of another storage",
+                    m->where, m->opcode, m->begin);
   if (part[2]->as.words.length == 0 || part[2]->as.words.length > 100 ||
       strlen(part[2]->as.words.text) != part[2]->as.words.length)
     return wrong(m, "the key of a storage is empty, longer than 100 bytes or holds a 0");
@@ -102,14 +115,14 @@ static ern_status check_view(const struct ern_pickle_machine *m, const struct er
                   m->where, m->opcode, m->begin, last, tensor->as.tensor.storage->as.storage.key, have);
 }
 
-/* storage, offset, shape, strides, requires_grad, hooks [, metadata] */
-static ern_status call_tensor(struct ern_pickle_machine *m, const struct ern_pickle_value *arguments,
+/* storage, offset, shape, strides; not `first`: requires_grad, hooks [, metadata] */
+static ern_status call_tensor(struct ern_pickle_machine *m, bool first, const struct ern_pickle_value *arguments,
                               struct ern_pickle_value **made) {
   struct ern_pickle_value *const *part = arguments->as.list.item;
   const size_t count = arguments->as.list.count;
-  if (count < 6 || count > 7 || part[0]->kind != ERN_PICKLE_STORAGE || part[1]->kind != ERN_PICKLE_INT ||
-      part[1]->as.integer < 0 || part[2]->kind != ERN_PICKLE_TUPLE || part[3]->kind != ERN_PICKLE_TUPLE ||
-      part[2]->as.list.count != part[3]->as.list.count)
+  if (count < (first ? 4 : 6) || count > (first ? 4 : 7) || part[0]->kind != ERN_PICKLE_STORAGE ||
+      part[1]->kind != ERN_PICKLE_INT || part[1]->as.integer < 0 || part[2]->kind != ERN_PICKLE_TUPLE ||
+      part[3]->kind != ERN_PICKLE_TUPLE || part[2]->as.list.count != part[3]->as.list.count)
     return wrong(m, "expected the storage, offset, shape and strides of a tensor");
   if (count == 7 && !(ern_pickle_is_dict(part[6]) && part[6]->as.list.count == 0) && part[6]->kind != ERN_PICKLE_NONE)
     return ern_fail(m->context, ERN_E_UNSUPPORTED,
@@ -127,6 +140,23 @@ static ern_status call_tensor(struct ern_pickle_machine *m, const struct ern_pic
   status = take_sizes(m, part[2], (*made)->as.tensor.shape);
   if (status == ERN_OK) status = take_sizes(m, part[3], (*made)->as.tensor.stride);
   if (status == ERN_OK) status = check_view(m, *made);
+  return status;
+}
+
+/* Nothing, or as Python 2 writes it a list of lists of two, key and value. */
+static ern_status call_ordered(struct ern_pickle_machine *m, const struct ern_pickle_value *arguments,
+                               struct ern_pickle_value **made) {
+  ern_status status = ern_pickle_make(m, ERN_PICKLE_ORDERED, made);
+  if (status != ERN_OK || arguments->as.list.count == 0) return status;
+  const struct ern_pickle_value *pairs = arguments->as.list.item[0];
+  if (arguments->as.list.count > 1 || pairs->kind != ERN_PICKLE_LIST)
+    return wrong(m, "expected an ordered dict that is empty or made of a list");
+  for (size_t i = 0; i < pairs->as.list.count && status == ERN_OK; i++) {
+    const struct ern_pickle_value *pair = pairs->as.list.item[i];
+    if ((pair->kind != ERN_PICKLE_LIST && pair->kind != ERN_PICKLE_TUPLE) || pair->as.list.count != 2)
+      return wrong(m, "an item of an ordered dict is no key with its value");
+    for (int k = 0; k < 2 && status == ERN_OK; k++) status = ern_pickle_append(m, *made, pair->as.list.item[k]);
+  }
   return status;
 }
 
@@ -218,14 +248,13 @@ ern_status ern_pickle_call(struct ern_pickle_machine *m, int callable, const str
   const size_t count = arguments->as.list.count;
   *made = NULL;
   switch (callables[callable].call) {
-    case CALL_TENSOR: return call_tensor(m, arguments, made);
+    case CALL_TENSOR: return call_tensor(m, false, arguments, made);
+    case CALL_FIRST_TENSOR: return call_tensor(m, true, arguments, made);
     case CALL_PARAMETER:
       if (count != 3 || arguments->as.list.item[0]->kind != ERN_PICKLE_TENSOR) return wrong(m, "expected a tensor");
       *made = arguments->as.list.item[0];
       return ERN_OK;
-    case CALL_ORDERED:
-      if (count != 0) return wrong(m, "expected an empty ordered dict");
-      return ern_pickle_make(m, ERN_PICKLE_ORDERED, made);
+    case CALL_ORDERED: return call_ordered(m, arguments, made);
     case CALL_NUMPY_DTYPE: return call_numpy_dtype(m, arguments, made);
     case CALL_NUMPY_SCALAR: return call_numpy_scalar(m, arguments, made);
     case CALL_ENCODE: return call_encode(m, arguments, made);

@@ -14,7 +14,7 @@ ERN_NODISCARD ern_status ern_pickle_call(struct ern_pickle_machine *m, int calla
 /* The opcode BUILD: attributes of an ordered dict are left out; a numpy dtype learns its byte order. */
 ERN_NODISCARD ern_status ern_pickle_build(struct ern_pickle_machine *m, struct ern_pickle_value *object,
                                           const struct ern_pickle_value *state);
-/* ("storage", type, key, place, count) as the storage it names. */
+/* ("storage", type, key, place, count), before PyTorch 1.6 with a None behind, as the storage it names. */
 ERN_NODISCARD ern_status ern_pickle_storage(struct ern_pickle_machine *m, const struct ern_pickle_value *id,
                                             struct ern_pickle_value **storage);
 

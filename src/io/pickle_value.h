@@ -77,7 +77,8 @@ struct ern_pickle_machine {
   size_t count, at;
   size_t begin; /* of the opcode at work */
   uint8_t opcode;
-  struct ern_pickle_pointers stack, memo;
+  struct ern_pickle_pointers stack, memo, storages;
+  bool first; /* bytes may follow the pickle */
   struct ern_pickle_value mark;
   struct ern_pickle_arena *arena;
 };

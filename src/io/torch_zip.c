@@ -9,6 +9,7 @@
 #include <zip.h>
 
 #include "core/memory.h"
+#include "io/torch_legacy.h"
 
 enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_CAPACITY = 512 };
 static const size_t words_limit = (size_t)1 << 24;  /* bytes of all texts of the tree, those held twice counted twice */
@@ -17,11 +18,12 @@ static const size_t spread_limit = (size_t)1 << 28; /* bytes that copies of view
 struct opened {
   const char *path;
   uint8_t *bytes;
-  size_t count, read, spread; /* read: bytes of entries taken out so far */
-  zip_t *zip;
-  char prefix[256]; /* "archive/" */
-  uint8_t **entry;  /* [entries] bytes of those that were read */
-  size_t entries;
+  size_t count, read, spread;         /* read: bytes of entries taken out so far */
+  zip_t *zip;                         /* NULL: the form before 1.6 */
+  char prefix[256];                   /* "archive/" */
+  uint8_t **entry;                    /* [entries] bytes of those that were read */
+  size_t entries;                     /* of the zip, or storages */
+  struct ern_legacy_storage *storage; /* [entries] without a zip */
   struct named_entry {
     const char *name;
     zip_uint64_t index;
@@ -37,9 +39,7 @@ struct opened {
 
 bool ern_torch_is_zip(const uint8_t *bytes, size_t count) { return count >= 4 && memcmp(bytes, "PK\3\4", 4) == 0; }
 
-bool ern_torch_is_legacy(const uint8_t *bytes, size_t count) {
-  static const uint8_t magic[] = {0x80, 2, 0x8a, 10, 0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
-  if (count > sizeof magic && memcmp(bytes, magic, sizeof magic) == 0) return true;
+bool ern_torch_is_tar(const uint8_t *bytes, size_t count) {
   return count >= 512 && memcmp(bytes + 257, "ustar", 5) == 0;
 }
 
@@ -72,6 +72,7 @@ static void release_opened(ern_context *context, void *private_data) {
   }
   ern_release(context, o->entry);
   ern_release(context, o->named);
+  ern_release(context, o->storage);
   ern_release(context, o->tensor);
   ern_release(context, o->bytes);
   ern_pickle_free(context, &o->pickle);
@@ -204,26 +205,15 @@ static ern_status check_byte_order(ern_context *context, struct opened *o) {
                   (const char *)o->entry[index]);
 }
 
-ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes, size_t count,
-                          struct ern_torch *torch) {
+static ern_status open_entries(ern_context *context, struct opened *o) {
   ern_status status = ERN_OK;
-  struct opened *o = NULL;
   zip_uint64_t index = 0;
   size_t size = 0;
   char where[1024];
-  *torch = (struct ern_torch){0};
-  status = ERN_NEW(context, 1, &o);
-  if (status != ERN_OK) {
-    ern_release(context, bytes);
-    return status;
-  }
-  o->path = path;
-  o->bytes = bytes;
-  o->count = count;
   ERN_TRY(check_count(context, o));
   ERN_TRY(open_zip(context, o));
   const zip_int64_t entries = zip_get_num_entries(o->zip, 0);
-  if (entries < 1) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: the zip has no entries", path));
+  if (entries < 1) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: the zip has no entries", o->path));
   o->entries = (size_t)entries;
   ERN_TRY(ERN_NEW(context, o->entries, &o->entry));
   ERN_TRY(find_prefix(context, o));
@@ -231,20 +221,60 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
   ERN_TRY(check_byte_order(context, o));
   ERN_TRY(find_entry(context, o, "data.pkl", &index));
   ERN_TRY(read_entry(context, o, index, PICKLE_LIMIT, &size));
-  snprintf(where, sizeof where, "%s: data.pkl", path);
+  snprintf(where, sizeof where, "%s: data.pkl", o->path);
   ERN_TRY(ern_pickle_read(context, where, o->entry[index], size, &o->pickle));
+fail:
+  return status;
+}
+
+static ern_status open_legacy(ern_context *context, struct opened *o) {
+  const ern_status status =
+      ern_torch_legacy_read(context, o->path, o->bytes, o->count, &o->pickle, &o->storage, &o->entries);
+  return status == ERN_OK && o->entries > 0 ? ERN_NEW(context, o->entries, &o->entry) : status;
+}
+
+ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes, size_t count,
+                          struct ern_torch *torch) {
+  struct opened *o = NULL;
+  *torch = (struct ern_torch){0};
+  ern_status status = ERN_NEW(context, 1, &o);
+  if (status != ERN_OK) {
+    ern_release(context, bytes);
+    return status;
+  }
+  o->path = path;
+  o->bytes = bytes;
+  o->count = count;
+  status = ern_torch_is_legacy(bytes, count) ? open_legacy(context, o) : open_entries(context, o);
+  if (status != ERN_OK) {
+    release_opened(context, o);
+    return status;
+  }
   torch->pickle = o->pickle;
   torch->private_data = o;
   return ERN_OK;
-fail:
-  release_opened(context, o);
-  return status;
 }
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
 
+/* A copy, as elements lie anywhere in the file. The pickle was held against it when it was opened. */
+static ern_status copy_storage(ern_context *context, struct opened *o, const struct ern_pickle_value *storage,
+                               const uint8_t **bytes) {
+  const struct ern_legacy_storage *found = ern_torch_legacy_find(o->storage, o->entries, storage->as.storage.key);
+  const size_t index = (size_t)(found - o->storage),
+               size = storage->as.storage.count * ern_dtype_bytes(storage->as.storage.dtype);
+  if (o->entry[index] == NULL) {
+    const ern_status status = ERN_NEW(context, size + 1, &o->entry[index]);
+    if (status != ERN_OK) return status;
+    memcpy(o->entry[index], o->bytes + found->at, size);
+  }
+  *bytes = o->entry[index];
+  return ERN_OK;
+}
+
 static ern_status read_storage(ern_context *context, struct opened *o, const struct ern_pickle_value *storage,
                                const uint8_t **bytes) {
+  if (o->zip == NULL) return copy_storage(context, o, storage, bytes);
   char name[128];
   zip_uint64_t index = 0;
   size_t expected = 0, size = 0;

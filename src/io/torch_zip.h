@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The zip that torch.save writes (PyTorch 1.6 and later): data.pkl says what there is, data/KEY holds the bytes of a
- * storage. Read as if hostile; written so that torch.load(weights_only=True) opens it. */
+ * storage. Read as if hostile; written so that torch.load(weights_only=True) opens it. What PyTorch wrote before
+ * (torch_legacy.h) is read too. */
 #ifndef ERN_IO_TORCH_ZIP_H
 #define ERN_IO_TORCH_ZIP_H
 
@@ -17,9 +18,9 @@ struct ern_torch {
   void *private_data;
 };
 
-/* Whether the bytes begin as a zip does, or as what PyTorch wrote before 1.6. */
+/* Whether the bytes begin as a zip does, or as the tar of PyTorch's first versions, which is not read. */
 bool ern_torch_is_zip(const uint8_t *bytes, size_t count);
-bool ern_torch_is_legacy(const uint8_t *bytes, size_t count);
+bool ern_torch_is_tar(const uint8_t *bytes, size_t count);
 /* ERN_E_FORMAT where a zip's list of entries is not at its end: to be known before all of it is read. */
 ERN_NODISCARD ern_status ern_torch_check_end(const struct ern_file_reader *reader);
 

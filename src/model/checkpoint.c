@@ -9,6 +9,7 @@
 
 #include "core/memory.h"
 #include "io/file.h"
+#include "io/torch_legacy.h"
 
 static const size_t file_limit = (size_t)1 << 30; /* as of a safetensors file */
 
@@ -279,10 +280,10 @@ fail:
   return status;
 }
 
-static ern_status read_zip(const struct ern_file_reader *reader, struct ern_tensor_file *file) {
+static ern_status read_whole(const struct ern_file_reader *reader, bool zip, struct ern_tensor_file *file) {
   uint8_t *bytes = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_torch_check_end(reader));
+  if (zip) ERN_TRY(ern_torch_check_end(reader));
   ERN_TRY(ERN_NEW(reader->context, reader->size, &bytes));
   ERN_TRY(ern_file_reader_take(reader, 0, bytes, reader->size));
   return read_torch(reader->context, reader->path, bytes, reader->size, file);
@@ -300,13 +301,12 @@ ern_status ern_checkpoint_read(ern_context *context, const char *path, struct er
   if (status != ERN_OK) return status;
   const size_t there = reader.size < START ? reader.size : START;
   ERN_TRY(ern_file_reader_take(&reader, 0, start, there));
-  if (ern_torch_is_zip(start, there)) {
-    status = read_zip(&reader, file);
-  } else if (ern_torch_is_legacy(start, there)) {
+  const bool zip = ern_torch_is_zip(start, there);
+  if (zip || ern_torch_is_legacy(start, there)) {
+    status = read_whole(&reader, zip, file);
+  } else if (ern_torch_is_tar(start, there)) {
     status = ern_fail(context, ERN_E_UNSUPPORTED,
-                      "%s: is in the form that PyTorch wrote before 1.6, expected its zip; load it in PyTorch and save "
-                      "it again",
-                      path);
+                      "%s: is a tar, as PyTorch wrote before 0.2; load it in PyTorch and save it again", path);
   } else {
     status = ern_safetensors_read(context, path, file);
   }

@@ -59,7 +59,7 @@ def floats(tree):
 
 
 def listed(pth, sft):
-    found, tree = safetensors(sft), torch.load(pth, map_location="cpu")
+    found, tree = safetensors(sft), torch.load(pth, map_location="cpu", weights_only=False)
     tree = tree["model"] if isinstance(tree, dict) and "model" in tree else tree
     for name, t in tree.items():
         dtype, shape, data = found[name]
@@ -78,7 +78,7 @@ def strict(source, pth, torso):
 
 
 def model(a, b):
-    a, b = torch.load(a)["model"], torch.load(b, weights_only=True)["model"]
+    a, b = torch.load(a, weights_only=False)["model"], torch.load(b, weights_only=True)["model"]
     print(compare(a, b), "tensors of the model the same")
 
 
@@ -86,7 +86,7 @@ def optimizer(folder, pth, step):
     sys.path.insert(0, folder)
     import full
     import ernerf_torch
-    saved = torch.load(pth)
+    saved = torch.load(pth, weights_only=False)
     m = ernerf_torch.ERNeRF(levels=12)
     m.load_state_dict(saved["model"], strict=True)
     adam = torch.optim.AdamW(full.groups(m), betas=(0, 0.99), eps=1e-8)
@@ -129,8 +129,8 @@ def make(folder):
 
 def main(words):
     if words[0] == "same":
-        a = torch.load(words[1], map_location="cpu")
-        b = torch.load(words[2], map_location="cpu")
+        a = torch.load(words[1], map_location="cpu", weights_only=False)
+        b = torch.load(words[2], map_location="cpu", weights_only=False)
         if not floats(b) or int(torch.__version__.split(".")[0]) >= 2:
             compare(b, torch.load(words[2], map_location="cpu", weights_only=True))
         elif "optimizer" not in b and "stats" not in b:

@@ -229,16 +229,12 @@ static void test_bad_trees(void **state) {
   ern_context_free(&context);
 }
 
-static void test_legacy(void **state) {
+static void test_kinds(void **state) {
   (void)state;
-  static const uint8_t old[] = {0x80, 2,    0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46,
-                                0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.',  0x80};
   uint8_t tar[512] = {0};
   memcpy(tar + 257, "ustar", 5);
-  assert_true(ern_torch_is_legacy(old, sizeof old));
-  assert_true(ern_torch_is_legacy(tar, sizeof tar));
-  assert_false(ern_torch_is_legacy(old, sizeof old - 2));
-  assert_false(ern_torch_is_legacy(tar, 300));
+  assert_true(ern_torch_is_tar(tar, sizeof tar));
+  assert_false(ern_torch_is_tar(tar, 300));
   assert_true(ern_torch_is_zip((const uint8_t *)"PK\3\4", 4));
   assert_false(ern_torch_is_zip((const uint8_t *)"PK\3", 3));
 }
@@ -247,6 +243,6 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_views),   cmocka_unit_test(test_refused),
                                      cmocka_unit_test(test_damaged), cmocka_unit_test(test_round_trip),
                                      cmocka_unit_test(test_memory),  cmocka_unit_test(test_bad_trees),
-                                     cmocka_unit_test(test_legacy)};
+                                     cmocka_unit_test(test_kinds)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  * Any bytes as a file of torch.save. What does not begin as a zip is taken for a data.pkl and put into one with sound
  * checksums and one storage, so that the pickle machine and the views are reached. */
 #include "fuzz.h"
+#include "io/torch_legacy.h"
 #include "io/torch_zip.h"
 
 enum { STORAGE_BYTES = 240, PICKLE_MOST = 1 << 16 };
@@ -83,7 +84,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   struct ern_torch torch;
   struct ern_tensor_file file;
   char *tree = NULL;
-  if (!ern_torch_is_zip(bytes, count)) {
+  if (!ern_torch_is_zip(bytes, count) && !ern_torch_is_legacy(bytes, count)) {
     if (count > PICKLE_MOST) return 0;
     count = make_zip(zip, bytes, count);
     bytes = zip;
