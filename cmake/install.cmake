@@ -21,9 +21,11 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-if(TARGET ernerf-vision) # libernerf-media opens it, users do not link it
-  install(TARGETS ernerf-vision LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
-endif()
+foreach(library ernerf-vision ernerf-perceptual) # libernerf-media opens them, users do not link them
+  if(TARGET ${library})
+    install(TARGETS ${library} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
+  endif()
+endforeach()
 if(TARGET ernerf-prepare)
   install(TARGETS ernerf-prepare EXPORT ernerf-targets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 endif()

@@ -80,6 +80,17 @@ typedef enum ern_precision {
 #define ERN_FRAMES_PER_STEP_MOST 64
 #define ERN_FINE_ALL UINT64_MAX
 
+/* A loss of patches that the program computes, in the place of the structural similarity (lpips.h has one). Plain
+ * data, final. */
+typedef struct ern_fine_loss {
+  const char *name; /* of the loss and its network, 1..31 bytes; a training state keeps it */
+  /* pixel, truth [3][side][side], red, green, blue, truth in 0..1. Writes *loss and dpixel, d loss/d pixel of that
+   * shape. Called by the thread that calls the trainer. Another status than ERN_OK ends the step with it.
+   * ern_trainer_create calls it once, on zeros. */
+  ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
+  void *user;
+} ern_fine_loss;
+
 /* Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
@@ -148,7 +159,9 @@ typedef struct ern_train_config {
                                (default): none. Ignored without `seconds` */
   int patch_size;           /* pixels a side, 16, 32, 48 or 64; 32. A fine stage needs at least the rays of a patch, and
                                pictures of that size */
-  float fine_weight;        /* of the patches' loss, 0..1e3; 0.1 */
+  float fine_weight;        /* of the loss of patches of the whole picture, 0..1e3; 0.1 */
+  float fine_lips_weight;   /* of the loss of patches of the lips, 0..1e3; 0.1 */
+  const ern_fine_loss *fine_loss; /* NULL (default): structural similarity. Copied; a resume must have the same name */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -179,10 +192,11 @@ typedef struct ern_train_state {
   bool refine_poses;
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have */
   int frames_per_step;
-  uint64_t fine_steps; /* of iters; 0: no fine stage */
-  int patch_size;      /* 0 where a state does not say it */
-  float fine_weight;   /* likewise */
-  double fine_share;   /* ern_train_config.fine_share */
+  uint64_t fine_steps;                 /* of iters; 0: no fine stage */
+  int patch_size;                      /* 0 where a state does not say it */
+  float fine_weight, fine_lips_weight; /* likewise */
+  char fine_loss[32]; /* its name, "ssim" without ern_train_config.fine_loss; "" where a state does not say it */
+  double fine_share;  /* ern_train_config.fine_share */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

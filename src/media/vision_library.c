@@ -2,27 +2,21 @@
 #include "media/vision_library.h"
 
 #include <dlfcn.h>
-#include <string.h>
 
 #include "core/floats.h"
 #include "ernerf/media.h"
+#include "media/loaded_library.h"
 
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-vision.so." TEXT_OF(major)
-static const char library_name[] = SONAME(ERN_VERSION_MAJOR);
 
 ern_status ern_vision_load(ern_context *context, const char *what, void **library, const struct ern_vision **vision) {
-  *library = dlopen(library_name, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-  if (*library == NULL)
-    return ern_fail(context, ERN_E_UNSUPPORTED,
-                    "%s: is computed by %s, which cannot be loaded: %s; expected a libernerf that was built with "
-                    "ERNERF_VISION (OpenCV's DNN module)",
-                    what, library_name, dlerror());
-  *vision = dlsym(*library, "ern_vision");
-  if (*vision == NULL || strcmp((*vision)->version, ern_version()) != 0)
-    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: %s is of version %s, expected %s", what, library_name,
-                    *vision != NULL ? (*vision)->version : "unknown", ern_version());
-  return ERN_OK;
+  static const struct ern_loaded_library about = {SONAME(ERN_VERSION_MAJOR), "ern_vision",
+                                                  "ERNERF_VISION (OpenCV's DNN module)"};
+  const void *table = NULL;
+  const ern_status status = ern_library_load(context, what, &about, library, &table);
+  *vision = table;
+  return status;
 }
 
 ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to, int width, int height,

@@ -52,8 +52,9 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
       "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
       c->torso_gamma, "frames_per_step", c->frames_per_step, "fine_share", c->fine_share);
   if (training != NULL && t->fine_from != UINT64_MAX) {
-    json_t *fine = json_pack("{s:I, s:i, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size, "weight",
-                             (double)c->fine_weight);
+    json_t *fine =
+        json_pack("{s:I, s:i, s:f, s:f, s:s}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size, "weight",
+                  (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight, "loss", ern_trainer_fine_name(t));
     if (json_object_set_new(training, "fine", fine) != 0) {
       json_decref(training);
       training = NULL;
@@ -98,16 +99,23 @@ static bool read_later_flag(const json_t *value, bool *flag) {
   return value == NULL || json_is_boolean(value);
 }
 
+static bool is_weight(const json_t *value) {
+  return json_is_number(value) && json_number_value(value) >= 0 && json_number_value(value) <= ERN_TRAIN_MOST_RATE;
+}
+
 /* Not there: no fine stage. */
 static bool read_fine(const json_t *value, struct ern_state_about *about) {
   const json_t *from = json_object_get(value, "from"), *side = json_object_get(value, "patch_size"),
-               *weight = json_object_get(value, "weight");
+               *weight = json_object_get(value, "weight"), *lips = json_object_get(value, "lips_weight");
+  const char *loss = json_string_value(json_object_get(value, "loss"));
   about->fine_from = UINT64_MAX;
   if (value == NULL) return true;
   if (!whole_in(from, 0, ERN_MODEL_MOST_STEPS) || !whole_in(side, ERN_PATCH_UNIT, ERN_PATCH_MOST_SIDE) ||
-      json_integer_value(side) % ERN_PATCH_UNIT != 0 || !json_is_number(weight) || !(json_number_value(weight) >= 0) ||
-      !(json_number_value(weight) <= ERN_TRAIN_MOST_RATE))
+      json_integer_value(side) % ERN_PATCH_UNIT != 0 || !is_weight(weight) || !is_weight(lips) || loss == NULL ||
+      strlen(loss) >= sizeof about->fine_loss)
     return false;
+  memcpy(about->fine_loss, loss, strlen(loss) + 1);
+  about->fine_lips_weight = (float)json_number_value(lips);
   about->fine_from = (uint64_t)json_integer_value(from);
   about->patch_size = (int)json_integer_value(side);
   about->fine_weight = (float)json_number_value(weight);
@@ -286,14 +294,15 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
             number(c->torso_shrink).text, c->data_begin, c->data_end, number(c->lr).text, number(c->lr_net).text);
     return compare(t, path, NULL, 0, both, 2);
   }
+  const bool fine = about->fine_from < about->step; /* it has begun */
   const struct change strict[] = {
       {"the SHA-256 of the speech features and their copies (--speech-copies, --speech-warp, --speech-share)",
        word(about->features), word(t->features)},
       {"data_begin", count(about->data_begin), count(c->data_begin)},
       {"data_end", count(about->data_end), count(c->data_end)},
       {"torso_layer", count(about->layer), count(t->data.has_torso)},
-      {"refine_poses", count(about->refine_poses), count(t->poses != NULL)}};
-  const bool fine = about->fine_from < about->step; /* it has begun */
+      {"refine_poses", count(about->refine_poses), count(t->poses != NULL)},
+      {"fine_loss", word(fine ? about->fine_loss : ""), word(fine ? ern_trainer_fine_name(t) : "")}};
   const struct change loose[] = {
       {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
       both[0],
@@ -308,6 +317,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"fine_share", number((float)about->fine_share), number((float)c->fine_share)},
       {"patch_size", count(fine ? (uint64_t)about->patch_size : 0), count(fine ? (uint64_t)c->patch_size : 0)},
       {"fine_weight", number(fine ? about->fine_weight : 0), number(fine ? c->fine_weight : 0)},
+      {"fine_lips_weight", number(fine ? about->fine_lips_weight : 0), number(fine ? c->fine_lips_weight : 0)},
       {"ema_every", count(about->ema_every), count(c->ema_every)},
       {"ema", count(about->ema), count(c->ema)},
       {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},

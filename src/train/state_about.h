@@ -22,9 +22,10 @@ struct ern_state_about {
   bool refine_poses;
   bool torso_gamma; /* config.torso_gamma; of a head what its torso is to have */
   int frames_per_step;
-  uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next two are 0 */
+  uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next four are 0 */
   int patch_size;
-  float fine_weight;
+  float fine_weight, fine_lips_weight;
+  char fine_loss[32];
   double fine_share; /* of config.seconds */
 };
 

@@ -137,10 +137,10 @@ static ern_status loss(struct ern_stream *stream, struct ern_head_step_args *a, 
   p->patches = ern_patches_of_step(a, p->dpixel, p->pixel);
   ern_status status = stream->backend->mse(stream, &p->plain);
   if (status == ERN_OK) status = stream->backend->head_loss(stream, &p->loss);
-  return status != ERN_OK ? status : stream->backend->patch_loss(stream, &p->patches);
+  return status != ERN_OK ? status : ern_step_patch_loss(stream, a->patches.loss, &p->patches);
 }
 
-/* Room for the gradients of a part's positions and directions, and its harmonics by sample. */
+/* Memory of the gradients of a part's positions and directions, and its harmonics by sample. */
 static ern_status take_pose(struct ern_stream *stream, const struct ern_head_step_args *a, struct pass *p,
                             struct part *part) {
   const struct ern_backend *backend = stream->backend;

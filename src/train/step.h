@@ -10,6 +10,9 @@ ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_
 /* The same, up to the rounding of sums, with the samples of `at_once` rays in memory at a time; all of them are
  * computed twice if that is not all rays. On failure dparameters holds part of the gradient. */
 ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once);
+/* Value and gradient of `p`; as `loss` computes them on the host, NULL: as the backend does. */
+ern_status ern_step_patch_loss(struct ern_stream *stream, const struct ern_fine_loss *loss,
+                               struct ern_patch_loss_args *p);
 /* The loss of a step's patches, none where it has none. */
 static inline struct ern_patch_loss_args ern_patches_of_step(const struct ern_head_step_args *args, ern_rows dpixel,
                                                              ern_rows pixel) {

@@ -11,6 +11,7 @@ struct ern_field;
 struct ern_view;
 struct ern_march_settings;
 struct ern_profile;
+struct ern_fine_loss;
 
 struct ern_head_density_args {
   ern_span sigma; /* out: real [n] */
@@ -25,7 +26,8 @@ struct ern_head_density_args {
 
 /* The rays as patches (patches_ops.h), patch after patch, with a loss of their own. All zeros: they are not. */
 struct ern_step_patches {
-  ern_span filter; /* of ern_patch_loss_args */
+  const struct ern_fine_loss *loss; /* NULL: patch_loss */
+  ern_span filter;                  /* of ern_patch_loss_args */
   float weight;
   int side;     /* pixels */
   size_t count; /* side^2 count = n */

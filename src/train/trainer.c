@@ -57,8 +57,10 @@ static void add_part(const ern_trainer *t, struct step_sum *sum, const double *t
 static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern_batch *batch) {
   if (batch->patches == 0) return (struct ern_step_patches){.count = 0};
   const int side = t->config.patch_size;
-  return (struct ern_step_patches){.filter = {t->patch_filter, 0, ern_patch_filter_count((size_t)side)},
-                                   .weight = t->config.fine_weight,
+  const float weight = t->step % 2 == 1 ? t->config.fine_lips_weight : t->config.fine_weight;
+  return (struct ern_step_patches){.loss = t->config.fine_loss,
+                                   .filter = {t->patch_filter, 0, ern_patch_filter_count((size_t)side)},
+                                   .weight = weight,
                                    .side = side,
                                    .count = batch->patches};
 }

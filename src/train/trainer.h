@@ -77,6 +77,8 @@ struct ern_trainer {
   uint64_t step, ema_updates;
   uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */
   struct ern_buffer *patch_filter; /* of patches_ops.h; NULL without a fine stage */
+  ern_fine_loss fine_loss;         /* that config.fine_loss points to */
+  char fine_name[32];              /* and its name */
   double seconds;                  /* of training, all runs together */
   double beside;                   /* seconds of validations and saves, all runs together */
   struct ern_run_folder run;
@@ -131,6 +133,9 @@ bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
 /* trainer_fine.c (docs/maths.md, "The fine stage") */
+/* Copies config.fine_loss, after a look at it. */
+ERN_NODISCARD ern_status ern_trainer_fine_take(ern_trainer *t);
+const char *ern_trainer_fine_name(const ern_trainer *t); /* "ssim" without config.fine_loss */
 /* Whether the next step is of it. */
 static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->step >= t->fine_from; }
 /* When it begins; `found`: where a resumed state had it begin, UINT64_MAX: nowhere. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The fine stage of a head's training: when it begins, and where its patches lie. */
 #include <inttypes.h>
+#include <string.h>
 
 #include "core/memory.h"
 #include "core/rng.h"
@@ -45,6 +46,35 @@ fail:
   return status;
 }
 
+ern_status ern_trainer_fine_take(ern_trainer *t) {
+  const ern_fine_loss *given = t->config.fine_loss;
+  if (given == NULL) return ERN_OK;
+  if (given->compute == NULL || given->name == NULL || given->name[0] == 0 ||
+      strlen(given->name) >= sizeof t->fine_name)
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: fine_loss has no function, or no name of 1 to %zu bytes",
+                    sizeof t->fine_name - 1);
+  memcpy(t->fine_name, given->name, strlen(given->name) + 1);
+  t->fine_loss = *given;
+  t->fine_loss.name = t->fine_name;
+  t->config.fine_loss = &t->fine_loss;
+  return ERN_OK;
+}
+
+const char *ern_trainer_fine_name(const ern_trainer *t) { return t->config.fine_loss != NULL ? t->fine_name : "ssim"; }
+
+/* On a patch of zeros: what cannot be computed is said before the training, not where its fine stage begins. */
+static ern_status try_loss(const ern_trainer *t) {
+  const ern_fine_loss *loss = t->config.fine_loss;
+  float *zeros = NULL;
+  double value = 0;
+  if (loss == NULL) return ERN_OK;
+  ern_status status = ERN_NEW(t->context, 6 * patch_rays(t), &zeros);
+  if (status != ERN_OK) return status;
+  status = loss->compute(loss->user, zeros, zeros, t->config.patch_size, &value, zeros + 3 * patch_rays(t));
+  ern_release(t->context, zeros);
+  return status;
+}
+
 ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
   const uint64_t steps = t->config.fine_steps, iters = t->config.iters;
   const bool timed = t->config.seconds > 0 && t->config.fine_share > 0 && !t->config.torso;
@@ -56,8 +86,9 @@ ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
   else if (steps > 0)
     t->fine_from = iters > steps ? iters - steps : 0;
   if (t->fine_from == UINT64_MAX && !timed) return ERN_OK;
-  const ern_status status = check(t);
-  return status != ERN_OK ? status : make_filter(t);
+  ern_status status = check(t);
+  if (status == ERN_OK) status = try_loss(t);
+  return status == ERN_OK ? make_filter(t) : status;
 }
 
 uint64_t ern_trainer_coarse_steps(const ern_trainer *t) {

@@ -39,7 +39,8 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .ray_sampling = ERN_RAY_SAMPLING_REGIONS,
                                 .frames_per_step = 1,
                                 .patch_size = 32,
-                                .fine_weight = 0.1f};
+                                .fine_weight = 0.1f,
+                                .fine_lips_weight = 0.1f};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -72,6 +73,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"frames_per_step", c->frames_per_step, 1, ERN_FRAMES_PER_STEP_MOST},
                 {"validation frames", c->validate_frames, 0, 1e9},
                 {"fine_weight", (double)c->fine_weight, 0, 1e3},
+                {"fine_lips_weight", (double)c->fine_lips_weight, 0, 1e3},
                 {"fine_share", c->fine_share, 0, 1},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 0, 1e12}};
@@ -466,6 +468,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->config = chosen;
   t->run.lock = t->torso_run.lock = -1;
   t->fine_from = UINT64_MAX;
+  ERN_TRY(ern_trainer_fine_take(t));
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
   ERN_TRY(make_model(t));

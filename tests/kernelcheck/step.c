@@ -152,7 +152,7 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
                                                  .dpose_weight = scene->eye ? face.on[k].span : (ern_span){0},
                                                  .n = n};
   EACH_MACHINE (k)
-    if (scene->patch) stage->args[k].patches = (struct ern_step_patches){filter.on[k], 0.5f, PATCH, 1};
+    if (scene->patch) stage->args[k].patches = (struct ern_step_patches){NULL, filter.on[k], 0.5f, PATCH, 1};
 }
 
 /* What a step leaves behind. */

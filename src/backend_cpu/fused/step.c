@@ -162,7 +162,7 @@ static ern_status losses(struct ern_head_step_args *a, const struct ern_train_st
   ERN_TRY(backend->composite_fwd(s->stream, &forward));
   ERN_TRY(backend->mse(s->stream, &plain));
   ERN_TRY(backend->head_loss(s->stream, &loss));
-  ERN_TRY(backend->patch_loss(s->stream, &patches));
+  ERN_TRY(ern_step_patch_loss(s->stream, a->patches.loss, &patches));
   ERN_TRY(backend->composite_bwd(s->stream, &backward));
   a->squared_error = plain.term;
   memcpy(a->terms, loss.terms, sizeof a->terms);

@@ -10,12 +10,13 @@
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "evaluation/frame_figures.h"
+#include "evaluation/perceptual_distance.h"
 #include "evaluation/pose_fit.h"
 #include "output/progress.h"
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 5 };
+enum { OWN_OPTIONS = 5 + LPIPS_OPTIONS };
 
 /* Over the frames. */
 struct totals {
@@ -31,6 +32,7 @@ struct eval_job {
   struct measures measures;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
+  struct perceptual_distance perceptual;
   struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
   bool refine_poses;
   json_t *frames;
@@ -145,6 +147,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   printf("\n");
   const struct measures_figures figures = measures_figures(&job->measures);
   measures_print(&figures);
+  perceptual_distance_print(&job->perceptual, n);
   if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
          1000 / mean(sum->ms, n), job->portrait.clip_info.width, job->portrait.clip_info.height,
@@ -168,7 +171,7 @@ static json_t *report_refined(const struct eval_job *job) {
 
 /* Half of the means' 95 % intervals; null where fewer than two frames have the figure. */
 static json_t *report_intervals(const struct eval_job *job) {
-  static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth"};
+  static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "lpips"};
   json_t *made = json_object();
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
     const double half = frame_figures_interval(job->frames, names[i]);
@@ -188,17 +191,19 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, "
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, "
+      "s:s, "
       "s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
       portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
       session_number(mean(sum->ssim, n)), "psnr_head", region_mean(sum->head, job->own.heads), "psnr_mouth",
-      region_mean(sum->mouth, job->own.mouths), "interval95", report_intervals(job), "refined", report_refined(job),
-      "measures", measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
-      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
-      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
-      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "frames", job->frames);
+      region_mean(sum->mouth, job->own.mouths), "lpips", perceptual_distance_json(&job->perceptual, n), "interval95",
+      report_intervals(job), "refined", report_refined(job), "measures", measures_json(&figures), "samples_per_frame",
+      session_number(mean(sum->times.samples, n)), "fps", session_number(1000 / mean(sum->ms, n)), "ms_per_frame",
+      session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes",
+      (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
+      job->session.backend_info.isa, "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -223,6 +228,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
   status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
   if (status == 0) status = portrait_thin(portrait, session, &job->evaluation.frame_source, features);
+  if (status == 0) status = perceptual_distance_open(&job->perceptual, &job->evaluation);
   if (status != 0 || job->video == NULL) return status;
   return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
 }
@@ -257,9 +263,9 @@ static int evaluate_all(struct eval_job *job) {
     take_figures(&job->own, &evaluated);
     if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, k) != 0) return EXIT_FAILURE;
     json_t *row = row_of(&frame_source->source_frame[k], &evaluated);
-    const int refined = job->refine_poses ? evaluate_refined(job, k, row) : 0;
     json_array_append_new(job->frames, row);
-    if (refined != 0) return refined;
+    if (perceptual_distance_add(&job->perceptual, &job->evaluation, k, row) != 0) return EXIT_FAILURE;
+    if (job->refine_poses && evaluate_refined(job, k, row) != 0) return EXIT_FAILURE;
     progress_at(&progress, k + 1, frame_source->count, "");
   }
   progress_end(&progress);
@@ -273,6 +279,7 @@ static int evaluate_all(struct eval_job *job) {
 static void close_all(struct eval_job *job) {
   json_decref(job->frames);
   comparison_close(&job->comparison);
+  perceptual_distance_close(&job->perceptual);
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
   portrait_close(&job->portrait);
@@ -324,6 +331,7 @@ int cmd_eval(int argc, char **argv) {
       .groups = {{"What is compared:", own, OWN_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+  lpips_weights_options(&job.perceptual.weights, own + OWN_OPTIONS - LPIPS_OPTIONS);
   portrait_options(&job.portrait, FRAME_SOURCE_VAL, shared);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
@@ -331,6 +339,7 @@ int cmd_eval(int argc, char **argv) {
   if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.portrait.source.features);
   if (status < 0 && job.portrait.source.features != NULL)
     status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0) status = lpips_weights_check(&job.perceptual.weights, &args);
   if (status < 0 && job.refine_poses)
     status =
         args_forbid(&args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
@@ -344,6 +353,8 @@ int cmd_eval(int argc, char **argv) {
   job.session.inputs[2] = job.portrait.source.features;
   job.session.inputs[3] = job.portrait.source.hearing.path;
   job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
+  job.session.inputs[5] = job.perceptual.weights.network;
+  job.session.inputs[6] = job.perceptual.weights.heads;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   const char *const outputs[] = {job.video, job.csv, job.sheet};

@@ -15,7 +15,6 @@
 
 /* Found by trying (docs/history-training.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
-static const double timed_fine_share = 0.2; /* of the head's time */
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -42,18 +41,14 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && config->torso)
     status = args_forbid(args,
                          "levels bound ind_num effects backbone attention eye-attention ray-sampling refine-poses "
-                         "no-refine-poses stage fine-steps patch-size fine-weight " SPEECH_COPIES_NAMES,
+                         "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_COPIES_NAMES,
                          "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
-  if (status < 0 && job->stage == 0 && config->fine_steps == 0 && !config->resume &&
-      (args_given(args, "stage") || !(job->seconds > 0)))
-    status = args_forbid(args, "patch-size fine-weight", "is the fine stage's: --stage fine or --fine-steps N");
-  if (status < 0 && args_given(args, "stage"))
-    status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
+  if (status < 0) status = fine_stage_check(&job->fine, args, config, job->seconds > 0);
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
   if (status < 0 && job->seconds > 0)
@@ -124,34 +119,6 @@ static void choose_timed(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 
-/* What --stage says; with --time, where a patch fits, the last fifth as published. */
-static void choose_stage(const struct train_job *job, const struct args *args, ern_train_config *config) {
-  const bool given = args_given(args, "stage"), fine = job->stage > 0, timed = config->seconds > 0;
-  const int side = config->patch_size;
-  const bool fits = side * side <= config->rays && side <= job->clip_info.width && side <= job->clip_info.height;
-  const bool wanted = args_given(args, "patch-size") || args_given(args, "fine-weight"); /* then the trainer refuses */
-  if (config->torso) return;
-  if (given && timed) config->fine_share = fine ? 1 : 0;
-  if (given && !timed) config->fine_steps = fine ? ERN_FINE_ALL : 0;
-  if (!given && timed && !job->has_state && (fits || wanted)) config->fine_share = timed_fine_share;
-}
-
-/* Words about a fine stage that a resumed training does not have, or is in and does not leave. */
-static int check_resumed_stage(struct train_job *job, const struct args *args) {
-  const ern_train_state *state = &job->state;
-  const uint64_t from = state->iters - state->fine_steps;
-  if (!job->has_state || job->config.torso) return 0;
-  if (args_given(args, "stage") && job->stage == 0 && state->fine_steps > 0 && state->step > from)
-    return session_fail_with(&job->session,
-                             "--stage coarse: %s is in its fine stage since step %" PRIu64
-                             ", and does not leave it; expected --stage fine, or neither",
-                             job->config.output, from);
-  if (state->fine_steps > 0 || job->config.fine_steps > 0 || job->config.fine_share > 0) return 0;
-  const int status = args_forbid(args, "patch-size fine-weight",
-                                 "is the fine stage's, which the training has none of: --stage fine or --fine-steps N");
-  return status < 0 ? 0 : status;
-}
-
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
@@ -172,7 +139,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
-  choose_stage(job, args, config);
+  fine_stage_choose(&job->fine, args, &job->clip_info, job->has_state, config);
   if (job->paper) follow_paper(args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
@@ -298,7 +265,10 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status == 0) status = open_clip(job, args);
   if (status != 0) return status;
   fill_config(job, args);
-  if ((status = check_resumed_stage(job, args)) != 0) return status;
+  if (job->has_state && !job->config.torso)
+    status = fine_stage_check_resumed(args, session, &job->state, &job->fine, &job->config);
+  if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
+  if (status != 0) return status;
   if ((status = choose_effects(job)) != 0) return status;
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
@@ -388,6 +358,7 @@ static void close_training(struct train_job *job) {
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
   hearing_close(&job->source.hearing);
+  fine_stage_close(&job->fine);
   validations_free(&job->validations);
 }
 
@@ -410,7 +381,8 @@ static int train_portrait(struct train_job *job, const struct args *args) {
 
 int cmd_train(int argc, char **argv) {
   struct train_job job;
-  struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS];
+  struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS],
+      fine[FINE_STAGE_OPTIONS];
   struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
   struct args args = {
       .verb = "train",
@@ -428,17 +400,20 @@ int cmd_train(int argc, char **argv) {
       .word_count = 1,
       .groups = {{"What is trained, and where to:", goal, TRAIN_GOAL_OPTIONS},
                  {"Of the clip:", clip, TRAIN_CLIP_OPTIONS},
-                 {"How:", numbers, TRAIN_NUMBER_OPTIONS}}};
+                 {"How:", numbers, TRAIN_NUMBER_OPTIONS},
+                 {"The fine stage of a head:", fine, FINE_STAGE_OPTIONS}}};
   train_set_defaults(&job);
   train_goal_options(&job, goal);
   train_clip_options(&job, clip);
   train_number_options(&job, numbers);
+  fine_stage_options(&job.fine, &job.config, fine);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = hearing_check(&job.source.hearing, &args, job.source.features);
   job.session.rewrites = true; /* X.run; the trainer looks after X */
-  const char *const inputs[] = {job.source.path, job.source.features,     job.head_path,
-                                job.config.from, job.source.hearing.path, hearing_file(&job.source.hearing)};
+  const char *const inputs[] = {job.source.path,          job.source.features,     job.head_path,
+                                job.config.from,          job.source.hearing.path, hearing_file(&job.source.hearing),
+                                job.fine.weights.network, job.fine.weights.heads};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

@@ -54,6 +54,8 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   }
   if (!args_given(args, "patch-size") && state->patch_size > 0) config->patch_size = state->patch_size;
   if (!args_given(args, "fine-weight") && state->patch_size > 0) config->fine_weight = state->fine_weight;
+  if (!args_given(args, "fine-lips-weight") && state->patch_size > 0)
+    config->fine_lips_weight = state->fine_lips_weight;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))
     config->refine_poses = state->refine_poses;
   if (!args_given(args, "ema-every")) config->ema_every = state->ema_every;

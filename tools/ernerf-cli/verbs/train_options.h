@@ -10,12 +10,13 @@
 #include "session/clip_source.h"
 #include "session/effects.h"
 #include "session/session.h"
+#include "verbs/fine_stage.h"
 #include "verbs/speech_copies.h"
 #include "verbs/validations.h"
 
 enum {
   TRAIN_GOAL_OPTIONS = 21,
-  TRAIN_NUMBER_OPTIONS = 30,
+  TRAIN_NUMBER_OPTIONS = 26,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
 
@@ -38,8 +39,9 @@ struct train_job {
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
-  int audio_pad, backbone, attention, eye_attention, precision, ray_sampling,
-      stage;             /* places among the words of their options */
+  int audio_pad, backbone, attention, eye_attention, precision,
+      ray_sampling; /* places among the words of their options */
+  struct fine_stage fine;
   ern_model_info from;   /* of --from, or of the state that is resumed */
   ern_train_state state; /* that is resumed */
   bool has_from, has_state;

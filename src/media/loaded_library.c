@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/loaded_library.h"
+
+#include <dlfcn.h>
+#include <string.h>
+
+ern_status ern_library_load(ern_context *context, const char *what, const struct ern_loaded_library *library,
+                            void **handle, const void **table) {
+  *table = NULL;
+  *handle = dlopen(library->file, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  if (*handle == NULL)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "%s: is computed by %s, which cannot be loaded: %s; expected a libernerf that was built with %s",
+                    what, library->file, dlerror(), library->option);
+  const char *const *version = dlsym(*handle, library->symbol); /* the table's first member */
+  if (version != NULL && strcmp(*version, ern_version()) == 0) {
+    *table = version;
+    return ERN_OK;
+  }
+  const ern_status status = ern_fail(context, ERN_E_UNSUPPORTED, "%s: %s is of version %s, expected %s", what,
+                                     library->file, version != NULL ? *version : "unknown", ern_version());
+  (void)dlclose(*handle);
+  *handle = NULL;
+  return status;
+}

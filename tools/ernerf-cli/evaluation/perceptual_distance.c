@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: MIT */
+#include "evaluation/perceptual_distance.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static const char needs[] = "--lpips-network and --lpips-heads";
+
+int perceptual_distance_open(struct perceptual_distance *perceptual, const struct evaluation *evaluation) {
+  const size_t pixels = (size_t)evaluation->info.width * (size_t)evaluation->info.height;
+  if (perceptual->weights.network == NULL) return 0;
+  if (lpips_weights_open(&perceptual->weights, evaluation->session) != 0) return EXIT_FAILURE;
+  perceptual->pictures = malloc(6 * pixels * sizeof *perceptual->pictures);
+  return perceptual->pictures != NULL ? 0 : session_fail_with(evaluation->session, "no memory for LPIPS");
+}
+
+void perceptual_distance_close(struct perceptual_distance *perceptual) {
+  lpips_weights_close(&perceptual->weights);
+  free(perceptual->pictures);
+  perceptual->pictures = NULL;
+}
+
+int perceptual_distance_add(struct perceptual_distance *perceptual, const struct evaluation *evaluation, size_t k,
+                            json_t *row) {
+  const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
+  const size_t pixels = (size_t)evaluation->info.width * (size_t)evaluation->info.height;
+  float *const drawn = perceptual->pictures;
+  ern_image truth = {0};
+  double distance = 0;
+  if (perceptual->weights.lpips == NULL) return 0;
+  if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
+    return session_fail(evaluation->session);
+  for (size_t i = 0; i < pixels; i++)
+    for (size_t c = 0; c < 3; c++) {
+      drawn[c * pixels + i] = evaluation->rgb[3 * i + c];
+      drawn[(3 + c) * pixels + i] = (float)truth.data[3 * i + c] / 255;
+    }
+  if (ern_lpips_distance(perceptual->weights.lpips, drawn, drawn + 3 * pixels, truth.width, truth.height, &distance,
+                         NULL) != ERN_OK)
+    return session_fail(evaluation->session);
+  perceptual->sum += distance;
+  json_object_set_new(row, "lpips", session_number(distance));
+  return 0;
+}
+
+void perceptual_distance_print(const struct perceptual_distance *perceptual, size_t frames) {
+  if (perceptual->weights.lpips != NULL)
+    printf("LPIPS: %.5f (%s)\n", perceptual->sum / (double)frames, ern_lpips_name(perceptual->weights.lpips));
+  else
+    printf("LPIPS: not computed, needs %s\n", needs);
+}
+
+json_t *perceptual_distance_json(const struct perceptual_distance *perceptual, size_t frames) {
+  if (perceptual->weights.lpips == NULL) return json_pack("{s:n, s:s}", "mean", "needs", needs);
+  return json_pack("{s:o, s:s}", "mean", session_number(perceptual->sum / (double)frames), "network",
+                   ern_lpips_name(perceptual->weights.lpips));
+}

@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: MIT */
+#include "verbs/fine_stage.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+
+enum { STAGE_COARSE, STAGE_FINE };
+enum { LOSS_SSIM, LOSS_LPIPS };
+
+static const double timed_share = 0.2;            /* of the head's time */
+static const float published_lips_weight = 0.01f; /* of LPIPS */
+
+void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]) {
+  *fine = (struct fine_stage){.stage = STAGE_COARSE};
+  const struct option rows[] = {
+      {.name = "stage",
+       .kind = OPTION_CHOICE,
+       .target = &fine->stage,
+       .choices = "coarse|fine",
+       .help = "fine: from the step on that the training starts or goes on at, a head's rays are square patches, "
+               "of the whole picture and of the lips in turn, with a loss of their own (default coarse, with --time "
+               "fine for its last fifth, with --resume as before)"},
+      {.name = "fine-steps",
+       .kind = OPTION_COUNT,
+       .target = &config->fine_steps,
+       .low = 0,
+       .high = 1e12,
+       .help = "the last N steps of --iters are the fine stage (default 0)"},
+      {.name = "patch-size",
+       .alias = "patch_size",
+       .kind = OPTION_INT,
+       .target = &config->patch_size,
+       .low = 16,
+       .high = 64,
+       .help = "pixels a side of its patches: 16, 32, 48 or 64 (default 32)"},
+      {.name = "fine-loss",
+       .kind = OPTION_CHOICE,
+       .target = &fine->loss,
+       .choices = "ssim|lpips",
+       .help = "the loss of the patches: structural similarity at three scales, or LPIPS as published, with weights of "
+               "yours"},
+      {.name = "fine-weight",
+       .kind = OPTION_FLOAT,
+       .target = &config->fine_weight,
+       .low = 0,
+       .high = 1000,
+       .help = "of that loss beside the squared error"},
+      {.name = "fine-lips-weight",
+       .kind = OPTION_FLOAT,
+       .target = &config->fine_lips_weight,
+       .low = 0,
+       .high = 1000,
+       .help = "the same in patches of the lips (default: --fine-weight; with --fine-loss lpips 0.01, as published)"}};
+  ARGS_FILL(options, rows, FINE_STAGE_OPTIONS - LPIPS_OPTIONS);
+  lpips_weights_options(&fine->weights, options + FINE_STAGE_OPTIONS - LPIPS_OPTIONS);
+}
+
+static const char details[] = "patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads";
+
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
+                     bool timed) {
+  int status = lpips_weights_check(&fine->weights, args);
+  if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume &&
+      (args_given(args, "stage") || !timed))
+    status = args_forbid(args, details, "is the fine stage's: --stage fine or --fine-steps N");
+  if (status < 0 && args_given(args, "stage"))
+    status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
+  if (status < 0 && fine->loss == LOSS_SSIM)
+    status = args_forbid(args, "lpips-network lpips-heads", "is for --fine-loss lpips");
+  if (status < 0 && fine->loss == LOSS_LPIPS && fine->weights.network == NULL)
+    status = args_refuse(args, "--fine-loss lpips needs --lpips-network and --lpips-heads");
+  return status;
+}
+
+void fine_stage_choose(const struct fine_stage *fine, const struct args *args, const ern_clip_info *clip, bool resumed,
+                       ern_train_config *config) {
+  const bool given = args_given(args, "stage"), timed = config->seconds > 0;
+  const int side = config->patch_size;
+  const bool fits = side * side <= config->rays && side <= clip->width && side <= clip->height;
+  bool wanted = false; /* then the trainer refuses what does not fit */
+  static const char *const names[] = {"patch-size", "fine-weight", "fine-lips-weight", "fine-loss"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) wanted = wanted || args_given(args, names[i]);
+  if (config->torso) return;
+  if (given && timed) config->fine_share = fine->stage == STAGE_FINE ? 1 : 0;
+  if (given && !timed) config->fine_steps = fine->stage == STAGE_FINE ? ERN_FINE_ALL : 0;
+  if (!given && timed && !resumed && (fits || wanted)) config->fine_share = timed_share;
+  if (!args_given(args, "fine-lips-weight") && (!resumed || args_given(args, "fine-weight")))
+    config->fine_lips_weight = fine->loss == LOSS_LPIPS ? published_lips_weight : config->fine_weight;
+}
+
+int fine_stage_check_resumed(const struct args *args, struct session *session, const ern_train_state *state,
+                             const struct fine_stage *fine, const ern_train_config *config) {
+  const uint64_t from = state->iters - state->fine_steps;
+  if (args_given(args, "stage") && fine->stage == STAGE_COARSE && state->fine_steps > 0 && state->step > from)
+    return session_fail_with(session,
+                             "--stage coarse: %s is in its fine stage since step %" PRIu64
+                             ", and does not leave it; expected --stage fine, or neither",
+                             config->output, from);
+  if (state->fine_steps > 0 || config->fine_steps > 0 || config->fine_share > 0) return 0;
+  const int status =
+      args_forbid(args, details, "is the fine stage's, which the training has none of: --stage fine or --fine-steps N");
+  return status < 0 ? 0 : status;
+}
+
+int fine_stage_open(struct fine_stage *fine, struct session *session, ern_train_config *config) {
+  if (fine->loss != LOSS_LPIPS || config->torso) return 0;
+  const int status = lpips_weights_open(&fine->weights, session);
+  if (status != 0) return status;
+  fine->function = ern_lpips_fine_loss(fine->weights.lpips);
+  config->fine_loss = &fine->function;
+  return 0;
+}
+
+void fine_stage_close(struct fine_stage *fine) { lpips_weights_close(&fine->weights); }
