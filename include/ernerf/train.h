@@ -80,8 +80,8 @@ typedef enum ern_precision {
 #define ERN_FRAMES_PER_STEP_MOST 64
 #define ERN_FINE_ALL UINT64_MAX
 
-/* A loss of patches that the program computes, in the place of the structural similarity (lpips.h has one). Plain
- * data, final. */
+/* A loss of patches that the program computes, in the place of the structural similarity (media.h has one).
+ * Plain data, final. */
 typedef struct ern_fine_loss {
   const char *name; /* of the loss and its network, 1..31 bytes; a training state keeps it */
   /* pixel, truth [3][side][side], red, green, blue, truth in 0..1. Writes *loss and dpixel, d loss/d pixel of that

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * LPIPS: the weights of its networks, read as if hostile, and the library that computes with them. */
-#include "ernerf/lpips.h"
+#include "ernerf/media.h"
 
 #include <dlfcn.h>
 #include <inttypes.h>
@@ -159,7 +159,7 @@ void ern_lpips_free(ern_lpips **lpips) {
   *lpips = NULL;
 }
 
-const char *ern_lpips_name(const ern_lpips *lpips) { return lpips->name; }
+const char *ern_lpips_name(const ern_lpips *lpips) { return lpips != NULL ? lpips->name : NULL; }
 
 ern_status ern_lpips_distance(ern_lpips *lpips, const float *picture, const float *truth, int width, int height,
                               double *distance, float *dpicture) {
@@ -185,5 +185,6 @@ static ern_status fine_loss(void *user, const float *pixel, const float *truth, 
 }
 
 ern_fine_loss ern_lpips_fine_loss(ern_lpips *lpips) {
+  if (lpips == NULL) return (ern_fine_loss){.name = NULL};
   return (ern_fine_loss){.name = ern_lpips_name(lpips), .compute = fine_loss, .user = lpips};
 }

@@ -68,6 +68,27 @@ CHECK(ern_optical_flow) {
   REFUSED(w.context, "15 x 16", ern_optical_flow(w.context, from, to, 15, 16, flow));
   REFUSED(w.context, "16 x -1", ern_optical_flow(w.context, from, to, 16, -1, flow));
 }
+CHECK(ern_lpips_open) {
+  ern_lpips *lpips = (ern_lpips *)&w;
+  REFUSED_ALONE(ern_lpips_open(&lpips, NULL, "a.pth", "b.pth"));
+  assert_null(lpips);
+  REFUSED(w.context, "ern_lpips_open: lpips is NULL", ern_lpips_open(NULL, w.context, "a.pth", "b.pth"));
+  REFUSED(w.context, "ern_lpips_open: network is NULL", ern_lpips_open(&lpips, w.context, NULL, "b.pth"));
+  REFUSED(w.context, "ern_lpips_open: heads is NULL", ern_lpips_open(&lpips, w.context, "a.pth", NULL));
+}
+CHECK(ern_lpips_free) {
+  ern_lpips *none = NULL;
+  ern_lpips_free(NULL);
+  ern_lpips_free(&none);
+}
+CHECK(ern_lpips_distance) { /* with weights: e2e/test_cli_lpips */
+  static float picture[3 * 32 * 32];
+  double distance = 3;
+  REFUSED_ALONE(ern_lpips_distance(NULL, picture, picture, 32, 32, &distance, NULL));
+  assert_true(distance == 3);
+}
+CHECK(ern_lpips_name) { assert_null(ern_lpips_name(NULL)); }
+CHECK(ern_lpips_fine_loss) { assert_null(ern_lpips_fine_loss(NULL).compute); }
 CHECK(ern_image_resize) {
   const ern_image image = picture();
   ern_image out = picture();
@@ -297,6 +318,11 @@ static const struct arguments_check table[] = {ROW(ern_image_read),
                                                ROW(ern_image_write_exr),
                                                ROW(ern_image_resize),
                                                ROW(ern_optical_flow),
+                                               ROW(ern_lpips_open),
+                                               ROW(ern_lpips_free),
+                                               ROW(ern_lpips_distance),
+                                               ROW(ern_lpips_name),
+                                               ROW(ern_lpips_fine_loss),
                                                ROW(ern_image_free),
                                                ROW(ern_sound_read),
                                                ROW(ern_sound_write_wav),

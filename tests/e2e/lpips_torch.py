@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-# LPIPS of ernerf/lpips.h, value and gradient, against PyTorch: AlexNet and VGG16 with made weights, as .pth files of both
+# LPIPS of ernerf/media.h, value and gradient, against PyTorch: AlexNet and VGG16 with made weights, as .pth files of both
 # forms. Usage: lpips_torch.py FOLDER_OF_LIBRARIES WORK
 import ctypes, sys
 

@@ -6,7 +6,6 @@
 #include <math.h>
 
 #include "core/memory.h"
-#include "ernerf/lpips.h"
 #include "ernerf/media.h"
 #include "io/safetensors.h"
 
@@ -53,7 +52,8 @@ static void make_weights(const char *network, const char *heads, int wrong) {
     make_tensor(&head[i], head_name[i], one, 4, 0, 1);
   }
   if (wrong == 2) *(float *)(uintptr_t)tensor[4].data = NAN;
-  support_ok(context, ern_safetensors_write(context, network, tensor, wrong == 3 ? TENSORS - 1 : TENSORS, NULL, 0, ERN_EXISTING_REPLACE));
+  support_ok(context, ern_safetensors_write(context, network, tensor, wrong == 3 ? TENSORS - 1 : TENSORS, NULL, 0,
+                                            ERN_EXISTING_REPLACE));
   support_ok(context, ern_safetensors_write(context, heads, head, CONVOLUTIONS, NULL, 0, ERN_EXISTING_REPLACE));
   for (int i = 0; i < TENSORS; i++) free((void *)(uintptr_t)tensor[i].data);
   for (int i = 0; i < CONVOLUTIONS; i++) free((void *)(uintptr_t)head[i].data);

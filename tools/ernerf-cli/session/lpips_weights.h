@@ -3,7 +3,7 @@
 #ifndef ERN_CLI_LPIPS_WEIGHTS_H
 #define ERN_CLI_LPIPS_WEIGHTS_H
 
-#include "ernerf/lpips.h"
+#include "ernerf/media.h"
 #include "session/session.h"
 
 struct lpips_weights {

@@ -17,9 +17,9 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
        .kind = OPTION_CHOICE,
        .target = &fine->stage,
        .choices = "coarse|fine",
-       .help = "fine: from the step on that the training starts or goes on at, a head's rays are square patches, "
-               "of the whole picture and of the lips in turn, with a loss of their own (default coarse, with --time "
-               "fine for its last fifth, with --resume as before)"},
+       .help = "fine: from the step on that the training starts or goes on at, with --time for the last fifth of a "
+               "head's time, its rays are square patches, of the whole picture and of the lips in turn, with a loss of "
+               "their own: sharper, but the mouth is learnt less well (default coarse, with --resume as before)"},
       {.name = "fine-steps",
        .kind = OPTION_COUNT,
        .target = &config->fine_steps,
@@ -57,11 +57,9 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
 
 static const char details[] = "patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads";
 
-int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
-                     bool timed) {
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config) {
   int status = lpips_weights_check(&fine->weights, args);
-  if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume &&
-      (args_given(args, "stage") || !timed))
+  if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume)
     status = args_forbid(args, details, "is the fine stage's: --stage fine or --fine-steps N");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
@@ -72,18 +70,12 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
   return status;
 }
 
-void fine_stage_choose(const struct fine_stage *fine, const struct args *args, const ern_clip_info *clip, bool resumed,
-                       ern_train_config *config) {
-  const bool given = args_given(args, "stage"), timed = config->seconds > 0;
-  const int side = config->patch_size;
-  const bool fits = side * side <= config->rays && side <= clip->width && side <= clip->height;
-  bool wanted = false; /* then the trainer refuses what does not fit */
-  static const char *const names[] = {"patch-size", "fine-weight", "fine-lips-weight", "fine-loss"};
-  for (size_t i = 0; i < sizeof names / sizeof *names; i++) wanted = wanted || args_given(args, names[i]);
+void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config) {
+  const bool given = args_given(args, "stage"), wanted = fine->stage == STAGE_FINE;
   if (config->torso) return;
-  if (given && timed) config->fine_share = fine->stage == STAGE_FINE ? 1 : 0;
-  if (given && !timed) config->fine_steps = fine->stage == STAGE_FINE ? ERN_FINE_ALL : 0;
-  if (!given && timed && !resumed && (fits || wanted)) config->fine_share = timed_share;
+  if (given && config->seconds > 0)
+    config->fine_share = !wanted ? 0 : resumed || config->from != NULL ? 1 : timed_share;
+  if (given && !(config->seconds > 0)) config->fine_steps = wanted ? ERN_FINE_ALL : 0;
   if (!args_given(args, "fine-lips-weight") && (!resumed || args_given(args, "fine-weight")))
     config->fine_lips_weight = fine->loss == LOSS_LPIPS ? published_lips_weight : config->fine_weight;
 }

@@ -3,7 +3,6 @@
 #ifndef ERN_CLI_FINE_STAGE_H
 #define ERN_CLI_FINE_STAGE_H
 
-#include "ernerf/media.h"
 #include "session/lpips_weights.h"
 
 struct fine_stage {
@@ -16,11 +15,9 @@ struct fine_stage {
 enum { FINE_STAGE_OPTIONS = 6 + LPIPS_OPTIONS };
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]);
 /* EXIT_USAGE where the words do not go together; else -1. */
-int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
-                     bool timed);
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config);
 /* Sets what `config` has of it, in which inherit_state has put what the training to resume has. */
-void fine_stage_choose(const struct fine_stage *fine, const struct args *args, const ern_clip_info *clip, bool resumed,
-                       ern_train_config *config);
+void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config);
 /* Where words are about a fine stage that the training to resume does not have, or is in and does not leave: a message
  * and its exit status; else 0. */
 int fine_stage_check_resumed(const struct args *args, struct session *session, const ern_train_state *state,
