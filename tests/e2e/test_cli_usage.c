@@ -2,8 +2,8 @@
  * The words of the command line: help, names, ranges, what does not go together, exit status. */
 #include "cli.h"
 
-static const char *const verbs[] = {"train", "render", "eval",   "check", "info",
-                                    "synth", "bench",  "ablate", "soak",  "tradeoff"};
+static const char *const verbs[] = {"train", "render", "eval", "check",    "info",   "synth",
+                                    "bench", "ablate", "soak", "tradeoff", "compare"};
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 static struct cli cli;
 
@@ -11,7 +11,7 @@ static void test_help(void **state) {
   (void)state;
   cli_run(&cli, "--help");
   cli_expect_out(&cli, 0, "train", "render", "eval", "check", "info", "synth", "bench", "ablate", "soak", "tradeoff",
-                 NULL);
+                 "compare", NULL);
   assert_non_null(strstr(cli.out, "convert"));
   for (int i = 0; i < VERBS; i++) {
     cli_run(&cli, "%s --help", verbs[i]);
@@ -96,6 +96,12 @@ static const char *const refused[][3] = {
     {"tradeoff m.safetensors", "CLIP is missing", "--help"},
     {"tradeoff m.safetensors clip", "-o DIR", "missing"},
     {"tradeoff m.safetensors clip -o x --image_scale 2", "--image_scale", "0.25 to 1"},
+    {"compare a.safetensors b.safetensors -o x", "CLIP is missing", "--help"},
+    {"compare a.safetensors b.safetensors clip", "-o DIR", "missing"},
+    {"compare a.safetensors b.safetensors clip -o x --smooth_lips", "--smooth_lips", "drawn again"},
+    {"compare a.safetensors b.safetensors clip -o x --audio a.npy --asr_model hubert", "--asr_model", "--audio"},
+    {"compare a.mp4 b.MKV clip -o x --threads 2", "--threads", "both videos"},
+    {"compare a.mp4 b.mov clip -o x --audio a.npy", "--audio", "both videos"},
     {"bench m.safetensors", "CLIP is missing", "--help"},
     {"bench m.safetensors clip --size 64x64", "--size", "made-up"},
     {"bench m.safetensors clip more", "\"more\"", "no more than 2"},

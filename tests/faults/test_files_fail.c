@@ -30,6 +30,8 @@ static const struct way {
     {.name = "pictures", .line = "render in/head.safetensors --clip in/clip -y -o out/p%02d.png --frames 0:2"},
     {.name = "exr", .line = "render in/head.safetensors --clip in/clip -o out/p%02d.exr --frames 0:2"},
     {.name = "eval", .line = "eval in/head.safetensors in/clip -y --json out/eval.json"},
+    {.name = "compare",
+     .line = "compare in/head.safetensors in/head.safetensors in/clip -o out/compared --split train --frames 0:3"},
     {.name = "to pth", .line = "convert -y in/head.safetensors out/head.pth"},
     {.name = "from pth", .line = "convert in/head.pth out/new.safetensors"},
     {.name = "synth", .line = "synth out/made --size 64 --frames 8 --seed 3"},

@@ -20,6 +20,7 @@ static const struct verb {
     {"train", "learn a head, or the torso under it, from a clip", cmd_train},
     {"render", "a model, speech and head poses to a video or pictures", cmd_render},
     {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
+    {"compare", "two portraits on the same frames, side by side: figures, pictures, a video, a page", cmd_compare},
     {"check", "what a clip has, what it lacks and what follows, in words", cmd_check},
     {"info", "what is in a file, or which devices can compute", cmd_info},
     {"features", "speech features of a sound", cmd_features},

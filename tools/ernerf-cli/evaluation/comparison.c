@@ -13,15 +13,15 @@ static bool follow(const struct frame_source *source) {
   return source->count > 0;
 }
 
-int comparison_open(struct comparison *comparison, const struct evaluation *evaluation, const char *path,
+int comparison_open(struct comparison *comparison, const struct evaluation *evaluation, size_t drawn, const char *path,
                     const char *clip) {
   struct session *session = comparison->session = evaluation->session;
-  const int width = evaluation->info.width, height = evaluation->info.height;
+  const int width = (int)(drawn + 1) * evaluation->info.width, height = evaluation->info.height;
   char sound[4096];
-  comparison->rgba = malloc(8 * (size_t)width * (size_t)height);
-  if (comparison->rgba == NULL)
-    return session_fail_with(session, "no memory for a picture of %d x %d", 2 * width, height);
-  ern_video_options options = ern_video_options_default(2 * width, height);
+  comparison->rgba = malloc(4 * (size_t)width * (size_t)height);
+  if (comparison->rgba == NULL) return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
+  comparison->drawn = drawn;
+  ern_video_options options = ern_video_options_default(width, height);
   const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", clip) < (int)sizeof sound;
   if (fits && access(sound, F_OK) == 0 && follow(&evaluation->frame_source)) {
     if (ern_sound_read(session->context, sound, &comparison->sound) != ERN_OK) return session_fail(session);
@@ -33,16 +33,16 @@ int comparison_open(struct comparison *comparison, const struct evaluation *eval
   return 0;
 }
 
-int comparison_add(struct comparison *comparison, const struct evaluation *evaluation, size_t k) {
+int comparison_add(struct comparison *comparison, const struct evaluation *evaluation, const uint8_t *const *drawn,
+                   size_t k) {
   const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
   const size_t width = (size_t)evaluation->info.width, height = (size_t)evaluation->info.height;
   ern_image truth = {0};
   if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
     return session_fail(comparison->session);
   for (size_t y = 0; y < height; y++) {
-    uint8_t *to = comparison->rgba + 8 * y * width;
-    memcpy(to, evaluation->rgba + 4 * y * width, 4 * width);
-    to += 4 * width;
+    uint8_t *to = comparison->rgba + 4 * (comparison->drawn + 1) * y * width;
+    for (size_t i = 0; i < comparison->drawn; i++, to += 4 * width) memcpy(to, drawn[i] + 4 * y * width, 4 * width);
     for (size_t x = 0; x < width; x++) {
       memcpy(to + 4 * x, truth.data + 3 * (y * width + x), 3);
       to[4 * x + 3] = 255;

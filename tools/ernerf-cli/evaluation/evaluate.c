@@ -27,6 +27,25 @@ int evaluate_open(struct evaluation *evaluation, struct session *session, ern_cl
                      : background_open(&evaluation->background, session, NULL, clip, width, height, ERN_FIT_CONTAIN);
 }
 
+int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portrait, struct session *session,
+                           const struct args *args, struct measures *measures) {
+  int status = portrait_open(portrait, session, args);
+  hearing_close(&portrait->source.hearing);
+  if (status == 0)
+    status = evaluate_open(evaluation, session, portrait->clip, (enum frame_source_split)portrait->split,
+                           portrait->scale, (ern_audio_pad)portrait->audio_pad);
+  if (status != 0) return status;
+  evaluation->measures = measures;
+  measures->flow = session->context;
+  const ern_features *features = evaluation->features;
+  if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
+    return session_fail(session);
+  if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
+    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
+  status = portrait_cut(portrait, session, args, &evaluation->frame_source, features);
+  return status == 0 ? portrait_thin(portrait, session, &evaluation->frame_source, features) : status;
+}
+
 void evaluate_close(struct evaluation *evaluation) {
   if (evaluation->session == NULL) return;
   free(evaluation->windows);
@@ -75,12 +94,10 @@ int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const e
   return status == ERN_OK ? 0 : session_fail(evaluation->session);
 }
 
-int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
-                   struct evaluated *evaluated) {
+int evaluate_judge(struct evaluation *evaluation, size_t k, struct evaluated *evaluated) {
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
   ern_image truth = {0};
   ern_box box;
-  if (evaluate_draw(evaluation, renderer, model, k, evaluated) != 0) return EXIT_FAILURE;
   if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
     return session_fail(evaluation->session);
   evaluated->psnr = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, NULL);
@@ -96,4 +113,10 @@ int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const 
       !measures_add(evaluation->measures, frame, truth.width, truth.height, truth.data, evaluation->rgb))
     return session_fail_with(evaluation->session, "no memory for the measures of a frame");
   return 0;
+}
+
+int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
+                   struct evaluated *evaluated) {
+  const int status = evaluate_draw(evaluation, renderer, model, k, evaluated);
+  return status == 0 ? evaluate_judge(evaluation, k, evaluated) : status;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A model's pictures held against the frames of a clip: what `eval` and `ablate` share. */
+ * Pictures, most often a model's, held against the frames of a clip: what `eval`, `compare` and `ablate` share. */
 #ifndef ERN_CLI_EVALUATE_H
 #define ERN_CLI_EVALUATE_H
 
@@ -9,6 +9,7 @@
 #include "evaluation/measures.h"
 #include "session/background.h"
 #include "session/frame_source.h"
+#include "session/portrait.h"
 #include "session/session.h"
 
 /* Frames of a clip and room for a picture of one. */
@@ -25,7 +26,7 @@ struct evaluation {
   const float *head_pose;    /* [16] for evaluate_input in the place of the frame's own; NULL, the default: that */
   float *rgb;                /* [height][width][3], as drawn last; so is the next one */
   uint8_t *rgba;             /* [height][width][4] */
-  struct measures *measures; /* evaluate_frame adds its frame; NULL: not wanted */
+  struct measures *measures; /* evaluate_judge adds its frame; NULL: not wanted */
   bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
 };
 
@@ -37,9 +38,13 @@ struct evaluated {
   ern_frame_times times;
 };
 
-/* Returns 0, or EXIT_FAILURE after a message, as the next three do. evaluate_close in either case. */
+/* Returns 0, or EXIT_FAILURE after a message, as those below do. evaluate_close in either case. */
 int evaluate_open(struct evaluation *evaluation, struct session *session, ern_clip *clip, enum frame_source_split split,
                   float scale, ern_audio_pad pad);
+/* The same for a portrait, which it opens: the frames of its --split that --frames asks for. portrait_close in either
+ * case. measures: takes the frames that are judged. Returns an exit status after a message. */
+int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portrait, struct session *session,
+                           const struct args *args, struct measures *measures);
 void evaluate_close(struct evaluation *evaluation);
 
 /* What the renderer is given for frame k. What it points to lasts until the next call. A head is drawn over the frame's
@@ -48,7 +53,9 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
 /* Draws frame k; of `evaluated` ms and times. */
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                   struct evaluated *evaluated);
-/* The same, then all figures. */
+/* The figures of frame k, whose picture is in `rgb`, wherever it comes from; ms and times stay. */
+int evaluate_judge(struct evaluation *evaluation, size_t k, struct evaluated *evaluated);
+/* Draws and judges frame k. */
 int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                    struct evaluated *evaluated);
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { COLUMNS = 3, SHEET_FRAMES = 3, GAIN = 4 /* of the difference */ };
+enum { COLUMNS = 3, GAIN = 4 /* of the difference */ };
 
 static void print_number(struct bytes *csv, const json_t *number, int digits) {
   if (json_is_number(number))
@@ -52,42 +52,56 @@ double frame_figures_interval(const json_t *frames, const char *name) {
 /* ---- the sheet --------------------------------------------------------------------------------------------------- */
 
 struct ranked {
-  double psnr;
+  double value;
   size_t place;
 };
 
-/* The larger PSNR first, of equal ones the earlier frame. */
-static int by_psnr(const void *left, const void *right) {
+/* The larger value first, of equal ones the earlier frame. */
+static int by_value(const void *left, const void *right) {
   const struct ranked *a = left, *b = right;
-  if (a->psnr != b->psnr) return a->psnr > b->psnr ? -1 : 1;
+  if (a->value != b->value) return a->value > b->value ? -1 : 1;
   return a->place < b->place ? -1 : a->place > b->place;
 }
 
-/* Places of the best, the median and the worst. */
-static int rank_frames(const json_t *frames, size_t place[SHEET_FRAMES]) {
-  const size_t count = json_array_size(frames), wanted[SHEET_FRAMES] = {0, count / 2, count - 1};
+int frame_figures_rank(const double *values, size_t count, size_t place[FRAME_FIGURES_SHOWN]) {
+  const size_t wanted[FRAME_FIGURES_SHOWN] = {0, count / 2, count - 1};
   struct ranked *ranked = malloc(count * sizeof *ranked);
   if (ranked == NULL) return -1;
-  for (size_t k = 0; k < count; k++) {
-    const json_t *psnr = json_object_get(json_array_get(frames, k), "psnr"); /* null: infinite */
-    ranked[k] = (struct ranked){json_is_number(psnr) ? json_number_value(psnr) : INFINITY, k};
-  }
-  qsort(ranked, count, sizeof *ranked, by_psnr);
-  for (size_t i = 0; i < SHEET_FRAMES; i++) place[i] = ranked[wanted[i]].place;
+  for (size_t k = 0; k < count; k++) ranked[k] = (struct ranked){values[k], k};
+  qsort(ranked, count, sizeof *ranked, by_value);
+  for (size_t i = 0; i < FRAME_FIGURES_SHOWN; i++) place[i] = ranked[wanted[i]].place;
   free(ranked);
   return 0;
 }
 
-/* rgb: [height][COLUMNS width][3] */
-static void fill_row(uint8_t *rgb, const uint8_t *drawn, const uint8_t *truth, size_t width, size_t height) {
+/* By PSNR. */
+static int rank_frames(const json_t *frames, size_t place[FRAME_FIGURES_SHOWN]) {
+  const size_t count = json_array_size(frames);
+  double *psnr = malloc(count * sizeof *psnr);
+  if (psnr == NULL) return -1;
+  for (size_t k = 0; k < count; k++) {
+    const json_t *number = json_object_get(json_array_get(frames, k), "psnr"); /* null: infinite */
+    psnr[k] = json_is_number(number) ? json_number_value(number) : INFINITY;
+  }
+  const int status = frame_figures_rank(psnr, count, place);
+  free(psnr);
+  return status;
+}
+
+void frame_figures_row(uint8_t *rgb, const uint8_t *const *drawn, size_t count, const uint8_t *truth, size_t width,
+                       size_t height) {
+  const size_t columns = 2 * count + 1;
   for (size_t y = 0; y < height; y++)
     for (size_t x = 0; x < width; x++)
       for (size_t c = 0; c < 3; c++) {
-        const int a = drawn[4 * (y * width + x) + c], b = truth[3 * (y * width + x) + c], d = GAIN * abs(a - b);
-        uint8_t *to = rgb + 3 * (y * COLUMNS * width + x) + c;
-        to[0] = (uint8_t)a;
-        to[3 * width] = (uint8_t)b;
-        to[6 * width] = (uint8_t)(d < 255 ? d : 255);
+        uint8_t *to = rgb + 3 * (y * columns * width + x) + c;
+        const int b = truth[3 * (y * width + x) + c];
+        to[3 * count * width] = (uint8_t)b;
+        for (size_t i = 0; i < count; i++) {
+          const int a = drawn[i][4 * (y * width + x) + c], d = GAIN * abs(a - b);
+          to[3 * i * width] = (uint8_t)a;
+          to[3 * (count + 1 + i) * width] = (uint8_t)(d < 255 ? d : 255);
+        }
       }
 }
 
@@ -96,22 +110,24 @@ int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, c
   struct session *session = evaluation->session;
   const size_t width = (size_t)evaluation->info.width, height = (size_t)evaluation->info.height;
   const size_t row = 3 * COLUMNS * width * height;
-  size_t place[SHEET_FRAMES] = {0};
-  uint8_t *rgb = malloc(SHEET_FRAMES * row);
+  size_t place[FRAME_FIGURES_SHOWN] = {0};
+  uint8_t *rgb = malloc(FRAME_FIGURES_SHOWN * row);
+  const uint8_t *drawn = evaluation->rgba;
   int status = 0;
   if (rgb == NULL || rank_frames(frames, place) != 0)
-    status = session_fail_with(session, "no memory for a sheet of %zu x %zu", COLUMNS * width, SHEET_FRAMES * height);
-  for (size_t i = 0; i < SHEET_FRAMES && status == 0; i++) {
+    status =
+        session_fail_with(session, "no memory for a sheet of %zu x %zu", COLUMNS * width, FRAME_FIGURES_SHOWN * height);
+  for (size_t i = 0; i < FRAME_FIGURES_SHOWN && status == 0; i++) {
     const struct source_frame *frame = &evaluation->frame_source.source_frame[place[i]];
     struct evaluated evaluated;
     ern_image truth = {0};
     status = evaluate_draw(evaluation, renderer, model, place[i], &evaluated);
     if (status == 0 && ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
       status = session_fail(session);
-    if (status == 0) fill_row(rgb + i * row, evaluation->rgba, truth.data, width, height);
+    if (status == 0) frame_figures_row(rgb + i * row, &drawn, 1, truth.data, width, height);
   }
   const ern_image sheet = {
-      .width = (int)(COLUMNS * width), .height = (int)(SHEET_FRAMES * height), .channels = 3, .data = rgb};
+      .width = (int)(COLUMNS * width), .height = (int)(FRAME_FIGURES_SHOWN * height), .channels = 3, .data = rgb};
   if (status == 0 && ern_image_write(session->context, path, &sheet, 100) != ERN_OK) status = session_fail(session);
   free(rgb);
   return status;

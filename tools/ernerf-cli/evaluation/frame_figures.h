@@ -18,6 +18,16 @@ void frame_figures_csv(const json_t *frames, struct bytes *csv);
  * interval is too small by what they have in common. */
 double frame_figures_interval(const json_t *frames, const char *name);
 
+enum { FRAME_FIGURES_SHOWN = 3 };
+/* Places of the largest, the median and the least of `count` >= 1 values; of equal ones the earlier counts as larger.
+ * Returns 0, or -1 without memory. */
+int frame_figures_rank(const double *values, size_t count, size_t place[FRAME_FIGURES_SHOWN]);
+
+/* Pictures of one frame side by side, rgb[height][(2 count + 1) width][3]: `count` drawn ones ([height][width][4]
+ * each), the truth ([height][width][3]), and 4 times the difference of each from it. */
+void frame_figures_row(uint8_t *rgb, const uint8_t *const *drawn, size_t count, const uint8_t *truth, size_t width,
+                       size_t height);
+
 /* Draws the best, the median and the worst frame by PSNR (of equal ones the first) once more and writes a PNG, a row
  * each: from left to right the model's picture, the truth, 4 times their difference. Returns 0, or EXIT_FAILURE after a
  * message. */

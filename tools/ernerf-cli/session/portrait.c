@@ -209,7 +209,7 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   portrait->render.threads = session->threads;
-  if (session_backend(session) != ERN_OK) return session_fail(session);
+  if (session->backend == NULL && session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)
     return session_fail(session);
   return 0;

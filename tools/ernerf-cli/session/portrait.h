@@ -36,8 +36,8 @@ enum { PORTRAIT_OPTIONS = 12 + CLIP_SOURCE_OPTIONS };
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
 
-/* Opens model, clip (where there is one), backend and renderer. A model of another clip is refused, with --force only
- * told of. Returns 0, or EXIT_FAILURE after a message. */
+/* Opens model, clip (where there is one), backend (where none is open) and renderer. A model of another clip is
+ * refused, with --force only told of. Returns 0, or EXIT_FAILURE after a message. */
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
 void portrait_close(struct portrait *portrait);
 

@@ -211,26 +211,13 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
 static int open_all(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
   struct session *session = &job->session;
-  int status = portrait_open(portrait, session, args);
-  hearing_close(&portrait->source.hearing);
+  const int status = evaluate_open_portrait(&job->evaluation, portrait, session, args, &job->measures);
   if (status != 0) return status;
   job->frames = json_array();
   if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
-  status = evaluate_open(&job->evaluation, session, portrait->clip, (enum frame_source_split)portrait->split,
-                         portrait->scale, (ern_audio_pad)portrait->audio_pad);
-  if (status != 0) return status;
-  job->evaluation.measures = &job->measures;
-  job->measures.flow = session->context;
-  const ern_features *features = job->evaluation.features;
-  if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
-    return session_fail(session);
-  if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
-    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
-  status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
-  if (status == 0) status = portrait_thin(portrait, session, &job->evaluation.frame_source, features);
-  if (status == 0) status = perceptual_distance_open(&job->perceptual, &job->evaluation);
-  if (status != 0 || job->video == NULL) return status;
-  return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
+  if (perceptual_distance_open(&job->perceptual, &job->evaluation) != 0) return EXIT_FAILURE;
+  if (job->video == NULL) return 0;
+  return comparison_open(&job->comparison, &job->evaluation, 1, job->video, portrait->source.path);
 }
 
 static int write_files(struct eval_job *job) {
@@ -255,13 +242,14 @@ static int evaluate_all(struct eval_job *job) {
   struct stat about;
   progress_begin(&progress, session, "eval", "frames");
   const struct frame_source *frame_source = &job->evaluation.frame_source;
+  const uint8_t *drawn = job->evaluation.rgba;
   for (size_t k = 0; k < frame_source->count; k++) {
     struct evaluated evaluated;
     if (session_interrupted()) return session_stop_with(session, "stopped at frame %zu of %zu", k, frame_source->count);
     if (evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, &evaluated) != 0)
       return EXIT_FAILURE;
     take_figures(&job->own, &evaluated);
-    if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, k) != 0) return EXIT_FAILURE;
+    if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, &drawn, k) != 0) return EXIT_FAILURE;
     json_t *row = row_of(&frame_source->source_frame[k], &evaluated);
     json_array_append_new(job->frames, row);
     if (perceptual_distance_add(&job->perceptual, &job->evaluation, k, row) != 0) return EXIT_FAILURE;

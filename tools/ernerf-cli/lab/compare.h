@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ * Two portraits on the same frames: what `ernerf compare` knows of them, and its figures. */
+#ifndef ERN_CLI_COMPARE_H
+#define ERN_CLI_COMPARE_H
+
+#include <jansson.h>
+#include <sys/stat.h>
+
+#include "bytes.h"
+#include "evaluation/comparison.h"
+#include "evaluation/evaluate.h"
+#include "evaluation/frame_figures.h"
+#include "lab/compare_side.h"
+#include "session/portrait.h"
+
+enum { COMPARE_SIDES = 2, COMPARE_FIGURES = 4, COMPARE_MEASURES = 7, COMPARE_SHOWN = FRAME_FIGURES_SHOWN };
+
+struct compare {
+  struct session session;
+  struct portrait asked;           /* options and CLIP, as both sides take them */
+  const char *path[COMPARE_SIDES]; /* A and B */
+  const char *folder;
+  /* made */
+  struct compare_side side[COMPARE_SIDES];
+  ern_clip *clip; /* of two videos; NULL: a model's clip is there */
+  struct comparison comparison;
+  struct evaluated *evaluated[COMPARE_SIDES]; /* [frames] */
+  json_t *rows[COMPARE_SIDES + 1];            /* arrays of a row a frame: of A, of B, of B - A */
+  size_t shown[COMPARE_SHOWN];                /* frames: B at its best against A, median, at its worst */
+  struct stat video;                          /* the file of the video while it has no last name; st_ino 0: none */
+  bool made_folder;
+};
+
+extern const char compare_letters[COMPARE_SIDES];            /* "AB" */
+extern const char *const compare_shown_names[COMPARE_SHOWN]; /* "best" ... */
+
+/* Figures of a frame: PSNR, SSIM, PSNR of the head, PSNR of the mouth. All are the better the larger. */
+struct compare_figure {
+  const char *name, *title; /* "psnr", "PSNR" */
+  int digits;               /* of a table */
+};
+extern const struct compare_figure compare_figures[COMPARE_FIGURES];
+
+/* Over the frames that have it; NaN: none has. interval: half of a mean's 95 % interval, NaN for fewer than two. */
+struct compare_summary {
+  double mean[COMPARE_SIDES], interval[COMPARE_SIDES];
+  double difference, difference_interval; /* B - A by frame */
+  size_t wins[COMPARE_SIDES], equal;      /* frames in which the side's is larger; in which both are the same */
+};
+
+size_t compare_frames(const struct compare *c);
+const struct source_frame *compare_frame(const struct compare *c, size_t k);
+/* Figure `figure` of frame k; NaN where the frame has not the region. */
+double compare_value(const struct compare *c, size_t side, size_t k, size_t figure);
+/* The same, B - A. */
+double compare_difference(const struct compare *c, size_t k, size_t figure);
+
+/* After the last frame: fills rows and shown. Returns 0, or EXIT_FAILURE after a message. */
+int compare_settle(struct compare *c);
+struct compare_summary compare_summarise(const struct compare *c, size_t figure);
+
+/* Figures that are of all frames together, such as the motion of the mouth. NaN where the clip does not tell. */
+struct compare_measure {
+  const char *title;
+  const char *best; /* what the truth itself has */
+  double value[COMPARE_SIDES];
+};
+void compare_measures(const struct compare *c, struct compare_measure measures[COMPARE_MEASURES]);
+
+/* The object of --json and of compare.json; NULL without memory. */
+json_t *compare_json(const struct compare *c);
+void compare_csv(const struct compare *c, struct bytes *csv);
+/* The table for standard output. */
+void compare_text(const struct compare *c, struct bytes *text);
+
+#endif
