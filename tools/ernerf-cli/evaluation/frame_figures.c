@@ -17,7 +17,8 @@ static void print_number(struct bytes *csv, const json_t *number, int digits) {
 void frame_figures_csv(const json_t *frames, struct bytes *csv) {
   size_t index;
   json_t *frame;
-  bytes_print(csv, "frame,split,psnr,ssim,psnr_head,psnr_mouth,ms\n");
+  const bool landmarks = json_object_get(json_array_get(frames, 0), "lmd_mouth") != NULL;
+  bytes_print(csv, "frame,split,psnr,ssim,psnr_head,psnr_mouth,ms%s\n", landmarks ? ",lmd_mouth,lmd_face" : "");
   json_array_foreach((json_t *)frames, index, frame) {
     bytes_print(csv, "%" JSON_INTEGER_FORMAT ",%s", json_integer_value(json_object_get(frame, "id")),
                 json_string_value(json_object_get(frame, "split")));
@@ -26,6 +27,10 @@ void frame_figures_csv(const json_t *frames, struct bytes *csv) {
     print_number(csv, json_object_get(frame, "psnr_head"), 4);
     print_number(csv, json_object_get(frame, "psnr_mouth"), 4);
     print_number(csv, json_object_get(frame, "ms"), 3);
+    if (landmarks) {
+      print_number(csv, json_object_get(frame, "lmd_mouth"), 4);
+      print_number(csv, json_object_get(frame, "lmd_face"), 4);
+    }
     bytes_print(csv, "\n");
   }
 }

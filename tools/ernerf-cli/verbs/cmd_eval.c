@@ -10,6 +10,7 @@
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "evaluation/frame_figures.h"
+#include "evaluation/paper_metrics.h"
 #include "evaluation/pose_fit.h"
 #include "output/progress.h"
 #include "session/portrait.h"
@@ -29,6 +30,7 @@ struct eval_job {
   struct portrait portrait;
   struct evaluation evaluation;
   struct measures measures;
+  struct paper_metrics metrics;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
   struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
@@ -145,6 +147,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   printf("\n");
   const struct measures_figures figures = measures_figures(&job->measures);
   measures_print(&figures);
+  paper_metrics_print(&job->metrics, job->frames);
   if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
          1000 / mean(sum->ms, n), job->portrait.clip_info.width, job->portrait.clip_info.height,
@@ -189,7 +192,7 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.output, n)));
   return json_pack(
       "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, "
-      "s:O}",
+      "s:o, s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
       portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
@@ -198,7 +201,8 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
       "measures", measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
       session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
       by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
-      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "frames", job->frames);
+      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "metrics",
+      paper_metrics_json(&job->metrics, job->frames), "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -223,6 +227,7 @@ static int open_all(struct eval_job *job, const struct args *args) {
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
   status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
   if (status == 0) status = portrait_thin(portrait, session, &job->evaluation.frame_source, features);
+  if (status == 0) status = paper_metrics_open(&job->metrics, &job->evaluation);
   if (status != 0 || job->video == NULL) return status;
   return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
 }
@@ -257,9 +262,10 @@ static int evaluate_all(struct eval_job *job) {
     take_figures(&job->own, &evaluated);
     if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, k) != 0) return EXIT_FAILURE;
     json_t *row = row_of(&frame_source->source_frame[k], &evaluated);
-    const int refined = job->refine_poses ? evaluate_refined(job, k, row) : 0;
+    int status = paper_metrics_add(&job->metrics, &job->evaluation, k, row);
+    if (status == 0 && job->refine_poses) status = evaluate_refined(job, k, row);
     json_array_append_new(job->frames, row);
-    if (refined != 0) return refined;
+    if (status != 0) return status;
     progress_at(&progress, k + 1, frame_source->count, "");
   }
   progress_end(&progress);
@@ -275,6 +281,7 @@ static void close_all(struct eval_job *job) {
   comparison_close(&job->comparison);
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
+  paper_metrics_close(&job->metrics);
   portrait_close(&job->portrait);
   session_close(&job->session);
 }
@@ -307,7 +314,8 @@ int cmd_eval(int argc, char **argv) {
        .target = &job.refine_poses,
        .help = "each frame also at the pose that the model draws it best at, in figures of their own; draws it up to "
                "200 times"}};
-  struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS],
+      metrics[PAPER_METRICS_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
@@ -321,10 +329,13 @@ int cmd_eval(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 2,
-      .groups = {{"What is compared:", own, OWN_OPTIONS},
-                 {"How:", shared, PORTRAIT_OPTIONS},
-                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+      .groups = {
+          {"What is compared:", own, OWN_OPTIONS},
+          {"Metrics of the paper's tables, by what you bring (docs/evaluation.md):", metrics, PAPER_METRICS_OPTIONS},
+          {"How:", shared, PORTRAIT_OPTIONS},
+          {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   portrait_options(&job.portrait, FRAME_SOURCE_VAL, shared);
+  paper_metrics_options(&job.metrics, metrics);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
@@ -344,6 +355,7 @@ int cmd_eval(int argc, char **argv) {
   job.session.inputs[2] = job.portrait.source.features;
   job.session.inputs[3] = job.portrait.source.hearing.path;
   job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
+  if (status < 0) status = paper_metrics_check(&job.metrics, &args, &job.session);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   const char *const outputs[] = {job.video, job.csv, job.sheet};

@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: MIT */
+#include "evaluation/paper_metrics.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "evaluation/frame_figures.h"
+
+static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the drawn frames";
+static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
+static const char fid_needs[] = "is not made by this version";
+static const char sync_needs[] = "is not made by this version";
+
+void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "landmarks",
+       .kind = OPTION_TEXT,
+       .target = &metrics->lmd.path,
+       .choices = "FILE.onnx|DIR",
+       .help = "LMD: a network that finds landmarks, or a folder of ID.lms of the drawn frames"},
+      {.name = "action-units",
+       .kind = OPTION_TEXT,
+       .target = &metrics->aue.drawn_path,
+       .choices = "FILE.csv",
+       .help = "AUE: OpenFace's table of the drawn frames, a row each"},
+      {.name = "true-action-units",
+       .kind = OPTION_TEXT,
+       .target = &metrics->aue.true_path,
+       .choices = "FILE.csv",
+       .help = "AUE: OpenFace's table of the same frames of the clip"}};
+  ARGS_FILL(options, rows, PAPER_METRICS_OPTIONS);
+}
+
+int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session) {
+  const char *const inputs[] = {metrics->lmd.path, metrics->aue.drawn_path, metrics->aue.true_path};
+  for (size_t i = 0, next = 0; i < sizeof inputs / sizeof *inputs; i++) {
+    while (next < SESSION_INPUTS && session->inputs[next] != NULL) next++;
+    if (inputs[i] != NULL && next < SESSION_INPUTS) session->inputs[next] = inputs[i];
+  }
+  if ((metrics->aue.drawn_path == NULL) != (metrics->aue.true_path == NULL))
+    return args_refuse(args, "--action-units and --true-action-units: one is given, expected both or neither");
+  return -1;
+}
+
+int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation) {
+  const int status = action_units_compare(&metrics->aue, evaluation->session, evaluation->frame_source.count);
+  return status != 0 ? status : landmark_distance_open(&metrics->lmd, evaluation);
+}
+
+int paper_metrics_add(struct paper_metrics *metrics, const struct evaluation *evaluation, size_t k, json_t *row) {
+  return landmark_distance_add(&metrics->lmd, evaluation, k, row);
+}
+
+void paper_metrics_close(struct paper_metrics *metrics) { landmark_distance_close(&metrics->lmd); }
+
+/* ---- results ----------------------------------------------------------------------------------------------------- */
+
+static double lmd_mean(const struct landmark_distance *lmd, double sum) {
+  return lmd->frames > 0 ? sum / (double)lmd->frames : NAN;
+}
+
+static void print_left_out(size_t frames, size_t left_out) {
+  printf(" (%zu frames", frames);
+  if (left_out > 0) printf(", %zu left out", left_out);
+  printf(")\n");
+}
+
+static void print_interval(const json_t *frames, const char *name) {
+  const double half = frame_figures_interval(frames, name);
+  if (isfinite(half)) printf(" +- %.3f", half);
+}
+
+void paper_metrics_print(const struct paper_metrics *metrics, const json_t *frames) {
+  const struct landmark_distance *lmd = &metrics->lmd;
+  const struct action_units *aue = &metrics->aue;
+  if (lmd->frames > 0) {
+    printf("LMD: mouth %.3f", lmd_mean(lmd, lmd->mouth));
+    print_interval(frames, "lmd_mouth");
+    printf(", face %.3f", lmd_mean(lmd, lmd->face));
+    print_interval(frames, "lmd_face");
+    printf(" pixels");
+    print_left_out(lmd->frames, lmd->left_out);
+  } else {
+    printf("LMD: not computed: %s\n", lmd_needs);
+  }
+  if (aue->frames > 0) {
+    printf("AUE: %.3f", aue->all);
+    if (isfinite(aue->lower)) printf(", lower face %.3f", aue->lower);
+    if (isfinite(aue->upper)) printf(", upper face %.3f", aue->upper);
+    printf(", of %zu action units", aue->units);
+    print_left_out(aue->frames, aue->left_out);
+  } else {
+    printf("AUE: not computed: %s\n", aue_needs);
+  }
+  printf("FID: not computed: %s\n", fid_needs);
+  printf("Sync: not computed: %s\n", sync_needs);
+}
+
+static json_t *lmd_json(const struct landmark_distance *lmd, const json_t *frames) {
+  if (lmd->frames == 0) return json_null();
+  return json_pack("{s:o, s:o, s:o, s:o, s:I, s:I}", "mouth", session_number(lmd_mean(lmd, lmd->mouth)), "face",
+                   session_number(lmd_mean(lmd, lmd->face)), "interval95_mouth",
+                   session_number(frame_figures_interval(frames, "lmd_mouth")), "interval95_face",
+                   session_number(frame_figures_interval(frames, "lmd_face")), "frames", (json_int_t)lmd->frames,
+                   "left_out", (json_int_t)lmd->left_out);
+}
+
+static json_t *aue_json(const struct action_units *aue) {
+  if (aue->frames == 0) return json_null();
+  return json_pack("{s:o, s:o, s:o, s:I, s:I, s:I}", "all", session_number(aue->all), "lower",
+                   session_number(aue->lower), "upper", session_number(aue->upper), "units", (json_int_t)aue->units,
+                   "frames", (json_int_t)aue->frames, "left_out", (json_int_t)aue->left_out);
+}
+
+json_t *paper_metrics_json(const struct paper_metrics *metrics, const json_t *frames) {
+  json_t *absent = json_object();
+  if (metrics->lmd.frames == 0) json_object_set_new(absent, "lmd", json_string(lmd_needs));
+  if (metrics->aue.frames == 0) json_object_set_new(absent, "aue", json_string(aue_needs));
+  json_object_set_new(absent, "fid", json_string(fid_needs));
+  json_object_set_new(absent, "sync", json_string(sync_needs));
+  return json_pack("{s:o, s:o, s:n, s:n, s:o}", "lmd", lmd_json(&metrics->lmd, frames), "aue", aue_json(&metrics->aue),
+                   "fid", "sync", "not_computed", absent);
+}
