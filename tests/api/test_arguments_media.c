@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * What media does with NULL, with numbers out of range and with structures that nobody initialised (base.h). */
+#include <math.h>
 #include "arguments.h"
+
 #include "ernerf/media.h"
+#include "made_onnx.h"
 
 static struct world {
   ern_context *context;
@@ -67,6 +70,65 @@ CHECK(ern_optical_flow) {
   REFUSED(w.context, "ern_optical_flow: flow is NULL", ern_optical_flow(w.context, from, to, 16, 16, NULL));
   REFUSED(w.context, "15 x 16", ern_optical_flow(w.context, from, to, 15, 16, flow));
   REFUSED(w.context, "16 x -1", ern_optical_flow(w.context, from, to, 16, -1, flow));
+}
+/* A network that means over a picture's colours. */
+static ern_network *made_network(void) {
+  struct made_message graph = {0};
+  ern_network *network = NULL;
+  made_node(&graph, "GlobalAveragePool", "picture", "mean", NULL);
+  made_value(&graph, 11, "picture", (const size_t[]){1, 3, 4, 5, 0});
+  made_value(&graph, 12, "mean", (const size_t[]){1, 3, 1, 1, 0});
+  made_onnx("mean.onnx", &graph);
+  support_ok(w.context, ern_network_open(w.context, "mean.onnx", &network));
+  return network;
+}
+
+CHECK(ern_network_open) {
+  ern_network *network = (ern_network *)&w;
+  REFUSED_ALONE(ern_network_open(NULL, junk, &network));
+  assert_null(network);
+  REFUSED(w.context, "ern_network_open: path is NULL", ern_network_open(w.context, NULL, &network));
+  REFUSED(w.context, "ern_network_open: network is NULL", ern_network_open(w.context, junk, NULL));
+  network = (ern_network *)&w;
+  support_expect(w.context, ern_network_open(w.context, junk, &network), ERN_E_MISSING, junk, NULL);
+  assert_null(network);
+  support_write_text("none.onnx", "no network");
+  support_expect(w.context, ern_network_open(w.context, "none.onnx", &network), ERN_E_FORMAT, "none.onnx", NULL);
+}
+CHECK(ern_network_free) {
+  ern_network *network = NULL;
+  ern_network_free(NULL);
+  ern_network_free(&network);
+}
+CHECK(ern_network_input) {
+  int shape[ERN_NETWORK_DIMS];
+  assert_int_equal(ern_network_input(NULL, shape), 0);
+  if (!ERN_VISION) return;
+  ern_network *network = made_network();
+  assert_int_equal(ern_network_input(network, NULL), 0);
+  assert_int_equal(ern_network_input(network, shape), 4);
+  assert_true(shape[0] == 1 && shape[1] == 3 && shape[2] == 4 && shape[3] == 5);
+  ern_network_free(&network);
+  assert_null(network);
+}
+CHECK(ern_network_run) {
+  float input[60] = {0};
+  const float *output = NULL;
+  size_t count = 0;
+  REFUSED_ALONE(ern_network_run(NULL, input, &output, &count));
+  if (!ERN_VISION) return;
+  ern_network *network = made_network();
+  REFUSED(w.context, "ern_network_run: input is NULL", ern_network_run(network, NULL, &output, &count));
+  REFUSED(w.context, "ern_network_run: output is NULL", ern_network_run(network, input, NULL, &count));
+  REFUSED(w.context, "ern_network_run: count is NULL", ern_network_run(network, input, &output, NULL));
+  for (size_t i = 20; i < 40; i++) input[i] = (float)i;
+  support_ok(w.context, ern_network_run(network, input, &output, &count));
+  assert_int_equal(count, 3);
+  assert_true(output[0] == 0 && output[1] > 29.49f && output[1] < 29.51f && output[2] == 0);
+  input[3] = HUGE_VALF;
+  support_expect(w.context, ern_network_run(network, input, &output, &count), ERN_E_NONFINITE, "mean.onnx", "place 0",
+                 NULL);
+  ern_network_free(&network);
 }
 CHECK(ern_image_resize) {
   const ern_image image = picture();
@@ -291,45 +353,22 @@ CHECK(ern_clip_check) {
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {ROW(ern_image_read),
-                                               ROW(ern_image_size),
-                                               ROW(ern_image_write),
-                                               ROW(ern_image_write_exr),
-                                               ROW(ern_image_resize),
-                                               ROW(ern_optical_flow),
-                                               ROW(ern_image_free),
-                                               ROW(ern_sound_read),
-                                               ROW(ern_sound_write_wav),
-                                               ROW(ern_sound_free),
-                                               ROW(ern_video_options_default),
-                                               ROW(ern_video_options_fill),
-                                               ROW(ern_clip_options_fill),
-                                               ROW(ern_clip_describe_sized),
-                                               ROW(ern_clip_dataset_sized),
-                                               ROW(ern_clip_measure_sized),
-                                               ROW(ern_video_writer_open),
-                                               ROW(ern_video_writer_frame),
-                                               ROW(ern_video_writer_close),
-                                               ROW(ern_video_writer_abandon),
-                                               ROW(ern_video_reader_open),
-                                               ROW(ern_video_reader_info),
-                                               ROW(ern_video_reader_info_sized),
-                                               ROW(ern_video_reader_frame),
-                                               ROW(ern_video_reader_free),
-                                               ROW(ern_clip_options_default),
-                                               ROW(ern_clip_open),
-                                               ROW(ern_clip_free),
-                                               ROW(ern_clip_describe),
-                                               ROW(ern_clip_identity),
-                                               ROW(ern_clip_features),
-                                               ROW(ern_clip_vary_speech),
-                                               ROW(ern_clip_speech_copies),
-                                               ROW(ern_clip_background),
-                                               ROW(ern_clip_frame_at),
-                                               ROW(ern_clip_pixels),
-                                               ROW(ern_clip_dataset),
-                                               ROW(ern_clip_measure),
-                                               ROW(ern_clip_check)};
+static const struct arguments_check table[] = {
+    ROW(ern_image_read),         ROW(ern_image_size),         ROW(ern_image_write),
+    ROW(ern_image_write_exr),    ROW(ern_network_open),       ROW(ern_network_free),
+    ROW(ern_network_input),      ROW(ern_network_run),        ROW(ern_image_resize),
+    ROW(ern_optical_flow),       ROW(ern_image_free),         ROW(ern_sound_read),
+    ROW(ern_sound_write_wav),    ROW(ern_sound_free),         ROW(ern_video_options_default),
+    ROW(ern_video_options_fill), ROW(ern_clip_options_fill),  ROW(ern_clip_describe_sized),
+    ROW(ern_clip_dataset_sized), ROW(ern_clip_measure_sized), ROW(ern_video_writer_open),
+    ROW(ern_video_writer_frame), ROW(ern_video_writer_close), ROW(ern_video_writer_abandon),
+    ROW(ern_video_reader_open),  ROW(ern_video_reader_info),  ROW(ern_video_reader_info_sized),
+    ROW(ern_video_reader_frame), ROW(ern_video_reader_free),  ROW(ern_clip_options_default),
+    ROW(ern_clip_open),          ROW(ern_clip_free),          ROW(ern_clip_describe),
+    ROW(ern_clip_identity),      ROW(ern_clip_features),      ROW(ern_clip_vary_speech),
+    ROW(ern_clip_speech_copies), ROW(ern_clip_background),    ROW(ern_clip_frame_at),
+    ROW(ern_clip_pixels),        ROW(ern_clip_dataset),       ROW(ern_clip_measure),
+    ROW(ern_clip_check)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

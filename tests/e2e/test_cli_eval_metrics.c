@@ -248,6 +248,72 @@ static void test_landmarks_refused(void **state) {
   refused("--landmarks bad.onnx", "bad.onnx", "no output has 68 or 98 points");
 }
 
+/* ---- FID --------------------------------------------------------------------------------------------------------- */
+
+/* Features that are the means of the colours in -1..1, each twice. */
+static void make_features(const char *path, size_t channels) {
+  struct made_message graph = {0};
+  static const float weights[6 * 4] = {[0] = 1, [4] = 1, [8] = 1, [9] = 1, [13] = 1, [17] = 1};
+  made_weight(&graph, "W", (const size_t[]){6, channels, 1, 1, 0}, weights);
+  made_node(&graph, "GlobalAveragePool", "picture", "mean", NULL);
+  made_node(&graph, "Conv", "mean W", "features",
+            (const struct made_attribute[]){{"kernel_shape", 2, {1, 1}}, {NULL, 0, {0}}});
+  made_value(&graph, 11, "picture", (const size_t[]){1, channels, 32, 32, 0});
+  made_value(&graph, 12, "features", (const size_t[]){1, 6, 1, 1, 0});
+  made_onnx(path, &graph);
+}
+
+/* Means of the colours, in -1..1, of a picture that is halved: bilinear between pixels, each counts the same. */
+static void colours_of(const char *format, long id, double mean[3]) {
+  ern_context *context = support_context();
+  ern_image image = {0};
+  char path[64];
+  snprintf(path, sizeof path, "%s/%ld%s", format, id, format[0] == 'c' ? ".jpg" : ".png");
+  support_ok(context, ern_image_read(context, path, 3, &image));
+  for (size_t c = 0; c < 3; c++) mean[c] = -1;
+  for (size_t i = 0; i < 3 * SIDE * SIDE; i++) mean[i % 3] += image.data[i] / 127.5 / (SIDE * SIDE);
+  ern_image_free(context, &image);
+  ern_context_free(&context);
+}
+
+static void test_frechet_of_frames(void **state) {
+  (void)state;
+  if (!ERN_VISION) skip();
+  make_features("mean.onnx", 3);
+  json_t *report = evaluate("--inception mean.onnx");
+  support_clear("all");
+  assert_int_equal(mkdir("all", 0777), 0);
+  cli_run(&cli,
+          "render m.safetensors --clip clip --split all --frames %ld:%ld -o all/%%d.png -y --quiet --no-silence-pose",
+          ids[0], ids[frames - 1] + 1);
+  cli_expect(&cli, 0, NULL);
+  /* the means' distance, and how far the roots of the traces are apart: a lower and an upper bound of the rest */
+  double mean[2][3] = {{0}}, square[2] = {0, 0}, between = 0, colours[2][MOST][3];
+  for (size_t i = 0; i < frames; i++)
+    for (size_t t = 0; t < 2; t++) {
+      colours_of(t == 0 ? "all" : "clip/gt_imgs", ids[i], colours[t][i]);
+      for (size_t c = 0; c < 3; c++) mean[t][c] += colours[t][i][c] / (double)frames;
+    }
+  for (size_t i = 0; i < frames; i++)
+    for (size_t t = 0; t < 2; t++)
+      for (size_t c = 0; c < 3; c++) square[t] += 2 * pow(colours[t][i][c] - mean[t][c], 2) / (double)(frames - 1);
+  for (size_t c = 0; c < 3; c++) between += 2 * pow(mean[0][c] - mean[1][c], 2);
+  const double found = number(report, "fid", "distance"), rounding = 1e-3 * between;
+  assert_true(between > 1e-3);
+  assert_true(found > between + pow(sqrt(square[0]) - sqrt(square[1]), 2) - rounding);
+  assert_true(found < between + square[0] + square[1] + rounding);
+  expect_near(number(report, "fid", "features"), 6, 0);
+  expect_near(number(report, "fid", "frames"), (double)frames, 0);
+  json_decref(report);
+  cli_run(&cli, "eval m.safetensors clip --inception mean.onnx");
+  cli_expect_out(&cli, 0, "FID: ", "of 6 features", "biased", NULL);
+  make_features("grey.onnx", 4);
+  refused("--inception grey.onnx", "[1, 4, 32, 32]", "expected [1, 3, height, width]");
+  support_write_text("bad.onnx", "no network");
+  refused("--inception bad.onnx", "bad.onnx", NULL);
+  refused("--inception mean.onnx --frames 0:1", "1 frame", "expected 2");
+}
+
 /* ---- AUE --------------------------------------------------------------------------------------------------------- */
 
 static double intensity(size_t table, size_t row, size_t unit) {
@@ -345,9 +411,12 @@ static void test_action_units_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_absent),           cmocka_unit_test(test_landmark_files),
-      cmocka_unit_test(test_landmark_network), cmocka_unit_test(test_landmarks_refused),
-      cmocka_unit_test(test_action_units),     cmocka_unit_test(test_action_units_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_absent),
+                                     cmocka_unit_test(test_landmark_files),
+                                     cmocka_unit_test(test_landmark_network),
+                                     cmocka_unit_test(test_landmarks_refused),
+                                     cmocka_unit_test(test_action_units),
+                                     cmocka_unit_test(test_frechet_of_frames),
+                                     cmocka_unit_test(test_action_units_refused)};
   return cmocka_run_group_tests(tests, train_head, NULL);
 }

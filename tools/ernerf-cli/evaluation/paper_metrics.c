@@ -7,9 +7,10 @@
 
 #include "evaluation/frame_figures.h"
 
+enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features */ };
 static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the drawn frames";
 static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
-static const char fid_needs[] = "is not made by this version";
+static const char fid_needs[] = "needs --inception: a network of features, FILE.onnx, and 2 frames at least";
 static const char sync_needs[] = "is not made by this version";
 
 void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]) {
@@ -28,12 +29,17 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
        .kind = OPTION_TEXT,
        .target = &metrics->aue.true_path,
        .choices = "FILE.csv",
-       .help = "AUE: OpenFace's table of the same frames of the clip"}};
+       .help = "AUE: OpenFace's table of the same frames of the clip"},
+      {.name = "inception",
+       .kind = OPTION_TEXT,
+       .target = &metrics->fid.path,
+       .choices = "FILE.onnx",
+       .help = "FID: a network of features, Inception-v3 up to its last pooling for figures as others have them"}};
   ARGS_FILL(options, rows, PAPER_METRICS_OPTIONS);
 }
 
 int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session) {
-  const char *const inputs[] = {metrics->lmd.path, metrics->aue.drawn_path, metrics->aue.true_path};
+  const char *const inputs[] = {metrics->lmd.path, metrics->aue.drawn_path, metrics->aue.true_path, metrics->fid.path};
   for (size_t i = 0, next = 0; i < sizeof inputs / sizeof *inputs; i++) {
     while (next < SESSION_INPUTS && session->inputs[next] != NULL) next++;
     if (inputs[i] != NULL && next < SESSION_INPUTS) session->inputs[next] = inputs[i];
@@ -44,15 +50,24 @@ int paper_metrics_check(const struct paper_metrics *metrics, const struct args *
 }
 
 int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation) {
-  const int status = action_units_compare(&metrics->aue, evaluation->session, evaluation->frame_source.count);
-  return status != 0 ? status : landmark_distance_open(&metrics->lmd, evaluation);
+  int status = action_units_compare(&metrics->aue, evaluation->session, evaluation->frame_source.count);
+  if (status == 0) status = landmark_distance_open(&metrics->lmd, evaluation);
+  return status != 0 ? status : inception_open(&metrics->fid, evaluation);
 }
 
 int paper_metrics_add(struct paper_metrics *metrics, const struct evaluation *evaluation, size_t k, json_t *row) {
-  return landmark_distance_add(&metrics->lmd, evaluation, k, row);
+  const int status = landmark_distance_add(&metrics->lmd, evaluation, k, row);
+  return status != 0 ? status : inception_add(&metrics->fid, evaluation, k);
 }
 
-void paper_metrics_close(struct paper_metrics *metrics) { landmark_distance_close(&metrics->lmd); }
+int paper_metrics_finish(struct paper_metrics *metrics, struct session *session) {
+  return inception_finish(&metrics->fid, session);
+}
+
+void paper_metrics_close(struct paper_metrics *metrics) {
+  landmark_distance_close(&metrics->lmd);
+  inception_close(&metrics->fid);
+}
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
@@ -93,7 +108,11 @@ void paper_metrics_print(const struct paper_metrics *metrics, const json_t *fram
   } else {
     printf("AUE: not computed: %s\n", aue_needs);
   }
-  printf("FID: not computed: %s\n", fid_needs);
+  if (metrics->fid.frames > 0)
+    printf("FID: %.3f, of %zu features (%zu frames%s)\n", metrics->fid.distance, metrics->fid.features,
+           metrics->fid.frames, metrics->fid.frames < FID_FRAMES ? "; biased upwards under 2048" : "");
+  else
+    printf("FID: not computed: %s\n", fid_needs);
   printf("Sync: not computed: %s\n", sync_needs);
 }
 
@@ -113,12 +132,18 @@ static json_t *aue_json(const struct action_units *aue) {
                    "frames", (json_int_t)aue->frames, "left_out", (json_int_t)aue->left_out);
 }
 
+static json_t *fid_json(const struct inception *fid) {
+  if (fid->frames == 0) return json_null();
+  return json_pack("{s:o, s:I, s:I}", "distance", session_number(fid->distance), "features", (json_int_t)fid->features,
+                   "frames", (json_int_t)fid->frames);
+}
+
 json_t *paper_metrics_json(const struct paper_metrics *metrics, const json_t *frames) {
   json_t *absent = json_object();
   if (metrics->lmd.frames == 0) json_object_set_new(absent, "lmd", json_string(lmd_needs));
   if (metrics->aue.frames == 0) json_object_set_new(absent, "aue", json_string(aue_needs));
-  json_object_set_new(absent, "fid", json_string(fid_needs));
+  if (metrics->fid.frames == 0) json_object_set_new(absent, "fid", json_string(fid_needs));
   json_object_set_new(absent, "sync", json_string(sync_needs));
-  return json_pack("{s:o, s:o, s:n, s:n, s:o}", "lmd", lmd_json(&metrics->lmd, frames), "aue", aue_json(&metrics->aue),
-                   "fid", "sync", "not_computed", absent);
+  return json_pack("{s:o, s:o, s:o, s:n, s:o}", "lmd", lmd_json(&metrics->lmd, frames), "aue", aue_json(&metrics->aue),
+                   "fid", fid_json(&metrics->fid), "sync", "not_computed", absent);
 }

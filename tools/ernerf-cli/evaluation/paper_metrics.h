@@ -1,29 +1,33 @@
 /* SPDX-License-Identifier: MIT
- * The metrics of the paper's tables that need what the user brings: LMD and AUE (docs/evaluation.md). */
+ * The metrics of the paper's tables that need what the user brings: LMD, AUE and FID (docs/evaluation.md). */
 #ifndef ERN_CLI_PAPER_METRICS_H
 #define ERN_CLI_PAPER_METRICS_H
 
 #include "evaluation/action_units.h"
+#include "evaluation/inception.h"
 #include "evaluation/landmark_distance.h"
 
-enum { PAPER_METRICS_OPTIONS = 3 };
+enum { PAPER_METRICS_OPTIONS = 4 };
 
 /* Zeroed: none of them is wanted. */
 struct paper_metrics {
   struct landmark_distance lmd;
   struct action_units aue;
+  struct inception fid;
 };
 
-/* --landmarks --action-units --true-action-units. */
+/* --landmarks --action-units --true-action-units --inception. */
 void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]);
 /* EXIT_USAGE after a sentence where one option needs another, else -1. The session learns of the inputs. */
 int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session);
 
-/* Opens and reads what was brought. Returns 0, or EXIT_FAILURE after a message, as the next two do.
+/* Opens and reads what was brought. Returns 0, or EXIT_FAILURE after a message, as the next three do.
  * paper_metrics_close in either case. */
 int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation);
 /* Frame k, as evaluate_frame has drawn it; what a frame has of its own goes into `row`. */
 int paper_metrics_add(struct paper_metrics *metrics, const struct evaluation *evaluation, size_t k, json_t *row);
+/* After the last frame. */
+int paper_metrics_finish(struct paper_metrics *metrics, struct session *session);
 void paper_metrics_close(struct paper_metrics *metrics);
 
 /* To standard output, a line each, also where a metric was not computed: then with what it needs. frames: the rows. */

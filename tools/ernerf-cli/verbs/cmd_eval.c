@@ -270,7 +270,7 @@ static int evaluate_all(struct eval_job *job) {
   }
   progress_end(&progress);
   if (job->video != NULL && comparison_finish(&job->comparison) != 0) return EXIT_FAILURE;
-  if (write_files(job) != 0) return EXIT_FAILURE;
+  if (paper_metrics_finish(&job->metrics, session) != 0 || write_files(job) != 0) return EXIT_FAILURE;
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
   if (!session_json_on_stdout(session)) print_table(job, model_bytes);
   return session_report(session, report(job, model_bytes));
