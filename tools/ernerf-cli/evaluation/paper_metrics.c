@@ -11,7 +11,7 @@ enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features */ };
 static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the drawn frames";
 static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
 static const char fid_needs[] = "needs --inception: a network of features, FILE.onnx, and 2 frames at least";
-static const char sync_needs[] = "is not made by this version";
+static const char sync_needs[] = "needs --syncnet-video and --syncnet-audio: the two networks of SyncNet, FILE.onnx";
 
 void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]) {
   const struct option rows[] = {
@@ -34,39 +34,56 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
        .kind = OPTION_TEXT,
        .target = &metrics->fid.path,
        .choices = "FILE.onnx",
-       .help = "FID: a network of features, Inception-v3 up to its last pooling for figures as others have them"}};
+       .help = "FID: a network of features, Inception-v3 up to its last pooling for figures as others have them"},
+      {.name = "syncnet-video",
+       .kind = OPTION_TEXT,
+       .target = &metrics->sync.video_path,
+       .choices = "FILE.onnx",
+       .help = "Sync: the part of SyncNet that sees five frames"},
+      {.name = "syncnet-audio",
+       .kind = OPTION_TEXT,
+       .target = &metrics->sync.audio_path,
+       .choices = "FILE.onnx",
+       .help = "Sync: the part of SyncNet that hears 20 rows of cepstra"}};
   ARGS_FILL(options, rows, PAPER_METRICS_OPTIONS);
 }
 
 int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session) {
-  const char *const inputs[] = {metrics->lmd.path, metrics->aue.drawn_path, metrics->aue.true_path, metrics->fid.path};
+  const char *const inputs[] = {metrics->lmd.path, metrics->aue.drawn_path,  metrics->aue.true_path,
+                                metrics->fid.path, metrics->sync.video_path, metrics->sync.audio_path};
   for (size_t i = 0, next = 0; i < sizeof inputs / sizeof *inputs; i++) {
     while (next < SESSION_INPUTS && session->inputs[next] != NULL) next++;
     if (inputs[i] != NULL && next < SESSION_INPUTS) session->inputs[next] = inputs[i];
   }
   if ((metrics->aue.drawn_path == NULL) != (metrics->aue.true_path == NULL))
     return args_refuse(args, "--action-units and --true-action-units: one is given, expected both or neither");
+  if ((metrics->sync.video_path == NULL) != (metrics->sync.audio_path == NULL))
+    return args_refuse(args, "--syncnet-video and --syncnet-audio: one is given, expected both or neither");
   return -1;
 }
 
-int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation) {
+int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation, const char *sound) {
   int status = action_units_compare(&metrics->aue, evaluation->session, evaluation->frame_source.count);
   if (status == 0) status = landmark_distance_open(&metrics->lmd, evaluation);
-  return status != 0 ? status : inception_open(&metrics->fid, evaluation);
+  if (status == 0) status = inception_open(&metrics->fid, evaluation);
+  return status != 0 ? status : syncnet_open(&metrics->sync, evaluation, sound);
 }
 
 int paper_metrics_add(struct paper_metrics *metrics, const struct evaluation *evaluation, size_t k, json_t *row) {
-  const int status = landmark_distance_add(&metrics->lmd, evaluation, k, row);
-  return status != 0 ? status : inception_add(&metrics->fid, evaluation, k);
+  int status = landmark_distance_add(&metrics->lmd, evaluation, k, row);
+  if (status == 0) status = inception_add(&metrics->fid, evaluation, k);
+  return status != 0 ? status : syncnet_add(&metrics->sync, evaluation, k);
 }
 
 int paper_metrics_finish(struct paper_metrics *metrics, struct session *session) {
+  syncnet_finish(&metrics->sync);
   return inception_finish(&metrics->fid, session);
 }
 
 void paper_metrics_close(struct paper_metrics *metrics) {
   landmark_distance_close(&metrics->lmd);
   inception_close(&metrics->fid);
+  syncnet_close(&metrics->sync);
 }
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
@@ -113,7 +130,13 @@ void paper_metrics_print(const struct paper_metrics *metrics, const json_t *fram
            metrics->fid.frames, metrics->fid.frames < FID_FRAMES ? "; biased upwards under 2048" : "");
   else
     printf("FID: not computed: %s\n", fid_needs);
-  printf("Sync: not computed: %s\n", sync_needs);
+  const struct sync_score *drawn = &metrics->sync.score[SYNC_DRAWN], *truth = &metrics->sync.score[SYNC_TRUE];
+  if (metrics->sync.known)
+    printf("Sync: confidence %.3f, distance %.3f at %d frames; of the true frames %.3f, %.3f at %d (%zu windows)\n",
+           drawn->confidence, drawn->distance, drawn->offset, truth->confidence, truth->distance, truth->offset,
+           metrics->sync.windows);
+  else
+    printf("Sync: not computed: %s\n", sync_needs);
 }
 
 static json_t *lmd_json(const struct landmark_distance *lmd, const json_t *frames) {
@@ -138,12 +161,23 @@ static json_t *fid_json(const struct inception *fid) {
                    "frames", (json_int_t)fid->frames);
 }
 
+static json_t *score_json(const struct sync_score *score) {
+  return json_pack("{s:o, s:o, s:i}", "confidence", session_number(score->confidence), "distance",
+                   session_number(score->distance), "offset", score->offset);
+}
+
+static json_t *sync_json(const struct syncnet *sync) {
+  if (!sync->known) return json_null();
+  return json_pack("{s:o, s:o, s:I}", "drawn", score_json(&sync->score[SYNC_DRAWN]), "truth",
+                   score_json(&sync->score[SYNC_TRUE]), "windows", (json_int_t)sync->windows);
+}
+
 json_t *paper_metrics_json(const struct paper_metrics *metrics, const json_t *frames) {
   json_t *absent = json_object();
   if (metrics->lmd.frames == 0) json_object_set_new(absent, "lmd", json_string(lmd_needs));
   if (metrics->aue.frames == 0) json_object_set_new(absent, "aue", json_string(aue_needs));
   if (metrics->fid.frames == 0) json_object_set_new(absent, "fid", json_string(fid_needs));
-  json_object_set_new(absent, "sync", json_string(sync_needs));
-  return json_pack("{s:o, s:o, s:o, s:n, s:o}", "lmd", lmd_json(&metrics->lmd, frames), "aue", aue_json(&metrics->aue),
-                   "fid", fid_json(&metrics->fid), "sync", "not_computed", absent);
+  if (!metrics->sync.known) json_object_set_new(absent, "sync", json_string(sync_needs));
+  return json_pack("{s:o, s:o, s:o, s:o, s:o}", "lmd", lmd_json(&metrics->lmd, frames), "aue", aue_json(&metrics->aue),
+                   "fid", fid_json(&metrics->fid), "sync", sync_json(&metrics->sync), "not_computed", absent);
 }

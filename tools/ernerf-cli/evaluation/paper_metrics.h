@@ -1,29 +1,32 @@
 /* SPDX-License-Identifier: MIT
- * The metrics of the paper's tables that need what the user brings: LMD, AUE and FID (docs/evaluation.md). */
+ * The metrics of the paper's tables that need what the user brings: LMD, AUE, FID and Sync (docs/evaluation.md). */
 #ifndef ERN_CLI_PAPER_METRICS_H
 #define ERN_CLI_PAPER_METRICS_H
 
 #include "evaluation/action_units.h"
 #include "evaluation/inception.h"
 #include "evaluation/landmark_distance.h"
+#include "evaluation/syncnet.h"
 
-enum { PAPER_METRICS_OPTIONS = 4 };
+enum { PAPER_METRICS_OPTIONS = 6 };
 
 /* Zeroed: none of them is wanted. */
 struct paper_metrics {
   struct landmark_distance lmd;
   struct action_units aue;
   struct inception fid;
+  struct syncnet sync;
 };
 
-/* --landmarks --action-units --true-action-units --inception. */
+/* --landmarks --action-units --true-action-units --inception
+ * --syncnet-video --syncnet-audio. */
 void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]);
 /* EXIT_USAGE after a sentence where one option needs another, else -1. The session learns of the inputs. */
 int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session);
 
-/* Opens and reads what was brought. Returns 0, or EXIT_FAILURE after a message, as the next three do.
- * paper_metrics_close in either case. */
-int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation);
+/* Opens and reads what was brought. sound: the speech that the frames are drawn from. Returns 0, or EXIT_FAILURE after
+ * a message, as the next three do. paper_metrics_close in either case. */
+int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation, const char *sound);
 /* Frame k, as evaluate_frame has drawn it; what a frame has of its own goes into `row`. */
 int paper_metrics_add(struct paper_metrics *metrics, const struct evaluation *evaluation, size_t k, json_t *row);
 /* After the last frame. */

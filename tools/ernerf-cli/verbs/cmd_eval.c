@@ -227,7 +227,11 @@ static int open_all(struct eval_job *job, const struct args *args) {
     session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
   status = portrait_cut(portrait, session, args, &job->evaluation.frame_source, features);
   if (status == 0) status = portrait_thin(portrait, session, &job->evaluation.frame_source, features);
-  if (status == 0) status = paper_metrics_open(&job->metrics, &job->evaluation);
+  char sound[4096];
+  snprintf(sound, sizeof sound, "%s/aud.wav", portrait->source.path);
+  if (status == 0)
+    status = paper_metrics_open(&job->metrics, &job->evaluation,
+                                portrait->source.features != NULL ? portrait->source.features : sound);
   if (status != 0 || job->video == NULL) return status;
   return comparison_open(&job->comparison, &job->evaluation, job->video, portrait->source.path);
 }
