@@ -74,6 +74,26 @@ ERN_API ERN_NODISCARD ern_status ern_lpips_distance(ern_lpips *lpips, const floa
  * trainer. */
 ERN_API ern_fine_loss ern_lpips_fine_loss(ern_lpips *lpips);
 
+/* ---- networks ---------------------------------------------------------------------------------------------------- */
+
+enum { ERN_NETWORK_DIMS = 8 };
+
+/* A network of the caller's, FILE.onnx, with one input of float numbers and fixed sizes. It keeps its context. One
+ * thread at a time uses it. */
+typedef struct ern_network ern_network;
+
+/* Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there, or where it does not
+ * take the network. The sizes of its weights are checked before. On success the caller owns *network. */
+ERN_API ERN_NODISCARD ern_status ern_network_open(ern_context *context, const char *path, ern_network **network);
+ERN_API void ern_network_free(ern_network **network);
+/* The sizes of the input; their number is the value, 0 for NULL. */
+ERN_API int ern_network_input(const ern_network *network, int shape[ERN_NETWORK_DIMS]);
+/* Computes the first output that the file names: *count numbers in C order, which belong to the network until the next
+ * call. input: as many numbers as its sizes say, in C order. ERN_E_NONFINITE where a number of the output is not
+ * finite. */
+ERN_API ERN_NODISCARD ern_status ern_network_run(ern_network *network, const float *input, const float **output,
+                                                 size_t *count);
+
 /* ---- sound ------------------------------------------------------------------------------------------------------- */
 
 /* Plain data, final. */

@@ -89,6 +89,28 @@ static inline ERN_NODISCARD ern_status ern_prepare(ern_context *context, const c
   return ern_prepare_sized(context, video, folder, options, result, sizeof *result);
 }
 
+/* ---- landmarks --------------------------------------------------------------------------------------------------- */
+
+/* A network that finds the landmarks of a face, FILE.onnx: a square picture of three channels in, x and y of 68 points
+ * (300-W) or of 98 (WFLW) out (docs/prepare.md). It keeps its context. One thread at a time uses it. */
+typedef struct ern_landmark_network ern_landmark_network;
+
+/* On success the caller owns *network. */
+ERN_API ERN_NODISCARD ern_status ern_landmark_network_open(ern_context *context, const char *path,
+                                                           ern_landmark_network **network);
+ERN_API void ern_landmark_network_free(ern_landmark_network **network);
+/* Takes a picture, rgb[height][width][3] with sides of 1 to 8192, as an example of how the network wants its colours
+ * and its square. guess: about where the 68 points are, x and y in pixels. ERN_E_UNSUPPORTED where the network cannot
+ * be computed, has no output of 68 or 98 points, or where the guess lies far outside the picture. */
+ERN_API ERN_NODISCARD ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8_t *rgb,
+                                                            int width, int height, const float guess[68][2]);
+/* Decides on the way whose points were nearest to the guesses; ERN_E_UNSUPPORTED where none was near, or nothing was
+ * learnt. To be called before the next one. */
+ERN_API ERN_NODISCARD ern_status ern_landmark_network_decide(ern_landmark_network *network);
+/* points: those of a picture, x and y in pixels. The guess gives the square that the network sees, and no more. */
+ERN_API ERN_NODISCARD ern_status ern_landmark_network_find(ern_landmark_network *network, const uint8_t *rgb, int width,
+                                                           int height, const float guess[68][2], float points[68][2]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -173,3 +173,20 @@ ern_status ern_csv_read_column(ern_context *context, const char *path, const cha
                                size_t *count) {
   return ern_csv_read_columns(context, path, &name, 1, values, count);
 }
+
+ern_status ern_csv_find_columns(ern_context *context, const char *path, const char *const *names, size_t wanted,
+                                bool *there) {
+  ern_status status = ERN_OK;
+  uint8_t *bytes = NULL;
+  size_t size = 0;
+  struct piece line;
+  char listed[LISTED_BYTES];
+  ERN_TRY(ern_file_read(context, path, FILE_LIMIT, &bytes, &size));
+  struct piece text = {(const char *)bytes, (const char *)bytes + size};
+  text.begin += ern_text_mark(bytes, size);
+  if (!take_line(&text, &line)) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is empty, expected a header line", path));
+  for (size_t k = 0; k < wanted; k++) there[k] = find_column(line, names[k], listed) >= 0;
+fail:
+  ern_release(context, bytes);
+  return status;
+}

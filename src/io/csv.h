@@ -3,6 +3,8 @@
 #ifndef ERN_IO_CSV_H
 #define ERN_IO_CSV_H
 
+#include <stdbool.h>
+
 #include "core/status.h"
 
 enum { ERN_CSV_COLUMNS = 256 };
@@ -17,5 +19,8 @@ ERN_NODISCARD ern_status ern_csv_read_column(ern_context *context, const char *p
  * where it fails. */
 ERN_NODISCARD ern_status ern_csv_read_columns(ern_context *context, const char *path, const char *const *names,
                                               size_t wanted, float **values, size_t *count);
+/* there[wanted]: which columns the header has. */
+ERN_NODISCARD ern_status ern_csv_find_columns(ern_context *context, const char *path, const char *const *names,
+                                              size_t wanted, bool *there);
 
 #endif

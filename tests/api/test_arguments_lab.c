@@ -3,6 +3,7 @@
  */
 #include "arguments.h"
 #include "ernerf-lab/bench.h"
+#include "ernerf-lab/measured_files.h"
 #include "ernerf-lab/synth.h"
 #include "made_clip.h"
 
@@ -135,6 +136,40 @@ CHECK(ern_synth_write) {
   options.frames = -1;
   REFUSED(w.context, "frames is -1", ern_synth_write(w.context, "made", &options));
 }
+
+/* ---- measured_files.h -------------------------------------------------------------------------------------------- */
+
+CHECK(ern_table_read) {
+  const char *const names[] = {"a", "b", NULL};
+  ern_table table = {.rows = 7};
+  REFUSED_ALONE(ern_table_read(NULL, "t.csv", names, 2, &table));
+  assert_int_equal(table.rows, 0);
+  REFUSED(w.context, "path is NULL", ern_table_read(w.context, NULL, names, 2, &table));
+  REFUSED(w.context, "names is NULL", ern_table_read(w.context, "t.csv", NULL, 2, &table));
+  REFUSED(w.context, "names[k] is NULL", ern_table_read(w.context, "t.csv", names, 3, &table));
+  REFUSED(w.context, "table is NULL", ern_table_read(w.context, "t.csv", names, 2, NULL));
+  REFUSED(w.context, "33 columns", ern_table_read(w.context, "t.csv", names, 33, &table));
+  support_write_text("t.csv", " b, c\n 1, 2\n 3, 4\n");
+  support_ok(w.context, ern_table_read(w.context, "t.csv", names, 2, &table));
+  assert_true(table.rows == 2 && table.columns[0] == NULL && table.columns[1][1] == 3);
+  ern_table_free(w.context, &table);
+  support_write_text("t.csv", "b\n1\nx\n");
+  support_expect(w.context, ern_table_read(w.context, "t.csv", names, 2, &table), ERN_E_FORMAT, "line 3", "\"x\"",
+                 NULL);
+  assert_true(table.rows == 0 && table.columns[1] == NULL);
+}
+CHECK(ern_table_free) {
+  ern_table table = {.rows = 0};
+  ern_table_free(NULL, &table);
+  ern_table_free(w.context, NULL);
+  ern_table_free(w.context, &table);
+}
+CHECK(ern_points_read) {
+  float points[68][2];
+  REFUSED_ALONE(ern_points_read(NULL, "a.lms", points));
+  REFUSED(w.context, "path is NULL", ern_points_read(w.context, NULL, points));
+  REFUSED(w.context, "points is NULL", ern_points_read(w.context, "a.lms", NULL));
+}
 /* ------------------------------------------------------------------------------------------------------------------ */
 
 static const struct arguments_check table[] = {ROW(ern_bench_options_default),
@@ -149,13 +184,17 @@ static const struct arguments_check table[] = {ROW(ern_bench_options_default),
                                                ROW(ern_bench_step),
                                                ROW(ern_bench_collisions),
                                                ROW(ern_synth_options_default),
-                                               ROW(ern_synth_write)};
+                                               ROW(ern_synth_write),
+                                               ROW(ern_table_read),
+                                               ROW(ern_table_free),
+                                               ROW(ern_points_read)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {
   (void)state;
   assert_int_equal(arguments_cover("src/lab/include/ernerf-lab/bench.h", table, CHECKS) +
-                       arguments_cover("src/lab/include/ernerf-lab/synth.h", table, CHECKS),
+                       arguments_cover("src/lab/include/ernerf-lab/synth.h", table, CHECKS) +
+                       arguments_cover("src/lab/include/ernerf-lab/measured_files.h", table, CHECKS),
                    CHECKS);
 }
 

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * What media does with NULL, with numbers out of range and with structures that nobody initialised (base.h). */
+#include <math.h>
 #include "arguments.h"
+
 #include "ernerf/media.h"
+#include "made_onnx.h"
 
 static struct world {
   ern_context *context;
@@ -89,6 +92,65 @@ CHECK(ern_lpips_distance) { /* with weights: e2e/test_cli_lpips */
 }
 CHECK(ern_lpips_name) { assert_null(ern_lpips_name(NULL)); }
 CHECK(ern_lpips_fine_loss) { assert_null(ern_lpips_fine_loss(NULL).compute); }
+/* A network that means over a picture's colours. */
+static ern_network *made_network(void) {
+  struct made_message graph = {0};
+  ern_network *network = NULL;
+  made_node(&graph, "GlobalAveragePool", "picture", "mean", NULL);
+  made_value(&graph, 11, "picture", (const size_t[]){1, 3, 4, 5, 0});
+  made_value(&graph, 12, "mean", (const size_t[]){1, 3, 1, 1, 0});
+  made_onnx("mean.onnx", &graph);
+  support_ok(w.context, ern_network_open(w.context, "mean.onnx", &network));
+  return network;
+}
+
+CHECK(ern_network_open) {
+  ern_network *network = (ern_network *)&w;
+  REFUSED_ALONE(ern_network_open(NULL, junk, &network));
+  assert_null(network);
+  REFUSED(w.context, "ern_network_open: path is NULL", ern_network_open(w.context, NULL, &network));
+  REFUSED(w.context, "ern_network_open: network is NULL", ern_network_open(w.context, junk, NULL));
+  network = (ern_network *)&w;
+  support_expect(w.context, ern_network_open(w.context, junk, &network), ERN_E_MISSING, junk, NULL);
+  assert_null(network);
+  support_write_text("none.onnx", "no network");
+  support_expect(w.context, ern_network_open(w.context, "none.onnx", &network), ERN_E_FORMAT, "none.onnx", NULL);
+}
+CHECK(ern_network_free) {
+  ern_network *network = NULL;
+  ern_network_free(NULL);
+  ern_network_free(&network);
+}
+CHECK(ern_network_input) {
+  int shape[ERN_NETWORK_DIMS];
+  assert_int_equal(ern_network_input(NULL, shape), 0);
+  if (!ERN_VISION) return;
+  ern_network *network = made_network();
+  assert_int_equal(ern_network_input(network, NULL), 0);
+  assert_int_equal(ern_network_input(network, shape), 4);
+  assert_true(shape[0] == 1 && shape[1] == 3 && shape[2] == 4 && shape[3] == 5);
+  ern_network_free(&network);
+  assert_null(network);
+}
+CHECK(ern_network_run) {
+  float input[60] = {0};
+  const float *output = NULL;
+  size_t count = 0;
+  REFUSED_ALONE(ern_network_run(NULL, input, &output, &count));
+  if (!ERN_VISION) return;
+  ern_network *network = made_network();
+  REFUSED(w.context, "ern_network_run: input is NULL", ern_network_run(network, NULL, &output, &count));
+  REFUSED(w.context, "ern_network_run: output is NULL", ern_network_run(network, input, NULL, &count));
+  REFUSED(w.context, "ern_network_run: count is NULL", ern_network_run(network, input, &output, NULL));
+  for (size_t i = 20; i < 40; i++) input[i] = (float)i;
+  support_ok(w.context, ern_network_run(network, input, &output, &count));
+  assert_int_equal(count, 3);
+  assert_true(output[0] == 0 && output[1] > 29.49f && output[1] < 29.51f && output[2] == 0);
+  input[3] = HUGE_VALF;
+  support_expect(w.context, ern_network_run(network, input, &output, &count), ERN_E_NONFINITE, "mean.onnx", "place 0",
+                 NULL);
+  ern_network_free(&network);
+}
 CHECK(ern_image_resize) {
   const ern_image image = picture();
   ern_image out = picture();
@@ -312,17 +374,21 @@ CHECK(ern_clip_check) {
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {ROW(ern_image_read),
-                                               ROW(ern_image_size),
-                                               ROW(ern_image_write),
-                                               ROW(ern_image_write_exr),
-                                               ROW(ern_image_resize),
-                                               ROW(ern_optical_flow),
-                                               ROW(ern_lpips_open),
+static const struct arguments_check table[] = {ROW(ern_lpips_open),
                                                ROW(ern_lpips_free),
                                                ROW(ern_lpips_distance),
                                                ROW(ern_lpips_name),
                                                ROW(ern_lpips_fine_loss),
+                                               ROW(ern_image_read),
+                                               ROW(ern_image_size),
+                                               ROW(ern_image_write),
+                                               ROW(ern_image_write_exr),
+                                               ROW(ern_network_open),
+                                               ROW(ern_network_free),
+                                               ROW(ern_network_input),
+                                               ROW(ern_network_run),
+                                               ROW(ern_image_resize),
+                                               ROW(ern_optical_flow),
                                                ROW(ern_image_free),
                                                ROW(ern_sound_read),
                                                ROW(ern_sound_write_wav),

@@ -5,6 +5,7 @@
 
 #include "arguments.h"
 #include "ernerf/prepare.h"
+#include "made_onnx.h"
 
 static ern_context *context;
 static const char *const junk = "no such file";
@@ -86,8 +87,87 @@ CHECK(ern_prepare_sized) {
   REFUSED_LATER(context, ern_prepare_options, ern_prepare(context, "made.mp4", "clip", &options, &result));
 }
 
-static const struct arguments_check table[] = {ROW(ern_prepare_options_fill), ROW(ern_prepare_options_default),
-                                               ROW(ern_prepare), ROW(ern_prepare_sized)};
+/* A network of the least kind: points that do not depend on the picture. */
+static ern_landmark_network *made_network(void) {
+  struct made_message graph = {0};
+  static float weights[136 * 3], bias[136];
+  ern_landmark_network *network = NULL;
+  for (size_t k = 0; k < 136; k++) bias[k] = 0.5f;
+  made_weight(&graph, "W", (const size_t[]){136, 3, 1, 1, 0}, weights);
+  made_weight(&graph, "B", (const size_t[]){136, 0}, bias);
+  made_node(&graph, "GlobalAveragePool", "face", "mean", NULL);
+  made_node(&graph, "Conv", "mean W B", "wide",
+            (const struct made_attribute[]){{"kernel_shape", 2, {1, 1}}, {NULL, 0, {0}}});
+  made_node(&graph, "Flatten", "wide", "points", NULL);
+  made_value(&graph, 11, "face", (const size_t[]){1, 3, 16, 16, 0});
+  made_value(&graph, 12, "points", (const size_t[]){1, 136, 0});
+  made_onnx("points.onnx", &graph);
+  support_ok(context, ern_landmark_network_open(context, "points.onnx", &network));
+  return network;
+}
+
+static uint8_t pixels[16 * 16 * 3];
+static float guess[68][2], points[68][2];
+
+CHECK(ern_landmark_network_open) {
+  ern_landmark_network *network = (ern_landmark_network *)&context;
+  REFUSED_ALONE(ern_landmark_network_open(NULL, junk, &network));
+  assert_null(network);
+  REFUSED(context, "ern_landmark_network_open: path is NULL", ern_landmark_network_open(context, NULL, &network));
+  REFUSED(context, "ern_landmark_network_open: network is NULL", ern_landmark_network_open(context, junk, NULL));
+  network = (ern_landmark_network *)&context;
+  support_expect(context, ern_landmark_network_open(context, junk, &network), ERN_E_MISSING, junk, NULL);
+  assert_null(network);
+}
+CHECK(ern_landmark_network_free) {
+  ern_landmark_network *network = NULL;
+  ern_landmark_network_free(NULL);
+  ern_landmark_network_free(&network);
+  network = made_network();
+  ern_landmark_network_free(&network);
+  assert_null(network);
+}
+CHECK(ern_landmark_network_learn) {
+  ern_landmark_network *network = made_network();
+  const float(*at)[2] = (const float(*)[2])guess;
+  REFUSED_ALONE(ern_landmark_network_learn(NULL, pixels, 16, 16, at));
+  REFUSED(context, "rgb is NULL", ern_landmark_network_learn(network, NULL, 16, 16, at));
+  REFUSED(context, "guess is NULL", ern_landmark_network_learn(network, pixels, 16, 16, NULL));
+  REFUSED(context, "0 x 16", ern_landmark_network_learn(network, pixels, 0, 16, at));
+  REFUSED(context, "16 x 8193", ern_landmark_network_learn(network, pixels, 16, 8193, at));
+  guess[7][1] = NAN;
+  REFUSED(context, "point 7", ern_landmark_network_learn(network, pixels, 16, 16, at));
+  guess[7][1] = 1e30f;
+  support_expect(context, ern_landmark_network_learn(network, pixels, 16, 16, at), ERN_E_UNSUPPORTED,
+                 "outside the picture", NULL);
+  guess[7][1] = 0;
+  ern_landmark_network_free(&network);
+}
+CHECK(ern_landmark_network_decide) {
+  ern_landmark_network *network = made_network();
+  REFUSED_ALONE(ern_landmark_network_decide(NULL));
+  support_expect(context, ern_landmark_network_decide(network), ERN_E_UNSUPPORTED, "no picture", NULL);
+  ern_landmark_network_free(&network);
+}
+CHECK(ern_landmark_network_find) {
+  ern_landmark_network *network = made_network();
+  const float(*at)[2] = (const float(*)[2])guess;
+  REFUSED_ALONE(ern_landmark_network_find(NULL, pixels, 16, 16, at, points));
+  REFUSED(context, "ern_landmark_network_find: points is NULL",
+          ern_landmark_network_find(network, pixels, 16, 16, at, NULL));
+  support_expect(context, ern_landmark_network_find(network, pixels, 16, 16, at, points), ERN_E_STATE, "points.onnx",
+                 NULL);
+  for (size_t k = 0; k < 68; k++) guess[k][0] = guess[k][1] = k % 2 != 0 ? 4 : 12;
+  support_ok(context, ern_landmark_network_learn(network, pixels, 16, 16, at)); /* all points in the middle: no face */
+  support_expect(context, ern_landmark_network_decide(network), ERN_E_UNSUPPORTED, "eye distances", NULL);
+  support_expect(context, ern_landmark_network_find(network, pixels, 16, 16, at, points), ERN_E_STATE, NULL);
+  ern_landmark_network_free(&network);
+}
+
+static const struct arguments_check table[] = {
+    ROW(ern_prepare_options_fill),   ROW(ern_prepare_options_default), ROW(ern_prepare),
+    ROW(ern_prepare_sized),          ROW(ern_landmark_network_open),   ROW(ern_landmark_network_free),
+    ROW(ern_landmark_network_learn), ROW(ern_landmark_network_decide), ROW(ern_landmark_network_find)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

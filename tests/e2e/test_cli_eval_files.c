@@ -33,7 +33,7 @@ static struct table read_table(const char *path) {
   char *text = (char *)cli_bytes(path, &bytes), *rest = NULL;
   text[bytes] = 0;
   char *line = strtok_r(text, "\n", &rest);
-  assert_string_equal(line, "frame,split,psnr,ssim,psnr_head,psnr_mouth,lpips,ms");
+  assert_string_equal(line, "frame,split,psnr,ssim,psnr_head,psnr_mouth,ms");
   while ((line = strtok_r(NULL, "\n", &rest)) != NULL && table.count < MOST) {
     assert_int_equal(sscanf(line, "%ld,val,%lf,", &table.frame[table.count], &table.psnr[table.count]), 2);
     table.count++;

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 extern "C" { /* C headers */
+#include "core/floats.h"
 #include "core/status.h"
 #include "io/landmarks.h"
 }
@@ -14,7 +15,7 @@ extern "C" { /* C headers */
 
 namespace {
 
-enum { WFLW = 98, UNITS = 2 }; /* units: shares of the square, pixels of it */
+enum { WFLW = 98, UNITS = 2, MOST_SIDE = 8192 }; /* units: shares of the square, pixels of it */
 
 const ern_network_colours colours[] = {
     {false, {0, 0, 0}, {255, 255, 255}},
@@ -52,6 +53,7 @@ struct ern_landmark_network {
   cv::dnn::Net net;
   ern_onnx look;
   size_t examples;
+  bool decided;
   double apart[COLOURS][SQUARES][UNITS]; /* sums over the examples */
   int colour, square, unit;              /* what was settled on */
 };
@@ -78,7 +80,8 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   return status;
 }
 
-Square square_of(const float guess[ERN_LANDMARKS][2], double scale, int side) {
+Square square_of(const float guess[ERN_LANDMARKS][2], double scale, const cv::Mat &frame) {
+  const int side = std::max(frame.cols, frame.rows);
   float low[2] = {guess[0][0], guess[0][1]}, high[2] = {guess[0][0], guess[0][1]};
   for (int k = 1; k < ERN_LANDMARKS; k++)
     for (int c = 0; c < 2; c++) {
@@ -87,7 +90,7 @@ Square square_of(const float guess[ERN_LANDMARKS][2], double scale, int side) {
     }
   const double most = std::max(high[0] - low[0], high[1] - low[1]) * scale;
   if (!(most >= 8) || !(most < 4.0 * side) || !(std::fabs(low[0]) < 8.0 * side) || !(std::fabs(low[1]) < 8.0 * side))
-    CV_Error(cv::Error::StsOutOfRange, "the head's pose puts the face outside the picture");
+    CV_Error(cv::Error::StsOutOfRange, "the face is expected outside the picture");
   Square square = {0, 0, cvRound(most)};
   square.x = cvRound(0.5 * (low[0] + high[0]) - 0.5 * square.side);
   square.y = cvRound(0.5 * (low[1] + high[1]) - 0.5 * square.side);
@@ -154,7 +157,24 @@ void place(const ern_landmark_network &network, const Square &square, int unit, 
   }
 }
 
-cv::Mat picture_of(const uint8_t *rgb, int side) { return cv::Mat(side, side, CV_8UC3, const_cast<uint8_t *>(rgb)); }
+cv::Mat picture_of(const uint8_t *rgb, int width, int height) {
+  return cv::Mat(height, width, CV_8UC3, const_cast<uint8_t *>(rgb));
+}
+
+ern_status check_picture(ern_landmark_network *network, const uint8_t *rgb, int width, int height,
+                         const float guess[ERN_LANDMARKS][2]) {
+  ern_context *context = network->context;
+  if (rgb == nullptr || guess == nullptr)
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is NULL", network->path.c_str(), rgb == nullptr ? "rgb" : "guess");
+  if (width < 1 || height < 1 || width > MOST_SIDE || height > MOST_SIDE)
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: the picture is %d x %d, expected 1 to %d a side",
+                    network->path.c_str(), width, height, int(MOST_SIDE));
+  for (int k = 0; k < ERN_LANDMARKS; k++)
+    if (!std::isfinite(guess[k][0]) || !std::isfinite(guess[k][1]))
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: point %d of the guess is (%g, %g), expected pixels",
+                      network->path.c_str(), k, double(guess[k][0]), double(guess[k][1]));
+  return ERN_OK;
+}
 
 }  // namespace
 
@@ -168,27 +188,46 @@ double ern_landmarks_apart(const float points[ERN_LANDMARKS][2], const float gue
 }
 
 ern_status ern_landmark_network_open(ern_context *context, const char *path, ern_landmark_network **network) {
-  *network = nullptr;
-  return guarded(context, path, [&] {
-    *network = new ern_landmark_network{};
-    (*network)->context = context;
-    (*network)->path = path;
-    const ern_onnx &look = (*network)->look;
-    const ern_status status = ern_network_open(context, path, &(*network)->look, &(*network)->net);
-    if (status != ERN_OK || look.shape[2] == look.shape[3]) return status;
+  ERN_PLAIN_FLOATS;
+  if (network != nullptr) *network = nullptr;
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, network);
+  ern_landmark_network *made = nullptr;
+  const ern_status status = guarded(context, path, [&] {
+    made = new ern_landmark_network{};
+    made->context = context;
+    made->path = path;
+    const ern_onnx &look = made->look;
+    const ern_status opened = ern_network_open(context, path, &made->look, &made->net);
+    if (opened != ERN_OK || look.shape[2] == look.shape[3]) return opened;
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: the input \"%s\" is a picture of %d x %d, expected a square", path,
                     look.input, look.shape[3], look.shape[2]);
   });
+  if (status == ERN_OK)
+    *network = made;
+  else
+    delete made;
+  return status;
 }
 
-void ern_landmark_network_free(ern_landmark_network *network) { delete network; }
+void ern_landmark_network_free(ern_landmark_network **network) {
+  if (network == nullptr) return;
+  delete *network;
+  *network = nullptr;
+}
 
-ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8_t *rgb, int side,
+ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8_t *rgb, int width, int height,
                                       const float guess[ERN_LANDMARKS][2]) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(nullptr, network);
+  const ern_status status = check_picture(network, rgb, width, height, guess);
+  if (status != ERN_OK) return status;
   return guarded(network->context, network->path.c_str(), [&] {
+    const cv::Mat frame = picture_of(rgb, width, height);
     for (int s = 0; s < SQUARES; s++) {
-      const Square square = square_of(guess, squares[s], side);
-      const cv::Mat picture = cut(*network, picture_of(rgb, side), square);
+      const Square square = square_of(guess, squares[s], frame);
+      const cv::Mat picture = cut(*network, frame, square);
       for (int c = 0; c < COLOURS; c++) {
         float found[ERN_LANDMARKS][2], points[ERN_LANDMARKS][2];
         forward(*network, picture, c, found);
@@ -204,6 +243,8 @@ ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8
 }
 
 ern_status ern_landmark_network_decide(ern_landmark_network *network) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(nullptr, network);
   const double examples = double(std::max(network->examples, size_t(1)));
   double best = HUGE_VAL;
   for (int unit = 0; unit < UNITS; unit++)
@@ -216,21 +257,33 @@ ern_status ern_landmark_network_decide(ern_landmark_network *network) {
         network->square = s;
         network->unit = unit;
       }
-  if (network->examples > 0 && best < too_far) return ERN_OK;
-  return ern_fail(
-      network->context, ERN_E_UNSUPPORTED,
-      "%s: the network's points are %.2f eye distances from where the head's pose has them, with the best of "
-      "%d ways to scale colours, expected %.1f at most of a network that finds the landmarks of a face; or "
-      "the poses are wrong",
-      network->path.c_str(), best, int(COLOURS), too_far);
+  network->decided = network->examples > 0 && best < too_far;
+  if (network->decided) return ERN_OK;
+  if (network->examples == 0)
+    return ern_fail(network->context, ERN_E_UNSUPPORTED, "%s: there is no picture to learn its colours from",
+                    network->path.c_str());
+  return ern_fail(network->context, ERN_E_UNSUPPORTED,
+                  "%s: the network's points are %.2f eye distances from where the face is, with the best of "
+                  "%d ways to scale colours, expected %.1f at most of a network that finds the landmarks of a face; or "
+                  "the face is elsewhere (poses or landmarks of the clip are wrong)",
+                  network->path.c_str(), best, int(COLOURS), too_far);
 }
 
-ern_status ern_landmark_network_run(ern_landmark_network *network, const uint8_t *rgb, int side,
-                                    const float guess[ERN_LANDMARKS][2], float points[ERN_LANDMARKS][2]) {
+ern_status ern_landmark_network_find(ern_landmark_network *network, const uint8_t *rgb, int width, int height,
+                                     const float guess[ERN_LANDMARKS][2], float points[ERN_LANDMARKS][2]) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(nullptr, network);
+  ERN_NEED(network->context, points);
+  if (!network->decided)
+    return ern_fail(network->context, ERN_E_STATE, "%s: how it wants its pictures is not decided",
+                    network->path.c_str());
+  const ern_status status = check_picture(network, rgb, width, height, guess);
+  if (status != ERN_OK) return status;
   return guarded(network->context, network->path.c_str(), [&] {
     float found[ERN_LANDMARKS][2];
-    const Square square = square_of(guess, squares[network->square], side);
-    forward(*network, cut(*network, picture_of(rgb, side), square), network->colour, found);
+    const cv::Mat frame = picture_of(rgb, width, height);
+    const Square square = square_of(guess, squares[network->square], frame);
+    forward(*network, cut(*network, frame, square), network->colour, found);
     place(*network, square, network->unit, found, points);
     return ERN_OK;
   });

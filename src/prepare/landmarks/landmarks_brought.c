@@ -68,7 +68,7 @@ fail:
 
 struct looking {
   struct ern_prepare_job *job;
-  struct ern_landmark_network *network;
+  ern_landmark_network *network;
   ern_image image;
   float guess[ERN_LANDMARKS][2];
 };
@@ -107,26 +107,26 @@ static ern_status from_network(struct ern_prepare_job *job, const size_t *frames
   for (size_t k = 0; k < examples; k++) {
     const size_t i = k * count / examples;
     ERN_TRY(look_at(&looking, frame_of(frames, i), &poses[i]));
-    ERN_TRY(
-        ern_landmark_network_learn(looking.network, looking.image.data, job->side, (const float(*)[2])looking.guess));
+    ERN_TRY(ern_landmark_network_learn(looking.network, looking.image.data, job->side, job->side,
+                                       (const float(*)[2])looking.guess));
   }
   ERN_TRY(ern_landmark_network_decide(looking.network));
   for (size_t i = 0; i < count; i++) {
     ERN_TRY(look_at(&looking, frame_of(frames, i), &poses[i]));
-    ERN_TRY(ern_landmark_network_run(looking.network, looking.image.data, job->side, (const float(*)[2])looking.guess,
-                                     points[i]));
+    ERN_TRY(ern_landmark_network_find(looking.network, looking.image.data, job->side, job->side,
+                                      (const float(*)[2])looking.guess, points[i]));
     ERN_TRY(ern_prepare_progress(job, i, count));
   }
   if (frames == NULL && count > 0) smooth(points, count);
 fail:
-  ern_landmark_network_free(looking.network);
+  ern_landmark_network_free(&looking.network);
   ern_image_free(job->context, &looking.image);
   return status;
 }
 
 ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
-  struct ern_landmark_network *network = NULL;
+  ern_landmark_network *network = NULL;
   float(*points)[ERN_LANDMARKS][2] = NULL;
   size_t held = 0;
   if (job->options->landmarks == NULL) return ERN_OK;
@@ -137,7 +137,7 @@ ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job) {
     ERN_TRY(ern_landmarks_bring(job, NULL, NULL, job->frames, points, &held));
   }
 fail:
-  ern_landmark_network_free(network);
+  ern_landmark_network_free(&network);
   ern_release(job->context, points);
   return status;
 }

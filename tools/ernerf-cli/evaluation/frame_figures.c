@@ -17,7 +17,10 @@ static void print_number(struct bytes *csv, const json_t *number, int digits) {
 void frame_figures_csv(const json_t *frames, struct bytes *csv) {
   size_t index;
   json_t *frame;
-  bytes_print(csv, "frame,split,psnr,ssim,psnr_head,psnr_mouth,lpips,ms\n");
+  const json_t *first = json_array_get(frames, 0);
+  const bool landmarks = json_object_get(first, "lmd_mouth") != NULL, lpips = json_object_get(first, "lpips") != NULL;
+  bytes_print(csv, "frame,split,psnr,ssim,psnr_head,psnr_mouth,ms%s%s\n", lpips ? ",lpips" : "",
+              landmarks ? ",lmd_mouth,lmd_face" : "");
   json_array_foreach((json_t *)frames, index, frame) {
     bytes_print(csv, "%" JSON_INTEGER_FORMAT ",%s", json_integer_value(json_object_get(frame, "id")),
                 json_string_value(json_object_get(frame, "split")));
@@ -25,8 +28,12 @@ void frame_figures_csv(const json_t *frames, struct bytes *csv) {
     print_number(csv, json_object_get(frame, "ssim"), 6);
     print_number(csv, json_object_get(frame, "psnr_head"), 4);
     print_number(csv, json_object_get(frame, "psnr_mouth"), 4);
-    print_number(csv, json_object_get(frame, "lpips"), 6);
     print_number(csv, json_object_get(frame, "ms"), 3);
+    if (lpips) print_number(csv, json_object_get(frame, "lpips"), 6);
+    if (landmarks) {
+      print_number(csv, json_object_get(frame, "lmd_mouth"), 4);
+      print_number(csv, json_object_get(frame, "lmd_face"), 4);
+    }
     bytes_print(csv, "\n");
   }
 }

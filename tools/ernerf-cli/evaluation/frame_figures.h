@@ -9,8 +9,9 @@
 #include "bytes.h"
 #include "evaluation/evaluate.h"
 
-/* frames: an array of objects, one a frame, with the numbers "psnr", "ssim", "psnr_head", "psnr_mouth", "lpips" or null
- * or nothing, "id", "split", "ms". A line a frame; an empty field where a number is null. */
+/* frames: an array of objects, one a frame, with the numbers "psnr", "ssim", "psnr_head", "psnr_mouth" or null, "id",
+ * "split", "ms"; where they were computed also "lpips", "lmd_mouth",
+ * "lmd_face". A line a frame; an empty field where a number is null. */
 void frame_figures_csv(const json_t *frames, struct bytes *csv);
 
 /* Half of the 95 % interval of the mean of a number over the frames that have it, 1.96 s/sqrt(n), s being their sample

@@ -1,10 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "evaluation/perceptual_distance.h"
 
-#include <stdio.h>
 #include <stdlib.h>
-
-static const char needs[] = "--lpips-network and --lpips-heads";
 
 int perceptual_distance_open(struct perceptual_distance *perceptual, const struct evaluation *evaluation) {
   const size_t pixels = (size_t)evaluation->info.width * (size_t)evaluation->info.height;
@@ -39,19 +36,7 @@ int perceptual_distance_add(struct perceptual_distance *perceptual, const struct
                          NULL) != ERN_OK)
     return session_fail(evaluation->session);
   perceptual->sum += distance;
+  perceptual->frames++;
   json_object_set_new(row, "lpips", session_number(distance));
   return 0;
-}
-
-void perceptual_distance_print(const struct perceptual_distance *perceptual, size_t frames) {
-  if (perceptual->weights.lpips != NULL)
-    printf("LPIPS: %.5f (%s)\n", perceptual->sum / (double)frames, ern_lpips_name(perceptual->weights.lpips));
-  else
-    printf("LPIPS: not computed, needs %s\n", needs);
-}
-
-json_t *perceptual_distance_json(const struct perceptual_distance *perceptual, size_t frames) {
-  if (perceptual->weights.lpips == NULL) return json_pack("{s:n, s:s}", "mean", "needs", needs);
-  return json_pack("{s:o, s:s}", "mean", session_number(perceptual->sum / (double)frames), "network",
-                   ern_lpips_name(perceptual->weights.lpips));
 }

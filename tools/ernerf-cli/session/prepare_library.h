@@ -16,4 +16,18 @@ struct prepare_library {
 /* Returns 0, or EXIT_FAILURE after a message. It stays loaded until the program ends. */
 int prepare_library_load(struct prepare_library *library, struct session *session);
 
+/* The functions of prepare.h of these names. */
+struct landmark_library {
+  ern_status (*open)(ern_context *context, const char *path, ern_landmark_network **network);
+  void (*free)(ern_landmark_network **network);
+  ern_status (*learn)(ern_landmark_network *network, const uint8_t *rgb, int width, int height,
+                      const float guess[68][2]);
+  ern_status (*decide)(ern_landmark_network *network);
+  ern_status (*find)(ern_landmark_network *network, const uint8_t *rgb, int width, int height, const float guess[68][2],
+                     float points[68][2]);
+};
+
+/* The same. */
+int prepare_library_landmarks(struct landmark_library *library, struct session *session);
+
 #endif

@@ -11,7 +11,7 @@
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
-enum { SESSION_INPUTS = 10, SESSION_STAGED = 9 };
+enum { SESSION_INPUTS = 16, SESSION_STAGED = 9 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {

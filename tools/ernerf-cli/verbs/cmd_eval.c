@@ -10,13 +10,13 @@
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "evaluation/frame_figures.h"
-#include "evaluation/perceptual_distance.h"
+#include "evaluation/paper_metrics.h"
 #include "evaluation/pose_fit.h"
 #include "output/progress.h"
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 5 + LPIPS_OPTIONS };
+enum { OWN_OPTIONS = 5 };
 
 /* Over the frames. */
 struct totals {
@@ -30,9 +30,9 @@ struct eval_job {
   struct portrait portrait;
   struct evaluation evaluation;
   struct measures measures;
+  struct paper_metrics metrics;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
-  struct perceptual_distance perceptual;
   struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
   bool refine_poses;
   json_t *frames;
@@ -147,7 +147,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   printf("\n");
   const struct measures_figures figures = measures_figures(&job->measures);
   measures_print(&figures);
-  perceptual_distance_print(&job->perceptual, n);
+  paper_metrics_print(&job->metrics, job->frames);
   if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
          1000 / mean(sum->ms, n), job->portrait.clip_info.width, job->portrait.clip_info.height,
@@ -171,7 +171,7 @@ static json_t *report_refined(const struct eval_job *job) {
 
 /* Half of the means' 95 % intervals; null where fewer than two frames have the figure. */
 static json_t *report_intervals(const struct eval_job *job) {
-  static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "lpips"};
+  static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth"};
   json_t *made = json_object();
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
     const double half = frame_figures_interval(job->frames, names[i]);
@@ -191,19 +191,18 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, "
-      "s:s, "
-      "s:O}",
+      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, "
+      "s:o, s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
       portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
       session_number(mean(sum->ssim, n)), "psnr_head", region_mean(sum->head, job->own.heads), "psnr_mouth",
-      region_mean(sum->mouth, job->own.mouths), "lpips", perceptual_distance_json(&job->perceptual, n), "interval95",
-      report_intervals(job), "refined", report_refined(job), "measures", measures_json(&figures), "samples_per_frame",
-      session_number(mean(sum->times.samples, n)), "fps", session_number(1000 / mean(sum->ms, n)), "ms_per_frame",
-      session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes",
-      (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
-      job->session.backend_info.isa, "frames", job->frames);
+      region_mean(sum->mouth, job->own.mouths), "interval95", report_intervals(job), "refined", report_refined(job),
+      "measures", measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
+      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
+      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
+      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "metrics",
+      paper_metrics_json(&job->metrics, job->frames), "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -215,7 +214,11 @@ static int open_all(struct eval_job *job, const struct args *args) {
   if (status != 0) return status;
   job->frames = json_array();
   if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
-  if (perceptual_distance_open(&job->perceptual, &job->evaluation) != 0) return EXIT_FAILURE;
+  char sound[4096];
+  snprintf(sound, sizeof sound, "%s/aud.wav", portrait->source.path);
+  if (paper_metrics_open(&job->metrics, &job->evaluation,
+                         portrait->source.features != NULL ? portrait->source.features : sound) != 0)
+    return EXIT_FAILURE;
   if (job->video == NULL) return 0;
   return comparison_open(&job->comparison, &job->evaluation, 1, job->video, portrait->source.path);
 }
@@ -251,14 +254,15 @@ static int evaluate_all(struct eval_job *job) {
     take_figures(&job->own, &evaluated);
     if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, &drawn, k) != 0) return EXIT_FAILURE;
     json_t *row = row_of(&frame_source->source_frame[k], &evaluated);
+    int status = paper_metrics_add(&job->metrics, &job->evaluation, k, row);
+    if (status == 0 && job->refine_poses) status = evaluate_refined(job, k, row);
     json_array_append_new(job->frames, row);
-    if (perceptual_distance_add(&job->perceptual, &job->evaluation, k, row) != 0) return EXIT_FAILURE;
-    if (job->refine_poses && evaluate_refined(job, k, row) != 0) return EXIT_FAILURE;
+    if (status != 0) return status;
     progress_at(&progress, k + 1, frame_source->count, "");
   }
   progress_end(&progress);
   if (job->video != NULL && comparison_finish(&job->comparison) != 0) return EXIT_FAILURE;
-  if (write_files(job) != 0) return EXIT_FAILURE;
+  if (paper_metrics_finish(&job->metrics, session) != 0 || write_files(job) != 0) return EXIT_FAILURE;
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
   if (!session_json_on_stdout(session)) print_table(job, model_bytes);
   return session_report(session, report(job, model_bytes));
@@ -267,9 +271,9 @@ static int evaluate_all(struct eval_job *job) {
 static void close_all(struct eval_job *job) {
   json_decref(job->frames);
   comparison_close(&job->comparison);
-  perceptual_distance_close(&job->perceptual);
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
+  paper_metrics_close(&job->metrics);
   portrait_close(&job->portrait);
   session_close(&job->session);
 }
@@ -302,7 +306,8 @@ int cmd_eval(int argc, char **argv) {
        .target = &job.refine_poses,
        .help = "each frame also at the pose that the model draws it best at, in figures of their own; draws it up to "
                "200 times"}};
-  struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS],
+      metrics[PAPER_METRICS_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
@@ -316,18 +321,19 @@ int cmd_eval(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 2,
-      .groups = {{"What is compared:", own, OWN_OPTIONS},
-                 {"How:", shared, PORTRAIT_OPTIONS},
-                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
-  lpips_weights_options(&job.perceptual.weights, own + OWN_OPTIONS - LPIPS_OPTIONS);
+      .groups = {
+          {"What is compared:", own, OWN_OPTIONS},
+          {"Metrics of the paper's tables, by what you bring (docs/evaluation.md):", metrics, PAPER_METRICS_OPTIONS},
+          {"How:", shared, PORTRAIT_OPTIONS},
+          {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   portrait_options(&job.portrait, FRAME_SOURCE_VAL, shared);
+  paper_metrics_options(&job.metrics, metrics);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.portrait.source.features);
   if (status < 0 && job.portrait.source.features != NULL)
     status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
-  if (status < 0) status = lpips_weights_check(&job.perceptual.weights, &args);
   if (status < 0 && job.refine_poses)
     status =
         args_forbid(&args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
@@ -341,8 +347,7 @@ int cmd_eval(int argc, char **argv) {
   job.session.inputs[2] = job.portrait.source.features;
   job.session.inputs[3] = job.portrait.source.hearing.path;
   job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
-  job.session.inputs[5] = job.perceptual.weights.network;
-  job.session.inputs[6] = job.perceptual.weights.heads;
+  if (status < 0) status = paper_metrics_check(&job.metrics, &args, &job.session);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   const char *const outputs[] = {job.video, job.csv, job.sheet};

@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: MIT
+ * FID: the Frechet distance of a network's features of drawn and of true frames (docs/evaluation.md). */
+#ifndef ERN_CLI_INCEPTION_H
+#define ERN_CLI_INCEPTION_H
+
+#include "evaluation/evaluate.h"
+
+/* Over the frames of an evaluation. Zeroed but for `path`: none yet. */
+struct inception {
+  const char *path; /* FILE.onnx; NULL: not wanted */
+  ern_network *network;
+  int width, height;     /* of its input */
+  float *input;          /* [3][height][width] */
+  double *drawn, *truth; /* [room][features] */
+  size_t features, frames, room;
+  double distance; /* by inception_finish */
+};
+
+/* A picture, 0..255 with `channels` of which the first three are RGB, as the network's input: [3][to_height][to_width]
+ * of -1..1, bilinear between the middles of pixels. */
+void inception_input(float *input, int to_width, int to_height, const uint8_t *pixels, int channels, int width,
+                     int height);
+
+/* Each returns 0, or EXIT_FAILURE after a message. inception_close in either case. */
+int inception_open(struct inception *inception, const struct evaluation *evaluation);
+/* Frame k, as evaluate_frame has drawn it. */
+int inception_add(struct inception *inception, const struct evaluation *evaluation, size_t k);
+int inception_finish(struct inception *inception, struct session *session);
+void inception_close(struct inception *inception);
+
+#endif

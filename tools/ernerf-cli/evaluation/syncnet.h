@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT
+ * Sync: whether the lips of drawn frames agree with the sound, by the two networks of SyncNet (docs/evaluation.md). */
+#ifndef ERN_CLI_SYNCNET_H
+#define ERN_CLI_SYNCNET_H
+
+#include "evaluation/evaluate.h"
+#include "evaluation/sync_score.h"
+
+enum { SYNC_DRAWN, SYNC_TRUE, SYNC_SIDES };
+
+/* A square of a frame. */
+struct sync_crop {
+  double x, y, side; /* of its corner, pixels */
+};
+
+/* Over the frames of an evaluation. Zeroed but for the paths: none yet. */
+struct syncnet {
+  const char *video_path, *audio_path; /* FILE.onnx each; NULL: not wanted */
+  ern_network *video, *audio;
+  int side;                            /* of the video network's input */
+  size_t width;                        /* of an embedding */
+  size_t windows;                      /* of 5 frames */
+  struct sync_crop *crops;             /* [frames] */
+  float *input[SYNC_SIDES];            /* [3][5][side][side]: the last five frames */
+  float *seen[SYNC_SIDES];             /* [windows][width] */
+  float *heard;                        /* [windows][width] */
+  struct sync_score score[SYNC_SIDES]; /* by syncnet_finish */
+  bool known;
+};
+
+/* The square of frame k of `count` frames with these landmarks: see docs/evaluation.md. */
+struct sync_crop sync_crop_of(const ern_clip_frame *const *frames, size_t count, size_t k);
+
+/* `sound`: the speech that the frames are drawn from. Each returns 0, or EXIT_FAILURE after a message. syncnet_close in
+ * either case. */
+int syncnet_open(struct syncnet *sync, const struct evaluation *evaluation, const char *sound);
+/* Frame k, as evaluate_frame has drawn it. */
+int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_t k);
+void syncnet_finish(struct syncnet *sync);
+void syncnet_close(struct syncnet *sync);
+
+#endif
