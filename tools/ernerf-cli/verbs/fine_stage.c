@@ -70,8 +70,7 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
   return status;
 }
 
-void fine_stage_choose(const struct fine_stage *fine, const struct args *args, const ern_clip_info *clip, bool resumed,
-                       ern_train_config *config) {
+void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config) {
   const bool given = args_given(args, "stage"), wanted = fine->stage == STAGE_FINE;
   if (config->torso) return;
   if (given && config->seconds > 0)
