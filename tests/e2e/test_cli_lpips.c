@@ -103,6 +103,21 @@ static void test_fine_stage(void **state) {
   expect_same_files("m.safetensors", "p.safetensors", false);
 }
 
+/* --paper with the loss of the paper: its fine stage is the last fifth. */
+static void test_paper(void **state) {
+  (void)state;
+  cli_run(&cli, "train clip -o p.safetensors -y --paper " HEAD FINE "--iters 20");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE
+                "--iters 20 --fine-steps 4 --ray-sampling uniform --refresh-every 16");
+  cli_expect(&cli, 0, NULL);
+  expect_same_files("p.safetensors", "n.safetensors", true);
+  cli_run(&cli, "train clip -o p.safetensors -y --paper --fine-weight 1 --iters 20");
+  cli_expect(&cli, 2, "--fine-weight", NULL);
+  cli_run(&cli, "train clip -o p.safetensors -y --paper --stage fine --iters 20");
+  cli_expect(&cli, 2, "--stage", "--paper", NULL);
+}
+
 /* [3][height][width] of 8-bit pixels. */
 static void planes_of(const ern_image *image, float *planes) {
   const size_t n = (size_t)image->width * (size_t)image->height, step = (size_t)image->channels;
@@ -196,8 +211,8 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine_stage), cmocka_unit_test(test_eval),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine_stage), cmocka_unit_test(test_paper),
+                                     cmocka_unit_test(test_eval), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }
 #else

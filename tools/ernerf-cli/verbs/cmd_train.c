@@ -48,7 +48,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
     status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
-  if (status < 0) status = fine_stage_check(&job->fine, args, config);
+  if (status < 0) status = fine_stage_check(&job->fine, args, config, job->paper);
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
   if (status < 0 && job->seconds > 0)
@@ -141,6 +141,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
   fine_stage_choose(&job->fine, args, job->has_state, config);
   if (job->paper) follow_paper(args, config);
+  if (job->paper) fine_stage_follow_paper(&job->fine, args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;

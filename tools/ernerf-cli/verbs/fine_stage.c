@@ -57,9 +57,12 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
 
 static const char details[] = "patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads";
 
-int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config) {
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
+                     bool paper) {
   int status = lpips_weights_check(&fine->weights, args);
-  if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume)
+  const bool published = paper && fine->loss == LOSS_LPIPS;
+  if (status < 0 && paper) status = args_forbid(args, "stage fine-steps", "and --paper both say how it is trained");
+  if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume && !published)
     status = args_forbid(args, details, "is the fine stage's: --stage fine or --fine-steps N");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
@@ -68,6 +71,12 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
   if (status < 0 && fine->loss == LOSS_LPIPS && fine->weights.network == NULL)
     status = args_refuse(args, "--fine-loss lpips needs --lpips-network and --lpips-heads");
   return status;
+}
+
+void fine_stage_follow_paper(const struct fine_stage *fine, const struct args *args, ern_train_config *config) {
+  if (fine->loss != LOSS_LPIPS || config->torso) return;
+  if (!args_given(args, "iters")) config->iters = 125000;
+  config->fine_steps = config->iters / 5;
 }
 
 void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config) {

@@ -15,7 +15,10 @@ struct fine_stage {
 enum { FINE_STAGE_OPTIONS = 6 + LPIPS_OPTIONS };
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]);
 /* EXIT_USAGE where the words do not go together; else -1. */
-int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config);
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
+                     bool paper);
+/* With --paper and the loss of the paper: the last fifth of the steps, of 125,000 where --iters does not say. */
+void fine_stage_follow_paper(const struct fine_stage *fine, const struct args *args, ern_train_config *config);
 /* Sets what `config` has of it, in which inherit_state has put what the training to resume has. */
 void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config);
 /* Where words are about a fine stage that the training to resume does not have, or is in and does not leave: a message

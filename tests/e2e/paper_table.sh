@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# tools/paper-table: two made-up portraits and a torn one. The figures are those of `ernerf eval`, the mean is theirs, the torn one
+# is named, and a file that is there stays. 77 (skipped) without jq.
+# Usage: paper_table.sh SOURCE ERNERF FOLDER
+set -euo pipefail
+source=$1 ernerf=$2 folder=$3
+command -v jq >/dev/null || { echo "skipped: no jq"; exit 77; }
+export ERNERF=$ernerf
+rm -rf "$folder"
+mkdir -p "$folder/all/torn/clip" "$folder/all/a" "$folder/all/b"
+cd "$folder"
+fail() { echo "FAIL: $*"; exit 1; }
+for name in a b; do
+  "$ernerf" synth "all/$name/clip" --size 64 --frames 33 --seed "$(printf %d "'$name")" --quiet
+  "$ernerf" train "all/$name/clip" -o "all/$name/portrait.head.safetensors" --iters 30 --rays 256 --levels 2 --quiet
+done
+echo torn > all/torn/portrait.safetensors
+if "$source/tools/paper-table" all -o t.md > out.txt 2> err.txt; then fail "a torn portrait was no failure"; fi
+grep -q 'failed: torn' err.txt || fail "the torn portrait is not named: $(cat err.txt)"
+for name in a b; do
+  psnr=$("$ernerf" eval "all/$name/portrait.head.safetensors" "all/$name/clip" --json --quiet | jq '.psnr * 100 | round / 100')
+  grep -q "^| $name | $psnr | " t.md || fail "the table has not $psnr for $name: $(cat t.md)"
+done
+mean=$(jq '[.[].report.psnr] | add / 2 * 100 | round / 100' t.json)
+grep -q "^| mean | $mean | .* | - | - | - | - | - | " t.md || fail "the mean is not $mean, or a metric is there that was not computed: $(cat t.md)"
+cmp -s t.md out.txt || fail "the table on the screen is another"
+echo mine > u.json
+if "$source/tools/paper-table" all -o u.md > /dev/null 2> err.txt; then fail "u.json was replaced"; fi
+[ "$(cat u.json)" = mine ] && [ ! -e u.md ] || fail "u.json is not as it was"
+if "$source/tools/paper-table" all/torn -o v.md > /dev/null 2>&1 || [ -e v.md ]; then fail "a table of nothing was written"; fi
+echo "two rows, their mean, one named"
