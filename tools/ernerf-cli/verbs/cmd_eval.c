@@ -278,6 +278,28 @@ static void close_all(struct eval_job *job) {
   session_close(&job->session);
 }
 
+/* EXIT_USAGE where words do not go together, else -1. The session learns of the inputs. */
+static int check_words(struct eval_job *job, const struct args *args) {
+  struct portrait *portrait = &job->portrait;
+  int status = hearing_check(&portrait->source.hearing, args, portrait->source.features);
+  if (status < 0 && portrait->source.features != NULL)
+    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+  if (status < 0 && job->refine_poses)
+    status =
+        args_forbid(args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
+  const char *dot = job->sheet != NULL ? strrchr(job->sheet, '.') : NULL;
+  if (status < 0 && job->sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
+    status = args_refuse(args, "--sheet is \"%s\", expected a name that ends in .png", job->sheet);
+  if (status < 0 && job->sheet != NULL)
+    status = args_forbid(args, "smooth_lips", "needs frames one after the other, and --sheet draws some again");
+  job->session.inputs[0] = portrait->model_path;
+  job->session.inputs[1] = portrait->source.path;
+  job->session.inputs[2] = portrait->source.features;
+  job->session.inputs[3] = portrait->source.hearing.path;
+  job->session.inputs[4] = hearing_file(&portrait->source.hearing);
+  return status < 0 ? paper_metrics_check(&job->metrics, args, &job->session) : status;
+}
+
 int cmd_eval(int argc, char **argv) {
   struct eval_job job = {0};
   struct option own[OWN_OPTIONS] = {
@@ -331,23 +353,7 @@ int cmd_eval(int argc, char **argv) {
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
-  if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.portrait.source.features);
-  if (status < 0 && job.portrait.source.features != NULL)
-    status = args_forbid(&args, "asr_model", "chooses the clip's speech, not --audio");
-  if (status < 0 && job.refine_poses)
-    status =
-        args_forbid(&args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
-  const char *dot = job.sheet != NULL ? strrchr(job.sheet, '.') : NULL;
-  if (status < 0 && job.sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
-    status = args_refuse(&args, "--sheet is \"%s\", expected a name that ends in .png", job.sheet);
-  if (status < 0 && job.sheet != NULL)
-    status = args_forbid(&args, "smooth_lips", "needs frames one after the other, and --sheet draws some again");
-  job.session.inputs[0] = job.portrait.model_path;
-  job.session.inputs[1] = job.portrait.source.path;
-  job.session.inputs[2] = job.portrait.source.features;
-  job.session.inputs[3] = job.portrait.source.hearing.path;
-  job.session.inputs[4] = hearing_file(&job.portrait.source.hearing);
-  if (status < 0) status = paper_metrics_check(&job.metrics, &args, &job.session);
+  if (status < 0) status = check_words(&job, &args);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   const char *const outputs[] = {job.video, job.csv, job.sheet};
