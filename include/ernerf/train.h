@@ -84,9 +84,10 @@ typedef enum ern_precision {
  * Plain data, final. */
 typedef struct ern_fine_loss {
   const char *name; /* of the loss and its network, 1..31 bytes; a training state keeps it */
-  /* pixel, truth [3][side][side], red, green, blue, truth in 0..1. Writes *loss and dpixel, d loss/d pixel of that
-   * shape. Called by the thread that calls the trainer. Another status than ERN_OK ends the step with it.
-   * ern_trainer_create calls it once, on zeros. */
+  /* pixel, truth [3][side][side], red, green, blue; truth is in 0..1. Overwrites *loss and dpixel (d loss/d pixel, of
+   * that shape), both without a weight: the trainer multiplies by fine_weight or fine_lips_weight and takes the mean
+   * over the patches. Called once a patch, by the thread that calls the trainer. A status other than ERN_OK ends the
+   * step with it. Where there is a fine stage, ern_trainer_create calls it once, on zeros. */
   ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
   void *user;
 } ern_fine_loss;
@@ -159,9 +160,12 @@ typedef struct ern_train_config {
                                (default): none. Ignored without `seconds` */
   int patch_size;           /* pixels a side, 16, 32, 48 or 64; 32. A fine stage needs at least the rays of a patch, and
                                pictures of that size */
-  float fine_weight;        /* of the loss of patches of the whole picture, 0..1e3; 0.1 */
-  float fine_lips_weight;   /* of the loss of patches of the lips, 0..1e3; 0.1 */
-  const ern_fine_loss *fine_loss; /* NULL (default): structural similarity. Copied; a resume must have the same name */
+  float fine_weight;        /* of the patches' loss in even steps, whose patches lie anywhere, 0..1e3; 0.1 */
+  float fine_lips_weight; /* of the patches' loss in odd steps, whose patches lie around the lips where these are known,
+                             0..1e3; 0.1. The paper's code has 0.01, with LPIPS */
+  const ern_fine_loss *fine_loss; /* NULL (default): structural similarity. The struct and its name are copied, what
+                                     `user` points to must outlive the trainer. A resume of a training that has, or
+                                     will have, a fine stage must have the same name (ERN_E_MISMATCH) */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {

@@ -43,18 +43,18 @@ const char *ern_precision_word(bool bf16) { return bf16 ? "bf16" : "fp32"; }
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
-  json_t *training = json_pack(
-      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:i, s:f}", "iters",
-      (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
-      "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
-      (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
-      t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling),
-      "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
-      c->torso_gamma, "frames_per_step", c->frames_per_step, "fine_share", c->fine_share);
+  json_t *training =
+      json_pack("{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:i, s:f, s:s}",
+                "iters", (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att",
+                (double)c->lr_att, "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every,
+                "ema", c->ema, "data_begin", (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end,
+                "torso_layer", t->data.has_torso, "features", t->features, "precision", ern_precision_word(t->bf16),
+                "ray_sampling", ern_ray_sampling_name(c->ray_sampling), "budget", c->seconds, "seconds_beside",
+                t->beside, "refine_poses", t->poses != NULL, "torso_gamma", c->torso_gamma, "frames_per_step",
+                c->frames_per_step, "fine_share", c->fine_share, "fine_loss", ern_trainer_fine_name(t));
   if (training != NULL && t->fine_from != UINT64_MAX) {
-    json_t *fine =
-        json_pack("{s:I, s:i, s:f, s:f, s:s}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size, "weight",
-                  (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight, "loss", ern_trainer_fine_name(t));
+    json_t *fine = json_pack("{s:I, s:i, s:f, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size,
+                             "weight", (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight);
     if (json_object_set_new(training, "fine", fine) != 0) {
       json_decref(training);
       training = NULL;
@@ -107,14 +107,11 @@ static bool is_weight(const json_t *value) {
 static bool read_fine(const json_t *value, struct ern_state_about *about) {
   const json_t *from = json_object_get(value, "from"), *side = json_object_get(value, "patch_size"),
                *weight = json_object_get(value, "weight"), *lips = json_object_get(value, "lips_weight");
-  const char *loss = json_string_value(json_object_get(value, "loss"));
   about->fine_from = UINT64_MAX;
   if (value == NULL) return true;
   if (!whole_in(from, 0, ERN_MODEL_MOST_STEPS) || !whole_in(side, ERN_PATCH_UNIT, ERN_PATCH_MOST_SIDE) ||
-      json_integer_value(side) % ERN_PATCH_UNIT != 0 || !is_weight(weight) || !is_weight(lips) || loss == NULL ||
-      strlen(loss) >= sizeof about->fine_loss)
+      json_integer_value(side) % ERN_PATCH_UNIT != 0 || !is_weight(weight) || !is_weight(lips))
     return false;
-  memcpy(about->fine_loss, loss, strlen(loss) + 1);
   about->fine_lips_weight = (float)json_number_value(lips);
   about->fine_from = (uint64_t)json_integer_value(from);
   about->patch_size = (int)json_integer_value(side);
@@ -171,6 +168,10 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (!read_fine(json_object_get(root, "fine"), about)) return "fine";
   const json_t *share = json_object_get(root, "fine_share"); /* not there: an earlier version's */
   about->fine_share = json_number_value(share);
+  const json_t *loss = json_object_get(root, "fine_loss"); /* not there: an earlier version's */
+  const char *name = loss != NULL ? json_string_value(loss) : "ssim";
+  if (name == NULL || strlen(name) >= sizeof about->fine_loss) return "fine_loss";
+  memcpy(about->fine_loss, name, strlen(name) + 1);
   if (share != NULL && !(json_is_number(share) && about->fine_share >= 0 && about->fine_share <= 1))
     return "fine_share";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
@@ -295,6 +296,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
     return compare(t, path, NULL, 0, both, 2);
   }
   const bool fine = about->fine_from < about->step; /* it has begun */
+  const bool planned = about->fine_from != UINT64_MAX || about->fine_share > 0;
   const struct change strict[] = {
       {"the SHA-256 of the speech features and their copies (--speech-copies, --speech-warp, --speech-share)",
        word(about->features), word(t->features)},
@@ -302,7 +304,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"data_end", count(about->data_end), count(c->data_end)},
       {"torso_layer", count(about->layer), count(t->data.has_torso)},
       {"refine_poses", count(about->refine_poses), count(t->poses != NULL)},
-      {"fine_loss", word(fine ? about->fine_loss : ""), word(fine ? ern_trainer_fine_name(t) : "")}};
+      {"fine_loss", word(planned ? about->fine_loss : ""), word(planned ? ern_trainer_fine_name(t) : "")}};
   const struct change loose[] = {
       {"max_steps", count((uint64_t)view->max_steps), count((uint64_t)c->max_steps)},
       both[0],

@@ -130,6 +130,52 @@ static void test_resumed_fine_stage(void **state) {
   made.lips = (ern_box){0, 0, 0, 0};
 }
 
+/* A loss of the program's: the mean of squares, whose calls are counted. */
+static ern_status mean_square(void *user, const float *pixel, const float *truth, int side, double *loss,
+                              float *dpixel) {
+  const int n = 3 * side * side;
+  *loss = 0;
+  for (int i = 0; i < n; i++) {
+    const double apart = (double)pixel[i] - (double)truth[i];
+    *loss += apart * apart / n;
+    dpixel[i] = (float)(2 * apart / n);
+  }
+  (*(int *)user)++;
+  return *(int *)user < 100 ? ERN_OK : ERN_E_CANCELLED;
+}
+
+/* It is called once before, and once a patch of the fine stage alone. A resume needs it again, also before that stage
+ * begins; what it returns ends the step. */
+static void test_loss_of_the_program(void **state) {
+  (void)state;
+  int calls = 0;
+  const ern_fine_loss loss = {"mean square", mean_square, &calls};
+  ern_train_config config = fine_config(12, 6);
+  config.fine_loss = &loss;
+  train_on("fine_whole.safetensors", false, 12, config);
+  assert_int_equal(calls, 1 + 6 * 2);
+  train_on("fine_resumed.safetensors", false, 4, config);
+  config.output = "fine_resumed.safetensors";
+  config.resume = true;
+  config.fine_loss = NULL;
+  ern_trainer *t = NULL;
+  support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_MISMATCH, "fine_loss",
+                 "mean square", "ssim", NULL);
+  config.fine_loss = &loss;
+  train_on("fine_resumed.safetensors", true, 8, config);
+  expect_same("fine_whole.safetensors", "fine_resumed.safetensors");
+  ern_train_report report;
+  config.resume = false;
+  support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
+  for (int step = 0; step < 6; step++) support_ok(made.context, ern_trainer_step(t, &report));
+  calls = 99;
+  assert_int_equal(ern_trainer_step(t, &report), ERN_E_CANCELLED);
+  ern_trainer_free(&t);
+  config.fine_loss = &(ern_fine_loss){.name = "", .compute = mean_square};
+  support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_ARGUMENT, "fine_loss",
+                 NULL);
+}
+
 /* Flat, saturated and equal pictures: the structural similarity divides by their variances. */
 static void test_fine_stage_of_flat_pictures(void **state) {
   (void)state;
@@ -180,8 +226,10 @@ static void test_refused_fine_stage(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_patch_places), cmocka_unit_test(test_rays_of_a_fine_step),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_patch_places),
+                                     cmocka_unit_test(test_rays_of_a_fine_step),
                                      cmocka_unit_test(test_resumed_fine_stage),
+                                     cmocka_unit_test(test_loss_of_the_program),
                                      cmocka_unit_test(test_fine_stage_of_flat_pictures),
                                      cmocka_unit_test(test_refused_fine_stage)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);

@@ -111,10 +111,10 @@ static struct matrix shorten(struct matrix m, double *v, double *sums) {
 }
 
 double frechet_distance(double *a, double *b, size_t count, size_t width) {
-  const size_t rows = count < width ? count : width, room = count > width ? count : width;
-  double *memory = malloc((rows * rows + 2 * rows + 3 * room) * sizeof *memory), distance = 0;
+  const size_t rows = count < width ? count : width, longest = count > width ? count : width;
+  double *memory = malloc((rows * rows + 2 * rows + 3 * longest) * sizeof *memory), distance = 0;
   if (memory == NULL) return NAN;
-  double *off = memory + rows * rows, *v = off + 2 * rows, *mean = v + room, *other = mean + room;
+  double *off = memory + rows * rows, *v = off + 2 * rows, *mean = v + longest, *other = mean + longest;
   struct matrix first = {a, count, width}, second = {b, count, width}, product = {memory, rows, rows};
   distance += centre(first, mean) + centre(second, other);
   for (size_t j = 0; j < width; j++) distance += (mean[j] - other[j]) * (mean[j] - other[j]);
