@@ -43,6 +43,10 @@ bool ern_torch_is_tar(const uint8_t *bytes, size_t count) {
   return count >= 512 && memcmp(bytes + 257, "ustar", 5) == 0;
 }
 
+bool ern_torch_is_torch(const uint8_t *bytes, size_t count) {
+  return ern_torch_is_zip(bytes, count) || ern_torch_is_legacy(bytes, count) || ern_torch_is_tar(bytes, count);
+}
+
 ern_status ern_torch_check_end(const struct ern_file_reader *reader) {
   static const uint8_t mark[] = {'P', 'K', 5, 6};
   enum { END_BYTES = 22 + 65535 /* with the longest comment */ };
@@ -237,7 +241,11 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
                           struct ern_torch *torch) {
   struct opened *o = NULL;
   *torch = (struct ern_torch){0};
-  ern_status status = ERN_NEW(context, 1, &o);
+  ern_status status = ERN_OK;
+  if (ern_torch_is_tar(bytes, count))
+    status = ern_fail(context, ERN_E_UNSUPPORTED,
+                      "%s: is a tar, as PyTorch wrote before 0.2; load it in PyTorch and save it again", path);
+  if (status == ERN_OK) status = ERN_NEW(context, 1, &o);
   if (status != ERN_OK) {
     ern_release(context, bytes);
     return status;

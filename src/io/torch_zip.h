@@ -21,6 +21,8 @@ struct ern_torch {
 /* Whether the bytes begin as a zip does, or as the tar of PyTorch's first versions, which is not read. */
 bool ern_torch_is_zip(const uint8_t *bytes, size_t count);
 bool ern_torch_is_tar(const uint8_t *bytes, size_t count);
+/* Whether PyTorch wrote them, in any form; ern_torch_open says which it does not read. */
+bool ern_torch_is_torch(const uint8_t *bytes, size_t count);
 /* ERN_E_FORMAT where a zip's list of entries is not at its end: to be known before all of it is read. */
 ERN_NODISCARD ern_status ern_torch_check_end(const struct ern_file_reader *reader);
 

@@ -9,7 +9,6 @@
 
 #include "core/floats.h"
 #include "core/memory.h"
-#include "io/torch_legacy.h"
 #include "io/torch_zip.h"
 #include "media/loaded_library.h"
 #include "perceptual/perceptual.h"
@@ -54,8 +53,7 @@ static ern_status read_tensors(ern_context *context, const char *path, struct er
   *file = (struct ern_tensor_file){0};
   ern_status status = ern_file_read(context, path, most, &bytes, &count);
   if (status != ERN_OK) return status;
-  if (!ern_torch_is_zip(bytes, count) && !ern_torch_is_legacy(bytes, count))
-    return ern_safetensors_open(context, path, bytes, count, file);
+  if (!ern_torch_is_torch(bytes, count)) return ern_safetensors_open(context, path, bytes, count, file);
   status = ern_torch_open(context, path, bytes, count, &torch);
   if (status == ERN_OK) status = ern_torch_tensors(context, &torch, "", file, &tree);
   ern_release(context, tree);

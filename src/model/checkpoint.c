@@ -9,7 +9,6 @@
 
 #include "core/memory.h"
 #include "io/file.h"
-#include "io/torch_legacy.h"
 
 static const size_t file_limit = (size_t)1 << 30; /* as of a safetensors file */
 
@@ -302,14 +301,8 @@ ern_status ern_checkpoint_read(ern_context *context, const char *path, struct er
   const size_t there = reader.size < START ? reader.size : START;
   ERN_TRY(ern_file_reader_take(&reader, 0, start, there));
   const bool zip = ern_torch_is_zip(start, there);
-  if (zip || ern_torch_is_legacy(start, there)) {
-    status = read_whole(&reader, zip, file);
-  } else if (ern_torch_is_tar(start, there)) {
-    status = ern_fail(context, ERN_E_UNSUPPORTED,
-                      "%s: is a tar, as PyTorch wrote before 0.2; load it in PyTorch and save it again", path);
-  } else {
-    status = ern_safetensors_read(context, path, file);
-  }
+  status =
+      ern_torch_is_torch(start, there) ? read_whole(&reader, zip, file) : ern_safetensors_read(context, path, file);
 fail:
   ern_file_reader_close(&reader);
   return status;

@@ -29,4 +29,8 @@ echo mine > u.json
 if "$source/tools/paper-table" all -o u.md > /dev/null 2> err.txt; then fail "u.json was replaced"; fi
 [ "$(cat u.json)" = mine ] && [ ! -e u.md ] || fail "u.json is not as it was"
 if "$source/tools/paper-table" all/torn -o v.md > /dev/null 2>&1 || [ -e v.md ]; then fail "a table of nothing was written"; fi
+echo mine > w.md.new
+if "$source/tools/paper-table" all -o w.md > /dev/null 2>&1; then fail "a torn portrait was no failure"; fi
+[ "$(cat w.md.new)" = mine ] && [ -e w.md ] || fail "a file beside the table is not as it was"
+if "$source/tools/paper-table" all -o x.md -- --csv mine.csv > /dev/null 2>&1 || [ -e x.md ]; then fail "--csv was taken"; fi
 echo "two rows, their mean, one named"

@@ -16,15 +16,6 @@ static int make_clip(void **state) {
   return 0;
 }
 
-static void expect_same_files(const char *left, const char *right) {
-  size_t first = 0, second = 0;
-  uint8_t *one = cli_bytes(left, &first), *other = cli_bytes(right, &second);
-  assert_int_equal(first, second);
-  assert_memory_equal(one, other, first);
-  free(one);
-  free(other);
-}
-
 #define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 "
 #define FINE " --patch-size 16 --fine-weight 0.3 "
 
@@ -38,7 +29,7 @@ static void test_after_and_as_the_last_part(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors --resume --stage fine" FINE "--iters 30");
   cli_expect(&cli, 0, NULL);
-  expect_same_files("m.safetensors", "n.safetensors");
+  cli_same_bytes("m.safetensors", "n.safetensors");
   cli_run(&cli, "train clip -o n.safetensors --resume --iters 34");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o o.safetensors " HEAD "--iters 30");

@@ -235,6 +235,13 @@ static void test_kinds(void **state) {
   memcpy(tar + 257, "ustar", 5);
   assert_true(ern_torch_is_tar(tar, sizeof tar));
   assert_false(ern_torch_is_tar(tar, 300));
+  ern_context *context = support_context();
+  struct ern_tensor_file file;
+  char *tree = NULL;
+  assert_true(ern_torch_is_torch(tar, sizeof tar));
+  support_expect(context, open_bytes(context, tar, sizeof tar, &file, &tree), ERN_E_UNSUPPORTED, "x.pth: is a tar",
+                 NULL);
+  ern_context_free(&context);
   assert_true(ern_torch_is_zip((const uint8_t *)"PK\3\4", 4));
   assert_false(ern_torch_is_zip((const uint8_t *)"PK\3", 3));
 }

@@ -8,6 +8,7 @@
 #include "harness.h"
 
 #include "core/profile.h"
+#include "ernerf/train.h"
 #include "model/parameters.h"
 #include "train/patch_filter.h"
 #include "train/step.h"
@@ -31,8 +32,23 @@ struct scene {
   unsigned cells; /* of 8 cells in a row these are occupied, as bits */
   float height;   /* of the camera: at the side of the cube points are moved out of it */
   bool no_view;   /* the colour is not told the direction */
-  bool patch;     /* the rays are one patch of the picture, with the loss of one */
+  int patch;      /* the rays are one patch of the picture, with a loss: 1 the backend's, 2 one of the program's */
 };
+
+/* mean of (pixel - truth)^4 */
+static ern_status fourth_power(void *user, const float *pixel, const float *truth, int side, double *loss,
+                               float *dpixel) {
+  const int n = 3 * side * side;
+  (void)user;
+  *loss = 0;
+  for (int i = 0; i < n; i++) {
+    const double apart = (double)pixel[i] - (double)truth[i];
+    *loss += pow(apart, 4) / n;
+    dpixel[i] = (float)(4 * pow(apart, 3) / n);
+  }
+  return ERN_OK;
+}
+static const struct ern_fine_loss host_loss = {"fourth power", fourth_power, NULL};
 
 static const struct scene scenes[] = {
     {"plain", 12, true, false, 3, 64, 1, 0xff, 0.02f, false, false},
@@ -50,7 +66,8 @@ static const struct scene scenes[] = {
     {"no samples", 12, true, true, 3, 64, 1, 0, 0.02f, false, false},
     {"no view", 14, true, true, 3, 200, 1, 0xff, 0.02f, true, false},
     {"no view, eye or codes", 12, false, false, 0, 100, 300, 0xff, 0.02f, true, false},
-    {"a patch", 14, true, true, 3, PATCH *PATCH, 4, 0xff, 0.02f, false, true},
+    {"a patch", 14, true, true, 3, PATCH *PATCH, 4, 0xff, 0.02f, false, 1},
+    {"a patch, its loss on the host", 14, true, true, 3, PATCH *PATCH, 4, 0xff, 0.02f, false, 2},
 };
 enum { SCENES = COUNT_OF(scenes) };
 
@@ -152,7 +169,9 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
                                                  .dpose_weight = scene->eye ? face.on[k].span : (ern_span){0},
                                                  .n = n};
   EACH_MACHINE (k)
-    if (scene->patch) stage->args[k].patches = (struct ern_step_patches){NULL, filter.on[k], 0.5f, PATCH, 1};
+    if (scene->patch != 0)
+      stage->args[k].patches =
+          (struct ern_step_patches){scene->patch == 2 ? &host_loss : NULL, filter.on[k], 0.5f, PATCH, 1};
 }
 
 /* What a step leaves behind. */

@@ -40,10 +40,10 @@ int inception_open(struct inception *inception, const struct evaluation *evaluat
   struct session *session = evaluation->session;
   int shape[ERN_NETWORK_DIMS] = {0};
   if (inception->path == NULL) return 0;
-  inception->room = evaluation->frame_source.count;
-  if (inception->room < 2)
+  inception->capacity = evaluation->frame_source.count;
+  if (inception->capacity < 2)
     return session_fail_with(session, "--inception: %zu frame, expected 2 at least: a covariance is of several",
-                             inception->room);
+                             inception->capacity);
   if (ern_network_open(session->context, inception->path, &inception->network) != ERN_OK) return session_fail(session);
   const int dims = ern_network_input(inception->network, shape);
   if (dims != 4 || shape[0] != 1 || shape[1] != 3 || shape[2] < LEAST_SIDE || shape[2] > MOST_SIDE ||
@@ -66,10 +66,10 @@ static int reserve(struct inception *inception, struct session *session, size_t 
     return session_fail_with(session, "%s: its first output has %zu numbers, expected features: 1 to %d",
                              inception->path, features, (int)MOST_FEATURES);
   inception->features = features;
-  inception->drawn = malloc(inception->room * features * sizeof *inception->drawn);
-  inception->truth = malloc(inception->room * features * sizeof *inception->truth);
+  inception->drawn = malloc(inception->capacity * features * sizeof *inception->drawn);
+  inception->truth = malloc(inception->capacity * features * sizeof *inception->truth);
   if (inception->drawn == NULL || inception->truth == NULL)
-    return session_fail_with(session, "no memory for %zu features of %zu frames", features, inception->room);
+    return session_fail_with(session, "no memory for %zu features of %zu frames", features, inception->capacity);
   return 0;
 }
 
@@ -90,7 +90,7 @@ int inception_add(struct inception *inception, const struct evaluation *evaluati
   const int width = evaluation->info.width, height = evaluation->info.height;
   struct session *session = evaluation->session;
   ern_image truth = {0};
-  if (inception->path == NULL || inception->frames >= inception->room) return 0;
+  if (inception->path == NULL || inception->frames >= inception->capacity) return 0;
   if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
     return session_fail(session);
   inception_input(inception->input, inception->width, inception->height, truth.data, 3, width, height);

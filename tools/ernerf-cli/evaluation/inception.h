@@ -11,8 +11,8 @@ struct inception {
   ern_network *network;
   int width, height;     /* of its input */
   float *input;          /* [3][height][width] */
-  double *drawn, *truth; /* [room][features] */
-  size_t features, frames, room;
+  double *drawn, *truth; /* [capacity][features] */
+  size_t features, frames, capacity;
   double distance; /* by inception_finish */
 };
 

@@ -17,9 +17,10 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
        .kind = OPTION_CHOICE,
        .target = &fine->stage,
        .choices = "coarse|fine",
-       .help = "fine: from the step on that the training starts or goes on at, with --time for the last fifth of a "
-               "head's time, its rays are square patches, of the whole picture and of the lips in turn, with a loss of "
-               "their own: sharper, but the mouth is learnt less well (default coarse, with --resume as before)"},
+       .help =
+           "fine: from the step on that the training starts or goes on at, with a new --time for the last fifth of "
+           "the head's time, a head's rays are square patches, of the whole picture and of the lips in turn, with a "
+           "loss of their own. Sharper, mostly at a cost to the mouth (default coarse, with --resume as before)"},
       {.name = "fine-steps",
        .kind = OPTION_COUNT,
        .target = &config->fine_steps,
