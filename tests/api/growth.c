@@ -3,6 +3,7 @@
  * twice, once with headers whose structs lack their last members, and holds what it prints against each other. Every
  * struct that the library fills lies between guard bytes. Usage: growth CLIP FOLDER */
 #include <ernerf/ernerf.h>
+#include <ernerf/live.h>
 #include <ernerf/media.h>
 #include <ernerf/prepare.h>
 #include <inttypes.h>
@@ -163,6 +164,30 @@ static ern_model *train(ern_context *context, ern_backend *backend, ern_clip *cl
   return model;
 }
 
+/* The frame's windows of a speech that is pushed: the same picture as from the clip. */
+static void live(ern_context *context, ern_renderer *renderer, const ern_features *features, size_t window,
+                 const ern_frame_input *input, const ern_frame_output *output) {
+  ern_live *session = NULL;
+  const ern_live_frame *frame = NULL;
+  bool ended = false;
+  GUARDED(ern_live_options, options);
+  ern_live_options_fill(&options->it, sizeof options->it);
+  options->it.window_length = features->window_length;
+  options->it.width = features->width;
+  NEED(ern_live_open(context, &options->it, &session));
+  for (size_t t = 0; t <= window; t++) {
+    NEED(ern_live_push_windows(session, features->data + t * (size_t)features->window_length * (size_t)features->width,
+                               1));
+    if (t == window) NEED(ern_live_end(session));
+    NEED(ern_live_pull(session, 0, &frame, &ended));
+  }
+  if (frame != NULL) NEED(ern_live_draw(frame, renderer, input, output, NULL));
+  printf("live frame %d, %016" PRIx64 "\n", frame != NULL ? (int)frame->number : -1,
+         hash(output->rgba, SIDE * SIDE * 4));
+  ern_live_free(&session);
+  UNTOUCHED(options);
+}
+
 static void render(ern_context *context, ern_backend *backend, const ern_model *model, ern_clip *clip,
                    const char *path) {
   static uint8_t rgba[SIDE * SIDE * 4];
@@ -198,6 +223,7 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   ern_renderer_ray_reuse_work_sized(renderer, &work->it, sizeof work->it);
   printf("frame %016" PRIx64 " %016" PRIx64 ", %" PRIu64 " counted, in time: %d\n", hash(rgba, sizeof rgba),
          hash(rgb, sizeof rgb), ern_renderer_ray_reuse_work(renderer).frames, times->it.audio >= 0);
+  live(context, renderer, features, 6, &input, &output);
   ern_video_options_fill(&video->it, sizeof video->it);
   video->it.width = video->it.height = SIDE;
   NEED(ern_video_writer_open(context, path, &video->it, &writer));

@@ -17,7 +17,7 @@ exported() { nm -D --defined-only "$1" | awk '{ print $3 }' | grep -vE '^(__(asa
 at() { sed -n "s/@@*$1\$//p" | sort; }
 same() { diff "$1" "$2" >"$work/diff" || fail "$3 (< $1, > $2): $(cat "$work/diff")"; }
 
-media=("$source/include/ernerf/media.h" "$source/include/ernerf/speech.h")
+media=("$source/include/ernerf/"{media,speech,live}.h)
 prepare=$source/include/ernerf/prepare.h
 libraries=("$build/lib/libernerf-media.so")
 [ ! -e "$build/lib/libernerf-prepare.so" ] || libraries+=("$build/lib/libernerf-prepare.so")
@@ -32,7 +32,7 @@ exported "$build/lib/libernerf-media.so" >"$work/media.exported"
 at LIBERNERF_0 <"$work/engine.exported" >"$work/engine.public"
 at LIBERNERF_MEDIA_0 <"$work/media.exported" >"$work/media.public"
 same "$work/engine.declared" "$work/engine.public" "libernerf does not export what its headers declare"
-same "$work/media.declared" "$work/media.public" "libernerf-media does not export what media.h and speech.h declare"
+same "$work/media.declared" "$work/media.public" "libernerf-media does not export what its headers declare"
 nodes="LIBERNERF_0|LIBERNERF_MEDIA_0|LIBERNERF_PREPARE_0|$private|$media_private"
 if [ "${#libraries[@]}" -eq 2 ]; then
   declared "$prepare" >"$work/prepare.declared"

@@ -1,0 +1,558 @@
+/* SPDX-License-Identifier: MIT
+ * A session of live speech: its clock is the count of samples that were pushed, silence by ern_live_rest among them.
+ * Windows that are pushed count as samples at 25 a second. */
+#include "ernerf/live.h"
+
+#include <errno.h>
+#include <math.h>
+#include <pthread.h>
+#include <string.h>
+#include <time.h>
+
+#include "core/floats.h"
+#include "core/memory.h"
+#include "core/sized.h"
+#include "io/feature_range.h"
+#include "media/live/live_speech.h"
+
+enum {
+  OPTIONS_COOKIE = 0x45524e4c,
+  CODE = 32,
+  MOST_CAPACITY = 1000,
+  MOST_RATE_PART = 1000000,
+  REST_TICKS = 2048, /* a power of two above MOST_CAPACITY and all that is looked at before and after */
+  PAUSE_BEFORE = 16, /* ticks before a frame and after it in which its pause is looked for */
+  PAUSE_AFTER = 3,
+  PAUSE_TICKS = PAUSE_BEFORE + 1 + PAUSE_AFTER,
+  WINDOWS_AFTER = 3,
+  PART = 256 /* samples that are taken at a time */
+};
+static const float RISE = 0.2f, FALL = 1.0f / 3; /* of the silence's weight, a tick */
+
+static const float zeros[PART * 8] = {0}; /* samples of 8 channels */
+
+struct ern_live {
+  ern_context *context;
+  ern_live_options options;
+  int rate; /* of samples, or of windows */
+  pthread_mutex_t mutex;
+  pthread_cond_t moved;
+  struct ern_live_speech speech;
+  float *sound; /* [room][channels]: from the beginning of the next frame on */
+  size_t room;
+  uint64_t first, samples; /* number of sound[0], and of all that were pushed */
+  bool rest[REST_TICKS];   /* of tick t at t % REST_TICKS: made by ern_live_rest */
+  uint64_t next;           /* number of the next frame */
+  uint64_t weighed;        /* tick of the last weight */
+  uint64_t cancels, dropped;
+  float weight, code[CODE];
+  bool has_weight, ended;
+  float *windows, *second, *pause; /* [8][...] given; [8][...] to interpolate with; [PAUSE_TICKS][...] */
+  float *heard;                    /* the sound of the frame that was given */
+  ern_live_frame frame;
+};
+
+void ern_live_options_fill(ern_live_options *options, size_t bytes) {
+  const ern_live_options own = {.cookie = OPTIONS_COOKIE,
+                                .rate = 16000,
+                                .channels = 1,
+                                .look_ahead = ERN_LIVE_LOOK_AHEAD,
+                                .capacity = 50,
+                                .policy = ERN_LIVE_WAIT,
+                                .rate_numerator = 25,
+                                .rate_denominator = 1,
+                                .pad = ERN_AUDIO_PAD_EDGE};
+  ern_config_give(options, bytes, &own, sizeof own);
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static ern_status check_options(ern_context *context, const ern_live_options *o) {
+  const struct {
+    const char *name;
+    int value, least, most;
+  } rows[] = {{"rate", o->rate, 1000, 384000},
+              {"channels", o->channels, 1, 8},
+              {"window_length", o->window_length, o->width != 0, 16},
+              {"width", o->width, o->window_length != 0, 4096},
+              {"look_ahead", o->look_ahead, ERN_LIVE_LEAST_LOOK_AHEAD, ERN_LIVE_LOOK_AHEAD},
+              {"capacity", o->capacity, 20, MOST_CAPACITY},
+              {"policy", o->policy, ERN_LIVE_WAIT, ERN_LIVE_REPEAT},
+              {"pad", (int)o->pad, ERN_AUDIO_PAD_EDGE, ERN_AUDIO_PAD_ZERO},
+              {"rate_numerator", o->rate_numerator, 1, MOST_RATE_PART},
+              {"rate_denominator", o->rate_denominator, 1, MOST_RATE_PART}};
+  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+    if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
+      return ern_fail(context, ERN_E_ARGUMENT, "live: %s is %d, expected %d to %d", rows[i].name, rows[i].value,
+                      rows[i].least, rows[i].most);
+  if (o->rate_numerator < o->rate_denominator || o->rate_numerator > 100 * (int64_t)o->rate_denominator)
+    return ern_fail(context, ERN_E_ARGUMENT, "live: %d/%d frames a second, expected 1 to 100", o->rate_numerator,
+                    o->rate_denominator);
+  for (int c = 0; o->silence_code != NULL && c < CODE; c++)
+    if (!isfinite(o->silence_code[c]))
+      return ern_fail(context, ERN_E_NONFINITE, "live: silence_code[%d] is not finite", c);
+  return ERN_OK;
+}
+
+static ern_status make_lock(ern_live *live) {
+  pthread_condattr_t monotonic;
+  int error = pthread_condattr_init(&monotonic);
+  if (error == 0) {
+    error = pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    if (error == 0) error = pthread_cond_init(&live->moved, &monotonic);
+    (void)pthread_condattr_destroy(&monotonic);
+  }
+  if (error != 0) return ern_fail(live->context, ERN_E_NO_MEMORY, "live: no condition variable: %s", strerror(error));
+  error = pthread_mutex_init(&live->mutex, NULL);
+  if (error == 0) return ERN_OK;
+  (void)pthread_cond_destroy(&live->moved);
+  return ern_fail(live->context, ERN_E_NO_MEMORY, "live: no mutex: %s", strerror(error));
+}
+
+static void free_parts(ern_live *live) {
+  ern_live_speech_close(&live->speech);
+  ern_release(live->context, live->sound);
+  ern_release(live->context, live->windows);
+  ern_release(live->context, live->second);
+  ern_release(live->context, live->pause);
+  ern_release(live->context, live->heard);
+}
+
+ern_status ern_live_open(ern_context *context, const ern_live_options *options, ern_live **live) {
+  ERN_PLAIN_FLOATS;
+  if (live != NULL) *live = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, live);
+  ern_live_options chosen = ern_live_options_default();
+  ern_live *made = NULL;
+  ern_status status = ERN_OK;
+  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_live_options, &chosen, options));
+  ERN_TRY(check_options(context, &chosen));
+  ERN_TRY(ERN_NEW(context, 1, &made));
+  made->context = context;
+  const bool windows = chosen.width > 0;
+  if (windows) chosen.channels = 0;
+  if (windows && chosen.look_ahead > WINDOWS_AFTER) chosen.look_ahead = WINDOWS_AFTER;
+  for (int a = chosen.rate_numerator, b = chosen.rate_denominator; a != 0;) { /* lowest terms: the clock counts long */
+    const int divisor = a;
+    a = b % a;
+    b = divisor;
+    if (a != 0) continue;
+    chosen.rate_numerator /= divisor;
+    chosen.rate_denominator /= divisor;
+  }
+  made->options = chosen;
+  made->rate = windows ? ERN_LIVE_TICKS_A_SECOND : chosen.rate;
+  ERN_TRY(ern_live_speech_open(context, chosen.rate, chosen.channels, chosen.window_length, chosen.width,
+                               (size_t)chosen.capacity, &made->speech));
+  made->speech.pad = chosen.pad;
+  const size_t window = (size_t)made->speech.window_length * (size_t)made->speech.width;
+  const size_t tick = (size_t)made->rate / ERN_LIVE_TICKS_A_SECOND + 1;
+  made->room = (size_t)chosen.capacity * tick;
+  ERN_TRY(ERN_NEW(context, made->room * (size_t)chosen.channels, &made->sound));
+  ERN_TRY(ERN_NEW(context, ERN_LIVE_WINDOWS * window, &made->windows));
+  ERN_TRY(ERN_NEW(context, ERN_LIVE_WINDOWS * window, &made->second));
+  ERN_TRY(ERN_NEW(context, PAUSE_TICKS * window, &made->pause));
+  ERN_TRY(ERN_NEW(context, ((size_t)made->rate + 1) * (size_t)chosen.channels, &made->heard));
+  if (chosen.silence_code != NULL) memcpy(made->code, chosen.silence_code, sizeof made->code);
+  ERN_TRY(make_lock(made));
+  *live = made;
+  return ERN_OK;
+fail:
+  if (made != NULL) free_parts(made);
+  ern_release(context, made);
+  return status;
+}
+
+void ern_live_free(ern_live **live) {
+  if (live == NULL || *live == NULL) return;
+  ern_live *dying = *live;
+  *live = NULL;
+  free_parts(dying);
+  (void)pthread_mutex_destroy(&dying->mutex);
+  (void)pthread_cond_destroy(&dying->moved);
+  ern_release(dying->context, dying);
+}
+
+/* ---- the clock --------------------------------------------------------------------------------------------------- */
+
+/* The first sample of a tick, and of a frame; the tick in which a frame begins, and whether it begins later than that.
+ */
+static uint64_t sample_of_tick(const ern_live *l, uint64_t tick) {
+  const uint64_t ticks = ERN_LIVE_TICKS_A_SECOND;
+  return (tick * (uint64_t)l->rate + ticks - 1) / ticks;
+}
+static uint64_t sample_of_frame(const ern_live *l, uint64_t number) {
+  return number * (uint64_t)l->options.rate_denominator * (uint64_t)l->rate / (uint64_t)l->options.rate_numerator;
+}
+static uint64_t tick_of_frame(const ern_live *l, uint64_t number, double *toward) {
+  const uint64_t place = number * (uint64_t)l->options.rate_denominator * ERN_LIVE_TICKS_A_SECOND,
+                 rate = (uint64_t)l->options.rate_numerator;
+  if (toward != NULL) *toward = (double)(place % rate) / (double)rate;
+  return place / rate;
+}
+static uint64_t whole_ticks(const ern_live *l) { return l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate; }
+
+/* Whether the next frame is there with so many ticks of look-ahead. */
+static bool is_ready(const ern_live *l, int look_ahead) {
+  double toward;
+  const uint64_t tick = tick_of_frame(l, l->next, &toward);
+  if (l->ended) return sample_of_frame(l, l->next) < l->samples;
+  return whole_ticks(l) >= tick + (toward > 0) + (uint64_t)look_ahead + 1 &&
+         l->samples >= sample_of_frame(l, l->next + 1);
+}
+
+/* Rows that tick `tick` may hear, counted from the first. */
+static uint64_t rows_heard(const ern_live *l, uint64_t tick) {
+  uint64_t ahead = (uint64_t)l->options.look_ahead;
+  const uint64_t whole = whole_ticks(l);
+  if (!l->ended && whole < tick + ahead + 1) ahead = whole > tick ? whole - tick - 1 : 0;
+  return l->options.channels > 0 ? (tick + ahead) * l->speech.rows_a_tick : tick + ahead + 1;
+}
+
+/* The sound before the next frame goes. */
+static void forget(ern_live *l) {
+  const uint64_t begin = sample_of_frame(l, l->next), end = begin < l->samples ? begin : l->samples;
+  const size_t channels = (size_t)l->options.channels, left = (size_t)(l->samples - end);
+  if (channels > 0 && end > l->first)
+    memmove(l->sound, l->sound + (size_t)(end - l->first) * channels, left * channels * sizeof *l->sound);
+  if (end > l->first) l->first = end;
+  ern_live_speech_forget(&l->speech, tick_of_frame(l, l->next, NULL));
+}
+
+/* ---- sound in ---------------------------------------------------------------------------------------------------- */
+
+/* Room for samples; a policy may make it. 0: there is none. */
+static size_t find_room(ern_live *l) {
+  while (l->options.policy == ERN_LIVE_DROP && l->samples - l->first >= l->room) {
+    l->next++;
+    l->dropped++;
+    forget(l);
+  }
+  return l->room - (size_t)(l->samples - l->first);
+}
+
+/* Samples for which there is room; resting: by ern_live_rest. */
+static ern_status take(ern_live *l, const float *data, size_t count, bool resting) {
+  const size_t values = l->options.channels > 0 ? (size_t)l->options.channels : l->speech.values;
+  const uint64_t from = l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate;
+  const ern_status status = ern_live_speech_push(&l->speech, data, count);
+  if (status != ERN_OK) return status;
+  if (l->options.channels > 0)
+    memcpy(l->sound + (size_t)(l->samples - l->first) * values, data, count * values * sizeof *data);
+  const bool begun = l->samples == sample_of_tick(l, from);
+  l->samples += count;
+  const uint64_t to = (l->samples - 1) * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate;
+  for (uint64_t t = from; t <= to; t++) {
+    bool *rest = &l->rest[t % REST_TICKS];
+    *rest = resting && (t > from || begun || *rest);
+  }
+  (void)pthread_cond_broadcast(&l->moved);
+  return ERN_OK;
+}
+
+static ern_status push_part(ern_live *l, const float *data, size_t values, size_t count, uint64_t cancels) {
+  ern_status status = ERN_OK;
+  while (count > 0) {
+    if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no more can be pushed");
+    if (l->cancels != cancels)
+      return ern_fail(l->context, ERN_E_CANCELLED, "live: the sound that waited was cancelled");
+    size_t room = find_room(l);
+    if (room == 0) {
+      (void)pthread_cond_wait(&l->moved, &l->mutex);
+      continue;
+    }
+    if (room > PART) room = PART;
+    const size_t taken = count < room ? count : room;
+    ERN_TRY(take(l, data, taken, false));
+    data += taken * values;
+    count -= taken;
+  }
+fail:
+  return status;
+}
+
+static ern_status check_samples(const ern_live *l, const float *samples, size_t values) {
+  for (size_t i = 0; i < values; i++) {
+    if (isfinite(samples[i]) && fabsf(samples[i]) <= 1e6f) continue;
+    return ern_fail(l->context, isfinite(samples[i]) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                    "live: sample %zu of those pushed is %g, expected a finite number, -1 to 1 as a rule",
+                    i / (size_t)l->options.channels, (double)samples[i]);
+  }
+  return ERN_OK;
+}
+
+static ern_status push(ern_live *l, const float *data, size_t values, size_t count) {
+  (void)pthread_mutex_lock(&l->mutex);
+  const ern_status status = push_part(l, data, values, count, l->cancels);
+  (void)pthread_mutex_unlock(&l->mutex);
+  return status;
+}
+
+ern_status ern_live_push(ern_live *live, const float *samples, size_t frames) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  const size_t channels = (size_t)live->options.channels;
+  if (frames > 0) ERN_NEED(live->context, samples);
+  if (channels == 0)
+    return ern_fail(live->context, ERN_E_STATE, "live: sound was pushed, expected windows of features");
+  const ern_status status = check_samples(live, samples, frames * channels);
+  return status == ERN_OK ? push(live, samples, channels, frames) : status;
+}
+
+ern_status ern_live_push_windows(ern_live *live, const float *windows, size_t count) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  if (count > 0) ERN_NEED(live->context, windows);
+  if (live->options.channels > 0)
+    return ern_fail(live->context, ERN_E_STATE, "live: windows of features were pushed, expected sound");
+  for (size_t i = 0; i < count * live->speech.values; i++)
+    if (!ern_feature_fits(windows[i]))
+      return ern_fail(live->context, isfinite(windows[i]) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                      "live: window %zu of those pushed has %g in place %zu, expected a finite number, -1e30 to 1e30",
+                      i / live->speech.values, (double)windows[i], i % live->speech.values);
+  return push(live, windows, live->speech.values, count);
+}
+
+/* With the lock. */
+static ern_status rest(ern_live *l) {
+  const uint64_t until = sample_of_tick(l, whole_ticks(l) + 1);
+  ern_status status = ERN_OK;
+  if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no rest can follow");
+  if (l->room - (size_t)(l->samples - l->first) < (size_t)(until - l->samples) && l->options.policy != ERN_LIVE_DROP)
+    return ern_fail(l->context, ERN_E_STATE, "live: no room for rest, %d frames of sound wait", l->options.capacity);
+  while (l->samples < until) {
+    const size_t room = find_room(l), left = (size_t)(until - l->samples), most = room < PART ? room : PART;
+    if (l->options.channels > 0) {
+      ERN_TRY(take(l, zeros, left < most ? left : most, true));
+    } else {
+      ern_live_speech_window(&l->speech, (int64_t)l->samples - 1, l->samples, l->second);
+      ERN_TRY(take(l, l->second, 1, true));
+    }
+  }
+fail:
+  return status;
+}
+
+ern_status ern_live_rest(ern_live *live) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  (void)pthread_mutex_lock(&live->mutex);
+  const ern_status status = rest(live);
+  (void)pthread_mutex_unlock(&live->mutex);
+  return status;
+}
+
+ern_status ern_live_flush(ern_live *live) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  ern_status status = ERN_OK;
+  (void)pthread_mutex_lock(&live->mutex);
+  for (int i = 0; i < live->options.look_ahead + 2 && status == ERN_OK; i++) status = rest(live);
+  (void)pthread_mutex_unlock(&live->mutex);
+  return status;
+}
+
+/* Sound after the tick that is kept goes; that tick fades out. */
+static ern_status cancel(ern_live *l) {
+  ern_status status = ERN_OK;
+  double toward;
+  const size_t channels = (size_t)l->options.channels;
+  const uint64_t place = tick_of_frame(l, l->next, &toward), kept = place + (toward > 0) + (channels > 0);
+  l->cancels++;
+  (void)pthread_cond_broadcast(&l->moved);
+  if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, nothing can be cancelled");
+  const uint64_t all = whole_ticks(l) + (l->samples > sample_of_tick(l, whole_ticks(l)));
+  if (kept >= all) return ERN_OK;
+  for (size_t left = (size_t)(sample_of_tick(l, all) - l->samples), part; left > 0; left -= part) {
+    part = left < PART ? left : PART; /* rows lie on the ticks */
+    ERN_TRY(ern_live_speech_push(&l->speech, zeros, part));
+  }
+  ern_live_speech_cut(&l->speech, kept, all);
+  const uint64_t end = sample_of_tick(l, kept), begin = sample_of_tick(l, kept - (channels > 0));
+  l->samples = end;
+  for (uint64_t i = begin < l->first ? l->first : begin; i < end; i++)
+    for (size_t c = 0; c < channels; c++)
+      l->sound[(size_t)(i - l->first) * channels + c] *= (float)(end - i) / (float)(end - begin + 1);
+fail:
+  return status;
+}
+
+ern_status ern_live_cancel(ern_live *live) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  (void)pthread_mutex_lock(&live->mutex);
+  const ern_status status = cancel(live);
+  (void)pthread_mutex_unlock(&live->mutex);
+  return status;
+}
+
+ern_status ern_live_end(ern_live *live) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, live);
+  (void)pthread_mutex_lock(&live->mutex);
+  const ern_status status = live->ended ? ERN_OK : ern_live_speech_end(&live->speech);
+  live->ended = live->ended || status == ERN_OK;
+  (void)pthread_cond_broadcast(&live->moved);
+  (void)pthread_mutex_unlock(&live->mutex);
+  return status;
+}
+
+/* ---- frames out -------------------------------------------------------------------------------------------------- */
+
+/* The 8 windows of tick `tick`. */
+static void make_windows(const ern_live *l, uint64_t tick, float *windows) {
+  const struct ern_live_speech *s = &l->speech;
+  const size_t window = (size_t)s->window_length * (size_t)s->width;
+  const uint64_t end = rows_heard(l, tick);
+  for (int k = 0; k < ERN_LIVE_WINDOWS; k++)
+    ern_live_speech_window(s, (int64_t)tick + k - ERN_LIVE_WINDOWS_BEFORE, end, windows + (size_t)k * window);
+}
+
+/* Whether the features around a tick are those of a pause. */
+static ern_status find_pause(ern_live *l, uint64_t tick, bool *pause) {
+  const struct ern_live_speech *s = &l->speech;
+  const size_t window = (size_t)s->window_length * (size_t)s->width;
+  const uint64_t first = tick > PAUSE_BEFORE ? tick - PAUSE_BEFORE : 0, end = rows_heard(l, tick);
+  const size_t here = (size_t)(tick - first);
+  ern_features around = {
+      .data = l->pause, .windows = here + 1 + PAUSE_AFTER, .window_length = s->window_length, .width = s->width};
+  float weight[PAUSE_TICKS];
+  for (size_t i = 0; i < around.windows; i++)
+    ern_live_speech_window(s, (int64_t)(first + i), end, l->pause + i * window);
+  const ern_status status = ern_silence_weights(l->options.silence, &around, weight);
+  if (status != ERN_OK) return status;
+  *pause = true;
+  for (size_t i = here; i < here + PAUSE_AFTER; i++) *pause &= weight[i] > 0.5f;
+  return ERN_OK;
+}
+
+/* Moves the weight of silence toward what tick `tick` asks for. */
+static ern_status weigh(ern_live *l, uint64_t tick) {
+  bool quiet = true;
+  ern_status status = ERN_OK;
+  if (l->options.silence_code == NULL) return ERN_OK;
+  const uint64_t known = whole_ticks(l);
+  for (uint64_t t = tick; t <= tick + PAUSE_AFTER && t < known; t++) quiet &= l->rest[t % REST_TICKS];
+  if (!quiet && l->options.silence != NULL) ERN_TRY(find_pause(l, tick, &quiet));
+  const float target = quiet ? 1 : 0, ticks = (float)(tick - l->weighed);
+  if (!l->has_weight)
+    l->weight = target;
+  else if (target > l->weight)
+    l->weight = fminf(target, l->weight + RISE * ticks);
+  else
+    l->weight = fmaxf(target, l->weight - FALL * ticks);
+  l->has_weight = true;
+  l->weighed = tick;
+fail:
+  return status;
+}
+
+static ern_status give(ern_live *l) {
+  double toward;
+  const uint64_t number = l->next, tick = tick_of_frame(l, number, &toward), begin = sample_of_frame(l, number),
+                 after = sample_of_frame(l, number + 1), end = after < l->samples ? after : l->samples;
+  const size_t channels = (size_t)l->options.channels,
+               values = ERN_LIVE_WINDOWS * (size_t)l->speech.window_length * (size_t)l->speech.width;
+  ern_live_frame *f = &l->frame;
+  ern_status status = ERN_OK;
+  make_windows(l, tick, l->windows);
+  if (toward > 0) {
+    make_windows(l, tick + 1, l->second);
+    for (size_t i = 0; i < values; i++) l->windows[i] += (float)toward * (l->second[i] - l->windows[i]);
+  }
+  ERN_TRY(weigh(l, tick));
+  if (channels > 0)
+    memcpy(l->heard, l->sound + (size_t)(begin - l->first) * channels,
+           (size_t)(end - begin) * channels * sizeof(float));
+  *f = (ern_live_frame){.number = number,
+                        .seconds = (double)number * l->options.rate_denominator / l->options.rate_numerator,
+                        .windows = l->windows,
+                        .window_length = l->speech.window_length,
+                        .width = l->speech.width,
+                        .silence_weight = l->weight,
+                        .silence_code = l->options.silence_code != NULL ? l->code : NULL,
+                        .sound = channels > 0 ? l->heard : NULL,
+                        .samples = channels > 0 ? (size_t)(end - begin) : 0,
+                        .resting = l->rest[tick % REST_TICKS],
+                        .dropped = l->dropped,
+                        .waiting = (double)(l->samples - end) / l->rate};
+  f->repeat = l->options.policy == ERN_LIVE_REPEAT &&
+              (size_t)(l->samples - end) > l->room / 2 + (size_t)sample_of_tick(l, (uint64_t)l->options.look_ahead);
+  l->next++;
+  forget(l);
+  (void)pthread_cond_broadcast(&l->moved);
+fail:
+  return status;
+}
+
+/* What ern_live_options.rests says. *ahead: the look-ahead that the next frame is given with. */
+static ern_status make_rest(ern_live *l, int *ahead) {
+  ern_status status = ERN_OK;
+  while (status == ERN_OK && !is_ready(l, *ahead)) {
+    const uint64_t whole = whole_ticks(l);
+    const bool resting = whole == 0 || l->rest[(whole - 1) % REST_TICKS];
+    const int least = l->options.channels > 0 ? ERN_LIVE_LEAST_LOOK_AHEAD : 1;
+    if (!resting && is_ready(l, least)) {
+      *ahead = least;
+      return ERN_OK;
+    }
+    status = rest(l);
+  }
+  return status;
+}
+
+static struct timespec after_seconds(double seconds) {
+  struct timespec at;
+  (void)clock_gettime(CLOCK_MONOTONIC, &at);
+  const double whole = floor(seconds);
+  at.tv_sec += (time_t)whole;
+  at.tv_nsec += (long)((seconds - whole) * 1e9);
+  if (at.tv_nsec >= 1000000000) {
+    at.tv_nsec -= 1000000000;
+    at.tv_sec++;
+  }
+  return at;
+}
+
+ern_status ern_live_pull(ern_live *live, double wait, const ern_live_frame **frame, bool *ended) {
+  ERN_PLAIN_FLOATS;
+  if (frame != NULL) *frame = NULL;
+  if (ended != NULL) *ended = false;
+  ERN_NEED(NULL, live);
+  ERN_NEED(live->context, frame);
+  ERN_NEED(live->context, ended);
+  if (!(wait >= 0 && wait <= 3600))
+    return ern_fail(live->context, ERN_E_ARGUMENT, "live: wait is %g s, expected 0 to 3600", wait);
+  ern_status status = ERN_OK;
+  const struct timespec until = after_seconds(wait);
+  int ahead = live->options.look_ahead;
+  (void)pthread_mutex_lock(&live->mutex);
+  for (int error = 0; !is_ready(live, ahead) && !live->ended && error != ETIMEDOUT && wait > 0;)
+    error = pthread_cond_timedwait(&live->moved, &live->mutex, &until);
+  if (live->options.rests && !live->ended) status = make_rest(live, &ahead);
+  if (status == ERN_OK && is_ready(live, ahead)) {
+    status = give(live);
+    if (status == ERN_OK) *frame = &live->frame;
+  } else if (status == ERN_OK) {
+    *ended = live->ended;
+  }
+  (void)pthread_mutex_unlock(&live->mutex);
+  return status;
+}
+
+ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *renderer, const ern_frame_input *input,
+                               size_t input_bytes, const ern_frame_output *output, size_t output_bytes,
+                               ern_frame_times *times, size_t times_bytes) {
+  ERN_NEED(NULL, frame);
+  ERN_NEED(NULL, renderer);
+  ERN_NEED(NULL, input);
+  ern_frame_input own = {0};
+  const ern_status status = ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes);
+  if (status != ERN_OK) return status;
+  own.windows = frame->windows;
+  own.window_length = frame->window_length;
+  own.silence_code = frame->silence_code;
+  own.silence_weight = frame->silence_weight;
+  return ern_renderer_frame_sized(renderer, &own, sizeof own, output, output_bytes, times, times_bytes);
+}
