@@ -136,6 +136,56 @@ fail:
   return status;
 }
 
+/* Whether the header says all that a decoder of sound needs. */
+static bool knows_sound(const AVFormatContext *container) {
+  for (unsigned i = 0; i < container->nb_streams; i++) {
+    const AVCodecParameters *p = container->streams[i]->codecpar;
+    if (p->codec_type == AVMEDIA_TYPE_AUDIO && p->codec_id != AV_CODEC_ID_NONE && p->sample_rate > 0 &&
+        p->ch_layout.nb_channels > 0)
+      return true;
+  }
+  return false;
+}
+
+static ern_status open_live(struct ern_decoder *decoder, const struct ern_decoder_input *input) {
+  ern_context *context = decoder->context;
+  AVDictionary *options = NULL;
+  ern_status status = ERN_OK;
+  decoder->container = avformat_alloc_context();
+  if (decoder->container == NULL)
+    ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a decoder", decoder->path));
+  decoder->container->pb = input->io;
+  decoder->container->interrupt_callback = input->interrupt;
+  decoder->container->flags |= AVFMT_FLAG_NOBUFFER;
+  int error = av_dict_copy(&options, input->options, 0);
+  if (error >= 0 && input->io != NULL) error = av_dict_set(&options, "protocol_whitelist", "none", 0);
+  if (error >= 0 && input->format == NULL) error = allow_formats(&options);
+  if (error >= 0) error = avformat_open_input(&decoder->container, input->url, input->format, &options);
+  if (error == AVERROR(EINVAL) || error == AVERROR_INVALIDDATA || error == AVERROR_EOF)
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is no sound that FFmpeg knows", decoder->path));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound", error));
+  decoder->container->max_analyze_duration = AV_TIME_BASE / 2;
+  error = knows_sound(decoder->container) ? 0 : find_streams(decoder->container);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));
+fail:
+  av_dict_free(&options);
+  return status;
+}
+
+ern_status ern_decoder_open_live(ern_context *context, const char *path, const struct ern_decoder_input *input,
+                                 struct ern_decoder *decoder) {
+  ern_status status = ERN_OK;
+  *decoder = (struct ern_decoder){.context = context};
+  ern_av_hush();
+  ERN_TRY(ern_string_copy(context, path, &decoder->path));
+  ERN_TRY(open_live(decoder, input));
+  ERN_TRY(open_decoder(decoder, AVMEDIA_TYPE_AUDIO, 1));
+  return ERN_OK;
+fail:
+  ern_decoder_close(decoder);
+  return status;
+}
+
 /* Hands the codec the next packet of the stream, or the word that there is none. */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;

@@ -33,6 +33,17 @@ struct ern_decoder {
   AVStream *stream;
   bool drained; /* the end of the file has been told to the codec */
 };
+/* Where a stream comes from, if not from a file by its name. */
+struct ern_decoder_input {
+  const char *url;             /* for FFmpeg; NULL: `io` has it */
+  AVIOContext *io;             /* the caller's; NULL: FFmpeg opens the url */
+  const AVInputFormat *format; /* NULL: found out */
+  AVDictionary *options;       /* of the format; the caller's */
+  AVIOInterruptCB interrupt;
+};
+/* As ern_decoder_open; it decodes what comes without waiting for more than it needs. `path` is for messages. */
+ERN_NODISCARD ern_status ern_decoder_open_live(ern_context *context, const char *path,
+                                               const struct ern_decoder_input *input, struct ern_decoder *decoder);
 /* The best stream of that type, decoded by `threads` threads (0: as FFmpeg likes). ERN_E_FORMAT where there is none. */
 ERN_NODISCARD ern_status ern_decoder_open(ern_context *context, const char *path, enum AVMediaType type, int threads,
                                           struct ern_decoder *decoder);

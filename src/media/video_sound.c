@@ -21,11 +21,11 @@ static int64_t bit_rate_for(int rate) {
   return wanted < 32000 ? 32000 : wanted > 128000 ? 128000 : wanted;
 }
 
-static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *track) {
-  const ern_sound *sound = track->sound;
-  const AVCodec *codec = avcodec_find_encoder(AV_CODEC_ID_AAC);
+static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *track, int rate, enum AVCodecID id) {
+  const AVCodec *codec = avcodec_find_encoder(id);
   if (codec == NULL || codec->sample_fmts == NULL) {
-    return ern_fail(muxer->context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for AAC sound", muxer->path);
+    return ern_fail(muxer->context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for sound as %s", muxer->path,
+                    avcodec_get_name(id));
   }
   AVCodecContext *made = track->codec = avcodec_alloc_context3(codec);
   track->stream = avformat_new_stream(muxer->container, NULL);
@@ -33,10 +33,10 @@ static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *tr
     return ern_fail(muxer->context, ERN_E_NO_MEMORY, "%s: no memory for an encoder of sound", muxer->path);
   }
   made->sample_fmt = codec->sample_fmts[0]; /* planar float for FFmpeg's own */
-  made->sample_rate = rate_for(codec, sound->rate);
-  made->bit_rate = bit_rate_for(made->sample_rate) * sound->channels;
+  made->sample_rate = rate_for(codec, rate);
+  made->bit_rate = bit_rate_for(made->sample_rate) * track->channels;
   made->time_base = (AVRational){1, made->sample_rate};
-  av_channel_layout_default(&made->ch_layout, sound->channels);
+  av_channel_layout_default(&made->ch_layout, track->channels);
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   int error = avcodec_open2(made, codec, NULL);
   if (error >= 0) error = avcodec_parameters_from_context(track->stream->codecpar, made);
@@ -45,10 +45,11 @@ static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *tr
   return ERN_OK;
 }
 
-static ern_status open_buffers(struct ern_muxer *muxer, struct ern_sound_track *track) {
+static ern_status open_buffers(struct ern_muxer *muxer, struct ern_sound_track *track, enum AVSampleFormat from,
+                               int rate) {
   AVCodecContext *codec = track->codec;
   int error = swr_alloc_set_opts2(&track->convert, &codec->ch_layout, codec->sample_fmt, codec->sample_rate,
-                                  &codec->ch_layout, AV_SAMPLE_FMT_S16, track->sound->rate, 0, NULL);
+                                  &codec->ch_layout, from, rate, 0, NULL);
   if (error >= 0) error = swr_init(track->convert);
   track->waiting = av_audio_fifo_alloc(codec->sample_fmt, codec->ch_layout.nb_channels, 4096);
   track->frame = av_frame_alloc();
@@ -72,26 +73,24 @@ ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound,
   if (first >= (double)sound->frames) return ERN_OK;
   track->sound = sound;
   track->first = track->at = (size_t)first;
-  ERN_TRY(open_codec(muxer, track));
-  ERN_TRY(open_buffers(muxer, track));
+  track->channels = sound->channels;
+  ERN_TRY(open_codec(muxer, track, sound->rate, AV_CODEC_ID_AAC));
+  ERN_TRY(open_buffers(muxer, track, AV_SAMPLE_FMT_S16, sound->rate));
   return ERN_OK;
 fail:
   ern_sound_track_close(track);
   return status;
 }
 
-/* Converts `count` frames of the sound (0: what the resampler still holds) and lines them up. */
-static ern_status convert(struct ern_muxer *muxer, struct ern_sound_track *track, int count) {
-  const ern_sound *sound = track->sound;
-  const uint8_t *from = (const uint8_t *)(sound->data + track->at * (size_t)sound->channels);
+/* Converts `count` frames of sound (0: what the resampler still holds) and lines them up. */
+static ern_status convert(struct ern_muxer *muxer, struct ern_sound_track *track, const uint8_t *from, int count) {
   uint8_t **to = NULL;
   const int most = swr_get_out_samples(track->convert, count) + 64;
-  int error = av_samples_alloc_array_and_samples(&to, NULL, sound->channels, most, track->codec->sample_fmt, 0);
+  int error = av_samples_alloc_array_and_samples(&to, NULL, track->channels, most, track->codec->sample_fmt, 0);
   if (error >= 0) error = swr_convert(track->convert, to, most, count > 0 ? &from : NULL, count);
   if (error > 0) error = av_audio_fifo_write(track->waiting, (void **)to, error);
   if (to != NULL) av_freep(&to[0]);
   av_freep(&to);
-  track->at += (size_t)count;
   return error >= 0 ? ERN_OK : ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the sound", error);
 }
 
@@ -122,19 +121,50 @@ ern_status ern_sound_track_advance(struct ern_muxer *muxer, struct ern_sound_tra
   const size_t until = track->first + ((uint64_t)source < left ? (size_t)source : left);
   const int packet = track->frame->nb_samples;
   while (track->at < until) {
-    const size_t rest = until - track->at;
-    ERN_TRY(convert(muxer, track, rest < 65536 ? (int)rest : 65536));
+    const size_t rest = until - track->at, part = rest < 65536 ? rest : 65536;
+    const int16_t *from = track->sound->data + track->at * (size_t)track->channels;
+    ERN_TRY(convert(muxer, track, (const uint8_t *)from, (int)part));
+    track->at += part;
     while (av_audio_fifo_size(track->waiting) >= packet && track->encoded + packet <= end) {
       ERN_TRY(encode(muxer, track, packet));
     }
   }
   if (!last) return ERN_OK;
-  ERN_TRY(convert(muxer, track, 0));
+  ERN_TRY(convert(muxer, track, NULL, 0));
   while (track->encoded < end && av_audio_fifo_size(track->waiting) > 0) {
     int64_t count = end - track->encoded;
     if (count > av_audio_fifo_size(track->waiting)) count = av_audio_fifo_size(track->waiting);
     ERN_TRY(encode(muxer, track, count < packet ? (int)count : packet));
   }
+  ERN_TRY(ern_muxer_encode(muxer, track->codec, track->stream, NULL));
+fail:
+  return status;
+}
+
+ern_status ern_sound_track_open_live(struct ern_muxer *muxer, int rate, int channels, enum AVCodecID id,
+                                     struct ern_sound_track *track) {
+  ern_status status = ERN_OK;
+  *track = (struct ern_sound_track){.channels = channels};
+  ERN_TRY(open_codec(muxer, track, rate, id));
+  ERN_TRY(open_buffers(muxer, track, AV_SAMPLE_FMT_FLT, rate));
+  return ERN_OK;
+fail:
+  ern_sound_track_close(track);
+  return status;
+}
+
+ern_status ern_sound_track_add(struct ern_muxer *muxer, struct ern_sound_track *track, const float *samples,
+                               size_t frames) {
+  const int packet = track->frame->nb_samples;
+  ern_status status = ERN_OK;
+  for (size_t done = 0, part; samples != NULL && done < frames; done += part) {
+    part = frames - done < 65536 ? frames - done : 65536;
+    ERN_TRY(convert(muxer, track, (const uint8_t *)(samples + done * (size_t)track->channels), (int)part));
+  }
+  if (samples == NULL) ERN_TRY(convert(muxer, track, NULL, 0));
+  while (av_audio_fifo_size(track->waiting) >= packet) ERN_TRY(encode(muxer, track, packet));
+  if (samples != NULL) return ERN_OK;
+  if (av_audio_fifo_size(track->waiting) > 0) ERN_TRY(encode(muxer, track, av_audio_fifo_size(track->waiting)));
   ERN_TRY(ern_muxer_encode(muxer, track->codec, track->stream, NULL));
 fail:
   return status;

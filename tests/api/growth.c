@@ -6,6 +6,7 @@
 #include <ernerf/live.h>
 #include <ernerf/media.h>
 #include <ernerf/prepare.h>
+#include <ernerf/stream.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -188,6 +189,32 @@ static void live(ern_context *context, ern_renderer *renderer, const ern_feature
   UNTOUCHED(options);
 }
 
+/* Pictures and sound out and in again. */
+static void stream(ern_context *context, const uint8_t *rgba) {
+  static const float sound[1920] = {0};
+  float heard[256];
+  size_t frames = 0;
+  ern_stream_writer *writer = NULL;
+  ern_sound_reader *reader = NULL;
+  GUARDED(ern_stream_options, out);
+  GUARDED(ern_sound_reader_options, in);
+  ern_stream_options_fill(&out->it, sizeof out->it);
+  out->it.width = out->it.height = SIDE;
+  out->it.sound_rate = 48000;
+  out->it.sound_channels = 1;
+  NEED(ern_stream_writer_open(context, "stream.nut", &out->it, &writer));
+  NEED(ern_stream_writer_frame(writer, rgba, sound, 1920));
+  NEED(ern_stream_writer_close(&writer));
+  ern_sound_reader_options_fill(&in->it, sizeof in->it);
+  NEED(ern_sound_reader_open(context, "stream.nut", &in->it, &reader));
+  NEED(ern_sound_reader_read(reader, heard, 256, &frames));
+  printf("heard %d\n", frames > 0);
+  ern_sound_reader_free(&reader);
+  remove("stream.nut");
+  UNTOUCHED(out);
+  UNTOUCHED(in);
+}
+
 static void render(ern_context *context, ern_backend *backend, const ern_model *model, ern_clip *clip,
                    const char *path) {
   static uint8_t rgba[SIDE * SIDE * 4];
@@ -224,6 +251,7 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   printf("frame %016" PRIx64 " %016" PRIx64 ", %" PRIu64 " counted, in time: %d\n", hash(rgba, sizeof rgba),
          hash(rgb, sizeof rgb), ern_renderer_ray_reuse_work(renderer).frames, times->it.audio >= 0);
   live(context, renderer, features, 6, &input, &output);
+  stream(context, rgba);
   ern_video_options_fill(&video->it, sizeof video->it);
   video->it.width = video->it.height = SIDE;
   NEED(ern_video_writer_open(context, path, &video->it, &writer));

@@ -17,7 +17,7 @@ exported() { nm -D --defined-only "$1" | awk '{ print $3 }' | grep -vE '^(__(asa
 at() { sed -n "s/@@*$1\$//p" | sort; }
 same() { diff "$1" "$2" >"$work/diff" || fail "$3 (< $1, > $2): $(cat "$work/diff")"; }
 
-media=("$source/include/ernerf/"{media,speech,live}.h)
+media=("$source/include/ernerf/"{media,speech,live,stream}.h)
 prepare=$source/include/ernerf/prepare.h
 libraries=("$build/lib/libernerf-media.so")
 [ ! -e "$build/lib/libernerf-prepare.so" ] || libraries+=("$build/lib/libernerf-prepare.so")

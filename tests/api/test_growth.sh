@@ -61,7 +61,7 @@ compile() { # headers source program flags...
 }
 sizes() { # headers: "NAME BYTES" for each
   {
-    printf '#include <ernerf/ernerf.h>\n#include <ernerf/live.h>\n#include <ernerf/media.h>\n#include <ernerf/prepare.h>\n#include <stdio.h>\nint main(void) {\n'
+    printf '#include <ernerf/ernerf.h>\n#include <ernerf/live.h>\n#include <ernerf/media.h>\n#include <ernerf/prepare.h>\n#include <ernerf/stream.h>\n#include <stdio.h>\nint main(void) {\n'
     for name in $grows; do echo "printf(\"$name %zu\\n\", sizeof($name));"; done
     echo '}'
   } >"$work/sizes.c"

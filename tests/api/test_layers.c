@@ -40,7 +40,7 @@ static const struct rule rules[] = {
     {"media", {"ernerf/*", "core/*", "io/*", "vision/*", "perceptual/*"}},
     {"prepare", {"ernerf/*", "core/*", "io/*", "media/speech_network.h"}},
     {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
-    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*"}},
+    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*"}},
     {"examples", {"ernerf/*"}},
 };
 

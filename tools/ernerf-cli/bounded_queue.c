@@ -21,6 +21,20 @@ int queue_free_place(struct bounded_queue *queue) {
   return place;
 }
 
+bool queue_has_place(struct bounded_queue *queue) {
+  (void)pthread_mutex_lock(&queue->mutex);
+  const bool has = queue->broken || queue->filled - queue->emptied < queue->places;
+  (void)pthread_mutex_unlock(&queue->mutex);
+  return has;
+}
+
+bool queue_is_empty(struct bounded_queue *queue) {
+  (void)pthread_mutex_lock(&queue->mutex);
+  const bool empty = queue->broken || queue->filled == queue->emptied;
+  (void)pthread_mutex_unlock(&queue->mutex);
+  return empty;
+}
+
 int queue_item(struct bounded_queue *queue) {
   pthread_mutex_lock(&queue->mutex);
   while (!queue->broken && !queue->ended && queue->filled == queue->emptied)

@@ -24,13 +24,15 @@ void queue_free(struct bounded_queue *queue);
 
 /* Filling: the place for the next item, once it is free, or QUEUE_OVER when the other side gave up. */
 int queue_free_place(struct bounded_queue *queue);
-void queue_fill(struct bounded_queue *queue); /* that place */
-void queue_end(struct bounded_queue *queue);  /* nothing more comes */
+bool queue_has_place(struct bounded_queue *queue); /* whether queue_free_place would not wait */
+void queue_fill(struct bounded_queue *queue);      /* that place */
+void queue_end(struct bounded_queue *queue);       /* nothing more comes */
 
 /* Emptying: the place of the oldest item, once there is one, or QUEUE_OVER: nothing more comes, or the other side gave
  * up. */
 int queue_item(struct bounded_queue *queue);
-void queue_empty(struct bounded_queue *queue); /* that place */
+bool queue_is_empty(struct bounded_queue *queue); /* whether queue_item would wait, or say QUEUE_OVER */
+void queue_empty(struct bounded_queue *queue);    /* that place */
 
 /* Either side: no more work; whoever waits is told. */
 void queue_break(struct bounded_queue *queue);

@@ -163,8 +163,7 @@ int frame_source_replay(struct frame_source *frame_source, struct session *sessi
   return number_frames(frame_source, session);
 }
 
-/* Frame k of the output, between `frame`[place] and the next one. */
-static struct source_frame shot_between(const struct source_frame *frame, struct rate_place at, size_t k) {
+struct source_frame frame_source_between(const struct source_frame *frame, struct rate_place at, size_t k) {
   const struct source_frame *from = &frame[at.place];
   struct source_frame source_frame = *from;
   source_frame.number = k;
@@ -187,7 +186,7 @@ int frame_source_resample(struct frame_source *frame_source, struct session *ses
   struct source_frame *made = count > 0 ? calloc(count, sizeof *made) : NULL;
   if (made == NULL) return no_memory(session, count);
   for (size_t k = 0; k < count; k++)
-    made[k] = shot_between(frame_source->source_frame, rate_at(rate, k, frame_source->count), k);
+    made[k] = frame_source_between(frame_source->source_frame, rate_at(rate, k, frame_source->count), k);
   frame_source->frame = frame_source->source_frame;
   frame_source->source_frame = made;
   frame_source->count = count;

@@ -62,6 +62,8 @@ int frame_source_replay(struct frame_source *frame_source, struct session *sessi
  * interpolated between the frames at 25 a second; past the last one it stands still. At 25 nothing changes. */
 int frame_source_resample(struct frame_source *frame_source, struct session *session, struct rate rate,
                           const ern_features *features);
+/* Frame k of an output, which lies at.toward of the way from frame[at.place] to the next one. */
+struct source_frame frame_source_between(const struct source_frame *frame, struct rate_place at, size_t k);
 /* Keeps frames [begin, end) of the output. Returns 0, or EXIT_USAGE after a sentence where they are not there. */
 int frame_source_cut(struct frame_source *frame_source, const struct args *args, const struct range *range);
 

@@ -182,9 +182,10 @@ static void say_choice(const struct rate_control *g) {
   char price[96] = "";
   if (isfinite(rung->price))
     snprintf(price, sizeof price, ", %.2f dB less than the best against the clip's frames", rung->price);
-  session_note(g->session, "render: settings \"%s\": %.1f ms a frame, %s%.1f dB from %s%s (%s)", rung->name, rung->ms,
-               rung->db >= 100 ? "over " : "", rung->db, g->source[0] != 0 ? "the exact render" : "the most accurate",
-               price, g->source[0] != 0 ? g->source : "measured now");
+  session_note(g->session, "%s: settings \"%s\": %.1f ms a frame, %s%.1f dB from %s%s (%s)", g->session->verb,
+               rung->name, rung->ms, rung->db >= 100 ? "over " : "", rung->db,
+               g->source[0] != 0 ? "the exact render" : "the most accurate", price,
+               g->source[0] != 0 ? g->source : "measured now");
 }
 
 int rate_control_open(struct rate_control *g, struct session *session, const struct args *args,
@@ -207,7 +208,10 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   if (g->quality >= 0) keep_quality(g);
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
   ern_rate_controller_begin(&g->pace, g->cost, g->count, budget_of(g));
-  if (!ern_rate_controller_holds(&g->pace)) return refuse_budget(g);
+  if (!ern_rate_controller_holds(&g->pace) && !g->goes_on) return refuse_budget(g);
+  if (!ern_rate_controller_holds(&g->pace))
+    session_warn(session, "no settings hold %.4g frames a second here: the fastest, \"%s\", take %.1f ms a frame",
+                 1000 / budget_of(g), g->rung[g->count - 1].name, g->rung[g->count - 1].ms);
   /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
    */
   for (size_t i = g->pace.at > 0 ? g->pace.at - 1 : 0; i < g->count; i++)
@@ -232,11 +236,13 @@ void rate_control_took(struct rate_control *g, double ms) {
   g->changes += ern_rate_controller_next(&g->pace, ms) != before;
 }
 
+void rate_control_late(struct rate_control *g, double ms) { g->pace.late = ms > 0 ? ms : 0; }
+
 void rate_control_summary(const struct rate_control *g, double ms_per_frame) {
   for (size_t i = 0; i < g->count; i++)
     if (g->rung[i].frames > 0)
-      session_note(g->session, "render: %zu frames with \"%s\", %.1f dB", g->rung[i].frames, g->rung[i].name,
-                   g->rung[i].db);
+      session_note(g->session, "%s: %zu frames with \"%s\", %.1f dB", g->session->verb, g->rung[i].frames,
+                   g->rung[i].name, g->rung[i].db);
   const double budget = budget_of(g);
   if (isfinite(budget) && ms_per_frame > 1.1 * budget)
     session_warn(g->session,

@@ -29,6 +29,8 @@ ern_renderer *rate_control_renderer(struct rate_control *rate_control);
 const char *rate_control_name(const struct rate_control *rate_control);
 /* A frame took so long, all in all, milliseconds. */
 void rate_control_took(struct rate_control *rate_control, double ms);
+/* The next frame is so many milliseconds late by the verb's own clock, which knows better than the sum of times. */
+void rate_control_late(struct rate_control *rate_control, double ms);
 /* Says how it went. */
 void rate_control_summary(const struct rate_control *rate_control, double ms_per_frame);
 /* NULL without memory. */

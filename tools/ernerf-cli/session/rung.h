@@ -24,6 +24,7 @@ struct rate_control {
   float hold_fps, budget; /* 0: not asked for */
   int quality;            /* -1: not asked for; exact, balanced, draft */
   const char *front;      /* NULL: MODEL's own, where there is one */
+  bool goes_on;           /* set by the verb: a budget that nothing holds is only told of */
   /* made */
   struct session *session;
   const struct portrait *portrait;

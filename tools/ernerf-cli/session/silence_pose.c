@@ -19,6 +19,7 @@ void silence_pose_options(struct silence_pose *pose, struct option options[SILEN
 
 void silence_pose_free(struct silence_pose *pose) {
   free(pose->weight);
+  ern_silence_free(&pose->silence);
   *pose = (struct silence_pose){.off = pose->off};
 }
 
@@ -56,7 +57,7 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   free(loudness);
   if (status == ERN_OK) return 0;
   if (status == ERN_E_NO_MEMORY) return session_fail(session);
-  session_note(session, "render: %s: silence cannot be told, so the mouth follows the speech alone: %s",
+  session_note(session, "%s: %s: silence cannot be told, so the mouth follows the speech alone: %s", session->verb,
                portrait->source.path, ern_last_error(context));
   return 0;
 }
@@ -80,23 +81,19 @@ static int mean_code(struct silence_pose *pose, struct session *session, const s
   for (int c = 0; c < CODE && used > 0; c++) pose->code[c] = (float)(sum[c] / (double)used);
   pose->known = used > 0;
   if (!pose->known)
-    session_note(session, "render: %s: is silent nowhere for 8 frames, so the mouth follows the speech alone",
-                 portrait->source.path);
+    session_note(session, "%s: %s: is silent nowhere for 8 frames, so the mouth follows the speech alone",
+                 session->verb, portrait->source.path);
   return 0;
 }
 
-static int find(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
-                const ern_features *speech, const ern_silence *silence) {
+static int find_code(struct silence_pose *pose, struct session *session, const struct portrait *portrait) {
   const ern_features *clip = ern_clip_features(portrait->clip);
   float *weight = malloc(clip->windows * sizeof *weight);
   float *windows = malloc((size_t)WINDOWS * (size_t)clip->window_length * (size_t)clip->width * sizeof *windows);
-  pose->weight = malloc(speech->windows * sizeof *pose->weight);
-  pose->rows = speech->windows;
   int status = 0;
-  if (weight == NULL || windows == NULL || pose->weight == NULL)
-    status = session_fail_with(session, "no memory for %zu frames of speech", speech->windows);
-  else if (ern_silence_weights(silence, clip, weight) != ERN_OK ||
-           ern_silence_weights(silence, speech, pose->weight) != ERN_OK)
+  if (weight == NULL || windows == NULL)
+    status = session_fail_with(session, "no memory for %zu frames of speech", clip->windows);
+  else if (ern_silence_weights(pose->silence, clip, weight) != ERN_OK)
     status = session_fail(session);
   else
     status = mean_code(pose, session, portrait, clip, weight, windows);
@@ -105,33 +102,46 @@ static int find(struct silence_pose *pose, struct session *session, const struct
   return status;
 }
 
+static int find(struct silence_pose *pose, struct session *session, const ern_features *speech) {
+  pose->weight = malloc(speech->windows * sizeof *pose->weight);
+  pose->rows = speech->windows;
+  if (pose->weight == NULL) return session_fail_with(session, "no memory for %zu frames of speech", speech->windows);
+  return ern_silence_weights(pose->silence, speech, pose->weight) == ERN_OK ? 0 : session_fail(session);
+}
+
+/* Whether the clip's features are those that the model speaks from; else says so. */
+static bool clip_tells(struct session *session, const struct portrait *portrait) {
+  if (portrait->clip == NULL) {
+    session_note(session, "%s: without --clip it is not known how the mouth rests, so it follows the speech alone",
+                 session->verb);
+    return false;
+  }
+  if (hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) return true;
+  session_note(session,
+               "%s: %s: holds %s, the model speaks from %s: silence cannot be told, so the mouth follows the "
+               "speech alone",
+               session->verb, portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
+  return false;
+}
+
+int silence_pose_learn(struct silence_pose *pose, struct session *session, const struct portrait *portrait) {
+  if (pose->off || !clip_tells(session, portrait)) return 0;
+  const int status = learn(session, portrait, &pose->silence);
+  return status == 0 && pose->silence != NULL ? find_code(pose, session, portrait) : status;
+}
+
 int silence_pose_open(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                       const ern_features *speech) {
-  ern_silence *silence = NULL;
-  if (pose->off) return 0;
-  if (portrait->clip == NULL) {
-    session_note(session, "render: without --clip it is not known how the mouth rests, so it follows the speech alone");
-    return 0;
-  }
-  if (!hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) {
-    session_note(session,
-                 "render: %s: holds %s, the model speaks from %s: silence cannot be told, so the mouth follows the "
-                 "speech alone",
-                 portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
-    return 0;
-  }
-  const int width = ern_clip_features(portrait->clip)->width;
-  if (width != speech->width) {
+  const int width = portrait->clip != NULL ? ern_clip_features(portrait->clip)->width : speech->width;
+  if (!pose->off && width != speech->width) {
     session_note(session,
                  "render: %s: %d wide, the speech's features are %d: silence cannot be told, so the mouth "
                  "follows the speech alone",
                  portrait->features_path, width, speech->width);
     return 0;
   }
-  int status = learn(session, portrait, &silence);
-  if (status == 0 && silence != NULL) status = find(pose, session, portrait, speech, silence);
-  ern_silence_free(&silence);
-  return status;
+  const int status = silence_pose_learn(pose, session, portrait);
+  return status == 0 && pose->silence != NULL ? find(pose, session, speech) : status;
 }
 
 static float weight_of(const struct silence_pose *pose, const struct source_frame *frame) {
@@ -140,7 +150,7 @@ static float weight_of(const struct silence_pose *pose, const struct source_fram
 }
 
 float silence_pose_of(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k) {
-  if (!pose->known) return 0;
+  if (!pose->known || pose->weight == NULL) return 0;
   const float from = weight_of(pose, frame_source_before(frame_source, k)),
               to = weight_of(pose, frame_source_after(frame_source, k));
   return from + frame_source->source_frame[k].toward * (to - from);

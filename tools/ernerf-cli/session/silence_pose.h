@@ -11,13 +11,17 @@ struct silence_pose {
   float code[32]; /* mean of the clip's silent frames */
   float *weight;  /* of each row of the speech's features: 0 speech .. 1 silence; NULL where nothing is known */
   size_t rows;
+  ern_silence *silence; /* learnt from the clip; NULL: silence cannot be told */
 };
 
 enum { SILENCE_POSE_OPTIONS = 1 };
 /* --no-silence-pose. */
 void silence_pose_options(struct silence_pose *pose, struct option options[SILENCE_POSE_OPTIONS]);
 
-/* Learns silence from the portrait's clip and finds it in `speech`. Where that cannot be, says so and leaves `known`
+/* Learns silence, and the code of it, from the portrait's clip. Where that cannot be, says so and leaves `known` false.
+ * Returns as the next one. */
+int silence_pose_learn(struct silence_pose *pose, struct session *session, const struct portrait *portrait);
+/* The same, and finds it in `speech`. Where that cannot be, says so and leaves `known`
  * false: the frames are then those of the speech alone. Returns 0, or EXIT_FAILURE after a message. */
 int silence_pose_open(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                       const ern_features *speech);

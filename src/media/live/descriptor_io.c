@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/live/descriptor_io.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <libavutil/error.h>
+#include <libavutil/mem.h>
+#include <limits.h>
+#include <poll.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { BUFFER_BYTES = 4096, LOOK_MS = 100 };
+
+static bool asks_to_stop(const struct ern_descriptor_io *io) { return io->stop != NULL && io->stop(io->user) != 0; }
+
+/* 0, or an error of FFmpeg's. */
+static int await(const struct ern_descriptor_io *io, short events) {
+  for (;;) {
+    struct pollfd look = {.fd = io->descriptor, .events = events};
+    if (asks_to_stop(io)) return AVERROR_EXIT;
+    const int ready = poll(&look, 1, LOOK_MS);
+    if (ready > 0) return 0; /* also where the other side is gone: the call says so */
+    if (ready < 0 && errno != EINTR) return AVERROR(errno);
+  }
+}
+
+static int read_some(void *user, uint8_t *bytes, int count) {
+  for (;;) {
+    const int error = await(user, POLLIN);
+    if (error < 0) return error;
+    const ssize_t got = read(((struct ern_descriptor_io *)user)->descriptor, bytes, (size_t)count);
+    if (got > 0) return (int)got;
+    if (got == 0) return AVERROR_EOF;
+    if (errno != EINTR && errno != EAGAIN) return AVERROR(errno);
+  }
+}
+
+/* A pipe that is ready takes PIPE_BUF bytes without a wait. */
+static int write_all(void *user, uint8_t *bytes, int count) {
+  for (int done = 0; done < count;) {
+    const int error = await(user, POLLOUT);
+    const size_t left = (size_t)(count - done), part = left < PIPE_BUF ? left : PIPE_BUF;
+    if (error < 0) return error;
+    const ssize_t put = write(((struct ern_descriptor_io *)user)->descriptor, bytes + done, part);
+    if (put < 0 && errno != EINTR && errno != EAGAIN) return AVERROR(errno);
+    if (put > 0) done += (int)put;
+  }
+  return count;
+}
+
+bool ern_is_pipe(const char *path) {
+  struct stat there;
+  return strcmp(path, "-") == 0 || (stat(path, &there) == 0 && !S_ISREG(there.st_mode) && !S_ISDIR(there.st_mode));
+}
+
+/* A FIFO cannot be opened for writing without waiting before somebody reads: it is tried until then. */
+static ern_status open_descriptor(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *io) {
+  while (!asks_to_stop(io)) {
+    io->descriptor = open(path, (writes ? O_WRONLY : O_RDONLY) | O_NONBLOCK | O_CLOEXEC);
+    if (io->descriptor >= 0) {
+      io->owned = true;
+      return ERN_OK;
+    }
+    if (errno != ENXIO && errno != EINTR)
+      return ern_fail(context, errno == ENOENT ? ERN_E_MISSING : ERN_E_IO, "%s: cannot open: %s", path,
+                      strerror(errno));
+    (void)nanosleep(&(struct timespec){.tv_nsec = LOOK_MS * 1000000}, NULL);
+  }
+  return ern_fail(context, ERN_E_CANCELLED, "%s: stopped before its other side was there", path);
+}
+
+ern_status ern_descriptor_io_open(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *made) {
+  ern_status status = ERN_OK;
+  uint8_t *buffer = NULL;
+  made->descriptor = writes ? STDOUT_FILENO : STDIN_FILENO;
+  if (strcmp(path, "-") != 0) ERN_TRY(open_descriptor(context, path, writes, made));
+  buffer = av_malloc(BUFFER_BYTES);
+  if (buffer != NULL) made->io = avio_alloc_context(buffer, BUFFER_BYTES, writes, made, read_some, write_all, NULL);
+  if (made->io == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a pipe", path));
+  return ERN_OK;
+fail:
+  if (made->io == NULL) av_free(buffer);
+  ern_descriptor_io_close(made);
+  return status;
+}
+
+void ern_descriptor_io_close(struct ern_descriptor_io *io) {
+  if (io->io != NULL) av_freep(&io->io->buffer);
+  avio_context_free(&io->io);
+  if (io->owned) (void)close(io->descriptor);
+  io->owned = false;
+}

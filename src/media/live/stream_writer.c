@@ -1,0 +1,321 @@
+/* SPDX-License-Identifier: MIT
+ * Streams of pictures and sound to files, pipes and addresses. */
+#include <stdio.h>
+#include <string.h>
+
+#include "core/floats.h"
+#include "core/memory.h"
+#include "core/sized.h"
+#include "ernerf/stream.h"
+#include "io/file.h"
+#include "media/image.h"
+#include "media/live/descriptor_io.h"
+#include "media/live/picture_track.h"
+#include "media/video_sound.h"
+
+enum {
+  OPTIONS_COOKIE = 0x45525357,
+  MAX_RATE_PART = 1000000,
+  DEFAULT_CRF = 18,
+  FRAGMENT = 80000 /* microseconds of an mp4's piece */
+};
+
+/* muxer NULL: no container. endings: of names and beginnings of addresses that mean it. */
+static const struct form {
+  const char *name, *muxer, *endings[4];
+  enum ern_picture_coding coding;
+  enum AVCodecID sound;
+} forms[] = {{"mp4", "mp4", {".mp4", "http://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
+             {"matroska", "matroska", {".mkv", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
+             {"mpegts", "mpegts", {".ts", "udp://", "srt://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
+             {"flv", "flv", {".flv", "rtmp://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
+             {"nut", "nut", {".nut", "tcp://", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_PCM_S16LE},
+             {"y4m", "yuv4mpegpipe", {".y4m", NULL}, ERN_PICTURES_WRAPPED, AV_CODEC_ID_NONE},
+             {"raw", NULL, {".rgba", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_NONE}};
+enum { FORMS = sizeof forms / sizeof *forms };
+
+enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS };
+
+struct ern_stream_writer {
+  ern_context *context;
+  ern_stream_options options;
+  const struct form *form;
+  enum target target;
+  bool listens; /* http */
+  char *url;
+  struct ern_file_writer file;
+  struct ern_descriptor_io pipe;
+  AVIOContext *io; /* FFmpeg's own, of a file or an address */
+  struct ern_muxer muxer;
+  struct ern_picture_track pictures;
+  struct ern_sound_track sound;
+  uint8_t *last; /* of "raw": the last picture */
+  ern_status broken;
+  bool begun; /* the head is written */
+};
+
+void ern_stream_options_fill(ern_stream_options *options, size_t bytes) {
+  const ern_stream_options own = {
+      .cookie = OPTIONS_COOKIE, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
+  ern_config_give(options, bytes, &own, sizeof own);
+}
+
+/* ---- what is asked for ------------------------------------------------------------------------------------------- */
+
+static ern_status check_options(ern_context *context, const char *url, const ern_stream_options *o) {
+  const bool sound = o->sound_rate != 0 || o->sound_channels != 0;
+  const struct {
+    const char *name;
+    int value, least, most;
+  } rows[] = {{"rate_numerator", o->rate_numerator, 1, MAX_RATE_PART},
+              {"rate_denominator", o->rate_denominator, 1, MAX_RATE_PART},
+              {"sound_rate", o->sound_rate, sound ? 1 : 0, 384000},
+              {"sound_channels", o->sound_channels, sound ? 1 : 0, 8},
+              {"crf", o->crf, 0, 51}};
+  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+    if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
+      return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %d, expected %d to %d", url, rows[i].name, rows[i].value,
+                      rows[i].least, rows[i].most);
+  return ern_image_check_sides(context, url, o->width, o->height);
+}
+
+static bool means(const struct form *form, const char *url) {
+  const size_t length = strlen(url);
+  for (size_t i = 0; form->endings[i] != NULL; i++) {
+    const size_t own = strlen(form->endings[i]);
+    const bool ending = form->endings[i][0] == '.';
+    if (own <= length && strncmp(ending ? url + length - own : url, form->endings[i], own) == 0) return true;
+  }
+  return false;
+}
+
+/* An address says more than the ending of its name. */
+static ern_status choose_form(ern_stream_writer *w) {
+  const bool address = strstr(w->url, "://") != NULL;
+  for (size_t i = 0; i < FORMS && w->form == NULL; i++) {
+    const struct form *form = &forms[i];
+    if (w->options.format != NULL ? strcmp(w->options.format, form->name) == 0 : means(form, w->url) && !address)
+      w->form = form;
+  }
+  for (size_t i = 0; i < FORMS && w->form == NULL && w->options.format == NULL; i++)
+    if (means(&forms[i], w->url)) w->form = &forms[i];
+  if (w->form != NULL) return ERN_OK;
+  if (w->options.format != NULL)
+    return ern_fail(w->context, ERN_E_UNSUPPORTED,
+                    "%s: format is \"%s\", expected mp4, matroska, mpegts, flv, nut, y4m or raw", w->url,
+                    w->options.format);
+  return ern_fail(w->context, ERN_E_UNSUPPORTED,
+                  "%s: its name does not say its form, expected a format, or NAME.mp4, .mkv, .ts, .flv, .nut or .y4m",
+                  w->url);
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static bool asks_to_stop(const ern_stream_writer *w) {
+  return w->options.stop != NULL && w->options.stop(w->options.user) != 0;
+}
+
+/* An error that the caller's own word to stop has caused is said to be so. */
+static ern_status or_stopped(const ern_stream_writer *w, ern_status status) {
+  if (status == ERN_OK || status == ERN_E_CANCELLED || !asks_to_stop(w)) return status;
+  return ern_fail(w->context, ERN_E_CANCELLED, "%s: stopped", w->url);
+}
+
+static ern_status open_tracks(ern_stream_writer *w) {
+  const ern_stream_options *o = &w->options;
+  AVRational rate;
+  ern_status status = ERN_OK;
+  av_reduce(&rate.num, &rate.den, o->rate_numerator, o->rate_denominator, MAX_RATE_PART);
+  if (w->form->muxer == NULL) return ERN_NEW(w->context, 4 * (size_t)o->width * (size_t)o->height, &w->last);
+  w->muxer = (struct ern_muxer){.context = w->context, .path = w->url, .packet = av_packet_alloc()};
+  const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
+  if (error < 0 || w->muxer.packet == NULL)
+    ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
+  ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, w->form->coding, o->crf, &w->pictures));
+  if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
+    ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));
+fail:
+  return status;
+}
+
+static ern_status open_file(ern_stream_writer *w) {
+  ern_status status = ERN_OK;
+  char *name = NULL;
+  ERN_TRY(ern_file_writer_open(w->context, w->url, ERN_EXISTING_BY_CONTEXT, &w->file));
+  ERN_TRY(ern_av_url(w->context, w->file.temporary, &name));
+  if (w->muxer.container != NULL) w->muxer.container->url = av_strdup(name); /* faststart reads it again */
+  const int error = avio_open(&w->io, name, AVIO_FLAG_WRITE);
+  if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write", error));
+fail:
+  ern_release(w->context, name);
+  return status;
+}
+
+static ern_status open_address(ern_stream_writer *w) {
+  const AVIOInterruptCB interrupt = {w->options.stop, w->options.user};
+  AVDictionary *options = NULL;
+  int error = 0;
+  if (w->listens) error = av_dict_set(&options, "listen", "1", 0);
+  if (error >= 0 && w->listens)
+    error = av_dict_set(&options, "content_type", w->form->muxer == forms[0].muxer ? "video/mp4" : "video/unknown", 0);
+  if (error >= 0 && strncmp(w->url, "udp://", 6) == 0) error = av_dict_set(&options, "pkt_size", "1316", 0);
+  if (error >= 0) error = avio_open2(&w->io, w->url, AVIO_FLAG_WRITE, &interrupt, &options);
+  av_dict_free(&options);
+  return error >= 0 ? ERN_OK
+                    : ern_av_fail(w->context, ERN_E_IO, w->url, w->listens ? "serve a reader" : "write to it", error);
+}
+
+static ern_status open_target(ern_stream_writer *w) {
+  if (w->target == TARGET_FILE) return open_file(w);
+  if (w->target == TARGET_ADDRESS) return open_address(w);
+  w->pipe.stop = w->options.stop;
+  w->pipe.user = w->options.user;
+  return ern_descriptor_io_open(w->context, w->url, true, &w->pipe);
+}
+
+static AVIOContext *io_of(const ern_stream_writer *w) { return w->target == TARGET_PIPE ? w->pipe.io : w->io; }
+
+/* The head of the container. A stream is written picture by picture; an mp4 that cannot be gone back in is in pieces.
+ */
+static ern_status write_head(ern_stream_writer *w) {
+  AVFormatContext *container = w->muxer.container;
+  AVDictionary *options = NULL;
+  if (container == NULL) return ERN_OK;
+  container->pb = io_of(w);
+  const bool file = w->target == TARGET_FILE;
+  const char *flags = file ? "+faststart" : "+empty_moov+delay_moov+default_base_moof";
+  if (!file) container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
+  if (!file) container->max_interleave_delta = AV_TIME_BASE / 5;
+  container->max_delay = 0;
+  int error = strcmp(w->form->muxer, "mp4") == 0 ? av_dict_set(&options, "movflags", flags, 0) : 0;
+  if (error >= 0 && !file && strcmp(w->form->muxer, "mp4") == 0)
+    error = av_dict_set_int(&options, "frag_duration", FRAGMENT, 0);
+  if (error >= 0 && !file && strcmp(w->form->muxer, "flv") == 0)
+    error = av_dict_set(&options, "flvflags", "no_duration_filesize", 0);
+  if (error >= 0 && !file && strcmp(w->form->muxer, "matroska") == 0) error = av_dict_set(&options, "live", "1", 0);
+  if (error >= 0) error = avformat_write_header(container, &options);
+  if (error >= 0) error = container->pb->error;
+  av_dict_free(&options);
+  if (error < 0) return ern_av_fail(w->context, ERN_E_IO, w->url, "write the head of the stream", error);
+  w->begun = true;
+  return ERN_OK;
+}
+
+static enum target target_of(const char *url) {
+  return strstr(url, "://") != NULL ? TARGET_ADDRESS : ern_is_pipe(url) ? TARGET_PIPE : TARGET_FILE;
+}
+
+ern_status ern_stream_writer_open(ern_context *context, const char *url, const ern_stream_options *options,
+                                  ern_stream_writer **writer) {
+  ERN_PLAIN_FLOATS;
+  if (writer != NULL) *writer = NULL;
+  ERN_NEED(context, context);
+  ERN_NEED(context, url);
+  ERN_NEED(context, options);
+  ERN_NEED(context, writer);
+  ern_status status = ERN_OK;
+  ern_stream_writer *made = NULL;
+  ern_stream_options chosen = ern_stream_options_default(0, 0);
+  ern_av_hush();
+  ERN_TRY(ERN_TAKE_CONFIG(context, ern_stream_options, &chosen, options));
+  ERN_TRY(check_options(context, url, &chosen));
+  ERN_TRY(ERN_NEW(context, 1, &made));
+  made->context = context;
+  made->options = chosen;
+  made->file.descriptor = -1;
+  made->target = target_of(url);
+  made->listens = strncmp(url, "http://", 7) == 0;
+  ERN_TRY(ern_string_copy(context, url, &made->url));
+  ERN_TRY(choose_form(made));
+  ERN_TRY(open_tracks(made));
+  ERN_TRY(or_stopped(made, open_target(made)));
+  ERN_TRY(or_stopped(made, write_head(made)));
+  *writer = made;
+  return ERN_OK;
+fail:
+  ern_stream_writer_abandon(&made);
+  return status;
+}
+
+/* ---- writing ----------------------------------------------------------------------------------------------------- */
+
+static ern_status write_raw(ern_stream_writer *w, const uint8_t *rgba) {
+  const size_t bytes = 4 * (size_t)w->options.width * (size_t)w->options.height; /* at most 2^28 */
+  AVIOContext *io = io_of(w);
+  if (rgba != NULL) memcpy(w->last, rgba, bytes);
+  avio_write(io, w->last, (int)bytes);
+  if (w->target != TARGET_FILE) avio_flush(io);
+  return io->error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", io->error);
+}
+
+static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const float *samples, size_t frames) {
+  ern_status status = ERN_OK;
+  if (w->form->muxer == NULL) return write_raw(w, rgba);
+  if (w->sound.codec != NULL && frames > 0) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, samples, frames));
+  ERN_TRY(ern_picture_track_add(&w->muxer, &w->pictures, rgba));
+fail:
+  return status;
+}
+
+ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba, const float *samples,
+                                   size_t frames) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, writer);
+  if (frames > 0) ERN_NEED(writer->context, samples);
+  if (writer->broken != ERN_OK)
+    return ern_fail(writer->context, writer->broken, "%s: a call before failed, nothing more can be written",
+                    writer->url);
+  return writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+}
+
+/* Drains the encoders, writes the tail, closes the file. */
+static ern_status finish(ern_stream_writer *w) {
+  AVFormatContext *container = w->muxer.container;
+  ern_status status = ERN_OK;
+  if (w->broken != ERN_OK)
+    ERN_TRY(ern_fail(w->context, w->broken, "%s: a call before failed, the stream is not whole", w->url));
+  if (container != NULL) {
+    if (w->target == TARGET_FILE && w->pictures.count == 0)
+      ERN_TRY(ern_fail(w->context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", w->url));
+    if (w->sound.codec != NULL) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, NULL, 0));
+    ERN_TRY(ern_muxer_encode(&w->muxer, w->pictures.codec, w->pictures.stream, NULL));
+    w->begun = false;
+    const int error = av_write_trailer(container);
+    if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write the tail", error));
+  }
+  avio_flush(io_of(w));
+  int error = io_of(w)->error;
+  const int closed = w->io != NULL ? avio_closep(&w->io) : 0;
+  if (error >= 0) error = closed;
+  if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write the tail", error));
+  if (w->target == TARGET_FILE) ERN_TRY(ern_file_writer_commit(&w->file));
+fail:
+  return or_stopped(w, status);
+}
+
+ern_status ern_stream_writer_close(ern_stream_writer **writer) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, writer);
+  ERN_NEED(NULL, *writer);
+  const ern_status status = finish(*writer);
+  ern_stream_writer_abandon(writer);
+  return status;
+}
+
+void ern_stream_writer_abandon(ern_stream_writer **writer) {
+  if (writer == NULL || *writer == NULL) return;
+  ern_stream_writer *w = *writer;
+  ern_context *context = w->context;
+  *writer = NULL;
+  ern_sound_track_close(&w->sound);
+  ern_picture_track_close(context, &w->pictures);
+  av_packet_free(&w->muxer.packet);
+  if (w->io != NULL) avio_closep(&w->io);
+  if (w->muxer.container != NULL) w->muxer.container->pb = NULL;
+  avformat_free_context(w->muxer.container);
+  ern_descriptor_io_close(&w->pipe);
+  ern_file_writer_abandon(&w->file);
+  ern_release(context, w->last);
+  ern_release(context, w->url);
+  ern_release(context, w);
+}

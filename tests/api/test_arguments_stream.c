@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: MIT
+ * stream.h: what its functions do with bad arguments (base.h, "Arguments"). */
+#include "arguments.h"
+
+#include "ernerf/stream.h"
+
+static struct {
+  ern_context *context;
+  ern_sound_reader *reader;
+  ern_stream_writer *writer;
+} w;
+
+static const char junk[] = "nowhere/at-all.ts";
+
+CHECK(ern_sound_reader_options_fill) { ern_sound_reader_options_fill(NULL, sizeof(ern_sound_reader_options)); }
+CHECK(ern_sound_reader_options_default) { assert_int_equal(ern_sound_reader_options_default().rate, 48000); }
+CHECK(ern_sound_reader_is_device) {
+  assert_false(ern_sound_reader_is_device(NULL));
+  assert_true(ern_sound_reader_is_device("pulse:default"));
+  assert_false(ern_sound_reader_is_device("udp://127.0.0.1:5000"));
+  assert_false(ern_sound_reader_is_device("a/b:c.wav"));
+}
+CHECK(ern_sound_reader_open) {
+  ern_sound_reader *reader = (ern_sound_reader *)(void *)&w;
+  ern_sound_reader_options options = ern_sound_reader_options_default();
+  REFUSED_ALONE(ern_sound_reader_open(NULL, junk, &options, &reader));
+  assert_null(reader);
+  REFUSED(w.context, "url is NULL", ern_sound_reader_open(w.context, NULL, &options, &reader));
+  REFUSED(w.context, "reader is NULL", ern_sound_reader_open(w.context, junk, &options, NULL));
+  options.channels = 9;
+  REFUSED(w.context, "channels is 9, expected 1 to 8", ern_sound_reader_open(w.context, junk, &options, &reader));
+  options = (ern_sound_reader_options){.rate = 48000};
+  REFUSED(w.context, "ern_sound_reader_options_default", ern_sound_reader_open(w.context, junk, &options, &reader));
+  assert_int_equal(ern_sound_reader_open(w.context, junk, NULL, &reader), ERN_E_MISSING);
+}
+CHECK(ern_sound_reader_free) {
+  ern_sound_reader *none = NULL;
+  ern_sound_reader_free(NULL);
+  ern_sound_reader_free(&none);
+}
+CHECK(ern_sound_reader_read) {
+  float sample;
+  size_t frames = 7;
+  REFUSED_ALONE(ern_sound_reader_read(NULL, &sample, 1, &frames));
+  assert_int_equal(frames, 0);
+  REFUSED(w.context, "samples is NULL", ern_sound_reader_read(w.reader, NULL, 1, &frames));
+  REFUSED(w.context, "frames is NULL", ern_sound_reader_read(w.reader, &sample, 1, NULL));
+  REFUSED(w.context, "capacity is 0", ern_sound_reader_read(w.reader, &sample, 0, &frames));
+}
+
+CHECK(ern_stream_options_fill) { ern_stream_options_fill(NULL, sizeof(ern_stream_options)); }
+CHECK(ern_stream_options_default) { assert_int_equal(ern_stream_options_default(3, 4).height, 4); }
+CHECK(ern_stream_writer_open) {
+  ern_stream_writer *writer = (ern_stream_writer *)(void *)&w;
+  ern_stream_options options = ern_stream_options_default(16, 16);
+  REFUSED_ALONE(ern_stream_writer_open(NULL, junk, &options, &writer));
+  assert_null(writer);
+  REFUSED(w.context, "url is NULL", ern_stream_writer_open(w.context, NULL, &options, &writer));
+  REFUSED(w.context, "options is NULL", ern_stream_writer_open(w.context, junk, NULL, &writer));
+  REFUSED(w.context, "writer is NULL", ern_stream_writer_open(w.context, junk, &options, NULL));
+  options.crf = 52;
+  REFUSED(w.context, "crf is 52, expected 0 to 51", ern_stream_writer_open(w.context, junk, &options, &writer));
+  options = ern_stream_options_default(16, 16);
+  options.sound_rate = 48000;
+  REFUSED(w.context, "sound_channels is 0, expected 1 to 8",
+          ern_stream_writer_open(w.context, junk, &options, &writer));
+  options = ern_stream_options_default(0, 16);
+  assert_int_equal(ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_SHAPE);
+  options = ern_stream_options_default(16, 16);
+  support_expect(w.context, ern_stream_writer_open(w.context, "a.gif", &options, &writer), ERN_E_UNSUPPORTED,
+                 "its name does not say its form", NULL);
+  options.format = "theora";
+  support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
+                 "format is \"theora\"", NULL);
+}
+CHECK(ern_stream_writer_frame) {
+  const uint8_t rgba[16 * 16 * 4] = {0};
+  REFUSED_ALONE(ern_stream_writer_frame(NULL, rgba, NULL, 0));
+  REFUSED(w.context, "samples is NULL", ern_stream_writer_frame(w.writer, rgba, NULL, 1));
+}
+CHECK(ern_stream_writer_close) {
+  ern_stream_writer *none = NULL;
+  REFUSED_ALONE(ern_stream_writer_close(NULL));
+  REFUSED_ALONE(ern_stream_writer_close(&none));
+}
+CHECK(ern_stream_writer_abandon) {
+  ern_stream_writer *none = NULL;
+  ern_stream_writer_abandon(NULL);
+  ern_stream_writer_abandon(&none);
+}
+
+static const struct arguments_check table[] = {
+    ROW(ern_sound_reader_options_fill), ROW(ern_sound_reader_options_default),
+    ROW(ern_sound_reader_is_device),    ROW(ern_sound_reader_open),
+    ROW(ern_sound_reader_free),         ROW(ern_sound_reader_read),
+    ROW(ern_stream_options_fill),       ROW(ern_stream_options_default),
+    ROW(ern_stream_writer_open),        ROW(ern_stream_writer_frame),
+    ROW(ern_stream_writer_close),       ROW(ern_stream_writer_abandon)};
+enum { CHECKS = sizeof table / sizeof *table };
+
+static void test_every_function_has_a_check(void **state) {
+  (void)state;
+  assert_int_equal(arguments_cover("include/ernerf/stream.h", table, CHECKS), CHECKS);
+}
+
+static void test_arguments(void **state) {
+  (void)state;
+  static const int16_t sample[4] = {0};
+  const ern_stream_options options = ern_stream_options_default(16, 16);
+  ern_sound_reader_options raw = ern_sound_reader_options_default();
+  w.context = support_context();
+  support_write("raw.s16", sample, sizeof sample);
+  raw.format = "s16le";
+  support_ok(w.context, ern_sound_reader_open(w.context, "raw.s16", &raw, &w.reader));
+  support_ok(w.context, ern_stream_writer_open(w.context, "arguments.ts", &options, &w.writer));
+  arguments_run(table, CHECKS);
+  ern_sound_reader_free(&w.reader);
+  ern_stream_writer_abandon(&w.writer);
+  ern_context_free(&w.context);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_every_function_has_a_check),
+                                     cmocka_unit_test(test_arguments)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

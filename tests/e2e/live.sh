@@ -1,0 +1,91 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# ernerf live: what comes out is whole and the same each time; readers that leave, stall or come again; sound that is none; signals;
+# lines of control. Usage: live.sh ERNERF FOLDER
+set -euo pipefail
+ernerf=$1 folder=$2
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+fail() { echo "FAIL: $*"; exit 1; }
+side=64 frame_bytes=$((64 * 64 * 4))
+"$ernerf" synth clip --size $side --frames 33 --seed 3 --quiet
+"$ernerf" train clip -o head.safetensors --iters 20 --rays 256 --levels 2 --asr_model cepstra --quiet
+live() { timeout 60 "$ernerf" live head.safetensors --clip clip --quiet "$@"; }
+refused() { # status words...: the last command's output is in err.txt
+  local want=$1 got=$2
+  shift 2
+  [ "$got" = "$want" ] || fail "exit status $got, expected $want: $(cat err.txt)"
+  for word in "$@"; do grep -q -- "$word" err.txt || fail "no \"$word\" in: $(cat err.txt)"; done
+}
+
+# a file: a frame for each 1/25 s that has begun, the same bytes each time and from a pipe
+live --audio clip/aud.wav -o - --format raw --as-fast > a.rgba
+[ "$(stat -c %s a.rgba)" = $((33 * frame_bytes)) ] || fail "a.rgba has $(stat -c %s a.rgba) bytes, expected 33 frames"
+live --audio - -o - --format raw --as-fast < clip/aud.wav > b.rgba
+cmp a.rgba b.rgba || fail "sound from a pipe gives other frames than from its file"
+cmp -s -n $frame_bytes a.rgba <(tail -c $frame_bytes a.rgba) && fail "the last frame is the first"
+
+# by the clock: a file with pictures and sound; there already: refused; what is no sound: nothing is left
+live --audio clip/aud.wav -o live.mp4 --json live.json
+[ -s live.mp4 ] || fail "no live.mp4"
+grep -q '"written": 4[0-9]' live.json || fail "live.json: $(head -12 live.json)"
+live --audio clip/aud.wav -o live.mp4 2> err.txt && fail "live.mp4 was replaced"
+refused 1 1 "is there already"
+head -c 9000 /dev/urandom > noise.bin
+status=0; live --audio noise.bin -o noise.mp4 --as-fast 2> err.txt || status=$?
+refused 1 $status "noise.bin"
+[ ! -e noise.mp4 ] || fail "noise.mp4 was left"
+status=0; live --audio gone.wav -o gone.mp4 2> err.txt || status=$?
+refused 1 $status "gone.wav"
+
+# readers: one who leaves, one who stalls, a full disk
+status=0; { live --audio clip/aud.wav -o - --format nut --duration 20 --stay 2> err.txt || echo $? > status; } | head -c 100 > /dev/null
+refused 1 "$(cat status)" "cannot write"
+mkfifo stalled
+sleep 30 < stalled &
+sleeper=$!
+live --control wait.sock -o stalled --format raw 2> err.txt &
+program=$!
+for _ in $(seq 100); do [ -S wait.sock ] && break; sleep 0.1; done
+sleep 1.5
+began=$(date +%s)
+pkill -TERM -P $program -x ernerf
+status=0; wait $program || status=$?
+[ $(($(date +%s) - began)) -le 4 ] || fail "a stalled reader holds the end up"
+refused 143 $status "stopped"
+[ ! -e wait.sock ] || fail "wait.sock was left"
+kill $sleeper
+status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
+refused 1 $status "No space left"
+
+# http: a reader comes, leaves, and another comes; lines of control
+port=$((20000 + $$ % 20000))
+mkfifo lines
+exec 8<> lines
+live --control - -o "http://127.0.0.1:$port/" < lines 2> err.txt &
+program=$!
+for _ in 1 2; do
+  for _ in $(seq 100); do { exec 9<> "/dev/tcp/127.0.0.1/$port"; } 2> /dev/null && break; sleep 0.1; done
+  printf 'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n' >&9
+  head -c 5000 <&9 > http.bin
+  exec 9<&-
+  grep -qa "Content-Type: video/mp4" http.bin || fail "http: $(head -c 300 http.bin)"
+  grep -qa moof http.bin || fail "http: no piece of an mp4"
+done
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
+status=0; wait $program || status=$?
+refused 0 $status "error: eyes" "^ok$" '"readers":2' "\"nonsense\" is not known"
+[ "$(grep -c '^ok$' err.txt)" = 5 ] || fail "answers: $(cat err.txt)"
+echo mine > mine.sock
+status=0; live --control mine.sock -o x.mp4 2> err.txt || status=$?
+refused 1 $status "is no socket"
+[ "$(cat mine.sock)" = mine ] || fail "mine.sock is not as it was"
+
+# words that contradict each other
+for words in "-o x.mp4" "--control - --audio - -o x.mp4" "--audio clip/aud.wav" "--audio clip/aud.wav -o x.mp4 --frames 0:3" \
+  "--control - -o x.mp4 --as-fast" "--audio-rate 8000 --duration 1 -o x.mp4"; do
+  status=0; live $words 2> err.txt < /dev/null || status=$?
+  [ $status = 2 ] || fail "\"$words\": exit status $status: $(cat err.txt)"
+done
+echo "live: files, pipes, http, control, signals"

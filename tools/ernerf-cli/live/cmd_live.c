@@ -1,0 +1,351 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf live: sound as it comes, to a person who says it, as a stream. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/speech.h"
+#include "live/live_job.h"
+#include "verbs.h"
+
+/* Faster than the rate by so much: encoding and reading take their part, and a late frame has to be made up for. */
+static const float SPARE = 1.15f;
+
+enum { IN_OPTIONS = 8, OUT_OPTIONS = 11, AUDIO_WINDOWS = 8, SOUND_RATE = 48000, MOST_AHEAD = 250 };
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "clip",
+       .kind = OPTION_TEXT,
+       .target = &job->portrait.source.path,
+       .choices = "CLIP",
+       .help = "folder of the clip that the model was trained on: poses, eyes, background, and how the mouth rests"},
+      {.name = "audio",
+       .kind = OPTION_TEXT,
+       .target = &job->sound.url,
+       .choices = "INPUT",
+       .help = "the sound: a file, - for standard input, an address, or DEVICE:NAME of FFmpeg such as pulse:default or "
+               "alsa:hw:0; without it the person rests, and speaks what --control says"},
+      {.name = "audio-format",
+       .kind = OPTION_TEXT,
+       .target = &job->sound.format,
+       .choices = "NAME",
+       .help = "FFmpeg's name of its form (default found out); s16le and f32le are samples without a header"},
+      {.name = "audio-rate",
+       .kind = OPTION_INT,
+       .target = &job->sound.format_rate,
+       .low = 1000,
+       .high = 384000,
+       .help = "samples a second of sound without a header (default 16000)"},
+      {.name = "audio-channels",
+       .kind = OPTION_INT,
+       .target = &job->sound.format_channels,
+       .low = 1,
+       .high = 8,
+       .help = "of sound without a header (default 1)"},
+      {.name = "stay",
+       .kind = OPTION_FLAG,
+       .target = &job->sound.stays,
+       .help = "rest when the sound has ended, not end"},
+      {.name = "max-delay",
+       .kind = OPTION_SECONDS,
+       .target = &job->most_delay,
+       .low = 0.04,
+       .high = 10,
+       .help =
+           "sound that has waited longer is left out, as of a microphone that began too early (default: all is said; "
+           "0.2 for a DEVICE)"},
+      {.name = "look-ahead",
+       .kind = OPTION_INT,
+       .target = &job->look_ahead,
+       .low = ERN_LIVE_LEAST_LOOK_AHEAD,
+       .high = ERN_LIVE_LOOK_AHEAD,
+       .help = "frames (25 a second) of sound that a frame hears ahead: fewer are 40 ms sooner each and move the mouth "
+               "less exactly (default 7, all that the model hears)"}};
+  ARGS_FILL(options, rows, IN_OPTIONS);
+}
+
+static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &job->output.url,
+       .choices = "OUT",
+       .help = "a file, - for standard output, or an address: rtmp://, udp://, tcp://, srt://, or http://HOST:PORT/, "
+               "where a browser or player may then come"},
+      {.name = "format",
+       .kind = OPTION_TEXT,
+       .target = &job->output.format,
+       .choices = "NAME",
+       .help = "y4m, nut, mpegts, flv, mp4, matroska or raw (RGBA8) (default by the name)"},
+      {.name = "size",
+       .kind = OPTION_DIMENSIONS,
+       .target = &job->size,
+       .low = 1,
+       .high = ERN_IMAGE_MAX_SIDE,
+       .help = "of the frames (default that of the clip)"},
+      {.name = "fit",
+       .kind = OPTION_CHOICE,
+       .target = &job->fit,
+       .choices = "contain|cover",
+       .help = "how the clip's frame goes into a --size of another aspect (default contain)"},
+      {.name = "fps", .kind = OPTION_RATE, .target = &job->rate, .help = "frames a second, 1 to 100 (default 25)"},
+      {.name = "bg_img",
+       .kind = OPTION_TEXT,
+       .target = &job->background_file,
+       .choices = "FILE|white|black",
+       .help = "background (default the clip's)"},
+      {.name = "crf",
+       .kind = OPTION_INT,
+       .target = &job->output.crf,
+       .low = 0,
+       .high = 51,
+       .help = "H.264's quality: less is better and larger"},
+      {.name = "slow-reader",
+       .kind = OPTION_CHOICE,
+       .target = &job->output.drops,
+       .choices = "wait|drop",
+       .help = "where the output is read too slowly: the person waits, or frames are left out, with their sound "
+               "(default drop; wait with --as-fast)"},
+      {.name = "as-fast",
+       .kind = OPTION_FLAG,
+       .target = &job->as_fast,
+       .help = "not by the clock: each frame as soon as its sound is there, with the settings as asked"},
+      {.name = "duration",
+       .kind = OPTION_SECONDS,
+       .target = &job->seconds,
+       .low = 0.04,
+       .high = 1e9,
+       .help = "ends after so long, as 90, 90s, 10m or 1.5h (default with the sound)"},
+      {.name = "control",
+       .kind = OPTION_TEXT,
+       .target = &job->steering.path,
+       .choices = "-|SOCKET",
+       .help = "reads lines from standard input, or makes a local socket for them: say TEXT, play FILE, stop, hold "
+               "on|off, eyes 0..1|clip, background FILE|white|black|clip, statistics, quit"}};
+  job->rate = (struct rate){RATE_CLIP, 1};
+  job->look_ahead = ERN_LIVE_LOOK_AHEAD;
+  job->output.crf = -1;
+  ARGS_FILL(options, rows, OUT_OPTIONS);
+}
+
+/* The policy is a choice, and --as-fast changes its default. */
+static int check_usage(struct live_job *job, const struct args *args, int slow_reader) {
+  int status = -1;
+  if (job->portrait.source.path == NULL) return args_refuse(args, "--clip CLIP is missing");
+  if (job->output.url == NULL) return args_refuse(args, "-o OUT is missing");
+  if (job->sound.url == NULL && job->steering.path == NULL && job->seconds <= 0)
+    return args_refuse(args,
+                       "nothing would ever be said: expected --audio INPUT, --control, or --duration for a "
+                       "person who rests");
+  if (job->sound.url != NULL && job->steering.path != NULL && strcmp(job->sound.url, "-") == 0 &&
+      strcmp(job->steering.path, "-") == 0)
+    return args_refuse(args, "--audio - and --control - both take standard input");
+  if (job->sound.url == NULL) status = args_forbid(args, "audio-format audio-rate audio-channels", "is about --audio");
+  if (status < 0) status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
+  if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
+  if (status < 0) status = args_forbid(args, "smooth_lips", "keeps a state that settings which change would not share");
+  if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
+  if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
+    status = args_refuse(args, "--as-fast has no rate to hold");
+  if (status < 0 && job->as_fast && job->sound.url == NULL)
+    status = args_refuse(args, "--as-fast without --audio would rest without an end");
+  if (status < 0) status = control_check(&job->control, args);
+  if (status < 0) status = rate_control_check(&job->rate_control, args);
+  if (status < 0 && strcmp(job->output.url, "-") == 0 && session_json_on_stdout(&job->session))
+    status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
+  if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
+    job->most_delay = 0.2;
+  job->output.drops = args_given(args, "slow-reader") ? slow_reader == 1 : !job->as_fast;
+  job->no_rate_control = false;
+  return status;
+}
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+/* One period of the poses there and back, and its first frame again, so that the last one has a next. */
+static int open_poses(struct live_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  struct frame_source *poses = &job->poses;
+  int status = frame_source_of_clip(poses, session, job->portrait.clip, FRAME_SOURCE_ALL);
+  if (status == 0) status = control_clip(&job->control, session, args, poses);
+  if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2);
+  if (status != 0) return status;
+  job->now = *poses;
+  job->now.source_frame = &job->place;
+  job->now.count = 1;
+  job->now.frame = poses->source_frame;
+  if (job->size.width == 0) job->size = (struct dimensions){poses->camera.width, poses->camera.height};
+  return 0;
+}
+
+static int open_portrait(struct live_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  struct portrait *portrait = &job->portrait;
+  int status = portrait_open(portrait, session, args);
+  if (status == 0) status = control_check_model(&job->control, session, args, portrait);
+  if (status != 0) return status;
+  if (strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
+    return session_fail_with(session,
+                             "%s: speaks from features \"%s\", which need a network and the whole sound; live sound "
+                             "needs a model of %s: `ernerf train CLIP --asr_model cepstra`",
+                             portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
+  job->features = ern_clip_features(portrait->clip);
+  if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
+    return session_fail(session);
+  return silence_pose_learn(&job->silence_pose, session, portrait);
+}
+
+static int open_rate_control(struct live_job *job, const struct args *args) {
+  const size_t values = AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width;
+  struct rate_control *control = &job->rate_control;
+  if (job->as_fast) return 0;
+  job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
+  job->windows = malloc(values * sizeof *job->windows);
+  if (job->look == NULL || job->windows == NULL)
+    return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
+  if (!rate_control_asked(control)) control->hold_fps = SPARE * (float)rate_value(job->rate);
+  control->goes_on = true;
+  return rate_control_open(control, &job->session, args, &job->portrait, &job->poses, job->features, job->size,
+                           live_look, job);
+}
+
+static int open_live(struct live_job *job) {
+  ern_live_options options = ern_live_options_default();
+  options.rate = SOUND_RATE;
+  options.channels = 1;
+  options.look_ahead = job->look_ahead;
+  options.rate_numerator = job->rate.numerator;
+  options.rate_denominator = job->rate.denominator;
+  options.pad = (ern_audio_pad)job->portrait.audio_pad;
+  options.silence = job->silence_pose.silence;
+  options.silence_code = job->silence_pose.known ? job->silence_pose.code : NULL;
+  options.rests = !job->as_fast;
+  return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
+}
+
+static bool is_file(const char *url) { return strcmp(url, "-") != 0 && strstr(url, "://") == NULL; }
+
+static int open_all(struct live_job *job, const struct args *args) {
+  struct session *session = &job->session;
+  int status = 0;
+  if (is_file(job->output.url) && !session_folder_there(job->output.url))
+    return session_fail_with(session, "%s: its folder is not there", job->output.url);
+  if (is_file(job->output.url)) status = session_check_output(session, job->output.url);
+  job->portrait.source.memory = 1;
+  job->portrait.render.frame_rate = (float)rate_value(job->rate);
+  if (status == 0) status = open_portrait(job, args);
+  if (status == 0) status = open_poses(job, args);
+  if (status == 0) status = portrait_thin(&job->portrait, session, &job->poses, job->features);
+  if (status == 0)
+    status = background_open(&job->background, session, job->background_file, job->portrait.clip, job->size.width,
+                             job->size.height, (ern_fit)job->fit);
+  if (status == 0) status = open_rate_control(job, args);
+  if (status == 0) status = open_live(job);
+  if (status == 0) status = live_control_start(&job->steering, session);
+  if (status == 0) status = live_output_open(&job->output, session, job->size, job->rate, SOUND_RATE, 1);
+  if (status == 0) status = live_sound_start(&job->sound, session, job->live, SOUND_RATE, 1);
+  if (status == 0)
+    session_note(session, "live: %d x %d, %.4g frames a second, %d ms of sound ahead, %s to %s", job->size.width,
+                 job->size.height, rate_value(job->rate), 40 * (job->look_ahead + 1),
+                 job->sound.url != NULL ? job->sound.url : "rest and --control", job->output.url);
+  return status;
+}
+
+/* ---- the end ----------------------------------------------------------------------------------------------------- */
+
+static int finish(struct live_job *job, int status) {
+  struct session *session = &job->session;
+  const bool stopped = session_interrupted(), mute = atomic_load(&job->sound.failed);
+  char *trouble = live_sound_trouble(&job->sound);
+  if (trouble != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", trouble);
+  if (trouble != NULL && status == 0) session_warn(session, "%s", trouble);
+  free(trouble);
+  if (status != 0) return live_output_fail(&job->output);
+  live_sound_stop(&job->sound);
+  live_control_stop(&job->steering);
+  const int closed = live_output_close(&job->output, stopped && !is_file(job->output.url));
+  if (closed != 0) return EXIT_FAILURE;
+  const unsigned long long written = atomic_load(&job->output.written);
+  session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
+               (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
+  if (!job->as_fast) rate_control_summary(&job->rate_control, 0);
+  if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
+  if (mute) return EXIT_FAILURE; /* told of when it happened */
+  return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;
+}
+
+static void close_all(struct live_job *job) {
+  live_sound_stop(&job->sound);
+  live_control_stop(&job->steering);
+  live_output_free(&job->output);
+  ern_live_free(&job->live);
+  silence_pose_free(&job->silence_pose);
+  rate_control_close(&job->rate_control);
+  background_free(&job->background, &job->session);
+  job->poses.frame = NULL;
+  frame_source_free(&job->poses);
+  free(job->look);
+  free(job->windows);
+  portrait_close(&job->portrait);
+  session_close(&job->session);
+}
+
+int cmd_live(int argc, char **argv) {
+  struct live_job *job = calloc(1, sizeof *job);
+  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS], shared[PORTRAIT_OPTIONS],
+      control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  if (job == NULL) {
+    fprintf(stderr, "ernerf live: no memory\n");
+    return EXIT_FAILURE;
+  }
+  struct word words[] = {
+      {"MODEL", &job->portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
+  struct args args = {
+      .verb = "live",
+      .summary = "Sound as it comes, to a person who says it, as a stream that goes on.",
+      .usage =
+          "live MODEL --clip CLIP --audio - | FILE | ADDRESS | DEVICE:NAME -o - | FILE | ADDRESS\n"
+          "live MODEL --clip CLIP --control - | SOCKET -o http://127.0.0.1:8080/",
+      .notes = "docs/live.md: from a microphone to a browser, late frames, slow readers, what each form has.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What comes in:", in, IN_OPTIONS},
+                 {"What goes out, and how fast:", out, OUT_OPTIONS + RATE_CONTROL_OPTIONS},
+                 {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
+                 {"How:", shared, PORTRAIT_OPTIONS},
+                 {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
+  int slow_reader = 1;
+  in_options(job, in);
+  out_options(job, out);
+  for (size_t i = 0; i < OUT_OPTIONS; i++)
+    if (out[i].target == &job->output.drops) out[i].target = &slow_reader;
+  portrait_options(&job->portrait, FRAME_SOURCE_ALL, shared);
+  control_options(&job->control, control);
+  silence_pose_options(&job->silence_pose, control + CONTROL_OPTIONS);
+  rate_control_options(&job->rate_control, out + OUT_OPTIONS);
+  session_compute_options(&job->session, common);
+  session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
+  job->sound.voice = "en";
+  job->sound.channels = 1;
+  job->eye = -1;
+  job->portrait.other_speech = true;
+  int status = args_parse(&args, argc, argv);
+  if (status < 0) status = check_usage(job, &args, slow_reader);
+  const char *const inputs[SESSION_INPUTS] = {
+      job->portrait.model_path, job->portrait.source.path, job->background_file, job->rate_control.front,
+      job->sound.url != NULL && is_file(job->sound.url) ? job->sound.url : NULL};
+  memcpy(job->session.inputs, inputs, sizeof inputs);
+  if (job->sound.url == NULL) job->sound.stays = true;
+  if (status < 0) status = session_open(&job->session, &args);
+  if (status < 0) {
+    status = open_all(job, &args);
+    if (status == 0) status = finish(job, live_run(job));
+    close_all(job);
+  }
+  free(job);
+  return status;
+}

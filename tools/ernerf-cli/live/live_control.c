@@ -1,0 +1,178 @@
+/* SPDX-License-Identifier: MIT */
+#include "live/live_control.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+enum { LOOK_MS = 100 };
+
+static bool is_over(struct live_control *control) {
+  (void)pthread_mutex_lock(&control->mutex);
+  const bool stop = control->stop;
+  (void)pthread_mutex_unlock(&control->mutex);
+  return stop;
+}
+
+/* Whether something can be read; false where the program ends. */
+static bool await_input(struct live_control *control, int descriptor) {
+  while (!is_over(control)) {
+    struct pollfd look = {.fd = descriptor, .events = POLLIN};
+    const int ready = poll(&look, 1, LOOK_MS);
+    if (ready > 0) return true;
+    if (ready < 0 && errno != EINTR) return false;
+  }
+  return false;
+}
+
+/* Hands a line over and waits for its answer; false where the program ends. */
+static bool exchange(struct live_control *control, const char *line, char answer[LIVE_LINE]) {
+  (void)pthread_mutex_lock(&control->mutex);
+  snprintf(control->line, sizeof control->line, "%s", line);
+  control->has_line = true;
+  control->taken = control->answered = false;
+  while (!control->answered && !control->stop) (void)pthread_cond_wait(&control->moved, &control->mutex);
+  const bool answered = control->answered;
+  snprintf(answer, LIVE_LINE, "%.*s\n", LIVE_LINE - 2, control->answer);
+  control->has_line = false;
+  (void)pthread_mutex_unlock(&control->mutex);
+  return answered;
+}
+
+/* A reader that has gone away does not end the person. */
+static void reply(int descriptor, bool is_socket, const char *answer) {
+  if (is_socket)
+    (void)send(descriptor, answer, strlen(answer), MSG_NOSIGNAL | MSG_DONTWAIT);
+  else
+    (void)fputs(answer, stderr);
+}
+
+/* Lines until their end. A line that is too long is cut off by its first LIVE_LINE - 1 bytes and refused. */
+static void read_lines(struct live_control *control, int descriptor, bool is_socket) {
+  char line[LIVE_LINE], answer[LIVE_LINE], piece[512];
+  size_t length = 0;
+  bool too_long = false;
+  while (await_input(control, descriptor)) {
+    const ssize_t got = read(descriptor, piece, sizeof piece);
+    if (got <= 0 && !(got < 0 && errno == EINTR)) return;
+    for (ssize_t i = 0; i < got; i++) {
+      if (piece[i] != '\n') {
+        if (length + 1 < sizeof line && piece[i] != 0) line[length++] = piece[i];
+        too_long |= length + 1 == sizeof line;
+        continue;
+      }
+      if (length > 0 && line[length - 1] == '\r') length--;
+      line[length] = 0;
+      length = 0;
+      if (too_long) {
+        snprintf(answer, sizeof answer, "error: the line is longer than %d bytes\n", LIVE_LINE - 2);
+        too_long = false;
+      } else if (line[0] == 0) {
+        continue;
+      } else if (!exchange(control, line, answer)) {
+        return;
+      }
+      reply(descriptor, is_socket, answer);
+    }
+  }
+}
+
+static void *read_control(void *user) {
+  struct live_control *control = user;
+  if (control->listening < 0) {
+    read_lines(control, STDIN_FILENO, false);
+    return NULL;
+  }
+  while (await_input(control, control->listening)) {
+    const int client = accept(control->listening, NULL, NULL);
+    if (client < 0) continue;
+    read_lines(control, client, true);
+    (void)close(client);
+  }
+  return NULL;
+}
+
+/* ---- the others -------------------------------------------------------------------------------------------------- */
+
+static int open_socket(struct live_control *control) {
+  struct session *session = control->session;
+  struct sockaddr_un address = {.sun_family = AF_UNIX};
+  struct stat there;
+  if (strlen(control->path) >= sizeof address.sun_path)
+    return session_fail_with(session, "--control %s: the name has %zu bytes, expected %zu at most", control->path,
+                             strlen(control->path), sizeof address.sun_path - 1);
+  memcpy(address.sun_path, control->path, strlen(control->path) + 1);
+  const struct sockaddr *name = (const struct sockaddr *)&address;
+  control->listening = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (control->listening < 0) return session_fail_with(session, "--control: %s", strerror(errno));
+  if (lstat(control->path, &there) == 0) {
+    if (!S_ISSOCK(there.st_mode))
+      return session_fail_with(session, "--control %s: is there already and is no socket, expected a new name",
+                               control->path);
+    if (connect(control->listening, name, sizeof address) == 0)
+      return session_fail_with(session, "--control %s: another program listens there", control->path);
+    (void)unlink(control->path); /* left by one that was killed */
+  }
+  if (bind(control->listening, name, sizeof address) != 0 || listen(control->listening, 4) != 0)
+    return session_fail_with(session, "--control %s: %s", control->path, strerror(errno));
+  return 0;
+}
+
+int live_control_start(struct live_control *control, struct session *session) {
+  control->session = session;
+  control->listening = -1;
+  if (control->path == NULL) return 0;
+  (void)pthread_mutex_init(&control->mutex, NULL); /* neither fails on Linux */
+  (void)pthread_cond_init(&control->moved, NULL);
+  control->made = true;
+  if (strcmp(control->path, "-") != 0 && open_socket(control) != 0) return EXIT_FAILURE;
+  if (pthread_create(&control->thread, NULL, read_control, control) != 0)
+    return session_fail_with(session, "cannot start a thread that reads --control");
+  control->running = true;
+  return 0;
+}
+
+const char *live_control_line(struct live_control *control) {
+  if (!control->running) return NULL;
+  (void)pthread_mutex_lock(&control->mutex);
+  const bool waits = control->has_line && !control->taken;
+  control->taken = control->taken || waits;
+  (void)pthread_mutex_unlock(&control->mutex);
+  return waits ? control->line : NULL;
+}
+
+void live_control_answer(struct live_control *control, const char *text) {
+  (void)pthread_mutex_lock(&control->mutex);
+  snprintf(control->answer, sizeof control->answer, "%s", text);
+  control->answered = true;
+  (void)pthread_cond_broadcast(&control->moved);
+  (void)pthread_mutex_unlock(&control->mutex);
+}
+
+void live_control_stop(struct live_control *control) {
+  if (control->running) {
+    (void)pthread_mutex_lock(&control->mutex);
+    control->stop = true;
+    (void)pthread_cond_broadcast(&control->moved);
+    (void)pthread_mutex_unlock(&control->mutex);
+    (void)pthread_join(control->thread, NULL);
+    control->running = false;
+  }
+  if (!control->made) return;
+  if (control->listening >= 0) {
+    struct sockaddr_un bound = {0};
+    socklen_t bytes = sizeof bound;
+    const bool ours = getsockname(control->listening, (struct sockaddr *)&bound, &bytes) == 0 && bound.sun_path[0] != 0;
+    (void)close(control->listening);
+    if (ours) (void)unlink(control->path);
+  }
+  (void)pthread_mutex_destroy(&control->mutex);
+  (void)pthread_cond_destroy(&control->moved);
+  control->made = false;
+}

@@ -1,0 +1,104 @@
+/* SPDX-License-Identifier: MIT
+ * The words of --control. */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "live/live_job.h"
+
+static const char words[] =
+    "say TEXT, play FILE, stop, hold on|off, eyes 0..1|clip, background FILE|white|black|clip, "
+    "statistics, quit";
+
+static void refuse(struct live_job *job, const char *reason) {
+  char text[LIVE_LINE];
+  snprintf(text, sizeof text, "error: %.3900s", reason);
+  live_control_answer(&job->steering, text);
+}
+
+static void say(struct live_job *job, bool speaks, const char *rest) {
+  if (rest[0] == 0)
+    refuse(job, speaks ? "say: expected a text" : "play: expected a file");
+  else if (job->sound.url != NULL && !job->sound.stays)
+    refuse(job, "say and play: the sound is that of --audio; --stay says things after it");
+  else if (!live_sound_say(&job->sound, speaks, rest))
+    refuse(job, "say and play: 32 of them wait already");
+  else
+    live_control_answer(&job->steering, "ok");
+}
+
+static void set_eyes(struct live_job *job, const char *rest) {
+  char *end = NULL;
+  errno = 0;
+  const float eye = strtof(rest, &end);
+  if (strcmp(rest, "clip") == 0) {
+    job->eye = -1;
+  } else if (rest[0] == 0 || end == NULL || *end != 0 || errno != 0 || !(eye >= 0 && eye <= 1)) {
+    refuse(job, "eyes: expected 0 (open) to 1 (closed), or clip");
+    return;
+  } else if (!job->portrait.info.has_eye) {
+    refuse(job, "eyes: the model does not follow the eyes");
+    return;
+  } else {
+    job->eye = eye;
+  }
+  live_control_answer(&job->steering, "ok");
+}
+
+static void set_background(struct live_job *job, const char *rest) {
+  struct background next = {0};
+  const char *choice = strcmp(rest, "clip") == 0 ? NULL : rest;
+  if (rest[0] == 0) {
+    refuse(job, "background: expected a file, white, black or clip");
+  } else if (background_open(&next, &job->session, choice, job->portrait.clip, job->size.width, job->size.height,
+                             (ern_fit)job->fit) != 0) {
+    background_free(&next, &job->session);
+    refuse(job, "background: cannot be read, standard error says why; the last one stays");
+  } else {
+    background_free(&job->background, &job->session);
+    job->background = next;
+    live_control_answer(&job->steering, "ok");
+  }
+}
+
+static void tell_statistics(struct live_job *job) {
+  json_t *object = live_statistics(job);
+  json_t *settings = json_object_get(object, "rate_control");
+  if (json_is_object(settings)) json_object_del(settings, "settings"); /* many; the report of --json has them */
+  char *text = object != NULL ? json_dumps(object, JSON_COMPACT) : NULL;
+  if (text != NULL)
+    live_control_answer(&job->steering, text);
+  else
+    refuse(job, "statistics: no memory");
+  free(text);
+  json_decref(object);
+}
+
+void live_obey(struct live_job *job, const char *line) {
+  char word[32];
+  const size_t length = strcspn(line, " \t");
+  const char *rest = line + length + strspn(line + length, " \t");
+  snprintf(word, sizeof word, "%.*s", (int)(length < sizeof word ? length : sizeof word - 1), line);
+  if (strcmp(word, "say") == 0 || strcmp(word, "play") == 0) {
+    say(job, word[0] == 's', rest);
+  } else if (strcmp(word, "stop") == 0) {
+    live_sound_hush(&job->sound);
+    live_control_answer(&job->steering, "ok");
+  } else if (strcmp(word, "hold") == 0 && (strcmp(rest, "on") == 0 || strcmp(rest, "off") == 0)) {
+    job->held = strcmp(rest, "on") == 0;
+    live_control_answer(&job->steering, "ok");
+  } else if (strcmp(word, "eyes") == 0) {
+    set_eyes(job, rest);
+  } else if (strcmp(word, "background") == 0) {
+    set_background(job, rest);
+  } else if (strcmp(word, "statistics") == 0) {
+    tell_statistics(job);
+  } else if (strcmp(word, "quit") == 0) {
+    job->quits = true;
+    live_control_answer(&job->steering, "ok");
+  } else {
+    char text[LIVE_LINE];
+    snprintf(text, sizeof text, "\"%.200s\" is not known, expected %s", line, words);
+    refuse(job, text);
+  }
+}

@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: MIT */
+#include "live/live_output.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
+
+static int asks_to_stop(void *user) {
+  struct live_output *output = user;
+  return atomic_load(&output->stop) ? 1 : 0;
+}
+
+/* ---- the writer's thread ----------------------------------------------------------------------------------------- */
+
+static ern_status open_stream(struct live_output *output) {
+  const ern_status status = ern_stream_writer_open(output->context, output->url, &output->options, &output->writer);
+  if (status == ERN_OK) {
+    atomic_fetch_add(&output->readers, 1);
+    atomic_store(&output->open, true);
+  }
+  return status;
+}
+
+static void remember_trouble(struct live_output *output) {
+  char text[TEXT_BYTES];
+  (void)ern_last_error_copy(output->context, text, sizeof text);
+  output->trouble = strdup(text);
+}
+
+static void count_late(struct live_output *output, double due) {
+  const double late = 1000 * (session_seconds() - due);
+  const size_t bin = late <= 0 ? 0 : late >= LATE_BINS - 1 ? LATE_BINS - 1 : (size_t)late;
+  atomic_fetch_add(&output->late[bin], 1);
+  atomic_fetch_add(&output->written, 1);
+}
+
+/* One reader's time: until he leaves, or nothing more comes. Frames of before he came are left out. */
+static ern_status serve(struct live_output *output) {
+  ern_status status = output->writer != NULL ? ERN_OK : open_stream(output);
+  while (status == ERN_OK) {
+    const int place = queue_item(&output->queue);
+    if (place == QUEUE_OVER) break;
+    const struct live_picture *picture = &output->pictures[place];
+    status = ern_stream_writer_frame(output->writer, picture->repeat ? NULL : picture->rgba, picture->sound,
+                                     picture->samples);
+    if (status == ERN_OK) count_late(output, picture->due);
+    queue_empty(&output->queue);
+  }
+  return status;
+}
+
+static void *write_frames(void *user) {
+  struct live_output *output = user;
+  for (;;) {
+    ern_status status = serve(output);
+    atomic_store(&output->open, false);
+    if (status == ERN_OK && !atomic_load(&output->given_up)) status = ern_stream_writer_close(&output->writer);
+    ern_stream_writer_abandon(&output->writer);
+    if (status == ERN_OK) return NULL;
+    if (status == ERN_E_CANCELLED && atomic_load(&output->stop)) break;
+    if (!output->listens || status != ERN_E_IO) {
+      remember_trouble(output);
+      break;
+    }
+    while (!queue_is_empty(&output->queue)) queue_empty(&output->queue); /* the next one begins now */
+  }
+  queue_break(&output->queue);
+  return NULL;
+}
+
+/* ---- the drawing thread ------------------------------------------------------------------------------------------ */
+
+static int make_pictures(struct live_output *output, size_t samples) {
+  const size_t pixels = (size_t)output->options.width * (size_t)output->options.height;
+  const size_t values = samples * (size_t)output->options.sound_channels;
+  for (size_t i = 0; i < LIVE_PICTURES; i++) {
+    struct live_picture *picture = &output->pictures[i];
+    picture->rgba = malloc(4 * pixels);
+    picture->sound = malloc((values > 0 ? values : 1) * sizeof(float));
+    if (picture->rgba == NULL || picture->sound == NULL)
+      return session_fail_with(output->session, "no memory for %d frames of %d x %d", LIVE_PICTURES,
+                               output->options.width, output->options.height);
+  }
+  return 0;
+}
+
+int live_output_open(struct live_output *output, struct session *session, struct dimensions size, struct rate rate,
+                     int sound_rate, int channels) {
+  output->session = session;
+  output->context = session->context;
+  output->listens = strncmp(output->url, "http://", 7) == 0;
+  output->options = ern_stream_options_default(size.width, size.height);
+  output->options.format = output->format;
+  output->options.rate_numerator = rate.numerator;
+  output->options.rate_denominator = rate.denominator;
+  output->options.sound_rate = sound_rate;
+  output->options.sound_channels = channels;
+  if (output->crf >= 0) output->options.crf = output->crf;
+  output->options.stop = asks_to_stop;
+  output->options.user = output;
+  queue_make(&output->queue, LIVE_PICTURES);
+  if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
+  if (!output->listens && open_stream(output) != ERN_OK) return session_fail(session);
+  if (pthread_create(&output->thread, NULL, write_frames, output) != 0)
+    return session_fail_with(session, "cannot start a thread that writes");
+  output->running = true;
+  return 0;
+}
+
+struct live_picture *live_output_next(struct live_output *output, bool *failed) {
+  *failed = false;
+  const bool has_place = queue_has_place(&output->queue);
+  if (output->listens && !atomic_load(&output->open) && has_place) return NULL;
+  if (!has_place && output->drops) {
+    atomic_fetch_add(&output->left_out, 1);
+    return NULL;
+  }
+  const int place = queue_free_place(&output->queue);
+  *failed = place == QUEUE_OVER;
+  return *failed ? NULL : &output->pictures[place];
+}
+
+void live_output_put(struct live_output *output) { queue_fill(&output->queue); }
+
+static void stop_writer(struct live_output *output, bool now) {
+  if (!output->running) return;
+  if (now || (output->listens && !atomic_load(&output->open))) atomic_store(&output->stop, true);
+  queue_end(&output->queue);
+  (void)pthread_join(output->thread, NULL);
+  output->running = false;
+}
+
+int live_output_close(struct live_output *output, bool now) {
+  stop_writer(output, now);
+  return output->trouble == NULL ? 0 : session_fail_with(output->session, "%s", output->trouble);
+}
+
+int live_output_fail(struct live_output *output) {
+  atomic_store(&output->given_up, true);
+  if (output->running) queue_break(&output->queue);
+  stop_writer(output, true);
+  return output->trouble == NULL ? EXIT_FAILURE : session_fail_with(output->session, "%s", output->trouble);
+}
+
+void live_output_free(struct live_output *output) {
+  atomic_store(&output->given_up, true);
+  if (output->running) queue_break(&output->queue);
+  stop_writer(output, true);
+  ern_stream_writer_abandon(&output->writer);
+  for (size_t i = 0; i < LIVE_PICTURES; i++) {
+    free(output->pictures[i].rgba);
+    free(output->pictures[i].sound);
+  }
+  if (output->session != NULL) queue_free(&output->queue);
+  free(output->trouble);
+}
+
+double live_output_late(const struct live_output *output, double share) {
+  unsigned long long seen = 0;
+  const double wanted = share * (double)atomic_load(&output->written);
+  for (size_t i = 0; i < LATE_BINS; i++) {
+    seen += atomic_load(&output->late[i]);
+    if ((double)seen >= wanted && seen > 0) return (double)i;
+  }
+  return 0;
+}

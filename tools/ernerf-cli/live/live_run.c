@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: MIT
+ * Live frames, one after another: when each is due, what it shows, and what happens where it is late. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "live/live_job.h"
+
+/* ---- what a frame shows ------------------------------------------------------------------------------------------ */
+
+/* The pose goes on there and back, at the clip's pace, also while nothing is said. */
+static void move(struct live_job *job) {
+  const uint64_t period = job->poses.count - 1 > 0 ? job->poses.count - 1 : 1,
+                 place = job->moved * (uint64_t)job->rate.denominator * RATE_CLIP, rate = (uint64_t)job->rate.numerator;
+  const struct rate_place at = {(size_t)(place / rate % period), (double)(place % rate) / (double)rate};
+  job->place = frame_source_between(job->poses.source_frame, at, at.place);
+  job->place.place = at.place;
+  if (job->eye >= 0) job->place.eye = job->eye;
+  if (!job->held) job->moved++;
+}
+
+static ern_frame_input input_of(struct live_job *job, const struct frame_source *frames, size_t k, float refined[16],
+                                const uint8_t *torso) {
+  return (ern_frame_input){.camera = frame_source_camera(frames, k, job->portrait.scale, job->size.width,
+                                                         job->size.height, (ern_fit)job->fit),
+                           .head_pose = portrait_refined(&job->portrait, frames, k, refined),
+                           .eye = frames->source_frame[k].eye,
+                           .individual = ERN_INDIVIDUAL_MEAN,
+                           .background = job->background.image.data,
+                           .torso = torso};
+}
+
+/* The clip's own torso picture, where the model has no torso. */
+static int find_torso(struct live_job *job, const uint8_t **torso) {
+  *torso = NULL;
+  if (job->portrait.info.has_torso || !job->portrait.clip_info.has_torso) return 0;
+  return background_torso(&job->background, &job->session, job->portrait.clip, job->place.split, job->place.index,
+                          torso);
+}
+
+static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba) {
+  const uint8_t *torso;
+  float refined[16];
+  const bool controls = !job->no_rate_control && !job->as_fast;
+  ern_renderer *renderer = controls ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
+  if (renderer == NULL || find_torso(job, &torso) != 0) return EXIT_FAILURE;
+  const ern_frame_input input = input_of(job, &job->now, 0, refined, torso);
+  const ern_frame_output output = {.rgba = rgba};
+  if (ern_live_draw(frame, renderer, &input, &output, NULL) != ERN_OK) return session_fail(&job->session);
+  job->drawn++;
+  return 0;
+}
+
+int live_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
+  struct live_job *job = user;
+  float refined[16];
+  ern_frame_input input = input_of(job, &job->poses, k, refined, NULL);
+  const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
+  frame_source_windows(&job->poses, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
+  input.windows = job->windows;
+  input.window_length = job->features->window_length;
+  return ern_renderer_frame(renderer, &input, &output, NULL) == ERN_OK ? 0 : session_fail(&job->session);
+}
+
+/* ---- time -------------------------------------------------------------------------------------------------------- */
+
+static void count_time(struct live_times *times, double seconds) {
+  const double ms = 1000 * seconds;
+  times->bin[ms <= 0 ? 0 : ms >= LIVE_MILLISECONDS ? LIVE_MILLISECONDS : (size_t)ms]++;
+  times->count++;
+}
+
+static double time_of(const struct live_times *times, double share) {
+  uint64_t seen = 0;
+  for (size_t i = 0; i <= LIVE_MILLISECONDS; i++) {
+    seen += times->bin[i];
+    if (seen > 0 && (double)seen >= share * (double)times->count) return (double)i;
+  }
+  return 0;
+}
+
+/* A signal ends the sleep. */
+static void sleep_until(double due) {
+  const double left = due - session_seconds();
+  if (left <= 0) return;
+  const double whole = floor(left);
+  const struct timespec rest = {(time_t)whole, (long)((left - whole) * 1e9)};
+  (void)nanosleep(&rest, NULL);
+}
+
+static double due_of(const struct live_job *job) { return job->began + (double)job->frames / rate_value(job->rate); }
+
+/* ---- a frame ----------------------------------------------------------------------------------------------------- */
+
+/* late: of the frame, which is then not drawn; the one before stays. */
+static int make_frame(struct live_job *job, const ern_live_frame *frame, bool late) {
+  bool failed;
+  const double pulled = session_seconds();
+  struct live_picture *picture = live_output_next(&job->output, &failed);
+  move(job);
+  if (failed) return EXIT_FAILURE;
+  if (picture == NULL) return 0;
+  picture->repeat = late && job->drawn > 0;
+  picture->samples = frame->samples;
+  picture->due = job->as_fast ? session_seconds() : due_of(job);
+  memcpy(picture->sound, frame->sound, frame->samples * (size_t)job->sound.channels * sizeof(float));
+  if (!picture->repeat && draw(job, frame, picture->rgba) != 0) return EXIT_FAILURE;
+  job->repeated += picture->repeat;
+  live_output_put(&job->output);
+  const double done = session_seconds();
+  count_time(&job->to_frame, frame->waiting + 1 / rate_value(job->rate) + done - pulled);
+  if (!picture->repeat && !job->as_fast && !job->no_rate_control) {
+    rate_control_took(&job->rate_control, 1000 * (done - pulled));
+    rate_control_late(&job->rate_control, 1000 * (done - due_of(job) - 1 / rate_value(job->rate)));
+  }
+  return 0;
+}
+
+static void steer(struct live_job *job) {
+  const char *line = live_control_line(&job->steering);
+  if (line != NULL) live_obey(job, line);
+  char *trouble = live_sound_trouble(&job->sound);
+  if (trouble != NULL) session_warn(&job->session, "%s", trouble);
+  free(trouble);
+}
+
+int live_run(struct live_job *job) {
+  const double period = 1 / rate_value(job->rate);
+  const uint64_t most = job->seconds > 0 ? (uint64_t)ceil(job->seconds * rate_value(job->rate)) : UINT64_MAX;
+  job->began = session_seconds();
+  for (bool ended = false; !ended && !session_interrupted() && !job->quits && job->frames < most;) {
+    const ern_live_frame *frame = NULL;
+    if (!job->as_fast) sleep_until(due_of(job));
+    steer(job);
+    if (ern_live_pull(job->live, job->as_fast ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
+    if (frame == NULL) continue;
+    if (job->most_delay > 0 && frame->waiting > job->most_delay + (job->look_ahead + 1) / (double)RATE_CLIP) {
+      job->skipped++;
+      continue;
+    }
+    const bool late = !job->as_fast && session_seconds() > due_of(job) + period;
+    if (make_frame(job, frame, late) != 0) return EXIT_FAILURE;
+    job->frames++;
+  }
+  return 0;
+}
+
+/* ---- figures ----------------------------------------------------------------------------------------------------- */
+
+json_t *live_statistics(const struct live_job *job) {
+  const bool controls = !job->no_rate_control && !job->as_fast;
+  json_t *late = json_pack("{s:f, s:f, s:f}", "p50", live_output_late(&job->output, 0.5), "p99",
+                           live_output_late(&job->output, 0.99), "worst", live_output_late(&job->output, 1));
+  json_t *to_frame = json_pack("{s:f, s:f, s:f}", "p50", time_of(&job->to_frame, 0.5), "p99",
+                               time_of(&job->to_frame, 0.99), "worst", time_of(&job->to_frame, 1));
+  return json_pack("{s:I, s:o, s:I, s:I, s:I, s:I, s:I, s:I, s:o, s:o, s:s, s:o}", "frames", (json_int_t)job->frames,
+                   "seconds", session_number(session_seconds() - job->began), "drawn", (json_int_t)job->drawn,
+                   "repeated", (json_int_t)job->repeated, "skipped", (json_int_t)job->skipped, "written",
+                   (json_int_t)atomic_load(&job->output.written), "left_out",
+                   (json_int_t)atomic_load(&job->output.left_out), "readers",
+                   (json_int_t)atomic_load(&job->output.readers), "sound_to_frame_ms", to_frame, "late_ms", late,
+                   "settings_now", controls ? rate_control_name(&job->rate_control) : "as asked", "rate_control",
+                   controls ? rate_control_json(&job->rate_control) : json_null());
+}

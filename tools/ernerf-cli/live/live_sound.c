@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: MIT */
+#include "live/live_sound.h"
+
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+enum { PIECE_MS = 20, TEXT_BYTES = 2048 };
+
+extern char **environ;
+
+static int asks_to_stop(void *user) {
+  struct live_sound *sound = user;
+  (void)pthread_mutex_lock(&sound->mutex);
+  const bool stop = sound->stop || sound->skip;
+  (void)pthread_mutex_unlock(&sound->mutex);
+  return stop ? 1 : 0;
+}
+
+/* ---- the thread -------------------------------------------------------------------------------------------------- */
+
+static void remember(struct live_sound *sound, const char *text) {
+  (void)pthread_mutex_lock(&sound->mutex);
+  free(sound->trouble);
+  sound->trouble = strdup(text);
+  (void)pthread_mutex_unlock(&sound->mutex);
+}
+
+static void remember_error(struct live_sound *sound) {
+  char text[TEXT_BYTES];
+  (void)ern_last_error_copy(sound->context, text, sizeof text);
+  remember(sound, text);
+}
+
+/* Pushes all that an input has. */
+static ern_status play(struct live_sound *sound, const char *url, bool own) {
+  const size_t piece = (size_t)sound->rate * PIECE_MS / 1000;
+  ern_sound_reader_options options = ern_sound_reader_options_default();
+  ern_sound_reader *reader = NULL;
+  float *samples = malloc(piece * (size_t)sound->channels * sizeof *samples);
+  options.rate = sound->rate;
+  options.channels = sound->channels;
+  if (own) options.format = sound->format;
+  if (own && sound->format_rate > 0) options.format_rate = sound->format_rate;
+  if (own && sound->format_channels > 0) options.format_channels = sound->format_channels;
+  options.stop = asks_to_stop;
+  options.user = sound;
+  ern_status status = samples != NULL ? ern_sound_reader_open(sound->context, url, &options, &reader) : ERN_E_NO_MEMORY;
+  for (size_t frames = 1; status == ERN_OK && frames > 0;) {
+    status = ern_sound_reader_read(reader, samples, piece, &frames);
+    if (status == ERN_OK && frames > 0) status = ern_live_push(sound->live, samples, frames);
+    atomic_fetch_add(&sound->heard, status == ERN_OK ? frames : 0);
+  }
+  ern_sound_reader_free(&reader);
+  free(samples);
+  if (status != ERN_OK && status != ERN_E_CANCELLED) remember_error(sound);
+  return status;
+}
+
+/* Has espeak-ng make a sound file of a text, and plays it. */
+static void speak(struct live_sound *sound, const char *text) {
+  char program[] = "espeak-ng", voice_option[] = "-v", file_option[] = "-w", end[] = "--";
+  const char *folder = getenv("TMPDIR");
+  char path[4096];
+  if (snprintf(path, sizeof path, "%s/ernerf-say-XXXXXX", folder != NULL ? folder : "/tmp") >= (int)sizeof path) return;
+  const int file = mkstemp(path);
+  char *voice = strdup(sound->voice), *words = strdup(text);
+  pid_t child = -1;
+  int state = -1;
+  if (file >= 0 && voice != NULL && words != NULL) {
+    char *const arguments[] = {program, voice_option, voice, file_option, path, end, words, NULL};
+    const int error = posix_spawnp(&child, program, NULL, NULL, arguments, environ);
+    if (error != 0 || waitpid(child, &state, 0) != child) state = -1;
+  }
+  if (state == 0)
+    (void)play(sound, path, false);
+  else
+    remember(sound, "espeak-ng, which makes sound of a text, is not installed, or failed (apt install espeak-ng)");
+  if (file >= 0) {
+    (void)close(file);
+    (void)unlink(path);
+  }
+  free(voice);
+  free(words);
+}
+
+/* The next thing to say, or NULL where the program ends. */
+static char *await_saying(struct live_sound *sound) {
+  char *saying = NULL;
+  (void)pthread_mutex_lock(&sound->mutex);
+  while (!sound->stop && sound->sayings == 0) (void)pthread_cond_wait(&sound->moved, &sound->mutex);
+  sound->skip = false;
+  if (!sound->stop) {
+    saying = sound->saying[0];
+    memmove(sound->saying, sound->saying + 1, --sound->sayings * sizeof *sound->saying);
+  }
+  (void)pthread_mutex_unlock(&sound->mutex);
+  return saying;
+}
+
+static void *read_sound(void *user) {
+  struct live_sound *sound = user;
+  if (sound->url != NULL) {
+    const ern_status status = play(sound, sound->url, true);
+    if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
+  }
+  for (char *saying = NULL; sound->stays && (saying = await_saying(sound)) != NULL; free(saying)) {
+    if (saying[0] == 't')
+      speak(sound, saying + 1);
+    else
+      (void)play(sound, saying + 1, false);
+  }
+  if (ern_live_end(sound->live) != ERN_OK) remember_error(sound);
+  return NULL;
+}
+
+/* ---- the others -------------------------------------------------------------------------------------------------- */
+
+int live_sound_start(struct live_sound *sound, struct session *session, ern_live *live, int rate, int channels) {
+  sound->session = session;
+  sound->context = session->context;
+  sound->live = live;
+  sound->rate = rate;
+  sound->channels = channels;
+  (void)pthread_mutex_init(&sound->mutex, NULL); /* neither fails on Linux */
+  (void)pthread_cond_init(&sound->moved, NULL);
+  sound->made = true;
+  if (pthread_create(&sound->thread, NULL, read_sound, sound) != 0)
+    return session_fail_with(session, "cannot start a thread that reads sound");
+  sound->running = true;
+  return 0;
+}
+
+bool live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
+  const size_t bytes = strlen(text) + 2;
+  char *saying = malloc(bytes);
+  (void)pthread_mutex_lock(&sound->mutex);
+  const bool has_place = saying != NULL && sound->sayings < LIVE_SAYINGS;
+  if (has_place) {
+    snprintf(saying, bytes, "%c%s", speaks ? 't' : 'f', text);
+    sound->saying[sound->sayings++] = saying;
+  }
+  (void)pthread_cond_broadcast(&sound->moved);
+  (void)pthread_mutex_unlock(&sound->mutex);
+  if (!has_place) free(saying);
+  return has_place;
+}
+
+static void forget_sayings(struct live_sound *sound) {
+  for (size_t i = 0; i < sound->sayings; i++) free(sound->saying[i]);
+  sound->sayings = 0;
+}
+
+void live_sound_hush(struct live_sound *sound) {
+  (void)pthread_mutex_lock(&sound->mutex);
+  forget_sayings(sound);
+  sound->skip = sound->url == NULL; /* an input of the command line goes on */
+  (void)pthread_mutex_unlock(&sound->mutex);
+  if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
+}
+
+char *live_sound_trouble(struct live_sound *sound) {
+  (void)pthread_mutex_lock(&sound->mutex);
+  char *trouble = sound->trouble;
+  sound->trouble = NULL;
+  (void)pthread_mutex_unlock(&sound->mutex);
+  return trouble;
+}
+
+void live_sound_stop(struct live_sound *sound) {
+  if (sound->running) {
+    (void)pthread_mutex_lock(&sound->mutex);
+    sound->stop = true;
+    (void)pthread_cond_broadcast(&sound->moved);
+    (void)pthread_mutex_unlock(&sound->mutex);
+    if (ern_live_end(sound->live) != ERN_OK) remember_error(sound); /* a push that waits ends */
+    (void)pthread_join(sound->thread, NULL);
+    sound->running = false;
+  }
+  if (!sound->made) return;
+  forget_sayings(sound);
+  free(sound->trouble);
+  sound->trouble = NULL;
+  (void)pthread_mutex_destroy(&sound->mutex);
+  (void)pthread_cond_destroy(&sound->moved);
+  sound->made = false;
+}

@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ * Where live sound comes from: an input that goes on, and what is to be said; a thread of its own reads it. */
+#ifndef ERN_CLI_LIVE_SOUND_H
+#define ERN_CLI_LIVE_SOUND_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "ernerf/live.h"
+#include "ernerf/stream.h"
+#include "session/session.h"
+
+enum { LIVE_SAYINGS = 32 };
+
+struct live_sound {
+  /* from the command line */
+  const char *url, *format; /* NULL: no input, as it is; found out */
+  int format_rate, format_channels;
+  const char *voice; /* espeak-ng's */
+  bool stays;        /* the person goes on resting when the input has ended */
+  /* made */
+  struct session *session;
+  ern_context *context;
+  ern_live *live;
+  int rate, channels;
+  pthread_t thread;
+  pthread_mutex_t mutex;
+  pthread_cond_t moved;
+  bool running, made;
+  bool stop, skip;            /* the program ends; what is played now ends. With the mutex */
+  char *saying[LIVE_SAYINGS]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
+  size_t sayings;
+  char *trouble;       /* the last input that failed, in words; with the mutex */
+  atomic_bool failed;  /* the input of the command line did */
+  atomic_ullong heard; /* samples */
+};
+
+/* Starts the thread, which pushes sound of `rate` and `channels` into the session. Returns 0, or EXIT_FAILURE after a
+ * message. */
+int live_sound_start(struct live_sound *sound, struct session *session, ern_live *live, int rate, int channels);
+/* After what waits: a file, or a text (speaks); false where too much waits. */
+bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
+/* What is played and what waits is forgotten. */
+void live_sound_hush(struct live_sound *sound);
+/* The last thing that went wrong, once; NULL: nothing. The caller frees it. */
+char *live_sound_trouble(struct live_sound *sound);
+void live_sound_stop(struct live_sound *sound); /* wherever it stands */
+
+#endif
