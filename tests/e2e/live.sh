@@ -7,6 +7,7 @@ ernerf=$1 folder=$2
 rm -rf "$folder"
 mkdir -p "$folder"
 cd "$folder"
+trap 'kill $(jobs -p) 2> /dev/null || true' EXIT
 fail() { echo "FAIL: $*"; exit 1; }
 side=64 frame_bytes=$((64 * 64 * 4))
 "$ernerf" synth clip --size $side --frames 33 --seed 3 --quiet
@@ -43,14 +44,14 @@ refused 1 $status "gone.wav"
 status=0; { live --audio clip/aud.wav -o - --format nut --duration 20 --stay 2> err.txt || echo $? > status; } | head -c 100 > /dev/null
 refused 1 "$(cat status)" "cannot write"
 mkfifo stalled
-sleep 30 < stalled &
+timeout 30 sleep 30 <> stalled &
 sleeper=$!
-live --control wait.sock -o stalled --format raw 2> err.txt &
+"$ernerf" live head.safetensors --clip clip --quiet --control wait.sock -o stalled --format raw 2> err.txt &
 program=$!
 for _ in $(seq 100); do [ -S wait.sock ] && break; sleep 0.1; done
 sleep 1.5
 began=$(date +%s)
-pkill -TERM -P $program -x ernerf
+kill -TERM $program
 status=0; wait $program || status=$?
 [ $(($(date +%s) - began)) -le 4 ] || fail "a stalled reader holds the end up"
 refused 143 $status "stopped"

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "ernerf/speech.h"
 #include "live/live_job.h"
@@ -227,7 +228,12 @@ static int open_live(struct live_job *job) {
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-static bool is_file(const char *url) { return strcmp(url, "-") != 0 && strstr(url, "://") == NULL; }
+/* And no pipe or device, which is written to where it is. */
+static bool is_file(const char *url) {
+  struct stat there;
+  if (strcmp(url, "-") == 0 || strstr(url, "://") != NULL) return false;
+  return stat(url, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode);
+}
 
 static int open_all(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
