@@ -474,11 +474,34 @@ static void test_left_over(void **state) {
   assert_int_equal(cli_count("left"), FILES);
 }
 
+/* The video has its first name, and no file has its last: of a folder without the mark it is a file of another. */
+static void test_killed_before_names(void **state) {
+  (void)state;
+  support_clear("left");
+  assert_int_equal(mkdir("left", 0777), 0);
+  support_write_text("left/compare.mp4.new", "a video");
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet %s", i > 0 ? "-y" : "");
+    cli_expect(&cli, 1, "left", "did not make", NULL);
+  }
+  expect_text("left/compare.mp4.new", "a video");
+  support_write_text("left/compare.begun", "{\"format\": \"ernerf.compare\"}");
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 1, "left", "did not make", NULL);
+  support_write_text("left/compare.begun", "{\"format\": \"ernerf.compare.begun\"}");
+  cli_run(&cli, "compare a.safetensors torn.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 1, "torn.safetensors", NULL);
+  assert_int_equal(cli_count("left"), 2);
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(cli_count("left"), FILES);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_figures),      cmocka_unit_test(test_page),
                                      cmocka_unit_test(test_self),         cmocka_unit_test(test_video),
                                      cmocka_unit_test(test_odd_videos),   cmocka_unit_test(test_foreign_folders),
                                      cmocka_unit_test(test_nothing_left), cmocka_unit_test(test_earlier_folders),
-                                     cmocka_unit_test(test_left_over)};
+                                     cmocka_unit_test(test_left_over),    cmocka_unit_test(test_killed_before_names)};
   return cmocka_run_group_tests(tests, make_all, end_all);
 }

@@ -29,6 +29,7 @@ struct compare {
   size_t shown[COMPARE_SHOWN];                /* frames: B at its best against A, median, at its worst */
   struct stat video;                          /* the file of the video while it has no last name; st_ino 0: none */
   bool made_folder;
+  bool begun; /* the mark of a comparison that is under way is taken away at the end (compare_files.c) */
 };
 
 extern const char compare_letters[COMPARE_SIDES];            /* "AB" */
