@@ -40,7 +40,8 @@ static int open_sides(struct compare *c, const struct args *args) {
 static int open_all(struct compare *c, const struct args *args) {
   if (compare_files_check(c) != 0) return EXIT_FAILURE;
   const int status = open_sides(c, args);
-  if (status != 0 || perceptual_distance_open(&c->perceptual, &c->side[0].evaluation) != 0) return EXIT_FAILURE;
+  if (status != 0) return status;
+  if (perceptual_distance_open(&c->perceptual, &c->side[0].evaluation) != 0) return EXIT_FAILURE;
   for (size_t side = 0; side < COMPARE_SIDES; side++) {
     const bool lpips = c->perceptual.weights.lpips != NULL;
     if (lpips) c->lpips[side] = calloc(compare_frames(c), sizeof *c->lpips[side]);

@@ -111,14 +111,15 @@ static int begin(struct compare *c) {
 int compare_files_open(struct compare *c) {
   struct session *session = &c->session;
   const struct evaluation *evaluation = &c->side[0].evaluation;
-  char path[PATH_BYTES];
+  char path[PATH_BYTES], sound[PATH_BYTES];
+  const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", c->asked.source.path) < PATH_BYTES;
   if (path_in(c, names[GROWING], path) != 0) return EXIT_FAILURE;
   if (evaluation->info.width > ERN_IMAGE_MAX_SIDE / COLUMNS)
     return session_fail_with(session, "%s: frames are %d wide, expected %d at most, for %d of them side by side",
                              c->asked.source.path, evaluation->info.width, ERN_IMAGE_MAX_SIDE / COLUMNS, (int)COLUMNS);
   c->made_folder = access(c->folder, F_OK) != 0;
   if (session_folder(session, c->folder) != 0 || begin(c) != 0) return EXIT_FAILURE;
-  if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, c->asked.source.path) != 0) return EXIT_FAILURE;
+  if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, fits ? sound : NULL) != 0) return EXIT_FAILURE;
   c->begun = true; /* nobody else writes the video, so the mark is ours to take away */
   if (path_in(c, GROWING_TEMPORARY, path) != 0) return EXIT_FAILURE;
   return stat(path, &c->video) == 0 ? 0 : session_fail_with(session, "%s: cannot be read: %s", path, strerror(errno));
