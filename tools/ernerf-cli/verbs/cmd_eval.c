@@ -339,7 +339,9 @@ int cmd_eval(int argc, char **argv) {
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job.portrait.source.features,
-       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
+       .help =
+           "the clip's speech as another sound, or its features (.npy), instead of the clip's own; other speech with "
+           "--setting synchronization"},
       {.name = "video",
        .kind = OPTION_TEXT,
        .target = &job.video,
