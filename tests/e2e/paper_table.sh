@@ -25,6 +25,28 @@ done
 mean=$(jq '[.[].report.psnr] | add / 2 * 100 | round / 100' t.json)
 grep -q "^| mean | $mean | .* | - | - | - | - | - | " t.md || fail "the mean is not $mean, or a metric is there that was not computed: $(cat t.md)"
 cmp -s t.md out.txt || fail "the table on the screen is another"
+[ "$(jq -r '.[].report.setting' t.json | sort -u)" = reconstruction ] || fail "t.json has another setting: $(jq '.[].report.setting' t.json)"
+"$ernerf" synth other --size 64 --frames 33 --seed 9 --quiet
+mkdir one && cp -r all/a one/a
+"$source/tools/paper-table" one -o s.md --speech other/aud_ds.npy -- --lpips-heads=none --lpips_network none > /dev/null 2> err.txt &&
+  fail "LPIPS without weights was taken"
+[ "$(jq -r '.[].setting' s.json)" = synchronization ] || fail "the true frames of other speech were asked for: $(cat err.txt s.json)"
+rm s.md s.json
+"$source/tools/paper-table" one -o s.md --speech other/aud_ds.npy > /dev/null
+[ "$(jq -c '[.[] | [.setting, .report.setting, .report.split, .report.count, .report.psnr == null]]' s.json)" = \
+  '[["reconstruction","reconstruction","val",3,false],["synchronization","synchronization","all",33,true]]' ] || fail "s.json: $(jq 'map(.report)' s.json)"
+grep -q '^# Lip synchronization' s.md || fail "no second table: $(cat s.md)"
+if "$source/tools/paper-table" one -o v.md -- --setting synchronization > /dev/null 2>&1 || [ -e v.md ]; then fail "--setting was taken"; fi
+# a report of another program, with a FID of few frames
+cat > stub <<'END'
+#!/bin/sh
+while [ "$1" != --json ]; do shift; done
+echo '{"psnr": 1, "frames": [], "metrics": {"fid": {"distance": 5, "features": 2048, "frames": 7, "biased": true}}}' > "$2"
+END
+chmod +x stub
+ERNERF=$PWD/stub "$source/tools/paper-table" one -o b.md > /dev/null 2>&1
+grep -q '^FID is too high .* Frames: a (reconstruction) 7[.]$' b.md || fail "the table does not say that FID is biased: $(cat b.md)"
+if grep -q 'too high' s.md; then fail "a FID that was not computed is called too high"; fi
 echo mine > u.json
 if "$source/tools/paper-table" all -o u.md > /dev/null 2> err.txt; then fail "u.json was replaced"; fi
 [ "$(cat u.json)" = mine ] && [ ! -e u.md ] || fail "u.json is not as it was"

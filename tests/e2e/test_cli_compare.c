@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf compare`: its figures are those of `eval`, a portrait is equal to itself and to a video of its own frames,
  * every file holds what it says, and a folder gets all files or stays as it was. */
+#include "../made_lpips.h"
 #include "cli.h"
 
 #include <math.h>
@@ -10,8 +11,9 @@
 
 static struct cli cli;
 static ern_context *context;
-enum { SIDE = 64, FIRST = 60 /* of the validation frames */, FRAMES = 6, FIGURES = 4, COLUMNS = 5 };
-static const char *const figures[FIGURES] = {"psnr", "ssim", "psnr_head", "psnr_mouth"};
+enum { SIDE = 64, FIRST = 60 /* of the validation frames */, FRAMES = 6, FIGURES = 4 + ERN_PERCEPTUAL, COLUMNS = 5 };
+static const char *const figures[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "lpips"};
+#define WEIGHTS (ERN_PERCEPTUAL ? "--lpips-network n.safetensors --lpips-heads h.safetensors" : "")
 static const char *const files[] = {"best.png",    "median.png", "worst.png", "compare.json",
                                     "compare.mp4", "frames.csv", "index.html"};
 enum { FILES = sizeof files / sizeof *files };
@@ -93,8 +95,8 @@ static void render_all(const char *model, uint8_t *frames) {
 
 static int make_all(void **state) {
   (void)state;
-  static const char *const old[] = {"clip", "a.safetensors", "a.run", "b.safetensors", "b.run", "out", "self",
-                                    "film", "part",          "mine",  "torn",          "full",  "left"};
+  static const char *const old[] = {"clip", "a.safetensors", "a.run", "b.safetensors", "b.run", "out",  "self",
+                                    "film", "part",          "mine",  "torn",          "full",  "left", "plain"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   context = support_context();
   cli_run(&cli, "synth clip --size 64 --frames 66 --seed 3 --quiet");
@@ -106,6 +108,7 @@ static int make_all(void **state) {
   render_all("a.safetensors", own);
   render_all("b.safetensors", other);
   write_avi("own.avi", own, FRAMES, SIDE, 25);
+  if (ERN_PERCEPTUAL) made_lpips("n.safetensors", "h.safetensors", 0);
   return 0;
 }
 
@@ -131,13 +134,22 @@ static double number(const json_t *object, const char *name) {
 
 /* One side of compare.json is what eval says of that model, frame by frame too. */
 static void expect_as_eval(const json_t *report, const char *side, const char *model) {
-  static const char *const same[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "interval95", "measures", "kind"};
-  cli_run(&cli, "eval %s clip --json --quiet", model);
+  static const char *const same[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "measures", "kind"};
+  cli_run(&cli, "eval %s clip --json --quiet %s", model, WEIGHTS);
   cli_expect(&cli, 0, NULL);
   json_t *alone = cli_json(&cli, NULL);
   for (size_t i = 0; i < sizeof same / sizeof *same; i++)
     if (!json_equal(member(member(report, side), same[i]), member(alone, same[i])))
       fail_msg("%s of %s is not what eval says", same[i], model);
+  const json_t *intervals = member(member(report, side), "interval95"), *lpips;
+  for (size_t f = 0; f < 4; f++)
+    assert_true(json_equal(member(intervals, figures[f]), member(member(alone, "interval95"), figures[f])));
+  if (ERN_PERCEPTUAL) {
+    lpips = member(member(alone, "metrics"), "lpips");
+    assert_true(json_equal(member(member(report, side), "lpips"), member(lpips, "mean")));
+    assert_true(json_equal(member(intervals, "lpips"), member(lpips, "interval95")));
+    assert_true(json_equal(member(report, "lpips_network"), member(lpips, "network")));
+  }
   const json_t *frames = member(report, "frames"), *single = member(alone, "frames");
   assert_int_equal(json_array_size(frames), FRAMES);
   assert_int_equal(json_array_size(single), FRAMES);
@@ -162,7 +174,7 @@ static void expect_differences(const json_t *report) {
       const double a = number(member(frame, "a"), figures[f]), b = number(member(frame, "b"), figures[f]);
       d[k] = number(member(frame, "difference"), figures[f]);
       assert_true(d[k] == b - a);
-      wins[a > b ? 0 : b > a ? 1 : 2]++;
+      wins[a == b ? 2 : (a > b) == (f < 4) ? 0 : 1]++; /* of LPIPS the smaller is better */
       mean += d[k] / FRAMES;
     }
     for (size_t k = 0; k < FRAMES; k++) squares += (d[k] - mean) * (d[k] - mean);
@@ -175,12 +187,15 @@ static void expect_differences(const json_t *report) {
   }
 }
 
+#define PLAIN                                                                                                      \
+  "psnr_a,psnr_b,psnr_difference,ssim_a,ssim_b,ssim_difference,psnr_head_a,psnr_head_b,psnr_head_difference,psnr_" \
+  "mouth_a,psnr_mouth_b,psnr_mouth_difference"
+
 static void expect_csv(const json_t *report) {
   size_t bytes = 0, k = 0;
   char *text = (char *)cli_bytes("out/frames.csv", &bytes), *rest = NULL;
   assert_string_equal(strtok_r(text, "\n", &rest),
-                      "frame,split,psnr_a,psnr_b,psnr_difference,ssim_a,ssim_b,ssim_difference,psnr_head_a,psnr_head_b,"
-                      "psnr_head_difference,psnr_mouth_a,psnr_mouth_b,psnr_mouth_difference");
+                      ERN_PERCEPTUAL ? "frame,split," PLAIN ",lpips_a,lpips_b,lpips_difference" : "frame,split," PLAIN);
   for (char *line; (line = strtok_r(NULL, "\n", &rest)) != NULL; k++) {
     const json_t *frame = json_array_get(member(report, "frames"), k);
     long id;
@@ -269,8 +284,9 @@ static void expect_video(const char *path, size_t expected) {
 
 static void test_figures(void **state) {
   (void)state;
-  cli_run(&cli, "compare a.safetensors b.safetensors clip -o out/ --json r.json -y --quiet");
-  cli_expect_out(&cli, 0, "a.safetensors", "b.safetensors", "PSNR mouth", "out//index.html", NULL);
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o out/ --json r.json -y --quiet %s", WEIGHTS);
+  cli_expect_out(&cli, 0, "a.safetensors", "b.safetensors", "PSNR mouth", ERN_PERCEPTUAL ? "LPIPS" : "B better",
+                 "out//index.html", NULL);
   assert_string_equal(cli.err, "");
   assert_int_equal(cli_count("out"), FILES);
   for (size_t i = 0; i < FILES; i++) {
@@ -296,9 +312,10 @@ static void test_page(void **state) {
   static const char *const outside[] = {"<script", "http", "//", "@import", "url(", "<i>", "data:"};
   size_t bytes = 0;
   write_avi("a&b<i>.avi", own, FRAMES, SIDE, 25);
-  cli_run(&cli, "compare a&b<i>.avi a.safetensors clip -o out --frames 0:2 -y --quiet");
+  cli_run(&cli, "compare a&b<i>.avi a.safetensors clip -o out --frames 0:2 -y --quiet %s", WEIGHTS);
   cli_expect(&cli, 0, NULL);
   char *page = (char *)cli_bytes("out/index.html", &bytes);
+  assert_true((strstr(page, "<td class=\"l\">LPIPS") != NULL) == ERN_PERCEPTUAL);
   for (size_t i = 0; i < sizeof inside / sizeof *inside; i++) assert_non_null(strstr(page, inside[i]));
   for (size_t i = 0; i < sizeof outside / sizeof *outside; i++) assert_null(strstr(page, outside[i]));
   free(page);
@@ -307,7 +324,7 @@ static void test_page(void **state) {
 
 static void test_self(void **state) {
   (void)state;
-  cli_run(&cli, "compare b.safetensors b.safetensors clip -o self --json - --quiet");
+  cli_run(&cli, "compare b.safetensors b.safetensors clip -o self --json - --quiet %s", WEIGHTS);
   cli_expect(&cli, 0, NULL);
   json_t *report = cli_json(&cli, NULL);
   assert_true(json_equal(member(member(report, "a"), "measures"), member(member(report, "b"), "measures")));
@@ -317,6 +334,29 @@ static void test_self(void **state) {
     assert_int_equal(json_integer_value(member(said, "frames_equal")), FRAMES);
   }
   json_decref(report);
+}
+
+/* Without weights LPIPS is in no table; with half of them, or wrong ones, nothing is compared. */
+static void test_without_weights(void **state) {
+  (void)state;
+  size_t bytes = 0;
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o plain --frames 0:2 --json - --quiet");
+  cli_expect(&cli, 0, NULL);
+  json_t *report = cli_json(&cli, NULL);
+  assert_true(json_is_null(member(report, "lpips_network")));
+  assert_null(json_object_get(member(report, "a"), "lpips"));
+  json_decref(report);
+  char *csv = (char *)cli_bytes("plain/frames.csv", &bytes), *page = (char *)cli_bytes("plain/index.html", &bytes);
+  assert_null(strstr(csv, "lpips"));
+  assert_null(strstr(page, "<td class=\"l\">LPIPS"));
+  free(csv);
+  free(page);
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o none --lpips-network n.safetensors");
+  cli_expect(&cli, 2, "--lpips-heads", NULL);
+  cli_run(&cli,
+          "compare a.safetensors b.safetensors clip -o none --lpips-network a.safetensors --lpips-heads a.safetensors");
+  cli_expect(&cli, 1, ERN_PERCEPTUAL ? "features.0.weight" : "libernerf-perceptual", NULL);
+  assert_false(cli_there("none"));
 }
 
 /* ---- videos ------------------------------------------------------------------------------------------------------ */
@@ -474,11 +514,35 @@ static void test_left_over(void **state) {
   assert_int_equal(cli_count("left"), FILES);
 }
 
+/* The video has its first name, and no file has its last: of a folder without the mark it is a file of another. */
+static void test_killed_before_names(void **state) {
+  (void)state;
+  support_clear("left");
+  assert_int_equal(mkdir("left", 0777), 0);
+  support_write_text("left/compare.mp4.new", "a video");
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet %s", i > 0 ? "-y" : "");
+    cli_expect(&cli, 1, "left", "did not make", NULL);
+  }
+  expect_text("left/compare.mp4.new", "a video");
+  support_write_text("left/compare.begun", "{\"format\": \"ernerf.compare\"}");
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 1, "left", "did not make", NULL);
+  support_write_text("left/compare.begun", "{\"format\": \"ernerf.compare.begun\"}");
+  cli_run(&cli, "compare a.safetensors torn.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 1, "torn.safetensors", NULL);
+  assert_int_equal(cli_count("left"), 2);
+  cli_run(&cli, "compare a.safetensors b.safetensors clip -o left --frames 0:2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(cli_count("left"), FILES);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_figures),      cmocka_unit_test(test_page),
-                                     cmocka_unit_test(test_self),         cmocka_unit_test(test_video),
-                                     cmocka_unit_test(test_odd_videos),   cmocka_unit_test(test_foreign_folders),
-                                     cmocka_unit_test(test_nothing_left), cmocka_unit_test(test_earlier_folders),
-                                     cmocka_unit_test(test_left_over)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_figures),        cmocka_unit_test(test_page),
+                                     cmocka_unit_test(test_self),           cmocka_unit_test(test_video),
+                                     cmocka_unit_test(test_odd_videos),     cmocka_unit_test(test_foreign_folders),
+                                     cmocka_unit_test(test_nothing_left),   cmocka_unit_test(test_earlier_folders),
+                                     cmocka_unit_test(test_left_over),      cmocka_unit_test(test_killed_before_names),
+                                     cmocka_unit_test(test_without_weights)};
   return cmocka_run_group_tests(tests, make_all, end_all);
 }

@@ -304,6 +304,7 @@ static void test_frechet_of_frames(void **state) {
   assert_true(found < between + square[0] + square[1] + rounding);
   expect_near(number(report, "fid", "features"), 6, 0);
   expect_near(number(report, "fid", "frames"), (double)frames, 0);
+  assert_true(json_is_true(json_object_get(json_object_get(json_object_get(report, "metrics"), "fid"), "biased")));
   json_decref(report);
   cli_run(&cli, "eval m.safetensors clip --inception mean.onnx");
   cli_expect_out(&cli, 0, "FID: ", "of 6 features", "biased", NULL);

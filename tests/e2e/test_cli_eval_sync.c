@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Sync of drawn and true frames by small networks whose distances are known, and networks and frames that are refused.
- */
+ * Sync of drawn and true frames by small networks whose distances are known; the settings of the paper; networks,
+ * frames and words that are refused. */
 #include "../made_onnx.h"
 #include "cli.h"
 
@@ -122,6 +122,141 @@ static void test_what_is_seen(void **state) {
   json_decref(report);
 }
 
+/* ---- settings ---------------------------------------------------------------------------------------------------- */
+
+static void expect_setting(const char *options, const char *setting, const char *split) {
+  cli_run(&cli, "eval h.safetensors clip %s --frames 0:2 --json r.json -y --quiet", options);
+  cli_expect(&cli, 0, NULL);
+  json_t *report = cli_json(&cli, "r.json");
+  const json_t *found = json_object_get(report, "setting");
+  assert_non_null(found);
+  if (setting == NULL ? !json_is_null(found) : strcmp(json_string_value(found), setting) != 0)
+    fail_msg("%s: the setting is \"%s\"", options, json_is_string(found) ? json_string_value(found) : "null");
+  assert_string_equal(json_string_value(json_object_get(report, "split")), split);
+  json_decref(report);
+}
+
+/* `other` has the sound of 40 of the 66 frames. */
+static void make_other(void) {
+  if (cli_there("other")) return;
+  cli_run(&cli, "train clip -o h.safetensors --iters 6 --rays 256 --levels 4 --asr-model cepstra --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "synth other --size 64 --frames 40 --seed 8 --quiet");
+  cli_expect(&cli, 0, NULL);
+}
+
+static void test_setting_names(void **state) {
+  (void)state;
+  make_other();
+  expect_setting("", "reconstruction", "val");
+  expect_setting("--setting reconstruction", "reconstruction", "val");
+  expect_setting("--split train", NULL, "train");
+  expect_setting("--audio other/aud.wav", NULL, "val");
+  expect_setting("--setting synchronization --audio other/aud.wav", "synchronization", "all");
+  expect_setting("--setting synchronization --audio other/aud.wav --split train", "synchronization", "train");
+  cli_run(&cli, "eval h.safetensors clip --setting reconstruction");
+  cli_expect_out(&cli, 0, "setting: reconstruction", NULL);
+}
+
+/* What compares with true frames is null, an empty field or a line with the reason; what does not is there. */
+static void test_synchronization(void **state) {
+  (void)state;
+  static const char *const gone[] = {"psnr", "ssim", "psnr_head", "psnr_mouth"}, *const reasons[] = {
+                                                                                     "psnr",      "ssim",
+                                                                                     "psnr_head", "psnr_mouth",
+                                                                                     "measures",  "sync.truth",
+                                                                                     "lpips",     "lmd",
+                                                                                     "aue"};
+  char networks[80] = "";
+  size_t bytes = 0;
+  make_other();
+  if (ERN_VISION) {
+    make_embedding("v.onnx", video, 0, 0, 2, 3);
+    make_embedding("a.onnx", audio, 0, 0, 2, 1);
+    snprintf(networks, sizeof networks, "--syncnet-video v.onnx --syncnet-audio a.onnx");
+  }
+  cli_run(&cli,
+          "eval h.safetensors clip --setting synchronization --audio other/aud.wav --json r.json --csv o.csv -y %s",
+          networks);
+  cli_expect(&cli, 0, "lasts for 40 frames; the 26 frames after that are left out", NULL);
+  assert_non_null(strstr(cli.out, "setting: synchronization"));
+  assert_non_null(strstr(cli.out, "PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: needs true frames"));
+  assert_non_null(strstr(cli.out, "LPIPS: not computed: needs true frames"));
+  json_t *report = cli_json(&cli, "r.json");
+  const json_t *metrics = json_object_get(report, "metrics"), *absent = json_object_get(metrics, "not_computed"), *row;
+  assert_int_equal(json_integer_value(json_object_get(report, "count")), 40);
+  size_t k;
+  json_array_foreach(json_object_get(report, "frames"), k, row) {
+    assert_int_equal(json_integer_value(json_object_get(row, "id")), k);
+    for (size_t i = 0; i < 4; i++) assert_true(json_is_null(json_object_get(row, gone[i])));
+    assert_true(json_number_value(json_object_get(row, "ms")) > 0);
+  }
+  for (size_t i = 0; i < 4; i++) assert_true(json_is_null(json_object_get(report, gone[i])));
+  for (size_t i = 0; i < sizeof reasons / sizeof *reasons; i++)
+    if (strstr(json_string_value(json_object_get(absent, reasons[i])), "needs true frames") == NULL)
+      fail_msg("no reason why %s is not there", reasons[i]);
+  if (ERN_VISION) {
+    expect_near(number(report, NULL, "windows"), 35, 0);
+    expect_near(number(report, "drawn", "distance"), sqrt(8), 1e-5);
+    assert_true(json_is_null(json_object_get(json_object_get(metrics, "sync"), "truth")));
+    assert_null(strstr(cli.out, "of the true frames"));
+  }
+  json_decref(report);
+  char *csv = (char *)cli_bytes("o.csv", &bytes);
+  assert_non_null(strstr(csv, "\n0,train,,,,,"));
+  free(csv);
+}
+
+/* Sync hears the speech that is given, and no other. */
+static void test_other_speech_is_heard(void **state) {
+  (void)state;
+  if (!ERN_VISION) skip();
+  make_other();
+  make_embedding("v.onnx", video, 0, 0, 1, 0);
+  make_embedding("a.onnx", audio, 1.0f / 260, 260, 1, 0); /* the mean of the cepstra */
+  double distance[2];
+  static const char *const speech[] = {"other/aud.wav", "third/aud.wav"};
+  cli_run(&cli, "synth third --size 64 --frames 66 --seed 12 --quiet");
+  cli_expect(&cli, 0, NULL);
+  for (size_t i = 0; i < 2; i++) {
+    cli_run(&cli,
+            "eval h.safetensors clip --setting synchronization --audio %s --frames 0:40 --syncnet-video v.onnx "
+            "--syncnet-audio a.onnx --json r.json -y --quiet",
+            speech[i]);
+    cli_expect(&cli, 0, NULL);
+    json_t *report = cli_json(&cli, "r.json");
+    distance[i] = number(report, "drawn", "distance");
+    json_decref(report);
+  }
+  assert_true(fabs(distance[0] - distance[1]) > 1e-3);
+}
+
+static void test_setting_refused(void **state) {
+  (void)state;
+  static const struct {
+    const char *options, *first, *second;
+  } wrong[] = {{"--setting synchronization", "needs --audio", NULL},
+               {"--setting reconstruction --audio other/aud.wav", "--audio", "--setting synchronization"},
+               {"--setting reconstruction --split all", "--split is all", "expected val"},
+               {"--setting other", "other", "reconstruction"},
+               {"--setting synchronization --audio other/aud.wav --sheet s.png", "--sheet", "true frames"},
+               {"--setting synchronization --audio other/aud.wav --refine-poses", "--refine-poses", "true frames"},
+               {"--setting synchronization --audio other/aud.wav --landmarks x", "--landmarks", "true frames"},
+               {"--setting synchronization --audio other/aud.wav --lpips-network x --lpips-heads y", "--lpips-network",
+                "true frames"}};
+  make_other();
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+    cli_run(&cli, "eval h.safetensors clip %s --json none.json", wrong[i].options);
+    cli_expect(&cli, 2, wrong[i].first, wrong[i].second, NULL);
+    assert_false(cli_there("none.json"));
+  }
+  cli_run(&cli, "eval h.safetensors clip --setting synchronization --audio clip/aud.wav --json none.json");
+  cli_expect(&cli, 1, "clip/aud.wav", "the clip's own speech", NULL);
+  cli_run(&cli, "eval h.safetensors clip --setting synchronization --audio other/aud.wav --split val --json none.json");
+  cli_expect(&cli, 1, "other/aud.wav: lasts for 40 frames", NULL);
+  assert_false(cli_there("none.json"));
+}
+
 static void refused(const char *options, const char *word, const char *other) {
   cli_run(&cli, "eval m.safetensors clip %s --json none.json", options);
   cli_expect(&cli, 1, word, other, NULL);
@@ -149,7 +284,12 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_distances), cmocka_unit_test(test_what_is_seen),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_distances),
+                                     cmocka_unit_test(test_what_is_seen),
+                                     cmocka_unit_test(test_setting_names),
+                                     cmocka_unit_test(test_synchronization),
+                                     cmocka_unit_test(test_other_speech_is_heard),
+                                     cmocka_unit_test(test_setting_refused),
                                      cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, train_head, NULL);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * A budget instead of knobs: `ernerf render --hold-fps`, `--budget`, `--quality`, with a stored front and with a quick
  * look; the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not judged. */
+#include "../made_lpips.h"
 #include "cli.h"
 
 #include <math.h>
@@ -241,8 +242,10 @@ static void test_training(void **state) {
   }
   assert_true(any);
   expect_kinds(trainings, true);
+  assert_true(json_is_null(json_object_get(object, "fine_stage")));
   json_decref(object);
   cli_read("study/training.md", text);
+  assert_non_null(strstr(text, "Not measured: a patch is 32 x 32 pixels, so it needs pictures of that size and 1024"));
   assert_non_null(strstr(text, "| 16 rays |"));
   assert_non_null(strstr(text, "| 9 levels |"));
   assert_non_null(strstr(text, "| mouth's motion explained at the end |"));
@@ -261,6 +264,47 @@ static void test_training(void **state) {
   cli_expect(&cli, 2, "-o DIR is missing", NULL);
   cli_run(&cli, "tradeoff --training nowhere -o y");
   cli_expect(&cli, 1, "nowhere", NULL);
+}
+
+static void expect_quartiles(const json_t *of) {
+  assert_true(number(of, "quartile_1") > 0 && number(of, "median") >= number(of, "quartile_1"));
+  assert_true(number(of, "quartile_3") >= number(of, "median"));
+}
+
+/* A row a kind of step; a coarse one takes as long as itself. */
+static void test_fine_price(void **state) {
+  (void)state;
+  static char text[CLI_TEXT_BYTES];
+  static const char *const losses[] = {"coarse", "ssim", "lpips-alexnet"};
+  const size_t count = ERN_PERCEPTUAL ? 3 : 2;
+  if (ERN_PERCEPTUAL) made_lpips("a.safetensors", "h.safetensors", 0);
+  cli_run(&cli, "tradeoff --training '%s' -o fine --seconds 1 --seeds 1 --rays 1024 --levels 5 --json --quiet %s", clip,
+          ERN_PERCEPTUAL ? "--lpips-network a.safetensors --lpips-heads h.safetensors" : "");
+  cli_expect(&cli, 0, NULL);
+  json_t *object = cli_json(&cli, NULL);
+  const json_t *fine = json_object_get(object, "fine_stage"), *steps = json_object_get(fine, "steps");
+  assert_int_equal(json_array_size(steps), count);
+  assert_true(number(fine, "turns") >= 8 && number(fine, "rays") == 1024 && number(fine, "patch_size") == 32);
+  for (size_t i = 0; i < count; i++) {
+    const json_t *row = json_array_get(steps, i), *times = json_object_get(row, "times_coarse");
+    assert_string_equal(json_string_value(json_object_get(row, "loss")), losses[i]);
+    expect_quartiles(json_object_get(row, "ms"));
+    expect_quartiles(times);
+    assert_true(i > 0 || (number(times, "quartile_1") == 1 && number(times, "quartile_3") == 1));
+  }
+  json_decref(object);
+  cli_read("fine/training.md", text);
+  assert_non_null(strstr(text, "| coarse |"));
+  assert_non_null(strstr(text, "| fine, ssim |"));
+  assert_true((strstr(text, "| fine, lpips-alexnet |") != NULL) == ERN_PERCEPTUAL);
+  assert_true((strstr(text, "LPIPS: not measured: needs --lpips-network") == NULL) == ERN_PERCEPTUAL);
+  cli_run(&cli, "tradeoff --training '%s' -o none --lpips-network a.safetensors", clip);
+  cli_expect(&cli, 2, "--lpips-heads", NULL);
+  cli_run(&cli, "tradeoff --training '%s' -o none --rays 64 --lpips-network a --lpips-heads h", clip);
+  cli_expect(&cli, 2, "--rays is 64, expected 1024", NULL);
+  cli_run(&cli, "tradeoff --training '%s' -o none --lpips-network absent.pth --lpips-heads h", clip);
+  cli_expect(&cli, 1, ERN_PERCEPTUAL ? "absent.pth" : "libernerf-perceptual", NULL);
+  assert_false(cli_there("none"));
 }
 
 static void test_training_without_landmarks(void **state) {
@@ -282,12 +326,10 @@ static void test_training_without_landmarks(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
-                                     cmocka_unit_test(test_quick_look),
-                                     cmocka_unit_test(test_out_of_reach),
-                                     cmocka_unit_test(test_front),
-                                     cmocka_unit_test(test_words),
-                                     cmocka_unit_test(test_training),
-                                     cmocka_unit_test(test_training_without_landmarks)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_curve),        cmocka_unit_test(test_quick_look),
+      cmocka_unit_test(test_out_of_reach), cmocka_unit_test(test_front),
+      cmocka_unit_test(test_words),        cmocka_unit_test(test_training),
+      cmocka_unit_test(test_fine_price),   cmocka_unit_test(test_training_without_landmarks)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -1,71 +1,25 @@
 /* SPDX-License-Identifier: MIT
  * LPIPS from the command line, with an AlexNet of made weights: what eval says of a frame is the distance of its
  * pictures; a fine stage trains on it and goes on with it; weights that are none are refused in words. */
+#include "../made_lpips.h"
 #include "cli.h"
 
 #include <math.h>
 
-#include "core/memory.h"
 #include "ernerf/media.h"
-#include "io/safetensors.h"
 
 static struct cli cli;
 
 #if ERN_PERCEPTUAL
-enum { SIDE = 64, CONVOLUTIONS = 5, TENSORS = 2 * CONVOLUTIONS };
+enum { SIDE = 64 };
 #define WEIGHTS "--lpips-network a.safetensors --lpips-heads h.safetensors "
-
-static const int convolution[CONVOLUTIONS][4] = {
-    {0, 3, 64, 11}, {3, 64, 192, 5}, {6, 192, 384, 3}, {8, 384, 256, 3}, {10, 256, 256, 3}};
-
-static void make_tensor(struct ern_tensor *tensor, char *name, const size_t *shape, int dims, float low, float high) {
-  static uint32_t state = 1;
-  *tensor = (struct ern_tensor){.name = name, .dtype = ERN_F32, .dims = dims, .count = 1};
-  for (int d = 0; d < dims; d++) {
-    tensor->shape[d] = shape[d];
-    tensor->count *= shape[d];
-  }
-  float *values = malloc(tensor->count * sizeof *values);
-  assert_non_null(values);
-  for (size_t i = 0; i < tensor->count; i++) {
-    state = state * 1664525u + 1013904223u;
-    values[i] = low + (high - low) * (float)(state >> 8) / 16777216.0f;
-  }
-  tensor->data = values;
-}
-
-/* a.safetensors and h.safetensors; `wrong` 1: a head too short, 2: a value that is not finite, 3: a tensor missing */
-static void make_weights(const char *network, const char *heads, int wrong) {
-  ern_context *context = support_context();
-  struct ern_tensor tensor[TENSORS], head[CONVOLUTIONS];
-  char name[TENSORS][64], head_name[CONVOLUTIONS][64];
-  for (int i = 0; i < CONVOLUTIONS; i++) {
-    const int *c = convolution[i];
-    const size_t shape[4] = {(size_t)c[2], (size_t)c[1], (size_t)c[3], (size_t)c[3]},
-                 one[4] = {1, (size_t)c[2] - (wrong == 1 && i == 2), 1, 1};
-    const float most = sqrtf(6.0f / (float)(c[1] * c[3] * c[3]));
-    snprintf(name[2 * i], sizeof name[0], "features.%d.weight", c[0]);
-    snprintf(name[2 * i + 1], sizeof name[0], "features.%d.bias", c[0]);
-    snprintf(head_name[i], sizeof head_name[0], "lin%d.model.1.weight", i);
-    make_tensor(&tensor[2 * i], name[2 * i], shape, 4, -most, most);
-    make_tensor(&tensor[2 * i + 1], name[2 * i + 1], shape, 1, -0.1f, 0.3f);
-    make_tensor(&head[i], head_name[i], one, 4, 0, 1);
-  }
-  if (wrong == 2) *(float *)(uintptr_t)tensor[4].data = NAN;
-  support_ok(context, ern_safetensors_write(context, network, tensor, wrong == 3 ? TENSORS - 1 : TENSORS, NULL, 0,
-                                            ERN_EXISTING_REPLACE));
-  support_ok(context, ern_safetensors_write(context, heads, head, CONVOLUTIONS, NULL, 0, ERN_EXISTING_REPLACE));
-  for (int i = 0; i < TENSORS; i++) free((void *)(uintptr_t)tensor[i].data);
-  for (int i = 0; i < CONVOLUTIONS; i++) free((void *)(uintptr_t)head[i].data);
-  ern_context_free(&context);
-}
 
 static int make_clip(void **state) {
   (void)state;
   static const char *const old[] = {"clip",          "m.safetensors", "m.run",    "n.safetensors", "n.run", "p.run",
                                     "p.safetensors", "t.csv",         "f_%d.png", "r.json",        "x.pth"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  make_weights("a.safetensors", "h.safetensors", 0);
+  made_lpips("a.safetensors", "h.safetensors", 0);
   cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
@@ -176,12 +130,12 @@ static void refuse(const char *network, const char *heads, const char *first, co
 
 static void test_refused(void **state) {
   (void)state;
-  make_weights("b.safetensors", "g.safetensors", 1);
+  made_lpips("b.safetensors", "g.safetensors", 1);
   refuse("b.safetensors", "g.safetensors", "g.safetensors: tensor lin2.model.1.weight is F32 of 1 383 1 1",
          "expected F32 of 1 384 1 1");
-  make_weights("b.safetensors", "g.safetensors", 2);
+  made_lpips("b.safetensors", "g.safetensors", 2);
   refuse("b.safetensors", "h.safetensors", "b.safetensors: tensor features.6.weight", "not finite");
-  make_weights("b.safetensors", "g.safetensors", 3);
+  made_lpips("b.safetensors", "g.safetensors", 3);
   refuse("b.safetensors", "h.safetensors", "b.safetensors", "features.10.bias");
   refuse("h.safetensors", "h.safetensors", "h.safetensors", "features.0.weight");
   refuse("a.safetensors", "m.safetensors", "m.safetensors", "lin0.model.1.weight");

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Trainings that are killed (SIGKILL): at random moments, and at each call on a file of theirs in turn. Whatever the
  * moment, the next start goes on from a state that is at least as new as any that was whole before, and in the end the
- * model is the same, byte for byte, as that of a training that nothing ended.
+ * model is the same, byte for byte, as that of a training that nothing ended. A comparison that is killed leaves a
+ * folder that the next one takes for its own.
  *
  *   ERNERF_TEST_KILLS=1000   kills at random moments (25)
  *   ERNERF_TEST_CALLS=1      every call, not each of a few (0)
@@ -185,7 +186,41 @@ static void test_each_call(void **state) {
   assert_true(kills > 10);
 }
 
+/* ---- a comparison ------------------------------------------------------------------------------------------------ */
+
+/* Killed at each of its calls in the folder: the next comparison takes the folder for one of its own. */
+static void test_comparison(void **state) {
+  (void)state;
+  static const char line[] =
+      "compare whole.safetensors whole.safetensors clip -o compared --split train --frames 0:1 --quiet %s";
+  const uint32_t all = journey_number("ERNERF_TEST_CALLS", 0);
+  struct fault fault = {.folder = "compared", .kinds = (1u << FAULT_KINDS) - 1, .how = FAULT_NONE, .error = EIO};
+  support_clear("compared");
+  journey_start(&j, &fault, line, "");
+  journey_wait(&j);
+  assert_int_equal(j.status, 0);
+  const size_t calls = atomic_load(&j.seen->calls), stride = all != 0 ? 1 : calls / 24 + 1;
+  size_t kills = 0, between = 0;
+  fault.how = FAULT_KILL;
+  for (fault.at = 1; fault.at <= calls; fault.at += stride) {
+    support_clear("compared");
+    journey_start(&j, &fault, line, "");
+    journey_wait(&j);
+    if (j.status != 128 + SIGKILL) continue;
+    kills++;
+    const bool named = journey_there("compared/compare.json");
+    between += !named && journey_there("compared/compare.mp4.new");
+    journey_ok(&j, line, named ? "-y" : "");
+    if (journey_there("compared/compare.mp4.new") || journey_there("compared/compare.begun"))
+      fail_msg("killed at call %zu: what it left is still there", (size_t)fault.at);
+  }
+  print_message("killed at %zu of %zu calls on files, %zu of them between the video and the names\n", kills, calls,
+                between);
+  assert_true(kills > 10 && between > 0);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_random_moments), cmocka_unit_test(test_each_call)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_random_moments), cmocka_unit_test(test_each_call),
+                                     cmocka_unit_test(test_comparison)};
   return cmocka_run_group_tests(tests, make_clip, close_all);
 }

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "evaluation/comparison.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -14,16 +13,14 @@ static bool follow(const struct frame_source *source) {
 }
 
 int comparison_open(struct comparison *comparison, const struct evaluation *evaluation, size_t drawn, const char *path,
-                    const char *clip) {
+                    const char *sound) {
   struct session *session = comparison->session = evaluation->session;
   const int width = (int)(drawn + 1) * evaluation->info.width, height = evaluation->info.height;
-  char sound[4096];
   comparison->rgba = malloc(4 * (size_t)width * (size_t)height);
   if (comparison->rgba == NULL) return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
   comparison->drawn = drawn;
   ern_video_options options = ern_video_options_default(width, height);
-  const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", clip) < (int)sizeof sound;
-  if (fits && access(sound, F_OK) == 0 && follow(&evaluation->frame_source)) {
+  if (sound != NULL && access(sound, F_OK) == 0 && follow(&evaluation->frame_source)) {
     if (ern_sound_read(session->context, sound, &comparison->sound) != ERN_OK) return session_fail(session);
     options.sound = &comparison->sound;
     options.sound_start = (double)evaluation->frame_source.source_frame[0].pose.img_id / 25;

@@ -14,10 +14,10 @@ struct comparison {
 };
 
 /* For the frames of the evaluation, at 25 a second, `drawn` pictures of each beside the truth. Where their numbers
- * follow each other without a gap, the sound is that of CLIP/aud.wav from the first of them on. Returns 0, or
- * EXIT_FAILURE after a message, as the next two do. */
+ * follow each other without a gap, the sound is that of the file `sound` (NULL, or not there: none) from the first of
+ * them on. Returns 0, or EXIT_FAILURE after a message, as the next two do. */
 int comparison_open(struct comparison *comparison, const struct evaluation *evaluation, size_t drawn, const char *path,
-                    const char *clip);
+                    const char *sound);
 /* Adds frame k. drawn: its pictures from left to right, [height][width][4] each. */
 int comparison_add(struct comparison *comparison, const struct evaluation *evaluation, const uint8_t *const *drawn,
                    size_t k);

@@ -6,8 +6,9 @@
 #include <stdlib.h>
 
 #include "evaluation/frame_figures.h"
+#include "evaluation/setting.h"
 
-enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features */ };
+enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features; with fewer the distance is too high */ };
 static const char lpips_needs[] = "needs --lpips-network and --lpips-heads: AlexNet or VGG16 with the heads of LPIPS";
 static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the drawn frames";
 static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
@@ -66,6 +67,7 @@ int paper_metrics_check(const struct paper_metrics *metrics, const struct args *
 }
 
 int paper_metrics_open(struct paper_metrics *metrics, const struct evaluation *evaluation, const char *sound) {
+  metrics->sync.drawn_alone = metrics->other_speech;
   int status = action_units_compare(&metrics->aue, evaluation->session, evaluation->frame_source.count);
   if (status == 0) status = perceptual_distance_open(&metrics->lpips, evaluation);
   if (status == 0) status = landmark_distance_open(&metrics->lmd, evaluation);
@@ -94,6 +96,11 @@ void paper_metrics_close(struct paper_metrics *metrics) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
+/* What a metric needs that compares with true frames. */
+static const char *truth_or(const struct paper_metrics *metrics, const char *needs) {
+  return metrics->other_speech ? setting_no_truth : needs;
+}
+
 static double lmd_mean(const struct landmark_distance *lmd, double sum) {
   return lmd->frames > 0 ? sum / (double)lmd->frames : NAN;
 }
@@ -109,6 +116,18 @@ static void print_interval(const json_t *frames, const char *name) {
   if (isfinite(half)) printf(" +- %.3f", half);
 }
 
+static void print_sync(const struct syncnet *sync) {
+  const struct sync_score *drawn = &sync->score[SYNC_DRAWN], *truth = &sync->score[SYNC_TRUE];
+  if (!sync->known) {
+    printf("Sync: not computed: %s\n", sync_needs);
+    return;
+  }
+  printf("Sync: confidence %.3f, distance %.3f at %d frames", drawn->confidence, drawn->distance, drawn->offset);
+  if (!sync->drawn_alone)
+    printf("; of the true frames %.3f, %.3f at %d", truth->confidence, truth->distance, truth->offset);
+  printf(" (%zu windows)\n", sync->windows);
+}
+
 void paper_metrics_print(const struct paper_metrics *metrics, const json_t *frames) {
   const struct landmark_distance *lmd = &metrics->lmd;
   const struct action_units *aue = &metrics->aue;
@@ -117,7 +136,7 @@ void paper_metrics_print(const struct paper_metrics *metrics, const json_t *fram
     printf("LPIPS: %.5f +- %.5f (%s)\n", lpips->sum / (double)lpips->frames, frame_figures_interval(frames, "lpips"),
            ern_lpips_name(lpips->weights.lpips));
   else
-    printf("LPIPS: not computed: %s\n", lpips_needs);
+    printf("LPIPS: not computed: %s\n", truth_or(metrics, lpips_needs));
   if (lmd->frames > 0) {
     printf("LMD: mouth %.3f", lmd_mean(lmd, lmd->mouth));
     print_interval(frames, "lmd_mouth");
@@ -126,7 +145,7 @@ void paper_metrics_print(const struct paper_metrics *metrics, const json_t *fram
     printf(" pixels");
     print_left_out(lmd->frames, lmd->left_out);
   } else {
-    printf("LMD: not computed: %s\n", lmd_needs);
+    printf("LMD: not computed: %s\n", truth_or(metrics, lmd_needs));
   }
   if (aue->frames > 0) {
     printf("AUE: %.3f", aue->all);
@@ -135,20 +154,14 @@ void paper_metrics_print(const struct paper_metrics *metrics, const json_t *fram
     printf(", of %zu action units", aue->units);
     print_left_out(aue->frames, aue->left_out);
   } else {
-    printf("AUE: not computed: %s\n", aue_needs);
+    printf("AUE: not computed: %s\n", truth_or(metrics, aue_needs));
   }
   if (metrics->fid.frames > 0)
     printf("FID: %.3f, of %zu features (%zu frames%s)\n", metrics->fid.distance, metrics->fid.features,
            metrics->fid.frames, metrics->fid.frames < FID_FRAMES ? "; biased upwards under 2048" : "");
   else
     printf("FID: not computed: %s\n", fid_needs);
-  const struct sync_score *drawn = &metrics->sync.score[SYNC_DRAWN], *truth = &metrics->sync.score[SYNC_TRUE];
-  if (metrics->sync.known)
-    printf("Sync: confidence %.3f, distance %.3f at %d frames; of the true frames %.3f, %.3f at %d (%zu windows)\n",
-           drawn->confidence, drawn->distance, drawn->offset, truth->confidence, truth->distance, truth->offset,
-           metrics->sync.windows);
-  else
-    printf("Sync: not computed: %s\n", sync_needs);
+  print_sync(&metrics->sync);
 }
 
 static json_t *lpips_json(const struct perceptual_distance *lpips, const json_t *frames) {
@@ -176,8 +189,8 @@ static json_t *aue_json(const struct action_units *aue) {
 
 static json_t *fid_json(const struct inception *fid) {
   if (fid->frames == 0) return json_null();
-  return json_pack("{s:o, s:I, s:I}", "distance", session_number(fid->distance), "features", (json_int_t)fid->features,
-                   "frames", (json_int_t)fid->frames);
+  return json_pack("{s:o, s:I, s:I, s:b}", "distance", session_number(fid->distance), "features",
+                   (json_int_t)fid->features, "frames", (json_int_t)fid->frames, "biased", fid->frames < FID_FRAMES);
 }
 
 static json_t *score_json(const struct sync_score *score) {
@@ -188,14 +201,18 @@ static json_t *score_json(const struct sync_score *score) {
 static json_t *sync_json(const struct syncnet *sync) {
   if (!sync->known) return json_null();
   return json_pack("{s:o, s:o, s:I}", "drawn", score_json(&sync->score[SYNC_DRAWN]), "truth",
-                   score_json(&sync->score[SYNC_TRUE]), "windows", (json_int_t)sync->windows);
+                   sync->drawn_alone ? json_null() : score_json(&sync->score[SYNC_TRUE]), "windows",
+                   (json_int_t)sync->windows);
 }
 
 json_t *paper_metrics_json(const struct paper_metrics *metrics, const json_t *frames) {
+  static const char *const of_truth[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "measures", "sync.truth"};
   json_t *absent = json_object();
-  if (metrics->lpips.frames == 0) json_object_set_new(absent, "lpips", json_string(lpips_needs));
-  if (metrics->lmd.frames == 0) json_object_set_new(absent, "lmd", json_string(lmd_needs));
-  if (metrics->aue.frames == 0) json_object_set_new(absent, "aue", json_string(aue_needs));
+  for (size_t i = 0; metrics->other_speech && i < sizeof of_truth / sizeof *of_truth; i++)
+    json_object_set_new(absent, of_truth[i], json_string(setting_no_truth));
+  if (metrics->lpips.frames == 0) json_object_set_new(absent, "lpips", json_string(truth_or(metrics, lpips_needs)));
+  if (metrics->lmd.frames == 0) json_object_set_new(absent, "lmd", json_string(truth_or(metrics, lmd_needs)));
+  if (metrics->aue.frames == 0) json_object_set_new(absent, "aue", json_string(truth_or(metrics, aue_needs)));
   if (metrics->fid.frames == 0) json_object_set_new(absent, "fid", json_string(fid_needs));
   if (!metrics->sync.known) json_object_set_new(absent, "sync", json_string(sync_needs));
   return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "lpips", lpips_json(&metrics->lpips, frames), "lmd",

@@ -19,6 +19,7 @@ struct paper_metrics {
   struct action_units aue;
   struct inception fid;
   struct syncnet sync;
+  bool other_speech; /* set before paper_metrics_open: --setting synchronization, so there are no true frames */
 };
 
 /* --landmarks --action-units --true-action-units --inception

@@ -17,14 +17,12 @@ void perceptual_distance_close(struct perceptual_distance *perceptual) {
   perceptual->pictures = NULL;
 }
 
-int perceptual_distance_add(struct perceptual_distance *perceptual, const struct evaluation *evaluation, size_t k,
-                            json_t *row) {
+int perceptual_distance_of(struct perceptual_distance *perceptual, const struct evaluation *evaluation, size_t k,
+                           double *distance) {
   const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
   const size_t pixels = (size_t)evaluation->info.width * (size_t)evaluation->info.height;
   float *const drawn = perceptual->pictures;
   ern_image truth = {0};
-  double distance = 0;
-  if (perceptual->weights.lpips == NULL) return 0;
   if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
     return session_fail(evaluation->session);
   for (size_t i = 0; i < pixels; i++)
@@ -32,9 +30,17 @@ int perceptual_distance_add(struct perceptual_distance *perceptual, const struct
       drawn[c * pixels + i] = evaluation->rgb[3 * i + c];
       drawn[(3 + c) * pixels + i] = (float)truth.data[3 * i + c] / 255;
     }
-  if (ern_lpips_distance(perceptual->weights.lpips, drawn, drawn + 3 * pixels, truth.width, truth.height, &distance,
+  if (ern_lpips_distance(perceptual->weights.lpips, drawn, drawn + 3 * pixels, truth.width, truth.height, distance,
                          NULL) != ERN_OK)
     return session_fail(evaluation->session);
+  return 0;
+}
+
+int perceptual_distance_add(struct perceptual_distance *perceptual, const struct evaluation *evaluation, size_t k,
+                            json_t *row) {
+  double distance = 0;
+  if (perceptual->weights.lpips == NULL) return 0;
+  if (perceptual_distance_of(perceptual, evaluation, k, &distance) != 0) return EXIT_FAILURE;
   perceptual->sum += distance;
   perceptual->frames++;
   json_object_set_new(row, "lpips", session_number(distance));

@@ -220,14 +220,17 @@ int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_
   struct session *session = evaluation->session;
   ern_image truth = {0};
   if (sync->video == NULL) return 0;
-  if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(session);
-  put_frame(sync, sync->input[SYNC_TRUE], sync->crops[k], truth.data, 3, width, height);
+  if (!sync->drawn_alone) {
+    if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
+      return session_fail(session);
+    put_frame(sync, sync->input[SYNC_TRUE], sync->crops[k], truth.data, 3, width, height);
+  }
   put_frame(sync, sync->input[SYNC_DRAWN], sync->crops[k], evaluation->rgba, 4, width, height);
   const size_t row = k + 1 - SPAN;
   if (k + 1 < SPAN || row >= sync->windows) return 0;
   for (int s = 0; s < SYNC_SIDES; s++)
-    if (embed(sync, session, sync->video, sync->video_path, sync->input[s], &sync->seen[s], row) != 0)
+    if ((s == SYNC_DRAWN || !sync->drawn_alone) &&
+        embed(sync, session, sync->video, sync->video_path, sync->input[s], &sync->seen[s], row) != 0)
       return EXIT_FAILURE;
   return 0;
 }
@@ -235,7 +238,7 @@ int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_
 void syncnet_finish(struct syncnet *sync) {
   if (sync->video == NULL) return;
   for (int s = 0; s < SYNC_SIDES; s++)
-    sync->score[s] = sync_score(sync->seen[s], sync->heard, sync->windows, sync->width);
+    if (sync->seen[s] != NULL) sync->score[s] = sync_score(sync->seen[s], sync->heard, sync->windows, sync->width);
   sync->known = true;
 }
 

@@ -12,7 +12,7 @@
 
 /* PICTURE_BYTES: pictures of the clip that stay in memory, without --memory: none, as each is read a few times in a
  * row. */
-enum { OWN_OPTIONS = 2, PICTURE_BYTES = 1 };
+enum { OWN_OPTIONS = 2 + LPIPS_OPTIONS, PICTURE_BYTES = 1 };
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
@@ -41,15 +41,27 @@ static int open_all(struct compare *c, const struct args *args) {
   if (compare_files_check(c) != 0) return EXIT_FAILURE;
   const int status = open_sides(c, args);
   if (status != 0) return status;
+  if (perceptual_distance_open(&c->perceptual, &c->side[0].evaluation) != 0) return EXIT_FAILURE;
   for (size_t side = 0; side < COMPARE_SIDES; side++) {
+    const bool lpips = c->perceptual.weights.lpips != NULL;
+    if (lpips) c->lpips[side] = calloc(compare_frames(c), sizeof *c->lpips[side]);
     c->evaluated[side] = calloc(compare_frames(c), sizeof *c->evaluated[side]);
-    if (c->evaluated[side] == NULL)
+    if (c->evaluated[side] == NULL || (lpips && c->lpips[side] == NULL))
       return session_fail_with(&c->session, "no memory for the figures of %zu frames", compare_frames(c));
   }
   return compare_files_open(c);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
+
+/* Draws frame k, or reads it, and judges it. */
+static int judge_side(struct compare *c, size_t side, size_t k) {
+  struct compare_side *of = &c->side[side];
+  if (compare_side_draw(of, k, &c->evaluated[side][k]) != 0 ||
+      evaluate_judge(&of->evaluation, k, &c->evaluated[side][k]) != 0)
+    return EXIT_FAILURE;
+  return c->lpips[side] != NULL ? perceptual_distance_of(&c->perceptual, &of->evaluation, k, &c->lpips[side][k]) : 0;
+}
 
 static int compare_all(struct compare *c) {
   struct session *session = &c->session;
@@ -62,9 +74,7 @@ static int compare_all(struct compare *c) {
     if (session_interrupted())
       return session_stop_with(session, "stopped at frame %zu of %zu, nothing was written", k, count);
     for (size_t side = 0; side < COMPARE_SIDES; side++)
-      if (compare_side_draw(&c->side[side], k, &c->evaluated[side][k]) != 0 ||
-          evaluate_judge(&c->side[side].evaluation, k, &c->evaluated[side][k]) != 0)
-        return EXIT_FAILURE;
+      if (judge_side(c, side, k) != 0) return EXIT_FAILURE;
     if (comparison_add(&c->comparison, &c->side[0].evaluation, drawn, k) != 0) return EXIT_FAILURE;
     progress_at(&progress, k + 1, count, "");
   }
@@ -90,8 +100,10 @@ static void close_all(struct compare *c, bool done) {
   for (size_t i = 0; i <= COMPARE_SIDES; i++) json_decref(c->rows[i]);
   for (size_t side = 0; side < COMPARE_SIDES; side++) {
     free(c->evaluated[side]);
+    free(c->lpips[side]);
     compare_side_close(&c->side[side], &c->session);
   }
+  perceptual_distance_close(&c->perceptual);
   ern_clip_free(&c->clip);
   hearing_close(&c->asked.source.hearing);
   plot_end();
@@ -110,7 +122,7 @@ static int check_words(const struct compare *c, const struct args *args) {
     status = args_forbid(args, "smooth_lips", "needs frames one after the other, and three are drawn again");
   if (status < 0 && compare_side_is_video(c->path[0]) && compare_side_is_video(c->path[1]))
     status = args_forbid(args, of_models, "is about a model, and A and B are both videos");
-  return status;
+  return status < 0 ? lpips_weights_check(&c->perceptual.weights, args) : status;
 }
 
 static void set_inputs(struct compare *c) {
@@ -119,7 +131,9 @@ static void set_inputs(struct compare *c) {
                                 c->asked.source.path,
                                 c->asked.source.features,
                                 c->asked.source.hearing.path,
-                                hearing_file(&c->asked.source.hearing)};
+                                hearing_file(&c->asked.source.hearing),
+                                c->perceptual.weights.network,
+                                c->perceptual.weights.heads};
   static_assert(sizeof inputs / sizeof *inputs <= SESSION_INPUTS, "more inputs than a session looks after");
   memcpy(c->session.inputs, inputs, sizeof inputs);
 }
@@ -140,6 +154,7 @@ int cmd_compare(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &c.asked.source.features,
        .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"}};
+  lpips_weights_options(&c.perceptual.weights, own + OWN_OPTIONS - LPIPS_OPTIONS);
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   static const char about[] = "a model (.safetensors, .pth), or a video (.mp4, .mkv, .mov ...) of the same frames";
   struct word words[] = {{"A", &c.path[0], about},
@@ -152,7 +167,8 @@ int cmd_compare(int argc, char **argv) {
       .notes =
           "Both are judged as `ernerf eval` judges one, with the same options. A video may come from any program. Its\n"
           "picture k is frame k of the split, counted from 0, also with --frames; its pictures have the clip's size.\n"
-          "Differences are B - A. best.png is the frame in which B is best against A by PSNR, worst.png the one in\n"
+          "With the weights of LPIPS that is a figure too. Differences are B - A. best.png is the frame in which B is "
+          "best against A by PSNR, worst.png the one in\n"
           "which it is worst. No file of DIR gets its name before all of them are whole on the disk.",
       .public_names = true,
       .words = words,

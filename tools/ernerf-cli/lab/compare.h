@@ -10,10 +10,11 @@
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "evaluation/frame_figures.h"
+#include "evaluation/perceptual_distance.h"
 #include "lab/compare_side.h"
 #include "session/portrait.h"
 
-enum { COMPARE_SIDES = 2, COMPARE_FIGURES = 4, COMPARE_MEASURES = 7, COMPARE_SHOWN = FRAME_FIGURES_SHOWN };
+enum { COMPARE_SIDES = 2, COMPARE_FIGURES = 5, COMPARE_MEASURES = 7, COMPARE_SHOWN = FRAME_FIGURES_SHOWN };
 
 struct compare {
   struct session session;
@@ -25,27 +26,33 @@ struct compare {
   ern_clip *clip; /* of two videos; NULL: a model's clip is there */
   struct comparison comparison;
   struct evaluated *evaluated[COMPARE_SIDES]; /* [frames] */
+  struct perceptual_distance perceptual;      /* of both sides */
+  double *lpips[COMPARE_SIDES];               /* [frames]; NULL: not wanted */
   json_t *rows[COMPARE_SIDES + 1];            /* arrays of a row a frame: of A, of B, of B - A */
   size_t shown[COMPARE_SHOWN];                /* frames: B at its best against A, median, at its worst */
   struct stat video;                          /* the file of the video while it has no last name; st_ino 0: none */
   bool made_folder;
+  bool begun; /* the mark of a comparison that is under way is taken away at the end (compare_files.c) */
 };
 
 extern const char compare_letters[COMPARE_SIDES];            /* "AB" */
 extern const char *const compare_shown_names[COMPARE_SHOWN]; /* "best" ... */
 
-/* Figures of a frame: PSNR, SSIM, PSNR of the head, PSNR of the mouth. All are the better the larger. */
+/* Figures of a frame: PSNR, SSIM, PSNR of the head, PSNR of the mouth, and LPIPS, which is the last. */
 struct compare_figure {
   const char *name, *title; /* "psnr", "PSNR" */
   int digits;               /* of a table */
+  bool smaller;             /* is better; else the larger is */
 };
 extern const struct compare_figure compare_figures[COMPARE_FIGURES];
+/* How many of them there are: all with the weights of LPIPS, else all but LPIPS. */
+size_t compare_figure_count(const struct compare *c);
 
 /* Over the frames that have it; NaN: none has. interval: half of a mean's 95 % interval, NaN for fewer than two. */
 struct compare_summary {
   double mean[COMPARE_SIDES], interval[COMPARE_SIDES];
   double difference, difference_interval; /* B - A by frame */
-  size_t wins[COMPARE_SIDES], equal;      /* frames in which the side's is larger; in which both are the same */
+  size_t wins[COMPARE_SIDES], equal;      /* frames in which the side's is better; in which both are the same */
 };
 
 size_t compare_frames(const struct compare *c);

@@ -8,8 +8,15 @@
 
 const char compare_letters[COMPARE_SIDES] = {'A', 'B'};
 const char *const compare_shown_names[COMPARE_SHOWN] = {"best", "median", "worst"};
-const struct compare_figure compare_figures[COMPARE_FIGURES] = {
-    {"psnr", "PSNR", 3}, {"ssim", "SSIM", 5}, {"psnr_head", "PSNR head", 3}, {"psnr_mouth", "PSNR mouth", 3}};
+const struct compare_figure compare_figures[COMPARE_FIGURES] = {{"psnr", "PSNR", 3, false},
+                                                                {"ssim", "SSIM", 5, false},
+                                                                {"psnr_head", "PSNR head", 3, false},
+                                                                {"psnr_mouth", "PSNR mouth", 3, false},
+                                                                {"lpips", "LPIPS (smaller is better)", 5, true}};
+
+size_t compare_figure_count(const struct compare *c) {
+  return c->perceptual.weights.lpips != NULL ? COMPARE_FIGURES : COMPARE_FIGURES - 1;
+}
 
 size_t compare_frames(const struct compare *c) { return c->side[0].evaluation.frame_source.count; }
 
@@ -19,7 +26,8 @@ const struct source_frame *compare_frame(const struct compare *c, size_t k) {
 
 double compare_value(const struct compare *c, size_t side, size_t k, size_t figure) {
   const struct evaluated *e = &c->evaluated[side][k];
-  const double values[COMPARE_FIGURES] = {e->psnr, e->ssim, e->has_head ? e->head : NAN, e->has_mouth ? e->mouth : NAN};
+  const double values[COMPARE_FIGURES] = {e->psnr, e->ssim, e->has_head ? e->head : NAN, e->has_mouth ? e->mouth : NAN,
+                                          c->lpips[side] != NULL ? c->lpips[side][k] : NAN};
   return values[figure];
 }
 
@@ -32,7 +40,7 @@ double compare_difference(const struct compare *c, size_t k, size_t figure) {
 /* A row: of a side, or of the differences where `side` is COMPARE_SIDES. */
 static json_t *row_of(const struct compare *c, size_t side, size_t k) {
   json_t *row = json_object();
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const double value = side < COMPARE_SIDES ? compare_value(c, side, k, f) : compare_difference(c, k, f);
     json_object_set_new(row, compare_figures[f].name, session_number(value));
   }
@@ -58,6 +66,7 @@ int compare_settle(struct compare *c) {
 
 struct compare_summary compare_summarise(const struct compare *c, size_t figure) {
   const char *name = compare_figures[figure].name;
+  const bool smaller = compare_figures[figure].smaller;
   struct compare_summary s = {.difference = 0};
   size_t n = 0;
   for (size_t k = 0; k < compare_frames(c); k++) {
@@ -67,8 +76,8 @@ struct compare_summary compare_summarise(const struct compare *c, size_t figure)
     s.mean[0] += a;
     s.mean[1] += b;
     s.difference += b - a;
-    s.wins[0] += a > b;
-    s.wins[1] += b > a;
+    s.wins[0] += smaller ? a < b : a > b;
+    s.wins[1] += smaller ? b < a : b > a;
     s.equal += a == b;
   }
   for (size_t side = 0; side < COMPARE_SIDES; side++) {
@@ -112,7 +121,7 @@ static json_t *side_json(const struct compare *c, size_t side) {
   json_t *made =
       json_pack("{s:o, s:s}", "file", session_text(c->path[side]), "kind", compare_side_kind(&c->side[side]));
   json_t *intervals = json_object();
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     json_object_set_new(made, compare_figures[f].name, session_number(s.mean[side]));
     json_object_set_new(intervals, compare_figures[f].name, session_number(s.interval[side]));
@@ -124,7 +133,7 @@ static json_t *side_json(const struct compare *c, size_t side) {
 
 static json_t *difference_json(const struct compare *c) {
   json_t *made = json_object();
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     json_t *row = json_pack("{s:o, s:o, s:I, s:I, s:I}", "mean", session_number(s.difference), "interval95",
                             session_number(s.difference_interval), "frames_a_wins", (json_int_t)s.wins[0],
@@ -159,11 +168,13 @@ json_t *compare_json(const struct compare *c) {
   for (size_t i = 0; i < COMPARE_SHOWN; i++)
     json_object_set_new(shown, compare_shown_names[i],
                         json_integer((json_int_t)compare_frame(c, c->shown[i])->pose.img_id));
-  return json_pack("{s:s, s:i, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", "ernerf.compare",
-                   "version", 1, "clip", session_text(c->asked.source.path), "split", splits[c->asked.split], "width",
-                   info->width, "height", info->height, "count", (json_int_t)compare_frames(c), "a", side_json(c, 0),
-                   "b", side_json(c, 1), "difference", difference_json(c), "shown", shown, "backend",
-                   computed ? json_string(backend->name) : json_null(), "isa",
+  const ern_lpips *lpips = c->perceptual.weights.lpips;
+  return json_pack("{s:s, s:i, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format",
+                   "ernerf.compare", "version", 1, "clip", session_text(c->asked.source.path), "split",
+                   splits[c->asked.split], "width", info->width, "height", info->height, "count",
+                   (json_int_t)compare_frames(c), "a", side_json(c, 0), "b", side_json(c, 1), "lpips_network",
+                   lpips != NULL ? json_string(ern_lpips_name(lpips)) : json_null(), "difference", difference_json(c),
+                   "shown", shown, "backend", computed ? json_string(backend->name) : json_null(), "isa",
                    computed ? json_string(backend->isa) : json_null(), "frames", frames_json(c));
 }
 
@@ -171,7 +182,7 @@ json_t *compare_json(const struct compare *c) {
 
 void compare_csv(const struct compare *c, struct bytes *csv) {
   bytes_print(csv, "frame,split");
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const char *name = compare_figures[f].name;
     bytes_print(csv, ",%s_a,%s_b,%s_difference", name, name, name);
   }
@@ -179,7 +190,7 @@ void compare_csv(const struct compare *c, struct bytes *csv) {
   for (size_t k = 0; k < compare_frames(c); k++) {
     const struct source_frame *frame = compare_frame(c, k);
     bytes_print(csv, "%" PRId64 ",%s", frame->pose.img_id, split_of(frame));
-    for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+    for (size_t f = 0; f < compare_figure_count(c); f++) {
       const double values[] = {compare_value(c, 0, k, f), compare_value(c, 1, k, f), compare_difference(c, k, f)};
       for (size_t i = 0; i < sizeof values / sizeof *values; i++)
         if (isfinite(values[i]))
@@ -203,9 +214,9 @@ void compare_text(const struct compare *c, struct bytes *text) {
   compare_measures(c, measures);
   for (size_t side = 0; side < COMPARE_SIDES; side++)
     bytes_print(text, "%c: %s, %s\n", compare_letters[side], c->path[side], compare_side_kind(&c->side[side]));
-  bytes_print(text, "\n%-34s  %10s  %10s  %10s  %10s  %8s  %8s  %8s\n", "", "A", "B", "B - A", "95 % +-", "A larger",
-              "B larger", "equal");
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+  bytes_print(text, "\n%-34s  %10s  %10s  %10s  %10s  %8s  %8s  %8s\n", "", "A", "B", "B - A", "95 % +-", "A better",
+              "B better", "equal");
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     const double values[] = {s.mean[0], s.mean[1], s.difference, s.difference_interval};
     bytes_print(text, "%-34s", compare_figures[f].title);

@@ -15,10 +15,13 @@
 enum { PATH_BYTES = 4096, COLUMNS = 2 * COMPARE_SIDES + 1 };
 
 /* compare.json is the mark of a folder that is ours, so it comes first: a folder that has any of the files has it. The
- * last is the video while it grows. */
-static const char *const names[] = {"compare.json", "frames.csv", "best.png",    "median.png",
-                                    "worst.png",    "index.html", "compare.mp4", "compare.mp4.new"};
-enum { NAMES = sizeof names / sizeof *names, MARK = 0, CSV = 1, PAGE = 5, VIDEO = 6, GROWING = 7 };
+ * last two are of a comparison that is under way: the video while it grows, and the mark of a folder that has no
+ * compare.json yet, which is there before the video and goes after all files have their names. */
+static const char *const names[] = {"compare.json", "frames.csv",  "best.png",        "median.png",   "worst.png",
+                                    "index.html",   "compare.mp4", "compare.mp4.new", "compare.begun"};
+enum { NAMES = sizeof names / sizeof *names, MARK = 0, CSV = 1, PAGE = 5, VIDEO = 6, GROWING = 7, BEGUN = 8 };
+/* The member "format" of either mark. */
+static const char whole_format[] = "ernerf.compare", begun_format[] = "ernerf.compare.begun";
 /* Where the writer of the video has it before that (base.h, "How files are written"). */
 #define GROWING_TEMPORARY "compare.mp4.new.ernerf-tmp"
 
@@ -58,12 +61,12 @@ static bool has_place(const char *folder) {
   return snprintf(path, sizeof path, "%.*s", (int)length, folder) < PATH_BYTES && session_folder_there(path);
 }
 
-static bool is_mark(const char *path) {
+static bool is_mark(const char *path, const char *wanted) {
   struct stat about;
   if (stat(path, &about) != 0 || !S_ISREG(about.st_mode)) return false;
   json_t *root = json_load_file(path, 0, NULL);
   const char *format = json_string_value(json_object_get(root, "format"));
-  const bool ours = format != NULL && strcmp(format, "ernerf.compare") == 0;
+  const bool ours = format != NULL && strcmp(format, wanted) == 0;
   json_decref(root);
   return ours;
 }
@@ -71,33 +74,53 @@ static bool is_mark(const char *path) {
 int compare_files_check(struct compare *c) {
   struct session *session = &c->session;
   struct stat about;
-  char mark[PATH_BYTES];
-  if (path_in(c, names[MARK], mark) != 0) return EXIT_FAILURE;
+  char mark[PATH_BYTES], begun[PATH_BYTES];
+  if (path_in(c, names[MARK], mark) != 0 || path_in(c, names[BEGUN], begun) != 0) return EXIT_FAILURE;
+  const bool killed = !is_mark(mark, whole_format) && is_mark(begun, begun_format);
   if (stat(c->folder, &about) == 0) {
     if (!S_ISDIR(about.st_mode)) return session_fail_with(session, "%s: is no folder", c->folder);
     const long files = count_files(c->folder);
     if (files < 0) return session_fail_with(session, "%s: cannot be read: %s", c->folder, strerror(errno));
-    if (files > 0 && !is_mark(mark))
+    if (files > 0 && !killed && !is_mark(mark, whole_format))
       return session_fail_with(
           session, "%s: holds files that ernerf compare did not make, expected a new or an empty folder", c->folder);
   } else if (!has_place(c->folder)) {
     return session_fail_with(session, "%s: the folder that it is to lie in is not there", c->folder);
   }
-  if (session_check_outputs(session, c->folder, names, NAMES) != 0) return EXIT_FAILURE;
+  /* the video of a comparison that was killed goes, in compare_files_open */
+  if (session_check_outputs(session, c->folder, names, killed ? GROWING : BEGUN) != 0) return EXIT_FAILURE;
   return session_keep_json_out(session, c->folder);
+}
+
+/* Marks a folder that has no compare.json, and takes away the video that a killed comparison has left there. */
+static int begin(struct compare *c) {
+  char mark[PATH_BYTES], begun[PATH_BYTES], video[PATH_BYTES];
+  struct stat about;
+  if (path_in(c, names[MARK], mark) != 0 || path_in(c, names[BEGUN], begun) != 0 ||
+      path_in(c, names[GROWING], video) != 0)
+    return EXIT_FAILURE;
+  if (is_mark(mark, whole_format)) return 0;
+  if (is_mark(begun, begun_format)) {
+    if (lstat(video, &about) == 0 && S_ISREG(about.st_mode)) (void)unlink(video);
+    return 0;
+  }
+  c->begun = session_write_json(&c->session, begun, json_pack("{s:s}", "format", begun_format)) == 0;
+  return c->begun ? 0 : EXIT_FAILURE;
 }
 
 int compare_files_open(struct compare *c) {
   struct session *session = &c->session;
   const struct evaluation *evaluation = &c->side[0].evaluation;
-  char path[PATH_BYTES];
+  char path[PATH_BYTES], sound[PATH_BYTES];
+  const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", c->asked.source.path) < PATH_BYTES;
   if (path_in(c, names[GROWING], path) != 0) return EXIT_FAILURE;
   if (evaluation->info.width > ERN_IMAGE_MAX_SIDE / COLUMNS)
     return session_fail_with(session, "%s: frames are %d wide, expected %d at most, for %d of them side by side",
                              c->asked.source.path, evaluation->info.width, ERN_IMAGE_MAX_SIDE / COLUMNS, (int)COLUMNS);
   c->made_folder = access(c->folder, F_OK) != 0;
-  if (session_folder(session, c->folder) != 0) return EXIT_FAILURE;
-  if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, c->asked.source.path) != 0) return EXIT_FAILURE;
+  if (session_folder(session, c->folder) != 0 || begin(c) != 0) return EXIT_FAILURE;
+  if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, fits ? sound : NULL) != 0) return EXIT_FAILURE;
+  c->begun = true; /* nobody else writes the video, so the mark is ours to take away */
   if (path_in(c, GROWING_TEMPORARY, path) != 0) return EXIT_FAILURE;
   return stat(path, &c->video) == 0 ? 0 : session_fail_with(session, "%s: cannot be read: %s", path, strerror(errno));
 }
@@ -184,5 +207,6 @@ void compare_files_close(struct compare *c, bool done) {
   if (c->video.st_ino != 0 && path_in(c, names[GROWING], path) == 0 && lstat(path, &about) == 0 &&
       about.st_dev == c->video.st_dev && about.st_ino == c->video.st_ino) /* no file of another by that name */
     (void)unlink(path);
+  if (c->begun && path_in(c, names[BEGUN], path) == 0 && is_mark(path, begun_format)) (void)unlink(path);
   if (c->made_folder && !done) (void)rmdir(c->folder); /* stays where there is something in it */
 }

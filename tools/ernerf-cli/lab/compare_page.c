@@ -47,8 +47,8 @@ static void add_figures(const struct compare *c, struct bytes *page) {
   bytes_print(page,
               "<h2>Against the truth, frame by frame</h2>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">mean "
               "&plusmn; half of its 95&nbsp;%% interval</th><th>A</th><th>B</th><th>B &minus; A</th><th>frames in "
-              "which<br>A is larger</th><th>B is larger</th><th>both are equal</th></tr>\n");
-  for (size_t f = 0; f < COMPARE_FIGURES; f++) {
+              "which<br>A is better</th><th>B is better</th><th>both are equal</th></tr>\n");
+  for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     bytes_print(page, "<tr><td class=\"l\">%s</td>", compare_figures[f].title);
     for (size_t side = 0; side < COMPARE_SIDES; side++)
@@ -56,11 +56,11 @@ static void add_figures(const struct compare *c, struct bytes *page) {
     add_cell(page, s.difference, s.difference_interval, compare_figures[f].digits);
     bytes_print(page, "<td>%zu</td><td>%zu</td><td>%zu</td></tr>\n", s.wins[0], s.wins[1], s.equal);
   }
-  bytes_print(
-      page,
-      "</table></div>\n<p>Larger is better. PSNR is in dB. Head: the box of the 68 landmarks. Mouth: the square "
-      "around landmarks 48 to 59. The intervals count frames as independent, which neighbours of a video are "
-      "not, so they are too small by what neighbours have in common.</p>\n");
+  bytes_print(page,
+              "</table></div>\n<p>Larger is better but for LPIPS. PSNR is in dB. Head: the box of the 68 landmarks. "
+              "Mouth: the square "
+              "around landmarks 48 to 59. The intervals count frames as independent, which neighbours of a video are "
+              "not, so they are too small by what neighbours have in common.</p>\n");
 }
 
 static void add_measures(const struct compare *c, struct bytes *page) {

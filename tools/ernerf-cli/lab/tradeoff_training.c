@@ -11,6 +11,7 @@
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "evaluation/measures.h"
+#include "lab/fine_price.h"
 #include "lab/tradeoff_training.h"
 #include "output/curve.h"
 #include "output/progress.h"
@@ -20,7 +21,7 @@
 #include "verbs.h"
 
 enum {
-  OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS,
+  OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS + LPIPS_OPTIONS,
   PROBE_STEPS = 48,
   PROBE_WARM = 4,
   POINTS = 10,
@@ -34,6 +35,7 @@ struct training_job {
   int rays, levels, seeds;
   float seconds;
   bool training, opencl, in_double;
+  struct lpips_weights weights;
   /* made */
   ern_clip *clip;
   struct training_study study;
@@ -84,8 +86,9 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .target = &job->in_double,
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
       {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
-  ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS);
+  ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS - LPIPS_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
+  lpips_weights_options(&job->weights, options + OWN_OPTIONS - LPIPS_OPTIONS);
 }
 
 /* ---- what is compared -------------------------------------------------------------------------------------------- */
@@ -210,12 +213,8 @@ static int say_progress(void *user, const ern_train_report *report) {
   return session_interrupted();
 }
 
-static ern_status make_trainer(struct training_job *job, const struct training_kind *kind, ern_backend *backend,
-                               uint64_t seed, uint64_t iters) {
+static ern_train_config config_of(const struct training_job *job, const struct training_kind *kind, uint64_t seed) {
   ern_train_config config = ern_train_config_default();
-  ern_dataset dataset;
-  ern_clip_dataset(job->clip, &dataset);
-  config.iters = iters;
   config.rays = kind->rays;
   config.levels = kind->levels;
   config.ray_sampling = kind->ray_sampling;
@@ -223,6 +222,15 @@ static ern_status make_trainer(struct training_job *job, const struct training_k
   config.precision = kind->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
   config.seed = seed;
   config.threads = job->session.threads;
+  return config;
+}
+
+static ern_status make_trainer(struct training_job *job, const struct training_kind *kind, ern_backend *backend,
+                               uint64_t seed, uint64_t iters) {
+  ern_train_config config = config_of(job, kind, seed);
+  ern_dataset dataset;
+  ern_clip_dataset(job->clip, &dataset);
+  config.iters = iters;
   config.validate_every = iters / POINTS > 0 ? iters / POINTS : 1;
   return ern_trainer_create(&job->trainer, backend, &dataset, &config);
 }
@@ -268,14 +276,33 @@ static int train_one(struct training_job *job, struct training_kind *kind, ern_b
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
-static int train_kind(struct training_job *job, struct training_kind *kind) {
+static int open_backend(struct training_job *job, const struct training_kind *kind, ern_backend **backend) {
   ern_backend_config config = ern_backend_config_default();
-  ern_backend *backend = NULL;
-  int status = 0;
   config.name = kind->opencl ? "opencl" : "cpu";
   config.isa = kind->opencl ? NULL : kind->isa[0] != 0 ? kind->isa : job->study.base_isa;
   config.device = kind->device;
-  if (ern_backend_create(&backend, job->session.context, &config) != ERN_OK) return session_fail(&job->session);
+  return ern_backend_create(backend, job->session.context, &config) == ERN_OK ? 0 : session_fail(&job->session);
+}
+
+/* Of the first kind. */
+static int measure_fine(struct training_job *job) {
+  ern_backend *backend = NULL;
+  ern_dataset dataset;
+  ern_clip_dataset(job->clip, &dataset);
+  const struct training_kind *base = &job->study.kind[0];
+  const ern_train_config config = config_of(job, base, job->session.seed);
+  int status = open_backend(job, base, &backend);
+  if (status == 0)
+    status = fine_price_measure(&job->study.fine, &job->session, backend, &dataset, &config, &job->weights,
+                                (double)job->seconds);
+  ern_backend_free(&backend);
+  return status;
+}
+
+static int train_kind(struct training_job *job, struct training_kind *kind) {
+  ern_backend *backend = NULL;
+  int status = open_backend(job, kind, &backend);
+  if (status != 0) return status;
   for (int seed = 0; seed < job->seeds && status == 0; seed++) status = train_one(job, kind, backend, seed);
   ern_backend_free(&backend);
   if (status != 0) return status;
@@ -302,7 +329,7 @@ static int open_all(struct training_job *job) {
   if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
   const int opened = clip_source_open(&job->source, session, &job->clip);
   hearing_close(&job->source.hearing);
-  if (opened != 0) return EXIT_FAILURE;
+  if (opened != 0 || lpips_weights_open(&job->weights, session) != 0) return EXIT_FAILURE;
   if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
   job->study.clip = job->source.path;
   job->study.seconds = (double)job->seconds;
@@ -314,6 +341,7 @@ static int run(struct training_job *job) {
   struct training_study *study = &job->study;
   session_note(&job->session, "tradeoff: %zu kinds of training, %g s and %d seed%s each; writes %s", study->count,
                (double)job->seconds, job->seeds, job->seeds == 1 ? "" : "s", job->folder);
+  if (measure_fine(job) != 0) return EXIT_FAILURE; /* first: what cannot be is said before the hours of trainings */
   for (size_t k = 0; k < study->count; k++)
     if (train_kind(job, &study->kind[k]) != 0) return EXIT_FAILURE;
   session_stage(&job->session);
@@ -337,7 +365,8 @@ int tradeoff_training(int argc, char **argv) {
           "each 16 steps a look at all of the occupancy. DIR gets training.md, .csv, .json and the curves as "
           "training_seconds,\n"
           "training_steps and training_mouth_seconds, .svg and .png: PSNR, and how much of the mouth's motion is "
-          "there.",
+          "there.\nFirst the steps of a fine stage are timed beside coarse ones, with LPIPS where its weights are "
+          "given.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};
@@ -352,14 +381,23 @@ int tradeoff_training(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
   if (status < 0) status = hearing_check(&job.source.hearing, &args, NULL);
+  if (status < 0) status = lpips_weights_check(&job.weights, &args);
+  const int side = ern_train_config_default().patch_size;
+  if (status < 0 && job.rays < side * side && job.weights.network != NULL)
+    status =
+        args_refuse(&args, "--rays is %d, expected %d at least, for the patch of a fine step, with --lpips-network",
+                    job.rays, side * side);
   job.session.inputs[0] = job.source.path;
   job.session.inputs[1] = job.source.hearing.path;
   job.session.inputs[2] = hearing_file(&job.source.hearing);
+  job.session.inputs[3] = job.weights.network;
+  job.session.inputs[4] = job.weights.heads;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job);
   if (status == 0) status = run(&job);
   training_free(&job.study);
+  lpips_weights_close(&job.weights);
   ern_clip_free(&job.clip);
   session_close(&job.session);
   return status;

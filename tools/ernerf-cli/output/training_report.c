@@ -99,12 +99,31 @@ static json_t *kind_json(const struct training_study *study, const struct traini
                    spread ? session_number(end.mouth.deviation) : json_null(), "reached", reached, "seeds", curves);
 }
 
+static json_t *quartiles_json(const struct quartiles *of) {
+  return json_pack("{s:f, s:f, s:f}", "median", of->median, "quartile_1", of->low, "quartile_3", of->high);
+}
+
+/* Null where no fine step was possible. */
+static json_t *fine_json(const struct fine_price *price) {
+  json_t *steps = json_array();
+  for (size_t i = 0; i < price->count; i++)
+    json_array_append_new(
+        steps, json_pack("{s:s, s:o, s:o}", "loss", price->step[i].loss, "ms", quartiles_json(&price->step[i].ms),
+                         "times_coarse", quartiles_json(&price->step[i].times)));
+  json_t *made = json_pack("{s:i, s:i, s:I, s:o}", "rays", price->rays, "patch_size", price->patch, "turns",
+                           (json_int_t)price->turns, "steps", steps);
+  if (price->count > 0) return made;
+  json_decref(made);
+  return json_null();
+}
+
 json_t *training_json(const struct training_study *study) {
   json_t *kinds = json_array();
   for (size_t k = 0; k < study->count; k++) json_array_append_new(kinds, kind_json(study, &study->kind[k]));
-  return json_pack("{s:o, s:s, s:i, s:f, s:I, s:I, s:o}", "clip", session_text(study->clip), "processor",
+  return json_pack("{s:o, s:s, s:i, s:f, s:I, s:I, s:o, s:o}", "clip", session_text(study->clip), "processor",
                    study->processor, "cores", study->cores, "seconds", study->seconds, "seeds",
-                   (json_int_t)study->seeds, "frames", (json_int_t)study->frames, "trainings", kinds);
+                   (json_int_t)study->seeds, "frames", (json_int_t)study->frames, "trainings", kinds, "fine_stage",
+                   fine_json(&study->fine));
 }
 
 /* ---- table ------------------------------------------------------------------------------------------------------- */
@@ -155,6 +174,33 @@ static void add_table(const struct training_study *study, struct bytes *text) {
     }
   }
   bytes_print(text, "\n");
+}
+
+static void add_fine(const struct fine_price *price, struct bytes *text) {
+  bytes_print(text, "\n# What a step of the fine stage costs\n\n");
+  if (price->count == 0) {
+    bytes_print(text,
+                "Not measured: a patch is %d x %d pixels, so it needs pictures of that size and %d rays a step; the "
+                "first training has %d.\n",
+                price->patch, price->patch, price->patch * price->patch, price->rays);
+    return;
+  }
+  bytes_print(
+      text,
+      "Steps of the first training, %d rays, in %zu turns of one step each, after the same coarse steps; patches "
+      "of %d x %d\npixels. Median and quartiles. Times coarse: over the coarse step of the same turn.\n\n"
+      "| step | ms | times coarse |\n| --- | ---: | ---: |\n",
+      price->rays, price->turns, price->patch, price->patch);
+  for (size_t i = 0; i < price->count; i++) {
+    const struct fine_step *of = &price->step[i];
+    bytes_print(text, "| %s%s | %.2f (%.2f to %.2f) |", i > 0 ? "fine, " : "", of->loss, of->ms.median, of->ms.low,
+                of->ms.high);
+    if (i == 0)
+      bytes_print(text, " 1 |\n");
+    else
+      bytes_print(text, " %.2f (%.2f to %.2f) |\n", of->times.median, of->times.low, of->times.high);
+  }
+  if (price->count < FINE_STEPS) bytes_print(text, "\nLPIPS: not measured: needs --lpips-network and --lpips-heads.\n");
 }
 
 static void add_csv(const struct training_study *study, struct bytes *csv) {
@@ -208,6 +254,7 @@ int training_write(const struct training_study *study, struct session *session, 
   struct bytes table = {0}, csv = {0};
   char path[4096];
   add_table(study, &table);
+  add_fine(&study->fine, &table);
   if (!session_json_on_stdout(session) && !table.failed) fwrite(table.data, 1, table.count, stdout);
   int status = session_write_in(session, folder, "training.md", &table);
   if (status != 0) return status;

@@ -9,6 +9,7 @@
 #include "output/curve.h"
 #include "session/pareto.h"
 #include "session/session.h"
+#include "session/statistics.h"
 
 enum { TRAINING_KINDS = 20, TRAINING_SEEDS = 8, TRAINING_MARKS = 5 };
 
@@ -23,6 +24,20 @@ struct training_kind {
   struct curve curve[TRAINING_SEEDS]; /* validations at the same steps for all seeds */
 };
 
+enum { FINE_STEPS = 3 };
+/* A kind of step: coarse, or of the fine stage with a loss. */
+struct fine_step {
+  char loss[32];          /* "coarse", "ssim", or the name of LPIPS and its network */
+  struct quartiles ms;    /* of a step */
+  struct quartiles times; /* a step over the coarse step of the same turn */
+};
+/* What the loss of the fine stage takes: steps of the first training's kind, in turns. */
+struct fine_price {
+  struct fine_step step[FINE_STEPS]; /* the first one is coarse */
+  size_t count, turns;               /* count 0: the rays or the clip's pictures have no room for a patch */
+  int rays, patch;                   /* a step; pixels a side */
+};
+
 struct training_study {
   struct training_kind kind[TRAINING_KINDS]; /* the first one is the base */
   size_t count, seeds, frames;               /* frames: of a validation */
@@ -30,6 +45,7 @@ struct training_study {
   double seconds; /* of training, for each curve */
   char processor[128], base_isa[24];
   int cores;
+  struct fine_price fine;
 };
 
 void training_free(struct training_study *study);

@@ -7,16 +7,18 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "ernerf/speech.h"
 #include "evaluation/comparison.h"
 #include "evaluation/evaluate.h"
 #include "evaluation/frame_figures.h"
 #include "evaluation/paper_metrics.h"
 #include "evaluation/pose_fit.h"
+#include "evaluation/setting.h"
 #include "output/progress.h"
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 5 };
+enum { OWN_OPTIONS = 5 + SETTING_OPTIONS };
 
 /* Over the frames. */
 struct totals {
@@ -35,6 +37,7 @@ struct eval_job {
   struct comparison comparison;
   struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
   bool refine_poses;
+  int setting; /* enum setting */
   json_t *frames;
 };
 
@@ -66,6 +69,15 @@ static json_t *row_of(const struct source_frame *source_frame, const struct eval
                    region_number(evaluated->mouth, evaluated->has_mouth), "ms", session_number(evaluated->ms));
 }
 
+/* Draws frame k, and judges it where there is a true frame of it; else its figures are not known. */
+static int evaluate_own(struct eval_job *job, size_t k, struct evaluated *evaluated) {
+  if (job->setting != SETTING_SYNCHRONIZATION)
+    return evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, evaluated);
+  const int status = evaluate_draw(&job->evaluation, job->portrait.renderer, job->portrait.model, k, evaluated);
+  evaluated->psnr = evaluated->ssim = NAN;
+  return status;
+}
+
 /* Frame k once more, at the pose that the model draws it best at. */
 static int evaluate_refined(struct eval_job *job, size_t k, json_t *row) {
   struct evaluation *evaluation = &job->evaluation;
@@ -95,11 +107,28 @@ static int evaluate_refined(struct eval_job *job, size_t k, json_t *row) {
 
 static double mean(double sum, size_t count) { return count > 0 ? sum / (double)count : 0; }
 
-static void print_decibels(double sum, size_t count) {
-  if (count > 0)
-    printf("  %10.3f", sum / (double)count);
+static void print_figure(double figure, int digits) {
+  if (isfinite(figure))
+    printf("  %10.*f", digits, figure);
   else
     printf("  %10s", "-");
+}
+
+static void print_decibels(double sum, size_t count) { print_figure(count > 0 ? sum / (double)count : NAN, 3); }
+
+/* Of a row of the report; NaN: null. */
+static double value_of(const json_t *row, const char *name) {
+  const json_t *value = json_object_get(row, name);
+  return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+static void print_frame(const json_t *frame) {
+  printf("%8" JSON_INTEGER_FORMAT, json_integer_value(json_object_get(frame, "id")));
+  print_figure(value_of(frame, "psnr"), 3);
+  print_figure(value_of(frame, "ssim"), 5);
+  print_figure(value_of(frame, "psnr_head"), 3);
+  print_figure(value_of(frame, "psnr_mouth"), 3);
+  printf("  %10.2f\n", json_number_value(json_object_get(frame, "ms")));
 }
 
 static void print_refined(const struct eval_job *job) {
@@ -117,8 +146,9 @@ static void print_refined(const struct eval_job *job) {
 /* Under the means: half of their 95 % intervals. */
 static void print_intervals(const struct eval_job *job) {
   const json_t *frames = job->frames;
-  printf("%8s  %10.3f  %10.5f", "95 % +-", frame_figures_interval(frames, "psnr"),
-         frame_figures_interval(frames, "ssim"));
+  printf("%8s", "95 % +-");
+  print_figure(frame_figures_interval(frames, "psnr"), 3);
+  print_figure(frame_figures_interval(frames, "ssim"), 5);
   print_decibels(frame_figures_interval(frames, "psnr_head"), job->own.heads > 1);
   print_decibels(frame_figures_interval(frames, "psnr_mouth"), job->own.mouths > 1);
   printf("  %10.2f\n", frame_figures_interval(frames, "ms"));
@@ -130,23 +160,21 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   size_t index;
   json_t *frame;
   printf("%8s  %10s  %10s  %10s  %10s  %10s\n", "frame", "PSNR", "SSIM", "PSNR head", "PSNR mouth", "ms");
-  json_array_foreach(job->frames, index, frame) {
-    const json_t *head = json_object_get(frame, "psnr_head"), *mouth = json_object_get(frame, "psnr_mouth");
-    printf("%8" JSON_INTEGER_FORMAT "  %10.3f  %10.5f", json_integer_value(json_object_get(frame, "id")),
-           json_number_value(json_object_get(frame, "psnr")), json_number_value(json_object_get(frame, "ssim")));
-    print_decibels(json_number_value(head), json_is_number(head));
-    print_decibels(json_number_value(mouth), json_is_number(mouth));
-    printf("  %10.2f\n", json_number_value(json_object_get(frame, "ms")));
-  }
-  printf("%8s  %10.3f  %10.5f", "mean", mean(sum->psnr, n), mean(sum->ssim, n));
+  json_array_foreach(job->frames, index, frame) print_frame(frame);
+  printf("%8s", "mean");
+  print_figure(mean(sum->psnr, n), 3);
+  print_figure(mean(sum->ssim, n), 5);
   print_decibels(sum->head, job->own.heads);
   print_decibels(sum->mouth, job->own.mouths);
   printf("  %10.2f\n", mean(sum->ms, n));
   if (n > 1) print_intervals(job);
   if (job->refine_poses) print_refined(job);
-  printf("\n");
+  printf("\nsetting: %s\n", setting_words(job->setting));
   const struct measures_figures figures = measures_figures(&job->measures);
-  measures_print(&figures);
+  if (job->setting == SETTING_SYNCHRONIZATION)
+    printf("PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: %s\n", setting_no_truth);
+  else
+    measures_print(&figures);
   paper_metrics_print(&job->metrics, job->frames);
   if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
@@ -186,23 +214,25 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   const struct evaluated *sum = &job->own.sum;
   const struct portrait *portrait = &job->portrait;
   const struct measures_figures figures = measures_figures(&job->measures);
+  const char *name = setting_name(job->setting);
   json_t *by_stage =
       json_pack("{s:o, s:o, s:o, s:o}", "audio", session_number(mean(sum->times.audio, n)), "torso",
                 session_number(mean(sum->times.torso, n)), "head", session_number(mean(sum->times.head, n)), "output",
                 session_number(mean(sum->times.output, n)));
   return json_pack(
-      "{s:o, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, s:s, "
+      "{s:o, s:o, s:s, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, "
+      "s:s, "
       "s:o, s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
-      portrait_kind(portrait), "split", splits[portrait->split], "width", portrait->clip_info.width, "height",
-      portrait->clip_info.height, "count", (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim",
-      session_number(mean(sum->ssim, n)), "psnr_head", region_mean(sum->head, job->own.heads), "psnr_mouth",
-      region_mean(sum->mouth, job->own.mouths), "interval95", report_intervals(job), "refined", report_refined(job),
-      "measures", measures_json(&figures), "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps",
-      session_number(1000 / mean(sum->ms, n)), "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage",
-      by_stage, "model_bytes", (json_int_t)model_bytes, "param_bytes", (json_int_t)portrait->info.parameter_bytes,
-      "backend", job->session.backend_info.name, "isa", job->session.backend_info.isa, "metrics",
-      paper_metrics_json(&job->metrics, job->frames), "frames", job->frames);
+      portrait_kind(portrait), "setting", name != NULL ? json_string(name) : json_null(), "split",
+      splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height, "count",
+      (json_int_t)n, "psnr", session_number(mean(sum->psnr, n)), "ssim", session_number(mean(sum->ssim, n)),
+      "psnr_head", region_mean(sum->head, job->own.heads), "psnr_mouth", region_mean(sum->mouth, job->own.mouths),
+      "interval95", report_intervals(job), "refined", report_refined(job), "measures", measures_json(&figures),
+      "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps", session_number(1000 / mean(sum->ms, n)),
+      "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes,
+      "param_bytes", (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
+      job->session.backend_info.isa, "metrics", paper_metrics_json(&job->metrics, job->frames), "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -212,15 +242,17 @@ static int open_all(struct eval_job *job, const struct args *args) {
   struct session *session = &job->session;
   const int status = evaluate_open_portrait(&job->evaluation, portrait, session, args, &job->measures);
   if (status != 0) return status;
+  if (setting_open(job->setting, &job->evaluation, portrait) != 0) return EXIT_FAILURE;
   job->frames = json_array();
   if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
   char sound[4096];
-  snprintf(sound, sizeof sound, "%s/aud.wav", portrait->source.path);
-  if (paper_metrics_open(&job->metrics, &job->evaluation,
-                         portrait->source.features != NULL ? portrait->source.features : sound) != 0)
-    return EXIT_FAILURE;
+  const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", portrait->source.path) < (int)sizeof sound;
+  const char *speech = portrait->source.features != NULL ? portrait->source.features : sound, *heard = sound;
+  job->metrics.other_speech = job->setting == SETTING_SYNCHRONIZATION;
+  if (paper_metrics_open(&job->metrics, &job->evaluation, speech) != 0) return EXIT_FAILURE;
   if (job->video == NULL) return 0;
-  return comparison_open(&job->comparison, &job->evaluation, 1, job->video, portrait->source.path);
+  if (job->setting == SETTING_SYNCHRONIZATION) heard = ern_speech_is_sound(speech) ? speech : NULL;
+  return comparison_open(&job->comparison, &job->evaluation, 1, job->video, fits ? heard : NULL);
 }
 
 static int write_files(struct eval_job *job) {
@@ -249,8 +281,7 @@ static int evaluate_all(struct eval_job *job) {
   for (size_t k = 0; k < frame_source->count; k++) {
     struct evaluated evaluated;
     if (session_interrupted()) return session_stop_with(session, "stopped at frame %zu of %zu", k, frame_source->count);
-    if (evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, &evaluated) != 0)
-      return EXIT_FAILURE;
+    if (evaluate_own(job, k, &evaluated) != 0) return EXIT_FAILURE;
     take_figures(&job->own, &evaluated);
     if (job->video != NULL && comparison_add(&job->comparison, &job->evaluation, &drawn, k) != 0) return EXIT_FAILURE;
     json_t *row = row_of(&frame_source->source_frame[k], &evaluated);
@@ -281,7 +312,8 @@ static void close_all(struct eval_job *job) {
 /* EXIT_USAGE where words do not go together, else -1. The session learns of the inputs. */
 static int check_words(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
-  int status = hearing_check(&portrait->source.hearing, args, portrait->source.features);
+  int status = setting_check(&job->setting, args, portrait);
+  if (status < 0) status = hearing_check(&portrait->source.hearing, args, portrait->source.features);
   if (status < 0 && portrait->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->refine_poses)
@@ -307,12 +339,14 @@ int cmd_eval(int argc, char **argv) {
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job.portrait.source.features,
-       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
+       .help =
+           "the clip's speech as another sound, or its features (.npy), instead of the clip's own; other speech with "
+           "--setting synchronization"},
       {.name = "video",
        .kind = OPTION_TEXT,
        .target = &job.video,
        .choices = "FILE.mp4",
-       .help = "the frames beside the truth, with the clip's sound"},
+       .help = "the frames beside the clip's, with its sound, or that of --audio with --setting synchronization"},
       {.name = "csv",
        .kind = OPTION_TEXT,
        .target = &job.csv,
@@ -328,6 +362,7 @@ int cmd_eval(int argc, char **argv) {
        .target = &job.refine_poses,
        .help = "each frame also at the pose that the model draws it best at, in figures of their own; draws it up to "
                "200 times"}};
+  setting_options(&job.setting, own + OWN_OPTIONS - SETTING_OPTIONS);
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS],
       metrics[PAPER_METRICS_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
@@ -335,7 +370,9 @@ int cmd_eval(int argc, char **argv) {
   struct args args = {
       .verb = "eval",
       .summary = "Holds what a model draws against the frames of its clip: PSNR, SSIM, frames a second.",
-      .usage = "eval MODEL CLIP [--split val] [--json FILE.json]",
+      .usage =
+          "eval MODEL CLIP [--split val] [--json FILE.json]\n"
+          "eval MODEL CLIP --setting synchronization --audio SOUND",
       .notes =
           "A head is drawn over the true torso pictures, head and torso over the background. Summaries are means of\n"
           "the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59. Frames a second\n"
