@@ -65,7 +65,13 @@ static void speak(struct live_sound *sound, const char *text) {
   char program[] = "espeak-ng", voice_option[] = "-v", file_option[] = "-w", end[] = "--";
   const char *folder = getenv("TMPDIR");
   char path[4096];
-  if (snprintf(path, sizeof path, "%s/ernerf-say-XXXXXX", folder != NULL ? folder : "/tmp") >= (int)sizeof path) return;
+  if (snprintf(path, sizeof path,
+               "%s/ernerf-say-"
+               "XX"
+               "XX"
+               "XX",
+               folder != NULL ? folder : "/tmp") >= (int)sizeof path)
+    return;
   const int file = mkstemp(path);
   char *voice = strdup(sound->voice), *words = strdup(text);
   pid_t child = -1;
