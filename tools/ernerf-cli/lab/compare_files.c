@@ -92,35 +92,34 @@ int compare_files_check(struct compare *c) {
   return session_keep_json_out(session, c->folder);
 }
 
-/* Marks a folder that has no compare.json, and takes away the video that a killed comparison has left there. */
-static int begin(struct compare *c) {
+/* Marks a folder that has no compare.json. *killed: a comparison that was killed has marked it; its video goes. */
+static int begin(struct compare *c, bool *killed) {
   char mark[PATH_BYTES], begun[PATH_BYTES], video[PATH_BYTES];
   struct stat about;
   if (path_in(c, names[MARK], mark) != 0 || path_in(c, names[BEGUN], begun) != 0 ||
       path_in(c, names[GROWING], video) != 0)
     return EXIT_FAILURE;
-  if (is_mark(mark, whole_format)) return 0;
-  if (is_mark(begun, begun_format)) {
-    if (lstat(video, &about) == 0 && S_ISREG(about.st_mode)) (void)unlink(video);
-    return 0;
-  }
-  c->begun = session_write_json(&c->session, begun, json_pack("{s:s}", "format", begun_format)) == 0;
-  return c->begun ? 0 : EXIT_FAILURE;
+  *killed = is_mark(begun, begun_format);
+  if (*killed && lstat(video, &about) == 0 && S_ISREG(about.st_mode)) (void)unlink(video);
+  if (*killed || is_mark(mark, whole_format)) return 0;
+  c->begun = true; /* also where it fails: it may be there and its folder not be flushed */
+  return session_write_json(&c->session, begun, json_pack("{s:s}", "format", begun_format));
 }
 
 int compare_files_open(struct compare *c) {
   struct session *session = &c->session;
   const struct evaluation *evaluation = &c->side[0].evaluation;
   char path[PATH_BYTES], sound[PATH_BYTES];
+  bool killed = false;
   const bool fits = snprintf(sound, sizeof sound, "%s/aud.wav", c->asked.source.path) < PATH_BYTES;
   if (path_in(c, names[GROWING], path) != 0) return EXIT_FAILURE;
   if (evaluation->info.width > ERN_IMAGE_MAX_SIDE / COLUMNS)
     return session_fail_with(session, "%s: frames are %d wide, expected %d at most, for %d of them side by side",
                              c->asked.source.path, evaluation->info.width, ERN_IMAGE_MAX_SIDE / COLUMNS, (int)COLUMNS);
   c->made_folder = access(c->folder, F_OK) != 0;
-  if (session_folder(session, c->folder) != 0 || begin(c) != 0) return EXIT_FAILURE;
+  if (session_folder(session, c->folder) != 0 || begin(c, &killed) != 0) return EXIT_FAILURE;
   if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, fits ? sound : NULL) != 0) return EXIT_FAILURE;
-  c->begun = true; /* nobody else writes the video, so the mark is ours to take away */
+  c->begun |= killed; /* nobody else writes the video, so the mark is ours to take away */
   if (path_in(c, GROWING_TEMPORARY, path) != 0) return EXIT_FAILURE;
   return stat(path, &c->video) == 0 ? 0 : session_fail_with(session, "%s: cannot be read: %s", path, strerror(errno));
 }
@@ -207,6 +206,6 @@ void compare_files_close(struct compare *c, bool done) {
   if (c->video.st_ino != 0 && path_in(c, names[GROWING], path) == 0 && lstat(path, &about) == 0 &&
       about.st_dev == c->video.st_dev && about.st_ino == c->video.st_ino) /* no file of another by that name */
     (void)unlink(path);
-  if (c->begun && path_in(c, names[BEGUN], path) == 0 && is_mark(path, begun_format)) (void)unlink(path);
+  if (c->begun && path_in(c, names[BEGUN], path) == 0) (void)unlink(path);
   if (c->made_folder && !done) (void)rmdir(c->folder); /* stays where there is something in it */
 }
