@@ -47,8 +47,9 @@ ERN_API ERN_NODISCARD ern_status ern_sound_reader_open(ern_context *context, con
                                                        ern_sound_reader **reader);
 ERN_API void ern_sound_reader_free(ern_sound_reader **reader); /* accepts NULL and a pointer to NULL */
 
-/* samples[*frames][channels], full scale is 1; *frames <= capacity (>= 1). Waits until there is one at least; 0 where
- * the sound has ended. ERN_E_NONFINITE: the input has a sample that is not a number; ERN_E_FORMAT: it breaks off. */
+/* samples[*frames][channels], full scale is 1; *frames <= capacity (>= 1). Waits until there is one at least, and for
+ * FFmpeg's packets, which have up to 1024 samples of sound without a header; 0 where the sound has ended.
+ * ERN_E_NONFINITE: the input has a sample that is not a number; ERN_E_FORMAT: it breaks off. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_read(ern_sound_reader *reader, float *samples, size_t capacity,
                                                        size_t *frames);
 

@@ -9,7 +9,7 @@ set -euo pipefail
 source=$1 work=$2 cmake=$3 preset=$4
 case $preset in
   asan | clang) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
-  tsan) choice=(-R '(unit|files)/test_(two_renderers|ray_reuse|trainer|torso|occupancy_prune|silence|video)$|e2e/test_cli_train_render') ;;
+  tsan) choice=(-R '(unit|files)/test_(two_renderers|ray_reuse|trainer|torso|occupancy_prune|silence|video|live|stream)$|e2e/test_cli_train_render') ;;
   *) echo "FAIL: no preset $preset"; exit 1 ;;
 esac
 cd "$source"

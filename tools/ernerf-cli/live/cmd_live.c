@@ -12,7 +12,7 @@
 /* Faster than the rate by so much: encoding and reading take their part, and a late frame has to be made up for. */
 static const float SPARE = 1.15f;
 
-enum { IN_OPTIONS = 8, OUT_OPTIONS = 11, AUDIO_WINDOWS = 8, SOUND_RATE = 48000, MOST_AHEAD = 250 };
+enum { IN_OPTIONS = 8, OUT_OPTIONS = 12, AUDIO_WINDOWS = 8, SOUND_RATE = 48000 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
@@ -126,7 +126,12 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->steering.path,
        .choices = "-|SOCKET",
        .help = "reads lines from standard input, or makes a local socket for them: say TEXT, play FILE, stop, hold "
-               "on|off, eyes 0..1|clip, background FILE|white|black|clip, statistics, quit"}};
+               "on|off, eyes 0..1|clip, background FILE|white|black|clip, statistics, quit"},
+      {.name = "voice",
+       .kind = OPTION_TEXT,
+       .target = &job->sound.voice,
+       .choices = "NAME",
+       .help = "espeak-ng's voice that says what --control asks for (default en)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
   job->look_ahead = ERN_LIVE_LOOK_AHEAD;
   job->output.crf = -1;
@@ -149,6 +154,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0) status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
   if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
   if (status < 0) status = args_forbid(args, "smooth_lips", "keeps a state that settings which change would not share");
+  if (status < 0 && job->steering.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
     status = args_refuse(args, "--as-fast has no rate to hold");
@@ -161,7 +167,6 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
     job->most_delay = 0.2;
   job->output.drops = args_given(args, "slow-reader") ? slow_reader == 1 : !job->as_fast;
-  job->no_rate_control = false;
   return status;
 }
 

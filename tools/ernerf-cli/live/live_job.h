@@ -35,10 +35,10 @@ struct live_job {
   struct dimensions size;
   int fit; /* ern_fit */
   struct rate rate;
-  int look_ahead;                /* frames at 25 a second */
-  double seconds;                /* that it lasts; 0: without an end */
-  double most_delay;             /* seconds of sound that may wait; 0: any */
-  bool as_fast, no_rate_control; /* a frame as soon as its sound is there; the asked settings always */
+  int look_ahead;    /* frames at 25 a second */
+  double seconds;    /* that it lasts; 0: without an end */
+  double most_delay; /* seconds of sound that may wait; 0: any */
+  bool as_fast;      /* a frame as soon as its sound is there, with the asked settings always */
   /* made */
   struct background background;
   struct frame_source poses;    /* of the clip, there and back, one period and its first frame again */

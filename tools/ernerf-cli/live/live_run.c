@@ -42,8 +42,7 @@ static int find_torso(struct live_job *job, const uint8_t **torso) {
 static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba) {
   const uint8_t *torso;
   float refined[16];
-  const bool controls = !job->no_rate_control && !job->as_fast;
-  ern_renderer *renderer = controls ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
+  ern_renderer *renderer = !job->as_fast ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
   if (renderer == NULL || find_torso(job, &torso) != 0) return EXIT_FAILURE;
   const ern_frame_input input = input_of(job, &job->now, 0, refined, torso);
   const ern_frame_output output = {.rgba = rgba};
@@ -110,7 +109,7 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   live_output_put(&job->output);
   const double done = session_seconds();
   count_time(&job->to_frame, frame->waiting + 1 / rate_value(job->rate) + done - pulled);
-  if (!picture->repeat && !job->as_fast && !job->no_rate_control) {
+  if (!picture->repeat && !job->as_fast) {
     rate_control_took(&job->rate_control, 1000 * (done - pulled));
     rate_control_late(&job->rate_control, 1000 * (done - due_of(job) - 1 / rate_value(job->rate)));
   }
@@ -149,7 +148,7 @@ int live_run(struct live_job *job) {
 /* ---- figures ----------------------------------------------------------------------------------------------------- */
 
 json_t *live_statistics(const struct live_job *job) {
-  const bool controls = !job->no_rate_control && !job->as_fast;
+  const bool controls = !job->as_fast;
   json_t *late = json_pack("{s:f, s:f, s:f}", "p50", live_output_late(&job->output, 0.5), "p99",
                            live_output_late(&job->output, 0.99), "worst", live_output_late(&job->output, 1));
   json_t *to_frame = json_pack("{s:f, s:f, s:f}", "p50", time_of(&job->to_frame, 0.5), "p99",

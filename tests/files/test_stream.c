@@ -1,0 +1,429 @@
+/* SPDX-License-Identifier: MIT
+ * Streams: exact times in every form, sound as it comes, readers that leave, and waits that end when asked to. */
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <math.h>
+#include <netinet/in.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "ernerf/media.h"
+#include "ernerf/stream.h"
+#include "media/ffmpeg.h"
+#include "support.h"
+
+enum { SIDE = 32, FRAMES = 50, FPS = 25, RATE = 16000, SAMPLES = RATE / FPS, REPEATED = 20, PATIENCE = 600 };
+
+static ern_context *context;
+
+static int set_up(void **state) {
+  (void)state;
+  (void)signal(SIGPIPE, SIG_IGN);
+  context = support_context();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+/* Asked ten times a second: ends a wait that nothing else ends. */
+struct patience {
+  atomic_int left;
+};
+
+static int loses_patience(void *user) {
+  struct patience *patience = user;
+  return atomic_fetch_sub(&patience->left, 1) <= 0 ? 1 : 0;
+}
+
+static size_t descriptors(void) {
+  size_t count = 0;
+  DIR *list = opendir("/proc/self/fd");
+  assert_non_null(list);
+  while (readdir(list) != NULL) count++;
+  (void)closedir(list);
+  return count;
+}
+
+static void make_fifo(const char *path) {
+  (void)unlink(path);
+  assert_int_equal(mkfifo(path, 0600), 0);
+}
+
+/* Grey that rises by 4 a frame. */
+static void paint(uint8_t *rgba, int k) {
+  for (size_t i = 0; i < (size_t)SIDE * SIDE * 4; i++) rgba[i] = (uint8_t)(i % 4 == 3 ? 255 : 20 + 4 * k);
+}
+
+static void tone(float *samples, int k) {
+  for (int i = 0; i < SAMPLES; i++) samples[i] = 0.5f * (float)sin(0.1 * (k * SAMPLES + i));
+}
+
+static ern_stream_options options_of_stream(const char *format) {
+  ern_stream_options options = ern_stream_options_default(SIDE, SIDE);
+  options.format = format;
+  options.sound_rate = RATE;
+  options.sound_channels = 1;
+  return options;
+}
+
+/* FRAMES pictures, REPEATED is the one before again. */
+static ern_status write_stream(const char *url, const ern_stream_options *options) {
+  static uint8_t rgba[SIDE * SIDE * 4];
+  float samples[SAMPLES];
+  ern_stream_writer *writer;
+  ern_status status = ern_stream_writer_open(context, url, options, &writer);
+  for (int k = 0; status == ERN_OK && k < FRAMES; k++) {
+    paint(rgba, k);
+    tone(samples, k);
+    status = ern_stream_writer_frame(writer, k == REPEATED ? NULL : rgba, samples, SAMPLES);
+  }
+  if (status == ERN_OK) return ern_stream_writer_close(&writer);
+  ern_stream_writer_abandon(&writer);
+  return status;
+}
+
+/* ---- the other side of a FIFO ------------------------------------------------------------------------------------ */
+
+struct copy {
+  const char *from, *to;
+};
+
+static void *copy_all(void *user) {
+  const struct copy *copy = user;
+  uint8_t bytes[4096];
+  const int from = open(copy->from, O_RDONLY | O_CLOEXEC);
+  FILE *to = fopen(copy->to, "wb");
+  for (ssize_t got = 1; from >= 0 && to != NULL && got > 0;) {
+    got = read(from, bytes, sizeof bytes);
+    if (got > 0 && fwrite(bytes, 1, (size_t)got, to) != (size_t)got) got = -1;
+  }
+  if (from >= 0) (void)close(from);
+  if (to != NULL) (void)fclose(to);
+  return NULL;
+}
+
+static void write_through_fifo(const char *to, const ern_stream_options *options) {
+  struct copy copy = {"through", to};
+  pthread_t thread;
+  make_fifo(copy.from);
+  assert_int_equal(pthread_create(&thread, NULL, copy_all, &copy), 0);
+  support_ok(context, write_stream(copy.from, options));
+  assert_int_equal(pthread_join(thread, NULL), 0);
+}
+
+/* ---- times ------------------------------------------------------------------------------------------------------- */
+
+struct times {
+  int pictures, wrong; /* wrong: not at first + k / 25 s */
+  double first_picture, first_sound, last_sound;
+};
+
+/* A coded sound begins with up to `priming` seconds that decoders leave out. */
+static struct times times_of(const char *path) {
+  struct times times = {.first_picture = NAN, .first_sound = NAN};
+  AVFormatContext *input = NULL;
+  AVPacket *packet = av_packet_alloc();
+  assert_non_null(packet);
+  assert_int_equal(avformat_open_input(&input, path, NULL, NULL), 0);
+  assert_true(avformat_find_stream_info(input, NULL) >= 0);
+  while (av_read_frame(input, packet) >= 0) {
+    const AVStream *stream = input->streams[packet->stream_index];
+    const double seconds = (double)packet->pts * av_q2d(stream->time_base);
+    if (stream->codecpar->codec_type == AVMEDIA_TYPE_VIDEO) {
+      if (times.pictures == 0) times.first_picture = seconds;
+      times.wrong += fabs(seconds - times.first_picture - (double)times.pictures / FPS) > 1e-6;
+      times.pictures++;
+    } else {
+      if (isnan(times.first_sound)) times.first_sound = seconds;
+      times.last_sound = seconds + (double)packet->duration * av_q2d(stream->time_base);
+    }
+    av_packet_unref(packet);
+  }
+  av_packet_free(&packet);
+  avformat_close_input(&input);
+  return times;
+}
+
+/* Of files and of streams, in each form with stamps. AAC's first packet, 1024 samples, comes before the first picture;
+ * mpegts begins later than 0 on purpose. */
+static void test_each_form_has_exact_times(void **state) {
+  (void)state;
+  static const char *const forms[] = {"mp4", "matroska", "mpegts", "flv", "nut"};
+  const size_t before = descriptors();
+  for (size_t i = 0; i < sizeof forms / sizeof *forms; i++) {
+    const ern_stream_options options = options_of_stream(forms[i]);
+    for (int pipe = 0; pipe < 2; pipe++) {
+      (void)unlink("stream");
+      if (pipe)
+        write_through_fifo("stream", &options);
+      else
+        support_ok(context, write_stream("stream", &options));
+      const struct times times = times_of("stream");
+      if (times.pictures != FRAMES || times.wrong != 0)
+        fail_msg("%s: %d pictures, %d of them at a wrong time", forms[i], times.pictures, times.wrong);
+      const double priming = strcmp(forms[i], "nut") == 0 ? 0 : 1024.0 / RATE, ahead = times.first_picture,
+                   most = priming + 0.002;
+      if (fabs(times.first_sound - ahead) > most || times.last_sound - ahead < (double)FRAMES / FPS - 0.002 ||
+          times.last_sound - ahead > (double)FRAMES / FPS + 2 * most)
+        fail_msg("%s: sound from %g to %g s, pictures from %g s", forms[i], times.first_sound, times.last_sound, ahead);
+    }
+  }
+  assert_int_equal(descriptors(), before);
+}
+
+static void test_raw_pictures_and_y4m(void **state) {
+  (void)state;
+  static uint8_t wanted[SIDE * SIDE * 4], found[SIDE * SIDE * 4];
+  struct stat there;
+  (void)unlink("stream.rgba");
+  (void)unlink("stream.y4m");
+  const ern_stream_options options = options_of_stream(NULL);
+  support_ok(context, write_stream("stream.rgba", &options));
+  FILE *file = fopen("stream.rgba", "rb");
+  assert_non_null(file);
+  for (int k = 0; k < FRAMES; k++) {
+    paint(wanted, k == REPEATED ? k - 1 : k);
+    assert_int_equal(fread(found, 1, sizeof found, file), sizeof found);
+    assert_memory_equal(found, wanted, sizeof wanted);
+  }
+  assert_int_equal(fgetc(file), EOF);
+  (void)fclose(file);
+  support_ok(context, write_stream("stream.y4m", &options));
+  assert_int_equal(stat("stream.y4m", &there), 0);
+  assert_in_range(there.st_size, FRAMES * (SIDE * SIDE * 3 / 2 + 6), FRAMES * (SIDE * SIDE * 3 / 2 + 6) + 200);
+}
+
+/* ---- sound in ---------------------------------------------------------------------------------------------------- */
+
+/* Sends the next piece only after the last one was read, but for what is less than one of FFmpeg's packets: a reader
+ * that waits for more than there is never ends. */
+struct sender {
+  const char *path;
+  atomic_size_t read;
+  int pieces;
+};
+
+enum { PIECE = 1600, PACKET = 1024 };
+
+static void *send_pieces(void *user) {
+  struct sender *sender = user;
+  int16_t samples[PIECE];
+  const int to = open(sender->path, O_WRONLY | O_CLOEXEC);
+  for (int k = 0; to >= 0 && k < sender->pieces; k++) {
+    for (int i = 0; i < PIECE; i++) samples[i] = (int16_t)(k * PIECE + i);
+    if (write(to, samples, sizeof samples) != (ssize_t)sizeof samples) break;
+    for (int look = 0; look < 100 * PATIENCE && atomic_load(&sender->read) + PACKET < (size_t)(k + 1) * PIECE; look++)
+      (void)nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+  }
+  if (to >= 0) (void)close(to);
+  return NULL;
+}
+
+static void test_sound_is_read_as_it_comes(void **state) {
+  (void)state;
+  struct patience patience = {PATIENCE};
+  struct sender sender = {.path = "sound", .pieces = 6};
+  float samples[500];
+  size_t frames = 1;
+  pthread_t thread;
+  ern_sound_reader *reader;
+  ern_sound_reader_options options = ern_sound_reader_options_default();
+  options.format = "s16le";
+  options.rate = 16000;
+  options.stop = loses_patience;
+  options.user = &patience;
+  const size_t before = descriptors();
+  make_fifo(sender.path);
+  assert_int_equal(pthread_create(&thread, NULL, send_pieces, &sender), 0);
+  support_ok(context, ern_sound_reader_open(context, sender.path, &options, &reader));
+  while (frames > 0) {
+    support_ok(context, ern_sound_reader_read(reader, samples, 500, &frames));
+    const size_t at = atomic_load(&sender.read);
+    for (size_t i = 0; i < frames; i++) assert_true(samples[i] == (float)(int16_t)(at + i) / 32768);
+    atomic_fetch_add(&sender.read, frames);
+  }
+  assert_int_equal(atomic_load(&sender.read), sender.pieces * PIECE);
+  ern_sound_reader_free(&reader);
+  assert_int_equal(pthread_join(thread, NULL), 0);
+  assert_int_equal(descriptors(), before);
+}
+
+static void test_what_is_no_sound_is_refused(void **state) {
+  (void)state;
+  const float broken[4] = {0, 0.5f, NAN, 0};
+  float samples[16];
+  size_t frames;
+  ern_sound_reader *reader;
+  ern_sound_reader_options options = ern_sound_reader_options_default();
+  support_write_text("words.wav", "these are words and not sound, in more than a few bytes of them\n");
+  support_write("broken.f32", broken, sizeof broken);
+  support_expect(context, ern_sound_reader_open(context, "words.wav", &options, &reader), ERN_E_FORMAT, "words.wav",
+                 NULL);
+  assert_null(reader);
+  support_expect(context, ern_sound_reader_open(context, "gone.wav", &options, &reader), ERN_E_MISSING, "gone.wav",
+                 NULL);
+  support_expect(context, ern_sound_reader_open(context, "nodevice:x", &options, &reader), ERN_E_UNSUPPORTED,
+                 "nodevice", NULL);
+  options.format = "f32le";
+  options.rate = 16000;
+  support_ok(context, ern_sound_reader_open(context, "broken.f32", &options, &reader));
+  support_expect(context, ern_sound_reader_read(reader, samples, 16, &frames), ERN_E_NONFINITE, "broken.f32", NULL);
+  ern_sound_reader_free(&reader);
+  options.format = "no such form";
+  support_expect(context, ern_sound_reader_open(context, "broken.f32", &options, &reader), ERN_E_UNSUPPORTED,
+                 "no such form", NULL);
+}
+
+/* A port that was free a moment ago. */
+static uint16_t free_port(void) {
+  struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  socklen_t bytes = sizeof address;
+  const int made = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  assert_true(made >= 0);
+  assert_int_equal(bind(made, (const struct sockaddr *)&address, bytes), 0);
+  assert_int_equal(getsockname(made, (struct sockaddr *)&address, &bytes), 0);
+  (void)close(made);
+  return ntohs(address.sin_port);
+}
+
+/* ---- waits that end ---------------------------------------------------------------------------------------------- */
+
+static void test_waits_end_when_asked_to(void **state) {
+  (void)state;
+  struct patience patience = {2};
+  ern_stream_options options = options_of_stream("raw");
+  ern_sound_reader_options sound = ern_sound_reader_options_default();
+  ern_sound_reader *reader;
+  ern_stream_writer *writer;
+  float samples[16] = {0};
+  char url[64];
+  size_t frames;
+  const size_t before = descriptors();
+  options.stop = sound.stop = loses_patience;
+  options.user = sound.user = &patience;
+  make_fifo("alone");
+  support_expect(context, ern_stream_writer_open(context, "alone", &options, &writer), ERN_E_CANCELLED, "alone", NULL);
+  options.format = "mp4";
+  atomic_store(&patience.left, 2);
+  snprintf(url, sizeof url, "http://127.0.0.1:%d/", free_port());
+  support_expect(context, ern_stream_writer_open(context, url, &options, &writer), ERN_E_CANCELLED, url, NULL);
+
+  const int other = open("alone", O_RDWR | O_CLOEXEC); /* both sides are there, nobody reads or writes */
+  assert_true(other >= 0);
+  sound.format = "s16le";
+  atomic_store(&patience.left, PATIENCE);
+  assert_int_equal(write(other, samples, sizeof samples), sizeof samples);
+  atomic_store(&patience.left, 4);
+  ern_status status = ern_sound_reader_open(context, "alone", &sound, &reader);
+  for (int k = 0; status == ERN_OK && k < 100; k++) status = ern_sound_reader_read(reader, samples, 16, &frames);
+  support_expect(context, status, ERN_E_CANCELLED, "alone", NULL);
+  ern_sound_reader_free(&reader);
+  options.format = "nut";
+  atomic_store(&patience.left, 20);
+  for (int k = 0; k < 100 && (status = write_stream("alone", &options)) == ERN_OK; k++) continue;
+  support_expect(context, status, ERN_E_CANCELLED, "alone", NULL);
+  (void)close(other);
+  assert_int_equal(descriptors(), before);
+}
+
+/* ---- a browser --------------------------------------------------------------------------------------------------- */
+
+struct browser {
+  uint16_t port;
+  bool has_piece; /* of an mp4 */
+};
+
+static int connect_to(uint16_t port) {
+  const struct sockaddr_in address = {
+      .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  for (int look = 0; look < PATIENCE; look++) {
+    const int made = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (made < 0 || connect(made, (const struct sockaddr *)&address, sizeof address) == 0) return made;
+    (void)close(made);
+    (void)nanosleep(&(struct timespec){.tv_nsec = 50000000}, NULL);
+  }
+  return -1;
+}
+
+/* Reads until the first piece of an mp4, and leaves. */
+static void *browse(void *user) {
+  static const char ask[] = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+  struct browser *browser = user;
+  char bytes[16384];
+  size_t count = 0;
+  const int to = connect_to(browser->port);
+  if (to < 0) return NULL;
+  if (send(to, ask, sizeof ask - 1, 0) != (ssize_t)sizeof ask - 1) count = sizeof bytes;
+  while (count < sizeof bytes && !browser->has_piece) {
+    const ssize_t got = recv(to, bytes + count, sizeof bytes - count, 0);
+    if (got <= 0) break;
+    count += (size_t)got;
+    for (size_t i = 0; i + 4 <= count; i++) browser->has_piece |= memcmp(bytes + i, "moof", 4) == 0;
+  }
+  (void)close(to);
+  return NULL;
+}
+
+static void test_a_browser_comes_and_leaves(void **state) {
+  (void)state;
+  struct browser browser = {.port = free_port()};
+  struct patience patience = {PATIENCE};
+  ern_stream_options options = options_of_stream(NULL);
+  char url[64];
+  pthread_t thread;
+  ern_status status = ERN_OK;
+  const size_t before = descriptors();
+  options.stop = loses_patience;
+  options.user = &patience;
+  snprintf(url, sizeof url, "http://127.0.0.1:%d/", browser.port);
+  assert_int_equal(pthread_create(&thread, NULL, browse, &browser), 0);
+  for (int k = 0; k < 1000 && (status = write_stream(url, &options)) == ERN_OK; k++) continue;
+  assert_int_equal(pthread_join(thread, NULL), 0);
+  support_expect(context, status, ERN_E_IO, url, NULL);
+  assert_true(browser.has_piece);
+  assert_int_equal(descriptors(), before);
+}
+
+/* ---- options ----------------------------------------------------------------------------------------------------- */
+
+static void test_options_are_checked(void **state) {
+  (void)state;
+  ern_stream_writer *writer;
+  ern_stream_options options = options_of_stream("avi");
+  support_expect(context, ern_stream_writer_open(context, "x", &options, &writer), ERN_E_UNSUPPORTED, "avi", "matroska",
+                 NULL);
+  options.format = NULL;
+  support_expect(context, ern_stream_writer_open(context, "x.doc", &options, &writer), ERN_E_UNSUPPORTED, "x.doc",
+                 NULL);
+  options.crf = 52;
+  support_expect(context, ern_stream_writer_open(context, "x.mp4", &options, &writer), ERN_E_ARGUMENT, "crf", "52",
+                 NULL);
+  options = options_of_stream(NULL);
+  options.sound_channels = 9;
+  support_expect(context, ern_stream_writer_open(context, "x.mp4", &options, &writer), ERN_E_ARGUMENT, "sound_channels",
+                 "9", NULL);
+  options = options_of_stream(NULL);
+  options.width = 0;
+  support_expect(context, ern_stream_writer_open(context, "x.mp4", &options, &writer), ERN_E_SHAPE, "x.mp4", NULL);
+  assert_int_equal(access("x.mp4", F_OK), -1);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_each_form_has_exact_times), cmocka_unit_test(test_raw_pictures_and_y4m),
+      cmocka_unit_test(test_sound_is_read_as_it_comes), cmocka_unit_test(test_what_is_no_sound_is_refused),
+      cmocka_unit_test(test_waits_end_when_asked_to),   cmocka_unit_test(test_a_browser_comes_and_leaves),
+      cmocka_unit_test(test_options_are_checked),
+  };
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}
