@@ -134,7 +134,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .help = "espeak-ng's voice that says what --control asks for (default en)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
   job->look_ahead = ERN_LIVE_LOOK_AHEAD;
-  job->output.crf = -1;
+  job->output.crf = ern_stream_options_default(1, 1).crf;
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 

@@ -96,7 +96,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.rate_denominator = rate.denominator;
   output->options.sound_rate = sound_rate;
   output->options.sound_channels = channels;
-  if (output->crf >= 0) output->options.crf = output->crf;
+  output->options.crf = output->crf;
   output->options.stop = asks_to_stop;
   output->options.user = output;
   queue_make(&output->queue, LIVE_PICTURES);
