@@ -72,6 +72,7 @@ static int describe(const ern_sound_reader_options *o, bool device, AVDictionary
   int error = device ? 0 : av_dict_set_int(options, "sample_rate", o->format_rate, 0);
   if (error >= 0 && !device) error = av_dict_set_int(options, "channels", o->format_channels, 0);
   if (error >= 0) error = av_dict_set_int(options, "max_size", 1024, 0); /* bytes of a packet of wav */
+  if (error >= 0) error = av_dict_set_int(options, "indexmem", 4096, 0); /* bytes; packets are not gone back to */
   return error;
 }
 
