@@ -119,7 +119,10 @@ typedef struct ern_train_config {
                        training frames. With `from`, the first rows are copied from the file; rows that it lacks are
                        initialised anew */
   bool torso_gamma; /* the paper's trained scale of the key points */
-  int max_steps;    /* samples a ray, 1..1024; 16 */
+  bool torso_random_background; /* true (default): a torso is learnt over a random colour for each ray of each step, so
+                                   that its opacity is learnt and it can be drawn over any background; false: over the
+                                   clip's background, as published, which leaves the opacity undetermined */
+  int max_steps;                /* samples a ray, 1..1024; 16 */
   float dt_gamma, bound, torso_shrink; /* 1/256; 1, ERN_BOUND_LEAST..ERN_BOUND_MOST; 0.8 */
   ern_audio_pad audio_pad;             /* edge */
   size_t data_begin, data_end;         /* training frames [begin, end) to use; end 0: all */
@@ -194,7 +197,8 @@ typedef struct ern_train_state {
   double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
   double seconds; /* of training, all runs together */
   bool refine_poses;
-  bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have */
+  bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have; the next one likewise */
+  bool torso_random_background; /* false where a state of an earlier version does not say it */
   int frames_per_step;
   uint64_t fine_steps;                 /* of iters; 0: no fine stage */
   int patch_size;                      /* 0 where a state does not say it */

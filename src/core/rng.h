@@ -17,7 +17,8 @@ typedef enum ern_purpose {
   ERN_RNG_REFRESH_FRAME,
   ERN_RNG_REFRESH_CELL,
   ERN_RNG_SPEECH,
-  ERN_RNG_PATCH
+  ERN_RNG_PATCH,
+  ERN_RNG_BACKGROUND
 } ern_purpose;
 
 struct ern_random {

@@ -20,7 +20,8 @@ struct ern_state_about {
   ern_ray_sampling ray_sampling;
   double budget, beside; /* seconds: of config.seconds, and of validations and saves */
   bool refine_poses;
-  bool torso_gamma; /* config.torso_gamma; of a head what its torso is to have */
+  bool torso_gamma;             /* config.torso_gamma; of a head what its torso is to have */
+  bool torso_random_background; /* likewise */
   int frames_per_step;
   uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next four are 0 */
   int patch_size;

@@ -145,7 +145,8 @@ static bool lies_in(ern_box box, int row, int column) {
 }
 
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. */
+ * to become. Over one background alone any opacity of the torso has a colour that gives the truth; over a random one
+ * only the true opacity does. */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;
@@ -153,8 +154,11 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const size_t rays = draw->rays, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
+  const bool any = t->config.torso && t->config.torso_random_background;
+  struct ern_random colour = {{0}};
+  if (any) colour = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
-    const float back = part[t->data.background[3 * pixel + c]];
+    const float back = any ? ern_uniform(colour.word[c]) : part[t->data.background[3 * pixel + c]];
     const float over = draw->torso != NULL ? part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha) : back;
     t->host_rows[c * rays + i] = t->config.torso ? over : part[draw->truth[3 * pixel + c]];
     t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : over;

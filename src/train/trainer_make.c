@@ -30,6 +30,7 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .max_steps = 16,
                                 .dt_gamma = 1.0f / 256,
                                 .bound = 1,
+                                .torso_random_background = true,
                                 .torso_shrink = 0.8f,
                                 .audio_pad = ERN_AUDIO_PAD_EDGE,
                                 .save_every = 1000,

@@ -87,6 +87,7 @@ static void test_torso_as_the_head(void **state) {
   }
   assert_true(said("a.head.run/state.safetensors", "frames_per_step") == 3);
   assert_true(said("a.run/state.safetensors", "frames_per_step") == 1); /* as uninterrupted: it is the head's */
+  assert_true(said("a.run/state.safetensors", "torso_random_background") == 1);
   /* a time that is about the same leaves the head of a torso as it is */
   cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1.3s --resume");
   cli_expect(&cli, 0, "were done before; a.head.safetensors", "done, a.safetensors", NULL);
@@ -96,11 +97,13 @@ static void test_torso_as_the_head(void **state) {
 static void test_options_of_the_torso(void **state) {
   (void)state;
   clear("g");
-  stop_in_head("-o g.safetensors --time 60s --torso-gamma --torso_shrink 0.7");
+  stop_in_head("-o g.safetensors --time 60s --torso-gamma --torso_shrink 0.7 --torso-background clip");
+  assert_true(said("g.head.run/state.safetensors", "torso_random_background") == 0);
   stop_in_head("-o g.safetensors --time 60s --resume");
   cli_run(&cli, "train clip -o g.safetensors --validate-frames 1 --time 1s --resume");
   cli_expect(&cli, 0, "done, g.safetensors", NULL);
   assert_true(said("g.run/state.safetensors", "torso_gamma") > 0);
+  assert_true(said("g.run/state.safetensors", "torso_random_background") == 0);
   cli_run(&cli, "info g.safetensors --json -");
   cli_expect_out(&cli, 0, "\"torso_shrink\": 0.69999", NULL);
   clear("n");

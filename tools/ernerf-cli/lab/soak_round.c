@@ -91,6 +91,7 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const
     config->dt_gamma = about.dt_gamma;
     config->audio_pad = about.audio_pad;
     config->torso_gamma = coin(&dice);
+    config->torso_random_background = coin(&dice);
     config->torso_shrink = (float)magnitude(&dice, 0.01, 1);
   } else {
     choose_head(&dice, round);
@@ -109,8 +110,8 @@ void soak_words(const struct soak_round *round, char *text, size_t capacity) {
              round->eye ? ern_eye_attention_name(c->eye_attention) : "none", c->levels, c->no_view ? "no" : "yes",
              c->codes == 0 ? "no" : "yes", (double)c->bound);
   else
-    snprintf(head, sizeof head, "torso, gamma %s, shrink %.3g, ", c->torso_gamma ? "yes" : "no",
-             (double)c->torso_shrink);
+    snprintf(head, sizeof head, "torso, gamma %s, over %s, shrink %.3g, ", c->torso_gamma ? "yes" : "no",
+             c->torso_random_background ? "random colours" : "the background", (double)c->torso_shrink);
   snprintf(text, capacity,
            "%s%d rays, %d samples a ray, dt_gamma %.3g, lr %.3g, lr_net %.3g, lr_att %.3g, speech times %.3g, distance "
            "times %.3g, turned by %.3g, lids %s, pixels %s, %s, %" PRIu64 " steps, average every %" PRIu64

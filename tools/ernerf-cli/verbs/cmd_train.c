@@ -37,7 +37,8 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (config->torso && job->head_path == NULL) status = args_refuse(args, "--torso needs the head: --head MODEL");
   if (!config->torso) status = args_forbid(args, "head force", "is about the torso, so it needs --torso");
   if (status < 0 && !config->torso && !(job->seconds > 0))
-    status = args_forbid(args, "torso-gamma torso_shrink", "is about the torso, so it needs --torso or --time");
+    status = args_forbid(args, "torso-gamma torso_shrink torso-background",
+                         "is about the torso, so it needs --torso or --time");
   if (status < 0 && config->torso)
     status = args_forbid(args,
                          "levels bound ind_num effects backbone attention eye-attention ray-sampling refine-poses "
@@ -108,6 +109,7 @@ static void take_effects(struct train_job *job, const struct args *args, ern_dat
 static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refresh-every")) config->refresh_every = 16;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
+  if (!args_given(args, "torso-background")) config->torso_random_background = false;
 }
 
 /* What a time is best spent on (docs/history-training.md), where no option says it. */
@@ -139,6 +141,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
+  if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
   fine_stage_choose(&job->fine, args, job->has_state, config);
   if (job->paper) follow_paper(args, config);
   if (job->paper) fine_stage_follow_paper(&job->fine, args, config);

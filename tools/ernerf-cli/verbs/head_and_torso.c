@@ -72,7 +72,8 @@ int head_and_torso_check(struct train_job *job) {
 
 int head_and_torso_plan(struct train_job *job, const struct args *args) {
   if (!job->effects.has[EFFECT_TORSO]) {
-    const int status = args_forbid(args, "torso-gamma torso_shrink", "is about the torso, and there is none");
+    const int status =
+        args_forbid(args, "torso-gamma torso_shrink torso-background", "is about the torso, and there is none");
     return status < 0 ? 0 : status;
   }
   if (job->head_alone)

@@ -38,6 +38,12 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_FLAG,
        .target = &config->torso_gamma,
        .help = "the paper's trained scale of the torso's key points"},
+      {.name = "torso-background",
+       .kind = OPTION_CHOICE,
+       .target = &job->torso_background,
+       .choices = "random|clip",
+       .help = "what the torso is learnt over: a random colour for each ray, so that it can be drawn over any "
+               "background, or the clip's background as published (default random)"},
       {.name = "iters",
        .kind = OPTION_COUNT,
        .target = &job->iters,

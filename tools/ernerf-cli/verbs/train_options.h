@@ -15,7 +15,7 @@
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 21,
+  TRAIN_GOAL_OPTIONS = 22,
   TRAIN_NUMBER_OPTIONS = 26,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
@@ -39,8 +39,8 @@ struct train_job {
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
-  int audio_pad, backbone, attention, eye_attention, precision,
-      ray_sampling; /* places among the words of their options */
+  int audio_pad, backbone, attention, eye_attention, precision, ray_sampling,
+      torso_background; /* places among the words of their options */
   struct fine_stage fine;
   ern_model_info from;   /* of --from, or of the state that is resumed */
   ern_train_state state; /* that is resumed */

@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: MIT
+ * What a torso is learnt over (docs/numerics-whole.md): random colours, which leave one opacity alone, or the clip's
+ * background. */
+#include "made_clip.h"
+#include "train/trainer.h"
+
+enum { RAYS = 4096, PIXELS = SIDE * SIDE };
+
+static struct made made;
+static ern_model *head;
+
+static int open_clip(void **state) {
+  (void)state;
+  made_open(&made);
+  ern_trainer *trainer = NULL;
+  ern_train_config config = small_config(1, NULL);
+  ern_train_report report;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
+  support_ok(made.context, ern_trainer_step(trainer, &report));
+  support_ok(made.context, ern_trainer_model(trainer, &head));
+  ern_trainer_free(&trainer);
+  return 0;
+}
+static int close_clip(void **state) {
+  (void)state;
+  ern_model_free(&head);
+  made_close(&made);
+  return 0;
+}
+
+static ern_trainer *torso_trainer(bool over_random, uint64_t iters) {
+  ern_train_config config = small_config(iters, NULL);
+  ern_trainer *trainer = NULL;
+  config.rays = RAYS;
+  config.torso = true;
+  config.head = head;
+  config.torso_random_background = over_random;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
+  return trainer;
+}
+
+/* Each ray's truth is the torso picture over the very colour that the layer is drawn over. */
+static void expect_truths(const ern_trainer *trainer, size_t frame) {
+  const float *rows = trainer->host_rows;
+  for (size_t i = 0; i < RAYS; i++) {
+    const uint8_t *pixel = made.torso[frame] + 4 * (size_t)trainer->host_pixels[i];
+    const float alpha = (float)pixel[3] / 255;
+    for (size_t c = 0; c < 3; c++) {
+      const float back = rows[(3 + c) * RAYS + i];
+      const float truth = (float)pixel[c] / 255 * alpha + back * (1 - alpha);
+      if (!(back >= 0 && back <= 1) || fabsf(rows[c * RAYS + i] - truth) > 1e-6f)
+        fail_msg("ray %zu: truth %g over %g, expected %g", i, (double)rows[c * RAYS + i], (double)back, (double)truth);
+    }
+  }
+}
+
+static void test_colours_of_the_rays(void **state) {
+  (void)state;
+  ern_train_report report;
+  const size_t frames = made.data.frames[0];
+  made.data.frames[0] = 1; /* so that it is known which one a step has */
+  ern_trainer *clip = torso_trainer(false, 1);
+  support_ok(made.context, ern_trainer_step(clip, &report));
+  expect_truths(clip, 0);
+  for (size_t i = 0; i < RAYS; i++)
+    for (size_t c = 0; c < 3; c++)
+      assert_true(clip->host_rows[(3 + c) * RAYS + i] ==
+                  (float)made.background[3 * (size_t)clip->host_pixels[i] + c] / 255);
+  ern_trainer_free(&clip);
+
+  ern_trainer *random = torso_trainer(true, 1);
+  support_ok(made.context, ern_trainer_step(random, &report));
+  expect_truths(random, 0);
+  for (size_t c = 0; c < 3; c++) { /* uniform: mean 1/2 and variance 1/12, within 6 of their standard deviations */
+    double sum = 0, squares = 0;
+    for (size_t i = 0; i < RAYS; i++) {
+      const double value = (double)random->host_rows[(3 + c) * RAYS + i] - 0.5;
+      sum += value / RAYS;
+      squares += value * value / RAYS;
+    }
+    assert_true(fabs(sum) < 6 * sqrt(1.0 / 12 / RAYS) && fabs(squares - 1.0 / 12) < 6 * sqrt(1.0 / 180 / RAYS));
+  }
+  ern_trainer_free(&random);
+  made.data.frames[0] = frames;
+}
+
+/* Mean distance of the layer's opacity from 1 where the torso is opaque and the head is not, after a training. */
+static double error_of_opacity(bool over_random) {
+  enum { STEPS = 300 };
+  ern_train_report report;
+  ern_trainer *trainer = torso_trainer(over_random, STEPS);
+  ern_model *model = NULL;
+  ern_renderer *renderer = NULL;
+  ern_dataset_frame about;
+  float windows[8 * 16 * WIDTH] = {0}, alpha[PIXELS], opacity[PIXELS];
+  for (int k = 0; k < STEPS; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
+  support_ok(made.context, ern_trainer_model(trainer, &model));
+  support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
+  support_ok(made.context, made_frame(&made, 0, 0, &about));
+  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = windows,
+                           .window_length = 16,
+                           .individual = 0};
+  ern_camera_pose(input.camera.pose, about.matrix, made.data.scale);
+  const ern_frame_output output = {.alpha = alpha, .opacity = opacity};
+  support_ok(made.context, ern_renderer_frame(renderer, &input, &output, NULL));
+  double error = 0, weight = 0;
+  for (int i = 0; i < PIXELS; i++) {
+    if (made.torso[0][4 * i + 3] < 255) continue;
+    error += 1 - (double)alpha[i];
+    weight += 1 - (double)opacity[i];
+  }
+  assert_true(weight > 1);
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+  return error / weight;
+}
+
+/* A torso of the colour of its background: over that alone nothing tells its opacity, over random colours all does. */
+static void test_torso_in_the_colour_of_its_background(void **state) {
+  (void)state;
+  for (int i = 0; i < PIXELS; i++) {
+    for (int c = 0; c < 3; c++) {
+      made.background[3 * i + c] = 128;
+      for (int f = 0; f < FRAMES; f++) made.torso[f][4 * i + c] = 128;
+    }
+    for (int f = 0; f < FRAMES; f++) made.torso[f][4 * i + 3] = i >= PIXELS / 2 ? 255 : 0;
+  }
+  const double random = error_of_opacity(true), clip = error_of_opacity(false);
+  print_message("opacity off by %.3f over random colours, by %.3f over the background\n", random, clip);
+  assert_true(random < 0.05);
+  assert_true(clip > 4 * random);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colours_of_the_rays),
+                                     cmocka_unit_test(test_torso_in_the_colour_of_its_background)};
+  return cmocka_run_group_tests(tests, open_clip, close_clip);
+}
