@@ -52,8 +52,10 @@ for example in render_minimal train_minimal; do
     -Wl,-rpath,"$lib" -o "$work/$example"
 done
 read -ra found <<<"$(pkg-config --cflags --libs libernerf-media)"
-"${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/contact_sheet.c" "${found[@]}" \
-  -Wl,-rpath,"$lib" -o "$work/contact_sheet"
+for example in contact_sheet live_minimal; do
+  "${CC:-cc}" -std=c17 -O1 -pedantic -Wall -Wextra -Werror "${flags[@]}" "$source/examples/$example.c" "${found[@]}" -pthread \
+    -Wl,-rpath,"$lib" -o "$work/$example"
+done
 needs=$(ldd "$work/render_minimal" "$work/train_minimal" | grep -E 'avcodec|opencv_|OpenImageIO|ernerf-media' || true)
 [ -z "$needs" ] || fail "a program that links libernerf alone needs $needs"
 
@@ -158,4 +160,18 @@ if "$work/contact_sheet" "$work/none.mp4" "$work/sheet.png" 5 2 32 2>"$work/refu
   fail "a video that is not there was accepted"
 fi
 grep -q 'none.mp4' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
+
+stage "live"
+tiny=$source/data/tiny
+"$root/bin/ernerf" train "$tiny" -o "$work/live.safetensors" --asr_model cepstra --iters 5 --rays 64 --levels 2 --quiet ||
+  fail "the installed program does not train"
+live=("$work/live.safetensors" "$tiny/transforms_val.json" 25)
+"$work/live_minimal" "${live[@]}" "$tiny/aud.wav" "$work/one.y4m" >"$work/live.log" || fail "live_minimal: $(cat "$work/live.log")"
+"$work/project/live_minimal" "${live[@]}" "$tiny/aud.wav" "$work/two.y4m" "$tiny/aud.wav" "$work/three.y4m" >>"$work/live.log"
+cmp "$work/one.y4m" "$work/two.y4m" && cmp "$work/one.y4m" "$work/three.y4m" || fail "two sessions at once draw other frames than one"
+cat "$work/live.log"
+status=0
+"$work/live_minimal" "${live[@]}" "$tiny/none.wav" "$work/none.y4m" "$tiny/aud.wav" "$work/four.y4m" 2>"$work/refused.log" || status=$?
+[ "$status" = 1 ] && grep -q 'none.wav' "$work/refused.log" || fail "a sound that is not there: $(cat "$work/refused.log")"
+[ ! -e "$work/none.y4m" ] && cmp "$work/one.y4m" "$work/four.y4m" || fail "a session that fails disturbs the other"
 stage done

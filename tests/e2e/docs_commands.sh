@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Runs every command line `ernerf VERB ...` that README and docs show in a block, in their order, on a made-up video, with few
-# steps and short times in the place of what the documents say. Commands that need a network or a device which may not be here are
-# counted and left out: api/test_docs checks their options.
+# steps and short times in the place of what the documents say. A file of samples stands for the microphone, a reader of the stream
+# for the browser. Commands that need a network or a device which may not be here are counted and left out: api/test_docs checks
+# their options.
 # Usage: docs_commands.sh SOURCE ERNERF FOLDER
 set -euo pipefail
 source=$1 ernerf=$2 folder=$3
@@ -15,6 +16,8 @@ cd "$folder"
 mv person.mp4 VIDEO
 cp truth/aud.wav speech.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
+tail -c +45 truth/aud.wav | head -c 64000 > microphone.s16
+printf 'say hello\neyes 0.3\n' > lines
 
 # option NAME VALUE: gives the option this value in `line`, in the place of the one it has or at its end.
 option() {
@@ -22,6 +25,28 @@ option() {
     *" $1 "*) line=$(sed -E "s/( $1) [^ ]+/\1 $2/" <<<"$line") ;;
     *) line="$line $1 $2" ;;
   esac
+}
+
+# read_http PORT: reads the stream as a browser does, as soon as there is one, until it ends.
+read_http() {
+  for _ in $(seq 200); do { exec 9<> "/dev/tcp/127.0.0.1/$1"; } 2> /dev/null && break; sleep 0.1; done
+  printf 'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n' >&9
+  cat <&9 || true # the stream may end in the middle of a piece
+}
+
+# live_line: runs `line`, of `ernerf live`, for two seconds, and checks that a stream came out of it.
+live_line() {
+  local port=$((20000 + $$ % 20000)) input=/dev/null reader=
+  : > stream
+  line=${line%% | ffplay*}
+  case $line in *"--audio -"*) input=microphone.s16 ;; *"--control -"*) input=lines ;; esac
+  line="ernerf live ${line#*ernerf live }"
+  line="${line/127.0.0.1:8080/127.0.0.1:$port} --duration 2 --size 64x64 --overwrite --quiet"
+  if [[ $line == *http:* ]]; then read_http "$port" > stream & reader=$!; fi
+  local words=($line)
+  "$ernerf" "${words[@]:1}" < "$input" >> stream 2> out.log || return 1
+  [ -z "$reader" ] || wait "$reader" || return 1
+  [[ $line == *udp:* ]] || [[ $line == *live.mp4* ]] || [ -s stream ] || { echo "no stream came" > out.log; return 1; }
 }
 
 # shortened VERB: `line` with less to do.
@@ -54,6 +79,12 @@ while IFS= read -r line; do
     *"MODEL CLIP"*) line=${line/MODEL CLIP/portrait.safetensors CLIP} ;;
     *ngp.pth*) [ -e ngp.pth ] || "$ernerf" convert head.safetensors ngp.pth --quiet 2> convert.log ;;
   esac
+  if [[ $line == *"ernerf live "* ]]; then
+    live_line || { tail -n 5 out.log; echo "FAIL: $line"; exit 1; }
+    echo "$line"
+    ran=$((ran + 1))
+    continue
+  fi
   read -r _ verb _ <<<"$line"
   [ "$verb" = info ] || [ "$verb" = check ] || shortened "$verb"
   words=($line)
@@ -64,6 +95,6 @@ while IFS= read -r line; do
   fi
   echo "$line"
   ran=$((ran + 1))
-done < <(cd "$source" && sed -nE 's/^ {4}(ernerf [a-z].*)/\1/p' README.md docs/*.md)
+done < <(cd "$source" && sed -nE 's/^ {4,8}((arecord .*\| )?ernerf [a-z].*)/\1/p' README.md docs/*.md)
 [ "$ran" -ge 20 ] || { echo "FAIL: $ran commands, expected 20 at least: the search for them is broken"; exit 1; }
 echo "$ran commands ran, $left_out need a network or a device"

@@ -63,6 +63,15 @@ bool args_given(const struct args *args, const char *name) {
   return option != NULL && option->given;
 }
 
+void args_unlist(struct args *args, const char *names) {
+  for (const char *at = names; *at != 0;) {
+    const size_t bytes = strcspn(at, " ");
+    struct option *option = find_option(args, at, bytes);
+    if (option != NULL) option->unlisted = true;
+    at += bytes + strspn(at + bytes, " ");
+  }
+}
+
 int args_forbid(const struct args *args, const char *names, const char *why) {
   for (const char *at = names; *at != 0;) {
     const size_t bytes = strcspn(at, " ");
@@ -495,7 +504,8 @@ static void print_help(const struct args *args) {
   for (int g = 0; g < ARGS_GROUPS; g++) {
     if (args->groups[g].count == 0) continue;
     printf("\n%s\n", args->groups[g].title);
-    for (size_t i = 0; i < args->groups[g].count; i++) print_option(&args->groups[g].options[i]);
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);
   }
   if (args->notes != NULL) printf("\n%s\n", args->notes);
 }

@@ -57,7 +57,8 @@ struct option {
   double low, high;
   const char *choices; /* of OPTION_CHOICE; of others what the help calls the value, NULL: by kind */
   const char *help;
-  bool given; /* set by the parser */
+  bool given;    /* set by the parser */
+  bool unlisted; /* not in the help: the verb refuses it, and says why */
 };
 
 /* options[count] = rows. A table of more or fewer rows does not compile. */
@@ -99,6 +100,9 @@ bool args_given(const struct args *args, const char *name);
 
 /* Says "ernerf VERB: ..." and where the help is, on stderr. Returns EXIT_USAGE. */
 int args_refuse(const struct args *args, const char *format, ...) ERN_PRINTF(2, 3);
+
+/* Leaves `names` (split at spaces) of a shared table out of the help. */
+void args_unlist(struct args *args, const char *names);
 
 /* EXIT_USAGE with a sentence when one of `names` (split at spaces) was given, for the reason `why`; else -1. */
 int args_forbid(const struct args *args, const char *names, const char *why);

@@ -138,6 +138,16 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 
+/* Options of a video which a live person cannot have. */
+static int check_unlisted(const struct args *args) {
+  int status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
+  if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
+  if (status < 0) status = args_forbid(args, "smooth_lips", "keeps a state that settings which change would not share");
+  if (status < 0)
+    status = args_forbid(args, "speech-model speech-preset", "needs the whole sound before the first frame");
+  return status;
+}
+
 /* The policy is a choice, and --as-fast changes its default. */
 static int check_usage(struct live_job *job, const struct args *args, int slow_reader) {
   int status = -1;
@@ -151,9 +161,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
       strcmp(job->steering.path, "-") == 0)
     return args_refuse(args, "--audio - and --control - both take standard input");
   if (job->sound.url == NULL) status = args_forbid(args, "audio-format audio-rate audio-channels", "is about --audio");
-  if (status < 0) status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
-  if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
-  if (status < 0) status = args_forbid(args, "smooth_lips", "keeps a state that settings which change would not share");
+  if (status < 0) status = check_unlisted(args);
   if (status < 0 && job->steering.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
@@ -344,6 +352,7 @@ int cmd_live(int argc, char **argv) {
   job->sound.channels = 1;
   job->eye = -1;
   job->portrait.other_speech = true;
+  args_unlist(&args, "split frames eye smooth_lips speech-model speech-preset");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args, slow_reader);
   const char *const inputs[SESSION_INPUTS] = {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "live/live_sound.h"
 
+#include <errno.h>
 #include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -75,16 +76,18 @@ static void speak(struct live_sound *sound, const char *text) {
   const int file = mkstemp(path);
   char *voice = strdup(sound->voice), *words = strdup(text);
   pid_t child = -1;
-  int state = -1;
+  int state = -1, error = 0;
   if (file >= 0 && voice != NULL && words != NULL) {
     char *const arguments[] = {program, voice_option, voice, file_option, path, end, words, NULL};
-    const int error = posix_spawnp(&child, program, NULL, NULL, arguments, environ);
+    error = posix_spawnp(&child, program, NULL, NULL, arguments, environ);
     if (error != 0 || waitpid(child, &state, 0) != child) state = -1;
   }
   if (state == 0)
     (void)play(sound, path, false);
+  else if (error == ENOENT)
+    remember(sound, "espeak-ng, which makes sound of a text, is not installed (apt install espeak-ng)");
   else
-    remember(sound, "espeak-ng, which makes sound of a text, is not installed, or failed (apt install espeak-ng)");
+    remember(sound, "espeak-ng made no sound of the text; `espeak-ng --voices` lists what --voice may be");
   if (file >= 0) {
     (void)close(file);
     (void)unlink(path);
