@@ -23,6 +23,27 @@ typedef struct ern_image {
   uint8_t *data;               /* [height][width][channels]; owned by the holder (ern_image_free) */
 } ern_image;
 
+/* How a picture or video was made, which its file then says: as an XMP packet (ISO 16684-1) with IPTC's
+ * DigitalSourceType, and with the label of GB 45438-2025 ("AIGC"). PNG and JPEG have the packet in the place that XMP
+ * gives it, OpenEXR as the attribute "xmp", mp4 as a box at the end of the file; mp4, Matroska, FLV and NUT have tags
+ * beside it or alone. MPEG-TS, y4m and raw pictures say nothing. Texts are UTF-8 and read during the call alone.
+ * Plain data, may grow. */
+typedef struct ern_provenance {
+  uint32_t cookie, size; /* set by ern_provenance_default() */
+  bool all_trained;      /* false (default): a trained model's picture together with recorded ones, such as a background
+                            (compositeWithTrainedAlgorithmicMedia); true: nothing else (trainedAlgorithmicMedia) */
+  const char *id;        /* tells this file from others, such as a hash: at most 128 of A-Z a-z 0-9 . _ : -; NULL
+                            (default): none */
+  const char *consent;   /* what the person has agreed to (ern_model_info), less than ERN_CONSENT_BYTES; NULL (default)
+                            or "": it is not known */
+} ern_provenance;
+ERN_API void ern_provenance_fill(ern_provenance *provenance, size_t bytes);
+static inline ern_provenance ern_provenance_default(void) {
+  ern_provenance provenance;
+  ern_provenance_fill(&provenance, sizeof provenance);
+  return provenance;
+}
+
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
  * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A file whose
  * header has a side above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is
@@ -33,9 +54,18 @@ ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char
 /* The format follows from the extension (.png .jpg); quality 1..100 counts for .jpg only. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image,
                                                  int quality);
+/* The same, and the file says how it was made. provenance NULL: it does not. */
+ERN_API ERN_NODISCARD ern_status ern_image_write_provenance(ern_context *context, const char *path,
+                                                            const ern_image *image, int quality,
+                                                            const ern_provenance *provenance);
 /* OpenEXR, 32-bit float: data[height][width][channels], channel names such as "R", "G", "B", "A", "Z". Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data,
                                                      int width, int height, int channels, const char *const *names);
+/* The same, and the file says how it was made. provenance NULL: it does not. */
+ERN_API ERN_NODISCARD ern_status ern_image_write_exr_provenance(ern_context *context, const char *path,
+                                                                const float *data, int width, int height, int channels,
+                                                                const char *const *names,
+                                                                const ern_provenance *provenance);
 /* Dense optical flow from one grey picture [height][width] to another, 16 to 8192 pixels a side (DIS: Kroeger et al.,
  * "Fast Optical Flow using Dense Inverse Search", ECCV 2016): flow [height][width][2], the caller's, pixels right and
  * down. Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there. */
@@ -123,6 +153,7 @@ typedef struct ern_video_options {
                              Must outlive the writer. */
   double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
   int crf;                /* H.264 quality 0..51, 15 is the default */
+  const ern_provenance *provenance; /* what the file says of how it was made; NULL (default): nothing */
 } ern_video_options;
 
 ERN_API void ern_video_options_fill(ern_video_options *options, size_t bytes);

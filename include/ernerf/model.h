@@ -65,6 +65,8 @@ ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to
  * the metadata. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
+enum { ERN_CONSENT_BYTES = 1024 }; /* of what the person has agreed to, with the 0 at its end */
+
 /* Plain data, may grow. */
 typedef struct ern_model_info {
   bool has_torso; /* head and torso; false: the head alone */
@@ -97,9 +99,10 @@ typedef struct ern_model_info {
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */
   size_t parameter_bytes;
-  char speech[64];          /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
-  char speech_network[512]; /* description of the network that made them, with its SHA-256, for
-                               ern_speech_network_open; "": no network made them, or it is not known */
+  char speech[64];                 /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
+  char speech_network[512];        /* description of the network that made them, with its SHA-256, for
+                                      ern_speech_network_open; "": no network made them, or it is not known */
+  char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
 } ern_model_info;
 ERN_API void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes);
 static inline void ern_model_describe(const ern_model *model, ern_model_info *info) {

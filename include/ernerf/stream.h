@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "ernerf/base.h"
+#include "ernerf/media.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -62,9 +62,11 @@ typedef struct ern_stream_options {
   int rate_numerator, rate_denominator; /* pictures a second, each 1..1000000; default 25, 1 */
   int sound_rate, sound_channels;       /* 0, 0 (default): silent; else 1..384000 samples a second, 1..8 */
   int crf;                              /* H.264's quality 0..51, default 18 */
-  const char *format;      /* "y4m" (4:2:0, without sound), "nut" (4:2:0 and 16-bit samples), "mpegts", "flv", "mp4" and
-                              "matroska" (H.264, AAC), "raw" (RGBA8, without sound); NULL (default): by the url */
-  int (*stop)(void *user); /* as of ern_sound_reader_options, while a reader is awaited or too slow */
+  const char *format; /* "y4m" (4:2:0, without sound), "nut" (4:2:0 and 16-bit samples), "mpegts", "flv", "mp4" and
+                         "matroska" (H.264, AAC), "raw" (RGBA8, without sound); NULL (default): by the url */
+  const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its form has a place for
+                                       it; NULL (default): nothing */
+  int (*stop)(void *user);          /* as of ern_sound_reader_options, while a reader is awaited or too slow */
   void *user;
 } ern_stream_options;
 ERN_API void ern_stream_options_fill(ern_stream_options *options, size_t bytes);

@@ -169,6 +169,9 @@ typedef struct ern_train_config {
   const ern_fine_loss *fine_loss; /* NULL (default): structural similarity. The struct and its name are copied, what
                                      `user` points to must outlive the trainer. A resume of a training that has, or
                                      will have, a fine stage must have the same name (ERN_E_MISMATCH) */
+  const char *consent; /* what the person who is learnt has agreed to, UTF-8, less than ERN_CONSENT_BYTES. The model
+                          keeps it, and pictures and videos of it carry it (ern_provenance). NULL (default): that of the
+                          head, of the state that is resumed or of `from`, where it is of this clip, else none */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {

@@ -237,6 +237,38 @@ void ern_decoder_close(struct ern_decoder *decoder) {
   *decoder = (struct ern_decoder){0};
 }
 
+ern_status ern_muxer_tag(struct ern_muxer *muxer, const struct ern_provenance_texts *texts) {
+  AVDictionary **tags = &muxer->container->metadata;
+  if (texts->xmp == NULL) return ERN_OK;
+  int error = av_dict_set(tags, "DigitalSourceType", texts->source_type, 0);
+  if (error >= 0) error = av_dict_set(tags, "AIGC", texts->aigc, 0);
+  /* of an mp4 ffmpeg keeps the names of tracks alone, where it copies or encodes it without further words */
+  const bool mp4 = strcmp(muxer->container->oformat->name, "mp4") == 0;
+  for (unsigned i = 0; mp4 && error >= 0 && i < muxer->container->nb_streams; i++)
+    error = av_dict_set(&muxer->container->streams[i]->metadata, "handler_name", texts->source_type, 0);
+  return error < 0 ? ern_av_fail(muxer->context, ERN_E_NO_MEMORY, muxer->path, "tag it", error) : ERN_OK;
+}
+
+ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp) {
+  AVIOContext *io = muxer->container->pb;
+  uint8_t *box = NULL;
+  size_t bytes = 0;
+  ern_status status = ERN_OK;
+  const int error = av_write_trailer(muxer->container);
+  if (error < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", error));
+  if (xmp != NULL) {
+    avio_flush(io);
+    ERN_TRY(ern_provenance_box(muxer->context, xmp, &box, &bytes));
+    const int64_t end = avio_size(io); /* faststart stops behind the head */
+    const int64_t place = end >= 0 ? avio_seek(io, end, SEEK_SET) : end;
+    if (place < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", (int)place));
+    avio_write(io, box, (int)bytes);
+  }
+fail:
+  ern_release(muxer->context, box);
+  return status;
+}
+
 ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream, const AVFrame *frame) {
   ern_context *context = muxer->context;
   int error = avcodec_send_frame(codec, frame);

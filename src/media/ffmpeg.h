@@ -9,6 +9,7 @@
 #include <stdbool.h>
 
 #include "core/status.h"
+#include "media/provenance.h"
 
 /* "PATH: cannot DOING: reason"; the code is ERN_E_IO, ERN_E_MISSING or ERN_E_NO_MEMORY where FFmpeg's error is the
  * operating system's, else `otherwise`. */
@@ -58,6 +59,10 @@ struct ern_muxer {
   AVFormatContext *container;
   AVPacket *packet;
 };
+/* Tags of the container, before its head; none without texts. ERN_E_NO_MEMORY. */
+ERN_NODISCARD ern_status ern_muxer_tag(struct ern_muxer *muxer, const struct ern_provenance_texts *texts);
+/* Writes the tail, and behind it, where xmp is not NULL, a box of an mp4 with that packet. */
+ERN_NODISCARD ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp);
 /* Encodes a frame (NULL: the rest) and writes what comes of it. */
 ERN_NODISCARD ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream,
                                           const AVFrame *frame);

@@ -12,9 +12,11 @@
 
 extern "C" {
 #include "core/floats.h"
+#include "core/memory.h"
 #include "io/file.h"
 #include "media/image.h"
 #include "media/input.h"
+#include "media/provenance.h"
 }
 
 namespace {
@@ -136,7 +138,7 @@ const char *format_of(const char *path) {
 
 /* Encodes pixels of `type` as `format` and writes the bytes to `path`. */
 ern_status encode(ern_context *context, const char *path, const char *format, const OIIO::ImageSpec &spec,
-                  OIIO::TypeDesc type, const void *pixels) {
+                  OIIO::TypeDesc type, const void *pixels, const char *xmp) {
   std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(format);
   if (!output) {
     return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO cannot write %s: %s", path, format,
@@ -150,11 +152,21 @@ ern_status encode(ern_context *context, const char *path, const char *format, co
     return ern_fail(context, ERN_E_MEDIA, "%s: cannot encode %d x %d pixels as %s: %s", path, spec.width, spec.height,
                     format, one_line(output->geterror()).c_str());
   }
-  return ern_file_write(context, path, memory.buffer().data(), memory.buffer().size(), ERN_EXISTING_BY_CONTEXT);
+  const uint8_t *bytes = memory.buffer().data();
+  size_t count = memory.buffer().size();
+  uint8_t *with = nullptr;
+  ern_status status = ERN_OK;
+  if (xmp != nullptr) {
+    status = ern_provenance_insert(context, xmp, bytes, count, &with, &count);
+    bytes = with;
+  }
+  if (status == ERN_OK) status = ern_file_write(context, path, bytes, count, ERN_EXISTING_BY_CONTEXT);
+  ern_release(context, with);
+  return status;
 }
 
-ern_status write_pixels(ern_context *context, const char *path, const char *format, const ern_image *image,
-                        int quality) {
+ern_status write_pixels(ern_context *context, const char *path, const char *format, const ern_image *image, int quality,
+                        const char *xmp) {
   OIIO::ImageSpec spec(image->width, image->height, image->channels, OIIO::TypeDesc::UINT8);
   if (image->channels == 4) spec.attribute("oiio:UnassociatedAlpha", 1);
   spec.attribute("png:compressionLevel", 4); /* half the time of the default for a twentieth more bytes */
@@ -162,11 +174,11 @@ ern_status write_pixels(ern_context *context, const char *path, const char *form
     spec.attribute("Compression", std::string("jpeg:") + std::to_string(quality));
     spec.attribute("jpeg:subsampling", quality >= 95 ? "4:4:4" : "4:2:0");
   }
-  return encode(context, path, format, spec, OIIO::TypeDesc::UINT8, image->data);
+  return encode(context, path, format, spec, OIIO::TypeDesc::UINT8, image->data, xmp);
 }
 
 ern_status write_floats(ern_context *context, const char *path, const float *data, int width, int height, int channels,
-                        const char *const *names) {
+                        const char *const *names, const char *xmp) {
   OIIO::ImageSpec spec(width, height, channels, OIIO::TypeDesc::FLOAT);
   spec.alpha_channel = spec.z_channel = -1;
   for (int i = 0; i < channels; i++) {
@@ -176,7 +188,8 @@ ern_status write_floats(ern_context *context, const char *path, const float *dat
   }
   spec.attribute("compression", "zip");
   spec.attribute("DateTime", "1970:01:01 00:00:00"); /* else the time of day: same picture, same bytes */
-  return encode(context, path, "openexr", spec, OIIO::TypeDesc::FLOAT, data);
+  if (xmp != nullptr) spec.attribute("xmp", xmp);
+  return encode(context, path, "openexr", spec, OIIO::TypeDesc::FLOAT, data, nullptr);
 }
 
 }  // namespace
@@ -213,6 +226,14 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
 }
 
 extern "C" ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image, int quality) {
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, image);
+  return ern_image_write_provenance(context, path, image, quality, nullptr);
+}
+
+extern "C" ern_status ern_image_write_provenance(ern_context *context, const char *path, const ern_image *image,
+                                                 int quality, const ern_provenance *provenance) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(context, context);
   ERN_NEED(context, path);
@@ -232,17 +253,29 @@ extern "C" ern_status ern_image_write(ern_context *context, const char *path, co
       return ern_fail(context, ERN_E_ARGUMENT, "%s: quality is %d, expected 1 to 100", path, quality);
     }
   }
-  return guarded(context, path, [&] { return write_pixels(context, path, format, image, quality); });
+  ern_provenance_texts texts;
+  status = ern_provenance_texts_make(context, provenance, &texts);
+  if (status != ERN_OK) return status;
+  status = guarded(context, path, [&] { return write_pixels(context, path, format, image, quality, texts.xmp); });
+  ern_provenance_texts_free(context, &texts);
+  return status;
 }
 
 extern "C" ern_status ern_image_write_exr(ern_context *context, const char *path, const float *data, int width,
                                           int height, int channels, const char *const *names) {
+  ERN_NEED(context, context);
+  return ern_image_write_exr_provenance(context, path, data, width, height, channels, names, nullptr);
+}
+
+extern "C" ern_status ern_image_write_exr_provenance(ern_context *context, const char *path, const float *data,
+                                                     int width, int height, int channels, const char *const *names,
+                                                     const ern_provenance *provenance) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(context, context);
   ERN_NEED(context, path);
   ERN_NEED(context, data);
   ERN_NEED(context, names);
-  const ern_status status = ern_image_check_sides(context, path, width, height);
+  ern_status status = ern_image_check_sides(context, path, width, height);
   if (status != ERN_OK) return status;
   if (channels < 1 || channels > 64) {
     return ern_fail(context, ERN_E_ARGUMENT, "%s: %d channels, expected 1 to 64", path, channels);
@@ -256,5 +289,11 @@ extern "C" ern_status ern_image_write_exr(ern_context *context, const char *path
       return ern_fail(context, ERN_E_ARGUMENT, "%s: channels %d and %d are both named \"%s\"", path, j, i, names[i]);
     }
   }
-  return guarded(context, path, [&] { return write_floats(context, path, data, width, height, channels, names); });
+  ern_provenance_texts texts;
+  status = ern_provenance_texts_make(context, provenance, &texts);
+  if (status != ERN_OK) return status;
+  status = guarded(context, path,
+                   [&] { return write_floats(context, path, data, width, height, channels, names, texts.xmp); });
+  ern_provenance_texts_free(context, &texts);
+  return status;
 }

@@ -27,6 +27,7 @@ struct ern_video_writer {
   struct ern_muxer muxer;
   struct ern_picture_track pictures;
   struct ern_sound_track sound;
+  struct ern_provenance_texts provenance;
 };
 
 void ern_video_options_fill(ern_video_options *options, size_t bytes) {
@@ -71,7 +72,8 @@ static ern_status open_file(ern_video_writer *writer) {
   container->url = av_strdup(url); /* the second pass of faststart reads the file again by this name */
   int error = container->url != NULL ? avio_open(&container->pb, url, AVIO_FLAG_WRITE) : AVERROR(ENOMEM);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->file.path, "write", error));
-  error = av_dict_set(&options, "movflags", "+faststart", 0);
+  const bool tagged = writer->provenance.xmp != NULL; /* mp4 has no place of its own for these tags */
+  error = av_dict_set(&options, "movflags", tagged ? "+faststart+use_metadata_tags" : "+faststart", 0);
   if (error >= 0) error = avformat_write_header(container, &options);
   if (error >= 0) error = container->pb->error;
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "write the head of an mp4", error));
@@ -108,6 +110,8 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ERN_TRY(ern_picture_track_open(&made->muxer, chosen.width, chosen.height, made->rate, ERN_PICTURES_FILE, chosen.crf,
                                  &made->pictures));
   ERN_TRY(ern_sound_track_open(&made->muxer, chosen.sound, chosen.sound_start, &made->sound));
+  ERN_TRY(ern_provenance_texts_make(context, chosen.provenance, &made->provenance));
+  ERN_TRY(ern_muxer_tag(&made->muxer, &made->provenance));
   ERN_TRY(open_file(made));
   *writer = made;
   return ERN_OK;
@@ -147,11 +151,9 @@ static ern_status finish(ern_video_writer *writer) {
   }
   ERN_TRY(ern_sound_track_advance(&writer->muxer, &writer->sound, writer->pictures.count, writer->rate, true));
   ERN_TRY(ern_muxer_encode(&writer->muxer, writer->pictures.codec, writer->pictures.stream, NULL));
-  int error = av_write_trailer(container);
-  if (error >= 0) {
-    avio_flush(container->pb);
-    error = container->pb->error;
-  }
+  ERN_TRY(ern_muxer_end(&writer->muxer, writer->provenance.xmp));
+  avio_flush(container->pb);
+  int error = container->pb->error;
   const int closed = avio_closep(&container->pb);
   if (error >= 0) error = closed;
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->file.path, "write the tail", error));
@@ -179,5 +181,6 @@ void ern_video_writer_abandon(ern_video_writer **writer) {
   if (dying->muxer.container != NULL) avio_closep(&dying->muxer.container->pb);
   avformat_free_context(dying->muxer.container);
   ern_file_writer_abandon(&dying->file);
+  ern_provenance_texts_free(context, &dying->provenance);
   ern_release(context, dying);
 }

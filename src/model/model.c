@@ -66,6 +66,7 @@ static void describe(const ern_model *model, ern_model_info *info) {
   memcpy(info->clip, model->clip, sizeof info->clip);
   memcpy(info->speech, model->speech, sizeof info->speech);
   memcpy(info->speech_network, model->speech_network, sizeof info->speech_network);
+  memcpy(info->consent, model->consent, sizeof info->consent);
   for (int r = 0; r < model->table.rows; r++) info->parameters += model->table.row[r].count;
   info->parameter_bytes = info->parameters * sizeof(float);
 }

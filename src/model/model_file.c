@@ -33,13 +33,13 @@ static bool put_speech_network(json_t *root, const ern_model *model) {
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
-  json_t *root = json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s, s:s}",
-                           "backbone", ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention),
-                           "eye_attention", ern_eye_attention_name(c->eye_attention), "levels", c->levels,
-                           "feature_width", c->feature_width, "window_length", c->window_length, "eye", c->eye, "view",
-                           !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes", c->codes, "bound",
-                           (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
-                           (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", "");
+  json_t *root = json_pack(
+      "{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s, s:s}", "backbone",
+      ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention), "eye_attention",
+      ern_eye_attention_name(c->eye_attention), "levels", c->levels, "feature_width", c->feature_width, "window_length",
+      c->window_length, "eye", c->eye, "view", !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes",
+      c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
+      (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", model->consent);
   if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model))) {
     json_decref(root);
     root = NULL;
@@ -168,6 +168,15 @@ static ern_status read_speech(ern_context *context, const json_t *root, const ch
   return ERN_OK;
 }
 
+static ern_status read_consent(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
+  const json_t *consent = json_object_get(root, "consent");
+  if (consent == NULL) return ERN_OK;
+  if (!json_is_string(consent) || json_string_length(consent) >= sizeof identity->consent)
+    return wrong_field(context, path, "consent");
+  snprintf(identity->consent, sizeof identity->consent, "%s", json_string_value(consent));
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -209,6 +218,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
   ERN_TRY(read_speech(context, root, path, identity)); /* files of before it was kept do not say */
+  ERN_TRY(read_consent(context, root, path, identity));
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
   ERN_TRY(read_view(context, root, path, &identity->view));
@@ -418,6 +428,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   memcpy(made->clip, identity.clip, sizeof made->clip);
   memcpy(made->speech, identity.speech, sizeof made->speech);
   memcpy(made->speech_network, identity.speech_network, sizeof made->speech_network);
+  memcpy(made->consent, identity.consent, sizeof made->consent);
   for (int r = 0; r < made->table.rows; r++) {
     const struct ern_parameter *row = &made->table.row[r];
     ERN_TRY(ern_tensor_take(context, file, path, row->name, row->dims, row->shape, made->block + row->at));

@@ -112,6 +112,8 @@ static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) 
 ERN_NODISCARD ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted);
 /* Whether the model says that it is of another clip. */
 bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model);
+/* Takes over what the person agreed to, where nothing else is said and it is of the same clip. */
+void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from);
 /* The rows of the torso, or those of the head, with what else belongs to either; of individual codes as many as both
  * have. Other rows have the same shape in both. */
 void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);

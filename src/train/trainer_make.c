@@ -166,6 +166,7 @@ static ern_status check_data(ern_trainer *t) {
                     d->frames[0]);
   ern_status status = check_name(t->context, "kind of the speech", d->speech, sizeof t->model->speech - 1);
   if (status == ERN_OK) status = check_name(t->context, "identity", d->identity, sizeof t->identity - 1);
+  if (status == ERN_OK) status = check_name(t->context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
   if (status == ERN_OK) status = ern_features_check(t->context, "train", d->features);
   return status == ERN_OK ? check_all_features(t->context, d) : status;
 }
@@ -259,6 +260,11 @@ void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found) {
             found, here, here);
 }
 
+void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from) {
+  if (t->config.consent == NULL && !ern_trainer_is_foreign(t, from))
+    memcpy(t->model->consent, from->consent, sizeof t->model->consent);
+}
+
 /* What the model speaks from; a torso learns nothing of it. */
 static ern_status take_speech(ern_trainer *t) {
   ern_model *model = t->model;
@@ -299,6 +305,10 @@ static ern_status make_model(ern_trainer *t) {
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
   ERN_TRY(take_speech(t));
+  if (t->config.consent != NULL)
+    snprintf(t->model->consent, sizeof t->model->consent, "%s", t->config.consent);
+  else if (t->config.head != NULL)
+    ern_trainer_keep_consent(t, t->config.head);
   ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);

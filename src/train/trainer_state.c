@@ -402,6 +402,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
     ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
+  ern_trainer_keep_consent(t, best.model);
   t->fine_from = best.about.fine_from;
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
@@ -490,6 +491,7 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(check_config(t, c.model, path, false));
   const bool foreign = ern_trainer_is_foreign(t, c.model);
   if (!foreign) ern_trainer_poses_take(t, c.model);
+  ern_trainer_keep_consent(t, c.model);
   if (c.model->cameras > 0 && (foreign || t->poses == NULL))
     ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is %s", path,
             foreign ? "of the frames of another clip, and is left out" : "not trained on, nor applied while training");

@@ -231,6 +231,7 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   GUARDED(ern_ray_reuse_work, work);
   GUARDED(ern_video_options, video);
   GUARDED(ern_video_info, about);
+  GUARDED(ern_provenance, provenance);
   if (windows == NULL) exit(1);
   ern_clip_describe(clip, &info);
   ern_render_options_fill(&options->it, sizeof options->it);
@@ -254,6 +255,9 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   stream(context, rgba);
   ern_video_options_fill(&video->it, sizeof video->it);
   video->it.width = video->it.height = SIDE;
+  ern_provenance_fill(&provenance->it, sizeof provenance->it);
+  provenance->it.all_trained = true;
+  NEED(ern_image_write_provenance(context, "provenance.png", &(ern_image){SIDE, SIDE, 4, rgba}, 100, &provenance->it));
   NEED(ern_video_writer_open(context, path, &video->it, &writer));
   NEED(ern_video_writer_frame(writer, rgba));
   NEED(ern_video_writer_close(&writer));

@@ -374,7 +374,37 @@ CHECK(ern_clip_check) {
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {ROW(ern_lpips_open),
+CHECK(ern_provenance_default) { assert_false(ern_provenance_default().all_trained); }
+CHECK(ern_provenance_fill) { FILLS(ern_provenance, ern_provenance_fill); }
+CHECK(ern_image_write_provenance) {
+  const ern_image image = picture();
+  ern_provenance said = ern_provenance_default();
+  REFUSED_ALONE(ern_image_write_provenance(NULL, "a.png", &image, 90, &said));
+  REFUSED(w.context, "path is NULL", ern_image_write_provenance(w.context, NULL, &image, 90, &said));
+  REFUSED(w.context, "image is NULL", ern_image_write_provenance(w.context, "a.png", NULL, 90, &said));
+  REFUSED(w.context, "ern_provenance_default",
+          ern_image_write_provenance(w.context, "a.png", &image, 90, &(ern_provenance){.id = "a"}));
+  said.id = "a b";
+  REFUSED(w.context, "the id is", ern_image_write_provenance(w.context, "a.png", &image, 90, &said));
+  said.size = sizeof said + 8;
+  REFUSED_LATER(w.context, ern_provenance, ern_image_write_provenance(w.context, "a.png", &image, 90, &said));
+}
+CHECK(ern_image_write_exr_provenance) {
+  const float data[4] = {0};
+  const char *names[] = {"R"};
+  ern_provenance said = ern_provenance_default();
+  REFUSED_ALONE(ern_image_write_exr_provenance(NULL, "a.exr", data, 2, 2, 1, names, &said));
+  REFUSED(w.context, "path is NULL", ern_image_write_exr_provenance(w.context, NULL, data, 2, 2, 1, names, &said));
+  said.consent = "\xff";
+  REFUSED(w.context, "consent is no UTF-8",
+          ern_image_write_exr_provenance(w.context, "a.exr", data, 2, 2, 1, names, &said));
+}
+
+static const struct arguments_check table[] = {ROW(ern_provenance_default),
+                                               ROW(ern_provenance_fill),
+                                               ROW(ern_image_write_provenance),
+                                               ROW(ern_image_write_exr_provenance),
+                                               ROW(ern_lpips_open),
                                                ROW(ern_lpips_free),
                                                ROW(ern_lpips_distance),
                                                ROW(ern_lpips_name),

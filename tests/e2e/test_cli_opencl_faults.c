@@ -93,7 +93,7 @@ static int make_model(void **state) {
   snprintf(clip, sizeof clip, "%s/data/tiny", source);
   clear();
   forget("m");
-  cli_run(&cli, "train %s -o m.safetensors --iters 2 %s --quiet", clip, STEPS);
+  cli_run(&cli, "train %s -o m.safetensors --iters 2 %s --consent agreed --quiet", clip, STEPS);
   cli_expect(&cli, 0, NULL);
   return 0;
 }

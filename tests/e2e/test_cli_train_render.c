@@ -63,7 +63,7 @@ static void test_head(void **state) {
   (void)state;
   ern_context *context = support_context();
   ern_image picture = {0};
-  cli_run(&cli, "train clip -o head.safetensors " HEAD_WORDS " --validate-every 20 --json train.json");
+  cli_run(&cli, "train clip -o head.safetensors " HEAD_WORDS " --consent agreed --validate-every 20 --json train.json");
   cli_expect(&cli, 0, "a head from 20 frames of 64 x 64", "aud_ds.npy", "au.csv", "head.run", "step 20: PSNR", "40/40",
              "steps/s", "left", "loss", NULL);
   assert_string_equal(cli.out, "");
@@ -91,7 +91,7 @@ static void stop_training(const char *name, int signal) {
   snprintf(path, sizeof path, "%s.run", name);
   support_clear(path);
   snprintf(path, sizeof path, "%s.run/state.safetensors", name);
-  snprintf(cli.line, sizeof cli.line, "train clip -o %s.safetensors %s", name, HEAD_WORDS);
+  snprintf(cli.line, sizeof cli.line, "train clip -o %s.safetensors %s", name, HEAD_WORDS " --consent agreed");
   cli_start(&cli, NULL, 0);
   for (int i = 0; !cli_there(path) && i < 30000; i++) rest(2);
   assert_int_equal(kill(cli.pid, signal), 0);
@@ -432,7 +432,7 @@ static void test_pictures(void **state) {
   assert_int_equal(mkdir("out", 0777), 0);
   cli_run(&cli, "render head.safetensors --clip clip --frames 4:6 -o out/%%05d.png --quiet");
   cli_expect(&cli, 0, NULL);
-  assert_true(cli_count("out") == 2 && cli_there("out/00004.png"));
+  assert_true(cli_count("out") == 3 && cli_there("out/00004.png") && cli_there("out/all.png.provenance.json"));
   support_ok(context, ern_image_read(context, "out/00005.png", 4, &image));
   assert_true(image.width == SIZE && image.height == SIZE);
   uint8_t *pixels = raw("head.safetensors --clip clip --frames 5:6", 1);

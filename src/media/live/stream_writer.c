@@ -50,6 +50,7 @@ struct ern_stream_writer {
   struct ern_picture_track pictures;
   struct ern_sound_track sound;
   uint8_t *last; /* of "raw": the last picture */
+  struct ern_provenance_texts provenance;
   ern_status broken;
   bool begun; /* the head is written */
 };
@@ -183,7 +184,8 @@ static ern_status write_head(ern_stream_writer *w) {
   if (container == NULL) return ERN_OK;
   container->pb = io_of(w);
   const bool file = w->target == TARGET_FILE;
-  const char *flags = file ? "+faststart" : "+empty_moov+delay_moov+default_base_moof";
+  const char *flags =
+      file ? "+faststart+use_metadata_tags" : "+empty_moov+delay_moov+default_base_moof+use_metadata_tags";
   if (!file) container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
   if (!file) container->max_interleave_delta = AV_TIME_BASE / 5;
   container->max_delay = 0;
@@ -228,6 +230,8 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   ERN_TRY(ern_string_copy(context, url, &made->url));
   ERN_TRY(choose_form(made));
   ERN_TRY(open_tracks(made));
+  ERN_TRY(ern_provenance_texts_make(context, chosen.provenance, &made->provenance));
+  if (made->muxer.container != NULL) ERN_TRY(ern_muxer_tag(&made->muxer, &made->provenance));
   ERN_TRY(or_stopped(made, open_target(made)));
   ERN_TRY(or_stopped(made, write_head(made)));
   *writer = made;
@@ -280,8 +284,8 @@ static ern_status finish(ern_stream_writer *w) {
     if (w->sound.codec != NULL) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, NULL, 0));
     ERN_TRY(ern_muxer_encode(&w->muxer, w->pictures.codec, w->pictures.stream, NULL));
     w->begun = false;
-    const int error = av_write_trailer(container);
-    if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write the tail", error));
+    const bool boxed = w->target == TARGET_FILE && strcmp(w->form->muxer, "mp4") == 0;
+    ERN_TRY(ern_muxer_end(&w->muxer, boxed ? w->provenance.xmp : NULL));
   }
   avio_flush(io_of(w));
   int error = io_of(w)->error;
@@ -315,6 +319,7 @@ void ern_stream_writer_abandon(ern_stream_writer **writer) {
   avformat_free_context(w->muxer.container);
   ern_descriptor_io_close(&w->pipe);
   ern_file_writer_abandon(&w->file);
+  ern_provenance_texts_free(context, &w->provenance);
   ern_release(context, w->last);
   ern_release(context, w->url);
   ern_release(context, w);

@@ -254,6 +254,7 @@ static int open_all(struct live_job *job, const struct args *args) {
   if (is_file(job->output.url) && !session_folder_there(job->output.url))
     return session_fail_with(session, "%s: its folder is not there", job->output.url);
   if (is_file(job->output.url)) status = session_check_output(session, job->output.url);
+  if (status == 0 && is_file(job->output.url)) status = provenance_check(&job->provenance, session, job->output.url);
   job->portrait.source.memory = 1;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   if (status == 0) status = open_portrait(job, args);
@@ -264,6 +265,9 @@ static int open_all(struct live_job *job, const struct args *args) {
                              job->size.height, (ern_fit)job->fit);
   if (status == 0) status = open_rate_control(job, args);
   if (status == 0) status = open_live(job);
+  if (status == 0) /* a picture may stand behind the person at any time */
+    status = provenance_learn(&job->provenance, session, &job->portrait, NULL, false);
+  job->output.provenance = provenance_of(&job->provenance);
   if (status == 0) status = live_control_start(&job->steering, session);
   if (status == 0) status = live_output_open(&job->output, session, job->size, job->rate, SOUND_RATE, 1);
   if (status == 0) status = live_sound_start(&job->sound, session, job->live, SOUND_RATE, 1);
@@ -276,6 +280,17 @@ static int open_all(struct live_job *job, const struct args *args) {
 
 /* ---- the end ----------------------------------------------------------------------------------------------------- */
 
+/* What the file beside the output says of it. */
+static json_t *about_output(const struct live_job *job) {
+  const char *slash = strrchr(job->output.url, '/');
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  return json_pack("{s:o, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
+                   session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
+                   (json_int_t)atomic_load(&job->output.written), "rate", rate, "width", job->size.width, "height",
+                   job->size.height, "sound", true, "statistics", live_statistics(job));
+}
+
 static int finish(struct live_job *job, int status) {
   struct session *session = &job->session;
   const bool stopped = session_interrupted(), mute = atomic_load(&job->sound.failed);
@@ -287,7 +302,7 @@ static int finish(struct live_job *job, int status) {
   live_sound_stop(&job->sound);
   live_control_stop(&job->steering);
   const int closed = live_output_close(&job->output, stopped && !is_file(job->output.url));
-  if (closed != 0) return EXIT_FAILURE;
+  if (closed != 0 || provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   const unsigned long long written = atomic_load(&job->output.written);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
                (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
@@ -301,6 +316,7 @@ static void close_all(struct live_job *job) {
   live_sound_stop(&job->sound);
   live_control_stop(&job->steering);
   live_output_free(&job->output);
+  provenance_free(&job->provenance);
   ern_live_free(&job->live);
   silence_pose_free(&job->silence_pose);
   rate_control_close(&job->rate_control);
@@ -315,7 +331,7 @@ static void close_all(struct live_job *job) {
 
 int cmd_live(int argc, char **argv) {
   struct live_job *job = calloc(1, sizeof *job);
-  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS], shared[PORTRAIT_OPTIONS],
+  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS], shared[PORTRAIT_OPTIONS],
       control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   if (job == NULL) {
     fprintf(stderr, "ernerf live: no memory\n");
@@ -333,7 +349,7 @@ int cmd_live(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"What comes in:", in, IN_OPTIONS},
-                 {"What goes out, and how fast:", out, OUT_OPTIONS + RATE_CONTROL_OPTIONS},
+                 {"What goes out, and how fast:", out, OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
@@ -346,6 +362,7 @@ int cmd_live(int argc, char **argv) {
   control_options(&job->control, control);
   silence_pose_options(&job->silence_pose, control + CONTROL_OPTIONS);
   rate_control_options(&job->rate_control, out + OUT_OPTIONS);
+  provenance_options(&job->provenance, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS);
   session_compute_options(&job->session, common);
   session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
   job->sound.voice = "en";

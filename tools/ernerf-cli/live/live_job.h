@@ -7,6 +7,7 @@
 #include "live/live_control.h"
 #include "live/live_output.h"
 #include "live/live_sound.h"
+#include "output/provenance_output.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/portrait.h"
@@ -27,6 +28,7 @@ struct live_job {
   struct control control;
   struct rate_control rate_control;
   struct silence_pose silence_pose;
+  struct provenance provenance;
   /* from the command line */
   struct live_sound sound;
   struct live_output output;

@@ -97,6 +97,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.sound_rate = sound_rate;
   output->options.sound_channels = channels;
   output->options.crf = output->crf;
+  output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;
   output->options.user = output;
   queue_make(&output->queue, LIVE_PICTURES);

@@ -26,7 +26,8 @@ struct live_output {
   /* from the command line */
   const char *url, *format;
   int crf;
-  bool drops; /* frames for which a slow reader leaves no room are left out; else drawing waits */
+  const ern_provenance *provenance; /* what the stream says of itself, set by the verb; NULL: nothing */
+  bool drops;                       /* frames for which a slow reader leaves no room are left out; else drawing waits */
   /* made */
   struct session *session;
   ern_context *context;

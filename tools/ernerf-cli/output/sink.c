@@ -81,7 +81,8 @@ static ern_status write_exr(const struct sink *sink, const struct sink_picture *
     memcpy(to, picture->rgb + 3 * i, 3 * sizeof(float));
     for (size_t c = 3; c < channels; c++) to[c] = more[c][i];
   }
-  return ern_image_write_exr(sink->context, path, sink->channels, sink->width, sink->height, (int)channels, names);
+  return ern_image_write_exr_provenance(sink->context, path, sink->channels, sink->width, sink->height, (int)channels,
+                                        names, sink->provenance);
 }
 
 /* Remembers why, for the thread that draws. */
@@ -109,8 +110,8 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
   } else {
     (void)numbered_path(sink, picture->number, path); /* fits: sink_check has tried it */
     const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = picture->rgba};
-    status =
-        sink->kind == SINK_PNG ? ern_image_write(sink->context, path, &image, 100) : write_exr(sink, picture, path);
+    status = sink->kind == SINK_PNG ? ern_image_write_provenance(sink->context, path, &image, 100, sink->provenance)
+                                    : write_exr(sink, picture, path);
   }
   if (status == ERN_OK) return true;
   (void)ern_last_error_copy(sink->context, path, sizeof path); /* the thread that draws may fail at the same time */
@@ -156,7 +157,9 @@ static bool make_pictures(struct sink *sink) {
 }
 
 int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
-              const ern_model_info *model, const ern_sound *sound, double sound_start) {
+              const ern_model_info *model, const ern_sound *sound, double sound_start,
+              const ern_provenance *provenance) {
+  sink->provenance = provenance;
   sink->context = session->context;
   sink->width = width;
   sink->height = height;
@@ -169,6 +172,7 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
     options.rate_denominator = rate.denominator;
     options.sound = sound;
     options.sound_start = sound_start;
+    options.provenance = provenance;
     if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)
       return session_fail(session);
   }

@@ -7,6 +7,7 @@
 #include "bounded_queue.h"
 #include "ernerf/media.h"
 #include "ernerf/render.h"
+#include "output/provenance_output.h"
 #include "session/frame_source.h"
 #include "session/session.h"
 
@@ -39,8 +40,9 @@ struct sink {
   pthread_t writer;
   bool running;
   ern_context *context;
-  char *trouble;  /* of the writer: why it gave up; NULL: it did not. To be read after it has ended */
-  double seconds; /* that the writer worked */
+  const ern_provenance *provenance; /* what the output says of itself; NULL: nothing */
+  char *trouble;                    /* of the writer: why it gave up; NULL: it did not. To be read after it has ended */
+  double seconds;                   /* that the writer worked */
 };
 
 /* What kind `path` names. Returns -1 to go on, or EXIT_USAGE after a sentence. */
@@ -51,10 +53,11 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path);
 int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source);
 
 /* Makes room, opens the video of `rate` frames a second and starts the writer, with `sound` from `sound_start` seconds
- * on (NULL: silent). model: what it has attention for is written too. Returns 0, or EXIT_FAILURE after a message, as
- * the next ones. */
+ * on (NULL: silent). model: what it has attention for is written too. provenance must outlive the sink. Returns 0, or
+ * EXIT_FAILURE after a message, as the next ones. */
 int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
-              const ern_model_info *model, const ern_sound *sound, double sound_start);
+              const ern_model_info *model, const ern_sound *sound, double sound_start,
+              const ern_provenance *provenance);
 /* *output = where the renderer has to put the next frame, once one is free. Fails where the writer has failed. */
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output);
 /* Hands the picture of the last sink_next to the writer. `number` names its picture. */

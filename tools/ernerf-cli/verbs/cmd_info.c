@@ -155,6 +155,17 @@ static void print_state(const struct tensor_list *tensors, json_t *uses) {
   printf("\n");
 }
 
+/* A file may hold anything: control characters, which a terminal would obey, are spaces. */
+static void print_consent(const char *text) {
+  printf("  consent          %s", text[0] != 0 ? "" : "not said");
+  for (const unsigned char *at = (const unsigned char *)text; *at != 0; at++) {
+    const bool second = at[0] == 0xc2 && at[1] >= 0x80 && at[1] < 0xa0; /* U+0080 to U+009F */
+    putchar(second || *at < 0x20 || *at == 0x7f ? ' ' : *at);
+    at += second;
+  }
+  putchar('\n');
+}
+
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
   char *list = json_dumps(effects, 0), wanted[192];
   hearing_wanted(info, wanted);
@@ -177,6 +188,7 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   if (info->cameras > 0) printf("  camera           refined for %zu training poses\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
   printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
+  print_consent(info->consent);
   free(list);
 }
 
@@ -221,18 +233,19 @@ static int describe_model(struct session *session, const char *path) {
   const uint64_t step = info.has_torso ? info.torso_steps : info.head_steps;
   return session_report(
       session,
-      json_pack(
-          "{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:s, s:o, s:i, s:b, s:f, s:o, s:s, s:I, s:I, "
-          "s:I, s:o, s:{s:I, s:I}, s:o}",
-          "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps", (json_int_t)info.head_steps,
-          "torso_steps", (json_int_t)info.torso_steps, "backbone", ern_backbone_name(info.backbone), "attention",
-          ern_attention_name(info.attention), "eye_attention", ern_eye_attention_name(info.eye_attention), "levels",
-          info.levels, "effects", effects, "feature_width", info.feature_width, "window_length", info.window_length,
-          "speech", info.speech, "speech_network", network != NULL ? network : json_null(), "codes", info.codes,
-          "torso_gamma", info.has_gamma, "bound", (double)info.bound, "view", view_json(&info), "clip", info.clip,
-          "parameters", (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
-          (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
-          "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
+      json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:s, s:o, s:i, s:b, s:f, s:o, s:s, s:s, "
+                "s:I, s:I, "
+                "s:I, s:o, s:{s:I, s:I}, s:o}",
+                "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
+                (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
+                ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
+                ern_eye_attention_name(info.eye_attention), "levels", info.levels, "effects", effects, "feature_width",
+                info.feature_width, "window_length", info.window_length, "speech", info.speech, "speech_network",
+                network != NULL ? network : json_null(), "codes", info.codes, "torso_gamma", info.has_gamma, "bound",
+                (double)info.bound, "view", view_json(&info), "clip", info.clip, "consent", info.consent, "parameters",
+                (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
+                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
+                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

@@ -7,12 +7,14 @@
 
 #include "ernerf/speech.h"
 #include "output/progress.h"
+#include "output/provenance_output.h"
 #include "output/sink.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/frame_reuse.h"
 #include "session/portrait.h"
 #include "session/rate_control.h"
+#include "session/settings.h"
 #include "session/silence_pose.h"
 #include "verbs.h"
 
@@ -28,6 +30,7 @@ struct render_job {
   struct control control;
   struct silence_pose silence_pose;
   struct frame_reuse frame_reuse;
+  struct provenance provenance;
   /* from the command line */
   const char *poses, *audio, *wav, *background_file, *out;
   struct dimensions size;
@@ -319,6 +322,16 @@ static int draw(struct render_job *job, size_t k) {
   return 0;
 }
 
+/* Recorded pictures are in the output where the clip's torso is, or a background that is no single colour. */
+static int learn_provenance(struct render_job *job) {
+  const char *behind = job->background_file;
+  const bool one_colour =
+      behind != NULL ? strcmp(behind, "white") == 0 || strcmp(behind, "black") == 0 : job->portrait.clip == NULL;
+  if (job->sink.kind == SINK_RAW) job->provenance.off = true;
+  return provenance_learn(&job->provenance, &job->session, &job->portrait,
+                          job->audio != NULL ? job->audio : job->portrait.features_path, one_colour && !is_behind(job));
+}
+
 static int open_all(struct render_job *job, const struct args *args) {
   struct session *session = &job->session;
   if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
@@ -326,6 +339,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   int status = job->sink.kind == SINK_VIDEO ? sink_check(&job->sink, session, NULL) : 0;
+  if (status == 0 && job->sink.kind != SINK_RAW) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
@@ -342,9 +356,10 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = open_sound(job);
   if (status == 0 && is_behind(job))
     status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);
+  if (status == 0) status = learn_provenance(job);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
-                   job->sound.data != NULL ? &job->sound : NULL, job->sound_start);
+                   job->sound.data != NULL ? &job->sound : NULL, job->sound_start, provenance_of(&job->provenance));
 }
 
 /* Of a frame; reading and encoding go on beside the others. */
@@ -374,6 +389,33 @@ static json_t *report(const struct render_job *job, double seconds) {
                    job->session.backend_info.isa, "rate_control", pace, "ray_reuse", still);
 }
 
+/* Those of every frame, or of the rate control with the number of frames that each drew. */
+static json_t *settings_used(const struct render_job *job) {
+  const ern_render_options *render = &job->portrait.render;
+  const ern_backend_info *backend = &job->session.backend_info;
+  struct settings settings = {.max_steps = render->max_steps > 0 ? render->max_steps : job->portrait.info.max_steps,
+                              .transmittance_stop = render->transmittance_stop,
+                              .occupancy_threshold = job->portrait.occupancy_threshold,
+                              .image_scale = render->image_scale,
+                              .threads = job->session.threads};
+  if (rate_control_asked(&job->rate_control)) return rate_control_json(&job->rate_control);
+  snprintf(settings.backend, sizeof settings.backend, "%s", backend->name);
+  snprintf(settings.isa, sizeof settings.isa, "%s", backend->isa);
+  return settings_json(&settings);
+}
+
+/* What the file beside the output says of it. Rendering has no random numbers, so no seed. */
+static json_t *about_output(const struct render_job *job) {
+  const struct source_frame *first = job->frame_source.source_frame;
+  const char *slash = strrchr(job->out, '/');
+  char rate[RATE_TEXT_BYTES];
+  rate_words(job->rate, rate);
+  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
+                   session_text(slash != NULL ? slash + 1 : job->out), "first_frame", (json_int_t)first[0].number,
+                   "frames", (json_int_t)job->frame_source.count, "rate", rate, "width", job->size.width, "height",
+                   job->size.height, "sound", job->sound.data != NULL, "settings", settings_used(job));
+}
+
 static int draw_all(struct render_job *job) {
   struct session *session = &job->session;
   struct progress progress;
@@ -393,6 +435,7 @@ static int draw_all(struct render_job *job) {
                 rate_control_asked(&job->rate_control) ? rate_control_name(&job->rate_control) : "");
   }
   if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
+  if (provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   progress_end(&progress);
   const double seconds = session_seconds() - began;
   char kept[128];
@@ -406,6 +449,7 @@ static int draw_all(struct render_job *job) {
 
 static void close_all(struct render_job *job) {
   sink_free(&job->sink);
+  provenance_free(&job->provenance);
   silence_pose_free(&job->silence_pose);
   free(job->windows);
   free(job->look);
@@ -420,7 +464,7 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
+  struct option own[OWN_OPTIONS + PROVENANCE_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
       control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], pace[RATE_CONTROL_OPTIONS],
       common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
@@ -437,12 +481,13 @@ int cmd_render(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 1,
-      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS},
+      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + PROVENANCE_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
                  {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
+  provenance_options(&job.provenance, own + OWN_OPTIONS);
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job.control, control);
   silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);

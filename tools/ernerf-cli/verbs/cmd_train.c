@@ -9,6 +9,7 @@
 
 #include "ernerf/speech.h"
 #include "verbs.h"
+#include "verbs/consent.h"
 #include "verbs/head_and_torso.h"
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
@@ -417,11 +418,15 @@ int cmd_train(int argc, char **argv) {
   job.session.rewrites = true; /* X.run; the trainer looks after X */
   const char *const inputs[] = {job.source.path,          job.source.features,     job.head_path,
                                 job.config.from,          job.source.hearing.path, hearing_file(&job.source.hearing),
-                                job.fine.weights.network, job.fine.weights.heads};
+                                job.fine.weights.network, job.fine.weights.heads,  job.consent};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = session_check_training(&job.session, job.config.output);
+  if (status == 0 && job.consent != NULL) {
+    status = consent_read(&job.session, job.consent, job.consent_text);
+    job.config.consent = job.consent_text;
+  }
   const bool portrait = job.seconds > 0 && !job.config.torso;
   if (status == 0 && !portrait) status = head_and_torso_check_resumed(&job);
   if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);

@@ -44,6 +44,12 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .choices = "random|clip",
        .help = "what the torso is learnt over: a random colour for each ray, so that it can be drawn over any "
                "background, or the clip's background as published (default random)"},
+      {.name = "consent",
+       .kind = OPTION_TEXT,
+       .target = &job->consent,
+       .choices = "TEXT|FILE",
+       .help = "what the person has agreed to, or a file that says it: the model keeps it, and its videos and pictures "
+               "carry it (default: as the model says that the training goes on from)"},
       {.name = "iters",
        .kind = OPTION_COUNT,
        .target = &job->iters,

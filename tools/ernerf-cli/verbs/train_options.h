@@ -15,7 +15,7 @@
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 22,
+  TRAIN_GOAL_OPTIONS = 23,
   TRAIN_NUMBER_OPTIONS = 26,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
@@ -24,7 +24,8 @@ struct train_job {
   struct session session;
   ern_train_config config;
   struct clip_source source;
-  const char *head_path, *effects_list;
+  const char *head_path, *effects_list, *consent; /* consent: as asked, text or file */
+  char consent_text[ERN_CONSENT_BYTES];
   double seconds;       /* of --time, 0: none */
   const char *portrait; /* with --time: --output */
   char *head_output;    /* where the head goes whose torso goes to that */

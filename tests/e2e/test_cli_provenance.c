@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: MIT
+ * What `train --consent` is told, what a rendered file and the file beside it say (docs/provenance.md). */
+#include "cli.h"
+
+#include "ernerf/model.h"
+
+#define SMALL "--iters 3 --rays 32 --levels 2 --validate-every 0 "
+
+static struct cli cli;
+
+static int make_clip(void **state) {
+  (void)state;
+  static const char *const old[] = {
+      "clip",          "other", "out",           "h.safetensors", "h.run", "t.safetensors",        "t.run",
+      "f.safetensors", "f.run", "n.safetensors", "n.run",         "v.mp4", "v.mp4.provenance.json"};
+  for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
+  cli_run(&cli, "synth clip --size 64 --frames 12 --seed 3 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "synth other --size 64 --frames 12 --seed 4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  return 0;
+}
+
+static void expect_consent(const char *model, const char *text) {
+  cli_run(&cli, "info %s --json -", model);
+  cli_expect(&cli, 0, NULL);
+  json_t *about = json_loads(cli.out, 0, NULL);
+  assert_string_equal(json_string_value(json_object_get(about, "consent")), text);
+  json_decref(about);
+}
+
+/* A torso has its head's, a resumed training keeps its own, a model of another person is not given it. */
+static void test_consent(void **state) {
+  (void)state;
+  support_write_text("agreed.txt", "agreed on Monday\n\n");
+  cli_run(&cli, "train clip -o h.safetensors " SMALL "--consent agreed.txt");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("h.safetensors", "agreed on Monday");
+  cli_run(&cli, "train clip -o h.safetensors --iters 5 --resume");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("h.safetensors", "agreed on Monday");
+  cli_run(&cli, "train clip --torso --head h.safetensors -o t.safetensors --iters 3 --rays 32");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("t.safetensors", "agreed on Monday");
+  cli_run(&cli, "train clip --from h.safetensors -o f.safetensors " SMALL "--iters 9");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("f.safetensors", "agreed on Monday");
+  cli_run(&cli, "train other --from h.safetensors -o n.safetensors " SMALL "--iters 9");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("n.safetensors", "");
+  cli_run(&cli, "train clip -o h.safetensors --iters 6 --resume --consent 'withdrawn \033[31m'");
+  cli_expect(&cli, 0, NULL);
+  expect_consent("h.safetensors", "withdrawn \033[31m");
+  cli_run(&cli, "info h.safetensors");
+  cli_expect_out(&cli, 0, "withdrawn  [31m", NULL); /* nothing that a terminal would obey */
+}
+
+static void test_consent_refused(void **state) {
+  (void)state;
+  static char text[1100];
+  memset(text, 'a', sizeof text - 1);
+  support_write_text("long.txt", text);
+  support_write_text("empty.txt", "\n");
+  support_write_text("odd.txt", "\xff\xfe");
+  static const char *const files[] = {"long.txt", "empty.txt", "odd.txt"};
+  static const char *const words[] = {"1023", "is empty", "UTF-8"};
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    cli_run(&cli, "train clip -o r.safetensors " SMALL "--consent %s", files[i]);
+    cli_expect(&cli, 1, words[i], NULL);
+    assert_false(cli_there("r.safetensors"));
+  }
+}
+
+static const char *member(const json_t *object, const char *name) {
+  return json_string_value(json_object_get(object, name));
+}
+
+static void test_video(void **state) {
+  (void)state;
+  char hex[65];
+  ern_context *context = support_context();
+  cli_run(&cli, "render t.safetensors --clip clip --frames 2:5 -o v.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_string_equal(cli.err, "");
+  json_t *about = cli_json(&cli, "v.mp4.provenance.json");
+  assert_string_equal(member(about, "made_by"), "ernerf");
+  assert_string_equal(member(about, "digital_source_type"), "compositeWithTrainedAlgorithmicMedia");
+  assert_string_equal(member(about, "output"), "v.mp4");
+  assert_string_equal(member(about, "consent"), "agreed on Monday");
+  assert_int_equal(json_integer_value(json_object_get(about, "first_frame")), 2);
+  assert_int_equal(json_integer_value(json_object_get(about, "frames")), 3);
+  assert_int_equal(json_integer_value(json_object_get(json_object_get(about, "settings"), "max_steps")), 16);
+  support_ok(context, ern_file_sha256(context, "t.safetensors", hex));
+  assert_string_equal(member(json_object_get(about, "model"), "sha256"), hex);
+  assert_string_equal(member(json_object_get(about, "model"), "file"), "t.safetensors");
+  assert_int_equal(strlen(member(json_object_get(about, "speech"), "sha256")), 64);
+  json_decref(about);
+  ern_context_free(&context);
+}
+
+/* A file of ours that was left is replaced, one of the user's never; without the option neither is made. */
+static void test_file_beside(void **state) {
+  (void)state;
+  support_clear("v.mp4");
+  cli_run(&cli, "render n.safetensors --clip other --frames 0:2 --bg_img white -o v.mp4 --quiet");
+  cli_expect(&cli, 0, "does not say that the person has agreed", NULL);
+  json_t *about = cli_json(&cli, "v.mp4.provenance.json");
+  assert_string_equal(member(about, "digital_source_type"), "compositeWithTrainedAlgorithmicMedia"); /* its torso */
+  json_decref(about);
+  support_clear("v.mp4");
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --bg_img white -o v.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  about = cli_json(&cli, "v.mp4.provenance.json");
+  assert_string_equal(member(about, "digital_source_type"), "trainedAlgorithmicMedia");
+  json_decref(about);
+  support_clear("v.mp4");
+  support_write_text("v.mp4.provenance.json", "{\"mine\": 1}");
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 -o v.mp4");
+  cli_expect(&cli, 1, "v.mp4.provenance.json: is there already", NULL);
+  assert_false(cli_there("v.mp4"));
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 -o v.mp4 --no-provenance");
+  cli_expect(&cli, 0, NULL);
+  about = cli_json(&cli, "v.mp4.provenance.json");
+  assert_int_equal(json_integer_value(json_object_get(about, "mine")), 1);
+  json_decref(about);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 -o v.mp4 -y");
+  cli_expect(&cli, 0, NULL);
+  about = cli_json(&cli, "v.mp4.provenance.json");
+  assert_string_equal(member(about, "made_by"), "ernerf");
+  json_decref(about);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_consent), cmocka_unit_test(test_consent_refused),
+                                     cmocka_unit_test(test_video), cmocka_unit_test(test_file_beside)};
+  return cmocka_run_group_tests(tests, make_clip, NULL);
+}

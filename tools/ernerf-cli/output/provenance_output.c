@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: MIT */
+#include "output/provenance_output.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { SHORT_HASH = 32 /* letters of a hash within the id */, MOST_BYTES = 1 << 20 };
+
+void provenance_options(struct provenance *provenance, struct option options[PROVENANCE_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "no-provenance",
+       .kind = OPTION_FLAG,
+       .target = &provenance->off,
+       .help = "do not say in the output that a model made it, and write no OUT.provenance.json beside it"}};
+  ARGS_FILL(options, rows, PROVENANCE_OPTIONS);
+}
+
+/* Whether the file is one that this program wrote: it stays behind where only its video was deleted. */
+static bool is_own(const char *path) {
+  struct stat file;
+  if (stat(path, &file) != 0 || !S_ISREG(file.st_mode) || file.st_size > MOST_BYTES) return false;
+  json_t *about = json_load_file(path, JSON_REJECT_DUPLICATES, NULL);
+  const char *maker = json_string_value(json_object_get(about, "made_by"));
+  const bool own =
+      maker != NULL && strcmp(maker, "ernerf") == 0 && json_object_get(about, "digital_source_type") != NULL;
+  json_decref(about);
+  return own;
+}
+
+/* Of numbered pictures one for all: "all" in the place of their number. */
+int provenance_check(struct provenance *provenance, struct session *session, const char *output) {
+  const char *percent = strchr(output, '%'), *mark = percent != NULL ? strchr(percent, 'd') : NULL;
+  const size_t capacity = sizeof provenance->path;
+  if (provenance->off) return 0;
+  const int bytes = mark != NULL ? snprintf(provenance->path, capacity, "%.*sall%s.provenance.json",
+                                            (int)(percent - output), output, mark + 1)
+                                 : snprintf(provenance->path, capacity, "%s.provenance.json", output);
+  if (bytes >= (int)capacity) return session_fail_with(session, "%s: the name is too long", output);
+  if (!is_own(provenance->path)) return session_check_output(session, provenance->path);
+  provenance->replaces = true;
+  return session_keep_inputs(session, provenance->path) == 0 ? session_distinct(session, provenance->path)
+                                                             : EXIT_FAILURE;
+}
+
+/* {"file": NAME, "sha256": ...}, without the folder, which is nobody else's business. */
+static json_t *file_json(struct session *session, const char *path, char hex[65]) {
+  const char *slash = strrchr(path, '/');
+  if (ern_file_sha256(session->context, path, hex) != ERN_OK) return NULL;
+  return json_pack("{s:o, s:s}", "file", session_text(slash != NULL ? slash + 1 : path), "sha256", hex);
+}
+
+int provenance_learn(struct provenance *provenance, struct session *session, const struct portrait *portrait,
+                     const char *speech, bool all_trained) {
+  char model_hash[65] = "", speech_hash[65] = "";
+  if (provenance->off) return 0;
+  json_t *model = file_json(session, portrait->model_path, model_hash);
+  json_t *heard = speech != NULL ? file_json(session, speech, speech_hash) : json_null();
+  if (model == NULL || heard == NULL) {
+    json_decref(model);
+    json_decref(heard);
+    return session_fail(session);
+  }
+  snprintf(provenance->id, sizeof provenance->id, "%.*s%s%.*s", SHORT_HASH, model_hash, speech != NULL ? "-" : "",
+           SHORT_HASH, speech_hash);
+  provenance->says = ern_provenance_default();
+  provenance->says.all_trained = all_trained;
+  provenance->says.id = provenance->id;
+  provenance->says.consent = portrait->info.consent;
+  provenance->about =
+      json_pack("{s:s, s:s, s:s, s:o, s:o, s:s, s:s}", "made_by", "ernerf", "version", ern_version(),
+                "digital_source_type", all_trained ? "trainedAlgorithmicMedia" : "compositeWithTrainedAlgorithmicMedia",
+                "model", model, "speech", heard, "clip", portrait->info.clip, "consent", portrait->info.consent);
+  if (provenance->about == NULL) return session_fail_with(session, "out of memory");
+  if (portrait->info.consent[0] == 0)
+    session_warn(session, "%s: does not say that the person has agreed; `train --consent TEXT` makes a model say it",
+                 portrait->model_path);
+  return 0;
+}
+
+const ern_provenance *provenance_of(const struct provenance *provenance) {
+  return provenance->off ? NULL : &provenance->says;
+}
+
+int provenance_write(struct provenance *provenance, struct session *session, json_t *more) {
+  char *text = NULL;
+  int status = 0;
+  if (provenance->path[0] != 0) {
+    if (more != NULL && json_object_update(provenance->about, more) == 0)
+      text = json_dumps(provenance->about, JSON_INDENT(2));
+    if (text != NULL && provenance->replaces && is_own(provenance->path)) (void)unlink(provenance->path);
+    if (text == NULL)
+      status = session_fail_with(session, "out of memory");
+    else if (ern_file_save(session->context, provenance->path, text, strlen(text)) != ERN_OK)
+      status = session_fail(session);
+  }
+  free(text);
+  json_decref(more);
+  return status;
+}
+
+void provenance_free(struct provenance *provenance) {
+  json_decref(provenance->about);
+  provenance->about = NULL;
+}
