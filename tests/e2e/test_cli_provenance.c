@@ -130,8 +130,56 @@ static void test_file_beside(void **state) {
   json_decref(about);
 }
 
+/* The first frame of the raw output of a render; the caller frees it. */
+static uint8_t *first_frame(const char *words, size_t frame) {
+  enum { BYTES = 64 * 64 * 4 };
+  uint8_t *pixels = malloc(BYTES);
+  assert_non_null(pixels);
+  support_clear("raw.bin");
+  snprintf(cli.line, sizeof cli.line, "render t.safetensors --clip clip --frames 0:4 --quiet -o - %s", words);
+  cli_start(&cli, "raw.bin", 0);
+  cli_wait(&cli);
+  cli_expect(&cli, 0, NULL);
+  FILE *file = fopen("raw.bin", "rb");
+  assert_non_null(file);
+  assert_int_equal(fseek(file, (long)(frame * BYTES), SEEK_SET), 0);
+  assert_int_equal(fread(pixels, 1, BYTES, file), BYTES);
+  fclose(file);
+  return pixels;
+}
+
+/* Letters of 5 % of 64 pixels and more in the lower left corner, for as long as asked; nothing else changes. */
+static void test_label(void **state) {
+  (void)state;
+  uint8_t *plain = first_frame("", 0), *said = first_frame("--label AI", 0);
+  int top = 64, bottom = -1, left = 64, right = -1, white = 0;
+  for (int i = 0; i < 64 * 64; i++) {
+    if (memcmp(plain + 4 * i, said + 4 * i, 4) == 0) continue;
+    top = i / 64 < top ? i / 64 : top;
+    bottom = i / 64 > bottom ? i / 64 : bottom;
+    left = i % 64 < left ? i % 64 : left;
+    right = i % 64 > right ? i % 64 : right;
+    white += said[4 * i] > 200 && said[4 * i + 1] > 200 && said[4 * i + 2] > 200;
+  }
+  assert_true(top > 40 && bottom - top + 1 >= 4 + 2 && left < 8 && right < 40);
+  assert_true(white >= 4);
+  free(plain), free(said);
+  uint8_t *now = first_frame("--label AI --label-time 0.08s", 1),
+          *then = first_frame("--label AI --label-time 0.08s", 2);
+  uint8_t *second = first_frame("", 1), *third = first_frame("", 2);
+  assert_true(memcmp(now, second, 64 * 64 * 4) != 0);
+  assert_memory_equal(then, third, 64 * 64 * 4);
+  free(now), free(then), free(second), free(third);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'this is far too long for it' -o w.mp4");
+  cli_expect(&cli, 1, "--label", "the frames have 64 x 64", NULL);
+  assert_false(cli_there("w.mp4"));
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
+  cli_expect(&cli, 2, "--label-time is about --label", NULL);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_consent), cmocka_unit_test(test_consent_refused),
-                                     cmocka_unit_test(test_video), cmocka_unit_test(test_file_beside)};
+                                     cmocka_unit_test(test_video), cmocka_unit_test(test_file_beside),
+                                     cmocka_unit_test(test_label)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

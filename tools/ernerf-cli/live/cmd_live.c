@@ -168,6 +168,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
     status = args_refuse(args, "--as-fast has no rate to hold");
   if (status < 0 && job->as_fast && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
+  if (status < 0) status = label_check(&job->label, args);
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = rate_control_check(&job->rate_control, args);
   if (status < 0 && strcmp(job->output.url, "-") == 0 && session_json_on_stdout(&job->session))
@@ -268,6 +269,7 @@ static int open_all(struct live_job *job, const struct args *args) {
   if (status == 0) /* a picture may stand behind the person at any time */
     status = provenance_learn(&job->provenance, session, &job->portrait, NULL, false);
   job->output.provenance = provenance_of(&job->provenance);
+  if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
   if (status == 0) status = live_control_start(&job->steering, session);
   if (status == 0) status = live_output_open(&job->output, session, job->size, job->rate, SOUND_RATE, 1);
   if (status == 0) status = live_sound_start(&job->sound, session, job->live, SOUND_RATE, 1);
@@ -317,6 +319,7 @@ static void close_all(struct live_job *job) {
   live_control_stop(&job->steering);
   live_output_free(&job->output);
   provenance_free(&job->provenance);
+  label_free(&job->label);
   ern_live_free(&job->live);
   silence_pose_free(&job->silence_pose);
   rate_control_close(&job->rate_control);
@@ -331,8 +334,9 @@ static void close_all(struct live_job *job) {
 
 int cmd_live(int argc, char **argv) {
   struct live_job *job = calloc(1, sizeof *job);
-  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS], shared[PORTRAIT_OPTIONS],
-      control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS],
+      shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
+      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   if (job == NULL) {
     fprintf(stderr, "ernerf live: no memory\n");
     return EXIT_FAILURE;
@@ -349,7 +353,8 @@ int cmd_live(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"What comes in:", in, IN_OPTIONS},
-                 {"What goes out, and how fast:", out, OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS},
+                 {"What goes out, and how fast:", out,
+                  OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
@@ -363,6 +368,7 @@ int cmd_live(int argc, char **argv) {
   silence_pose_options(&job->silence_pose, control + CONTROL_OPTIONS);
   rate_control_options(&job->rate_control, out + OUT_OPTIONS);
   provenance_options(&job->provenance, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS);
+  label_options(&job->label, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS);
   session_compute_options(&job->session, common);
   session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
   job->sound.voice = "en";

@@ -7,6 +7,7 @@
 #include "live/live_control.h"
 #include "live/live_output.h"
 #include "live/live_sound.h"
+#include "output/label.h"
 #include "output/provenance_output.h"
 #include "session/background.h"
 #include "session/control.h"
@@ -29,6 +30,7 @@ struct live_job {
   struct rate_control rate_control;
   struct silence_pose silence_pose;
   struct provenance provenance;
+  struct label label;
   /* from the command line */
   struct live_sound sound;
   struct live_output output;

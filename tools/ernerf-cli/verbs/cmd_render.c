@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ernerf/speech.h"
+#include "output/label.h"
 #include "output/progress.h"
 #include "output/provenance_output.h"
 #include "output/sink.h"
@@ -31,6 +32,7 @@ struct render_job {
   struct silence_pose silence_pose;
   struct frame_reuse frame_reuse;
   struct provenance provenance;
+  struct label label;
   /* from the command line */
   const char *poses, *audio, *wav, *background_file, *out;
   struct dimensions size;
@@ -121,6 +123,9 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
+  if (status < 0) status = label_check(&job->label, args);
+  if (status < 0 && job->sink.kind == SINK_EXR)
+    status = args_forbid(args, "label", "is drawn on pictures of 8 bits, and these are data to go on from");
   if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "is about another --size");
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = frame_reuse_check(args);
@@ -314,6 +319,7 @@ static int draw(struct render_job *job, size_t k) {
   if (is_behind(job) && background_next_torso(&job->background, &job->session, &torso) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
   if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
+  if (output.rgba != NULL) label_put(&job->label, (double)k / rate_value(job->rate), output.rgba, job->size.width);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);
   job->stages.audio += times.audio;
   job->stages.torso += times.torso;
@@ -357,6 +363,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0 && is_behind(job))
     status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);
   if (status == 0) status = learn_provenance(job);
+  if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start, provenance_of(&job->provenance));
@@ -450,6 +457,7 @@ static int draw_all(struct render_job *job) {
 static void close_all(struct render_job *job) {
   sink_free(&job->sink);
   provenance_free(&job->provenance);
+  label_free(&job->label);
   silence_pose_free(&job->silence_pose);
   free(job->windows);
   free(job->look);
@@ -464,7 +472,7 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS + PROVENANCE_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
+  struct option own[OWN_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
       control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], pace[RATE_CONTROL_OPTIONS],
       common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
@@ -481,13 +489,14 @@ int cmd_render(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 1,
-      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + PROVENANCE_OPTIONS},
+      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
                  {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   provenance_options(&job.provenance, own + OWN_OPTIONS);
+  label_options(&job.label, own + OWN_OPTIONS + PROVENANCE_OPTIONS);
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job.control, control);
   silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);

@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT */
+#include "output/label.h"
+
+#include <cairo.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double share = 0.05 /* of the shorter side */, ground = 0.6 /* its opacity */;
+
+void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "label",
+       .kind = OPTION_TEXT,
+       .target = &label->text,
+       .help = "words on the frames that say what they are, such as \"made by AI\"; their capitals are 5 of 100 of the "
+               "shorter side"},
+      {.name = "label-time",
+       .kind = OPTION_SECONDS,
+       .target = &label->seconds,
+       .low = 0.04,
+       .high = 1e6,
+       .help = "how long from the first frame on, as 2s (default throughout)"}};
+  ARGS_FILL(options, rows, LABEL_OPTIONS);
+}
+
+int label_check(const struct label *label, const struct args *args) {
+  return label->text == NULL ? args_forbid(args, "label-time", "is about --label") : -1;
+}
+
+/* A surface of one pixel measures as well as any. */
+static cairo_t *pen(cairo_surface_t *surface, double size) {
+  cairo_t *cairo = cairo_create(surface);
+  cairo_select_font_face(cairo, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_BOLD);
+  cairo_set_font_size(cairo, size);
+  return cairo;
+}
+
+/* The size of letters whose capitals are `height` pixels high, and what the text then measures; 0: there is no font. */
+static double measure(const char *text, double height, cairo_text_extents_t *box) {
+  enum { TRIED = 100 };
+  cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, 1, 1);
+  cairo_t *cairo = pen(surface, TRIED);
+  cairo_text_extents(cairo, "H", box);
+  const double size = box->height > 0 ? TRIED * height / box->height : 0;
+  if (size > 0) cairo_set_font_size(cairo, size);
+  cairo_text_extents(cairo, text, box);
+  cairo_destroy(cairo);
+  cairo_surface_destroy(surface);
+  return box->height > 0 ? size : 0;
+}
+
+/* Cairo's pixels are words of ARGB. */
+static void take_pixels(struct label *label, cairo_surface_t *surface) {
+  const unsigned char *rows = cairo_image_surface_get_data(surface);
+  const int stride = cairo_image_surface_get_stride(surface);
+  for (int y = 0; y < label->height; y++) {
+    for (int x = 0; x < label->width; x++) {
+      uint32_t word;
+      uint8_t *to = label->pixels + 4 * ((size_t)y * (size_t)label->width + (size_t)x);
+      memcpy(&word, rows + (ptrdiff_t)y * stride + 4 * (ptrdiff_t)x, sizeof word);
+      to[0] = (uint8_t)(word >> 16);
+      to[1] = (uint8_t)(word >> 8);
+      to[2] = (uint8_t)word;
+      to[3] = (uint8_t)(word >> 24);
+    }
+  }
+}
+
+int label_make(struct label *label, struct session *session, int width, int height) {
+  cairo_text_extents_t box;
+  if (label->text == NULL) return 0;
+  const double capital = ceil(share * (width < height ? width : height)), margin = ceil(capital / 2);
+  const double size = measure(label->text, capital, &box);
+  if (!(size > 0)) return session_fail_with(session, "--label: no font here can draw \"%s\"", label->text);
+  label->width = (int)ceil(box.width + 2 * margin);
+  label->height = (int)ceil(box.height + 2 * margin);
+  label->left = (int)margin;
+  label->top = height - label->height - (int)margin;
+  if (label->left + label->width > width || label->top < 0)
+    return session_fail_with(session, "--label: \"%s\" needs %d x %d pixels, the frames have %d x %d", label->text,
+                             label->left + label->width, label->height + (int)margin, width, height);
+  label->pixels = malloc((size_t)label->width * (size_t)label->height * 4);
+  cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, label->width, label->height);
+  const bool made = label->pixels != NULL && cairo_surface_status(surface) == CAIRO_STATUS_SUCCESS;
+  if (made) {
+    cairo_t *cairo = pen(surface, size);
+    cairo_set_source_rgba(cairo, 0, 0, 0, ground);
+    cairo_paint(cairo);
+    cairo_set_source_rgb(cairo, 1, 1, 1);
+    cairo_move_to(cairo, margin - box.x_bearing, margin - box.y_bearing);
+    cairo_show_text(cairo, label->text);
+    cairo_destroy(cairo);
+    cairo_surface_flush(surface);
+    take_pixels(label, surface);
+  }
+  cairo_surface_destroy(surface);
+  return made ? 0 : session_fail_with(session, "no memory for a label of %d x %d", label->width, label->height);
+}
+
+/* Porter and Duff's "over": alpha A = a + d (1 - a), colour (c a + e d (1 - a))/A. */
+static void put_pixel(const uint8_t from[4], uint8_t to[4]) {
+  const double left = 1 - from[3] / 255.0, there = to[3] / 255.0, alpha = from[3] / 255.0 + there * left;
+  if (!(alpha > 0)) return;
+  for (int c = 0; c < 3; c++) to[c] = (uint8_t)fmin(255, (from[c] + to[c] * there * left) / alpha + 0.5);
+  to[3] = (uint8_t)(255 * alpha + 0.5);
+}
+
+void label_put(const struct label *label, double seconds, uint8_t *rgba, int width) {
+  if (label->pixels == NULL || (label->seconds > 0 && seconds >= label->seconds)) return;
+  for (int y = 0; y < label->height; y++) {
+    uint8_t *row = rgba + 4 * ((size_t)(label->top + y) * (size_t)width + (size_t)label->left);
+    const uint8_t *from = label->pixels + 4 * (size_t)y * (size_t)label->width;
+    for (int x = 0; x < label->width; x++) put_pixel(from + 4 * x, row + 4 * x);
+  }
+}
+
+void label_free(struct label *label) {
+  free(label->pixels);
+  label->pixels = NULL;
+}
