@@ -19,7 +19,9 @@ int comparison_open(struct comparison *comparison, const struct evaluation *eval
   comparison->rgba = malloc(4 * (size_t)width * (size_t)height);
   if (comparison->rgba == NULL) return session_fail_with(session, "no memory for a picture of %d x %d", width, height);
   comparison->drawn = drawn;
+  const ern_provenance made = ern_provenance_default(); /* drawn frames beside true ones */
   ern_video_options options = ern_video_options_default(width, height);
+  options.provenance = &made;
   if (sound != NULL && access(sound, F_OK) == 0 && follow(&evaluation->frame_source)) {
     if (ern_sound_read(session->context, sound, &comparison->sound) != ERN_OK) return session_fail(session);
     options.sound = &comparison->sound;

@@ -135,7 +135,9 @@ int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, c
   }
   const ern_image sheet = {
       .width = (int)(COLUMNS * width), .height = (int)(FRAME_FIGURES_SHOWN * height), .channels = 3, .data = rgb};
-  if (status == 0 && ern_image_write(session->context, path, &sheet, 100) != ERN_OK) status = session_fail(session);
+  const ern_provenance made = ern_provenance_default(); /* drawn frames beside true ones */
+  if (status == 0 && ern_image_write_provenance(session->context, path, &sheet, 100, &made) != ERN_OK)
+    status = session_fail(session);
   free(rgb);
   return status;
 }

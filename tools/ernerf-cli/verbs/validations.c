@@ -128,7 +128,8 @@ ern_status validations_end(struct validations *v, uint64_t step, double psnr, si
   extend_curve(v, step, psnr);
   if (!v->no_table) extend_table(v, step, &figures);
   if (session_keeps_file(v->session, path)) return ERN_OK;
-  const ern_status status = ern_image_write(v->session->context, path, &image, 100);
+  const ern_provenance made = ern_provenance_default(); /* the drawn frame beside the true one */
+  const ern_status status = ern_image_write_provenance(v->session->context, path, &image, 100, &made);
   if (status == ERN_OK) bytes_add(&v->pictures, name, strlen(name) + 1);
   return status;
 }
