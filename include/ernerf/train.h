@@ -172,6 +172,10 @@ typedef struct ern_train_config {
   const char *consent; /* what the person who is learnt has agreed to, UTF-8, less than ERN_CONSENT_BYTES. The model
                           keeps it, and pictures and videos of it carry it (ern_provenance). NULL (default): that of the
                           head, of the state that is resumed or of `from`, where it is of this clip, else none */
+  float prune_share; /* of a head, 0..1: at 0.85 of the coarse steps the occupancy grid loses the cells that contribute
+                        less than this share of the opacity to each ray (docs/maths.md, Occupancy), and then stays as
+                        it is. The steps after that fit the model to the cells that are left, and rendering has fewer
+                        samples. 0 (default): no cell is lost */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -208,6 +212,7 @@ typedef struct ern_train_state {
   float fine_weight, fine_lips_weight; /* likewise */
   char fine_loss[32]; /* its name, "ssim" without ern_train_config.fine_loss; "" where a state does not say it */
   double fine_share;  /* ern_train_config.fine_share */
+  float prune_share;  /* likewise; 0 where a state of an earlier version does not say it */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

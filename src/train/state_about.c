@@ -44,14 +44,16 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const ern_train_config *c = &t->config;
   *text = NULL;
   json_t *training = json_pack(
-      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:b, s:i, s:f, s:s}",
+      "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:b, s:i, s:f, s:s, s:f, "
+      "s:b}",
       "iters", (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
       "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
       (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
       t->features, "precision", ern_precision_word(t->bf16), "ray_sampling", ern_ray_sampling_name(c->ray_sampling),
       "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
       c->torso_gamma, "torso_random_background", c->torso_random_background, "frames_per_step", c->frames_per_step,
-      "fine_share", c->fine_share, "fine_loss", ern_trainer_fine_name(t));
+      "fine_share", c->fine_share, "fine_loss", ern_trainer_fine_name(t), "prune_share", (double)c->prune_share,
+      "pruned", t->pruned);
   if (training != NULL && t->fine_from != UINT64_MAX) {
     json_t *fine = json_pack("{s:I, s:i, s:f, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size,
                              "weight", (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight);
@@ -174,6 +176,11 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   const char *name = loss != NULL ? json_string_value(loss) : "ssim";
   if (name == NULL || strlen(name) >= sizeof about->fine_loss) return "fine_loss";
   memcpy(about->fine_loss, name, strlen(name) + 1);
+  const json_t *prune = json_object_get(root, "prune_share"); /* not there: an earlier version's */
+  about->prune_share = (float)json_number_value(prune);
+  if (prune != NULL && !(json_is_number(prune) && about->prune_share >= 0 && about->prune_share <= 1))
+    return "prune_share";
+  if (!read_later_flag(json_object_get(root, "pruned"), &about->pruned)) return "pruned";
   if (share != NULL && !(json_is_number(share) && about->fine_share >= 0 && about->fine_share <= 1))
     return "fine_share";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
@@ -321,6 +328,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
        count(c->torso ? c->torso_random_background : about->torso_random_background)},
       {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
       {"fine_share", number((float)about->fine_share), number((float)c->fine_share)},
+      {"prune_share", number(about->prune_share), number(c->prune_share)},
       {"patch_size", count(fine ? (uint64_t)about->patch_size : 0), count(fine ? (uint64_t)c->patch_size : 0)},
       {"fine_weight", number(fine ? about->fine_weight : 0), number(fine ? c->fine_weight : 0)},
       {"fine_lips_weight", number(fine ? about->fine_lips_weight : 0), number(fine ? c->fine_lips_weight : 0)},

@@ -28,6 +28,8 @@ struct ern_state_about {
   float fine_weight, fine_lips_weight;
   char fine_loss[32];
   double fine_share; /* of config.seconds */
+  float prune_share;
+  bool pruned; /* the occupancy bits */
 };
 
 /* *text is the caller's (ern_release). */

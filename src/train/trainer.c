@@ -212,7 +212,7 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
   /* first: where a picture cannot be read, the state is that after the last step */
   for (size_t k = 0; k < frames; k++) ERN_TRY(ern_trainer_batch(t, k, &batches[k]));
-  if (t->step % ern_trainer_refresh_every(t) == 0) ERN_TRY(ern_trainer_refresh(t));
+  ERN_TRY(ern_trainer_occupancy(t));
   ERN_TRY(t->backend->zero(t->stream, t->gradient));
   for (size_t k = 0; k < frames; k++)
     ERN_TRY(t->config.torso ? torso_step(t, &batches[k], &sum) : head_step(t, &batches[k], &sum));

@@ -67,6 +67,7 @@ struct ern_trainer {
   ern_span parameters, gradient, moment, average; /* [field.parameters] */
   ern_span grid, fresh, bits, cells;              /* occupancy of the head */
   size_t cell_count;                              /* cells that a refresh looks at */
+  bool pruned;                                    /* `bits` are, and are refreshed no more */
   ern_span torso_grid;
   double torso_mean;
 
@@ -191,6 +192,14 @@ ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: ce
 ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* all cells to look at */
 uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, around the next one */
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
+/* Before a step: a refresh where one is due, or the pruning. */
+ERN_NODISCARD ern_status ern_trainer_occupancy(ern_trainer *t);
+
+/* trainer_prune.c */
+/* Whether the next step is one of the last part of a head's training, in which the occupancy grid stays pruned. */
+bool ern_trainer_prune_due(const ern_trainer *t);
+/* Leaves the cells out of t->bits that contribute less than config.prune_share. */
+ERN_NODISCARD ern_status ern_trainer_prune(ern_trainer *t);
 
 /* trainer_state.c */
 ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /* values and occupancy into t->model */

@@ -76,6 +76,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
                 {"fine_weight", (double)c->fine_weight, 0, 1e3},
                 {"fine_lips_weight", (double)c->fine_lips_weight, 0, 1e3},
                 {"fine_share", c->fine_share, 0, 1},
+                {"prune_share", (double)c->prune_share, 0, 1},
                 {"ema_every", (double)c->ema_every, 1, 1e12},
                 {"refresh_every", (double)c->refresh_every, 0, 1e12}};
   for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
@@ -501,6 +502,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   }
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
+  t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
   t->config.output = t->output;
   t->config.from = t->config.torso_output = NULL; /* the caller's words and head are used up; only copies are kept */

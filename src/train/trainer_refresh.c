@@ -139,3 +139,9 @@ ern_status ern_trainer_refresh(ern_trainer *t) {
   const size_t frame = ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
   return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
 }
+
+ern_status ern_trainer_occupancy(ern_trainer *t) {
+  if (t->pruned) return ERN_OK;
+  if (ern_trainer_prune_due(t)) return ern_trainer_prune(t);
+  return t->step % schedule_of(t).every == 0 ? ern_trainer_refresh(t) : ERN_OK;
+}

@@ -404,6 +404,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   t->fine_from = best.about.fine_from;
+  t->pruned = best.about.pruned;
   ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
   t->run.fresh = false;
   t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
@@ -455,7 +456,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                          .patch_size = about->patch_size,
                          .fine_weight = about->fine_weight,
                          .fine_lips_weight = about->fine_lips_weight,
-                         .fine_share = about->fine_share};
+                         .fine_share = about->fine_share,
+                         .prune_share = about->prune_share};
   memcpy(own.fine_loss, about->fine_loss, sizeof own.fine_loss);
   ern_struct_give(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);

@@ -16,6 +16,7 @@
 
 /* Found by trying (docs/history-training.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
+static const float timed_prune_share = 0.1f;
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -119,6 +120,7 @@ static void choose_timed(const struct args *args, ern_train_config *config) {
   if (config->torso) return;
   if (!args_given(args, "frames-per-step"))
     config->frames_per_step = config->rays < TIMED_FRAMES ? config->rays : TIMED_FRAMES;
+  if (!args_given(args, "prune-occupancy")) config->prune_share = timed_prune_share;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 

@@ -193,6 +193,14 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .high = ERN_FRAMES_PER_STEP_MOST,
        .help = "frames that a step's rays are divided among, so that it hears as many sounds; with --time of the "
                "head (default 1 as published; 4 with --time)"},
+      {.name = "prune-occupancy",
+       .kind = OPTION_FLOAT,
+       .target = &config->prune_share,
+       .low = 0,
+       .high = 1,
+       .help = "late in the training, space that contributes less than this share of the opacity to each ray "
+               "counts as empty from then on, so that a frame has fewer samples; 0: none (default 0 as published; 0.1 "
+               "with --time)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,

@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: MIT
+ * The occupied cells that a head's pictures need (docs/maths.md, Occupancy): those in which a sample contributes at
+ * least a certain share of the opacity to a ray of the training frames. */
+#include <math.h>
+
+#include "core/memory.h"
+#include "core/status.h"
+#include "render/morton.h"
+#include "render/stages.h"
+#include "train/trainer.h"
+
+static const double prune_from = 0.85; /* of the coarse steps, found by trying (docs/history-training.md) */
+enum {
+  FRAMES = 32,    /* training frames that are looked at, evenly spaced */
+  STRIDE = 3,     /* of the pixels of a frame, one of so many in the order of rows */
+  CHUNK = 1 << 14 /* rays at once: a bound on the memory of their samples */
+};
+
+/* A chunk of rays in host memory. */
+struct samples {
+  int32_t *pixel;           /* [CHUNK] */
+  int32_t *first;           /* [CHUNK + 1] */
+  float *sigma, *dt, *x[3]; /* [CHUNK * max_steps] each, x: of the cube [-bound, bound]^3 */
+};
+
+static ern_status samples_make(const ern_trainer *t, struct samples *s) {
+  const size_t most = (size_t)CHUNK * (size_t)t->config.max_steps; /* max_steps <= 1024 */
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, 2 * CHUNK + 1, &s->pixel));
+  s->first = s->pixel + CHUNK;
+  ERN_TRY(ERN_NEW(t->context, 5 * most, &s->sigma));
+  s->dt = s->sigma + most;
+  for (size_t axis = 0; axis < 3; axis++) s->x[axis] = s->sigma + (2 + axis) * most;
+fail:
+  return status;
+}
+
+/* Pixels number `begin` of the frame's and on; how many there are. */
+static size_t pixels_of(const ern_trainer *t, size_t k, size_t begin, int32_t *pixel) {
+  const size_t pixels = (size_t)t->data.width * (size_t)t->data.height;
+  size_t count = 0;
+  for (size_t at = STRIDE * begin + k % STRIDE; at < pixels && count < CHUNK; at += STRIDE)
+    pixel[count++] = (int32_t)at;
+  return count;
+}
+
+static uint32_t cell_of(const struct samples *s, size_t i, float bound) {
+  uint32_t cell[3];
+  for (size_t axis = 0; axis < 3; axis++) {
+    const float at = 0.5f * (s->x[axis][i] / bound + 1) * ERN_OCCUPANCY_SIDE, last = ERN_OCCUPANCY_SIDE - 1;
+    cell[axis] = at > 0 ? (uint32_t)(at < last ? at : last) : 0; /* NaN: 0 */
+  }
+  return ern_morton(cell[0], cell[1], cell[2]);
+}
+
+/* needed[c] is set where a sample of the cell has w = alpha T (docs/maths.md, Compositing) of at least `share` of its
+ * ray's opacity, and of at least 0.003. A share, so that the samples of a silhouette stay, whose rays absorb little. */
+static void weigh(const ern_trainer *t, const struct samples *s, size_t rays, float share, bool *needed) {
+  const float least_weight = 0.003f; /* less than a step of 8 bits */
+  for (size_t r = 0; r < rays; r++) {
+    const size_t begin = (size_t)s->first[r], end = (size_t)s->first[r + 1];
+    float tau = 0, transmittance = 1;
+    for (size_t i = begin; i < end; i++) tau += s->sigma[i] * s->dt[i];
+    const float least = fmaxf(share * -expm1f(-tau), least_weight);
+    for (size_t i = begin; i < end; i++) {
+      const float left = expf(-s->sigma[i] * s->dt[i]);
+      if (!((1 - left) * transmittance < least)) needed[cell_of(s, i, t->config.bound)] = true; /* NaN: needed */
+      transmittance *= left;
+    }
+  }
+}
+
+static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct ern_head_density_args density,
+                          struct samples *s, size_t rays, bool *needed) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_march_settings march = ern_trainer_march(t);
+  struct ern_backend *backend = t->backend;
+  struct ern_marched marched;
+  ern_span pixel;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_INT32, rays, &pixel));
+  ERN_TRY(backend->upload_int32(t->stream, pixel, s->pixel, rays));
+  ERN_TRY(ern_march_rays(t->stream, pixel, view, (ern_span){0}, t->bits, &march, rays, &marched));
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
+  density.x = marched.x;
+  density.n = marched.total;
+  ERN_TRY(backend->head_density(t->stream, &density));
+  ERN_TRY(backend->download_int32(t->stream, s->first, marched.first, rays + 1));
+  ERN_TRY(backend->download_reals(t->stream, s->sigma, density.sigma, marched.total));
+  ERN_TRY(backend->download_reals(t->stream, s->dt, marched.dt, marched.total));
+  for (int axis = 0; axis < 3; axis++)
+    ERN_TRY(
+        backend->download_reals(t->stream, s->x[axis], ern_span_of_row(marched.x, axis, marched.total), marched.total));
+  weigh(t, s, rays, t->config.prune_share, needed);
+fail:
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct samples *s, bool *needed) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->views[frame];
+  struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
+  ern_dataset_frame about;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
+  ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
+  ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  const struct ern_head_density_args density = {
+      .parameters = t->parameters, .field = &t->model->field, .code = audio.code, .eye_value = about.eye};
+  size_t rays;
+  for (size_t begin = 0; (rays = pixels_of(t, k, begin, s->pixel)) > 0; begin += rays)
+    ERN_TRY(look_at(t, &view, density, s, rays, needed));
+fail:
+  ern_arena_release(t->stream, mark);
+  return status;
+}
+
+bool ern_trainer_prune_due(const ern_trainer *t) {
+  const bool last_part = (double)t->step >= prune_from * (double)ern_trainer_coarse_steps(t);
+  return !t->config.torso && t->config.prune_share > 0 && t->step > 0 && last_part;
+}
+
+ern_status ern_trainer_prune(ern_trainer *t) {
+  const size_t begin = t->config.data_begin, all = t->config.data_end - begin, count = all < FRAMES ? all : FRAMES;
+  struct samples s = {0};
+  bool *needed = NULL;
+  uint8_t *bits = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(samples_make(t, &s));
+  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &needed));
+  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_BYTES, &bits));
+  for (size_t k = 0; k < count; k++) ERN_TRY(look_at_frame(t, k, begin + k * all / count, &s, needed));
+  ERN_TRY(t->backend->download_bytes(t->stream, bits, t->bits, t->bits.count));
+  for (uint32_t cell = 0; cell < ERN_OCCUPANCY_CELLS; cell++)
+    if (!needed[cell]) bits[cell >> 3] &= (uint8_t) ~(1u << (cell & 7));
+  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, bits, t->bits.count));
+  ERN_TRY(t->backend->synchronize(t->stream));
+  t->pruned = true;
+fail:
+  ern_release(t->context, bits);
+  ern_release(t->context, needed);
+  ern_release(t->context, s.sigma);
+  ern_release(t->context, s.pixel);
+  return status;
+}

@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: MIT
+ * Pruning of the occupancy grid: which cells stay, a resume before, at and after it, and values that are no numbers
+ * (docs/numerics.md). */
+#include "made_clip.h"
+#include "render/morton.h"
+#include "train/trainer.h"
+
+static struct made made;
+
+static int open_clip(void **state) {
+  (void)state;
+  made_open(&made);
+  return 0;
+}
+static int close_clip(void **state) {
+  (void)state;
+  made_close(&made);
+  return 0;
+}
+
+static ern_trainer *trainer_of(const ern_train_config *config) {
+  ern_trainer *t = NULL;
+  support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, config));
+  return t;
+}
+
+static void read_bits(ern_trainer *t, uint8_t *bits) {
+  support_ok(made.context, t->backend->download_bytes(t->stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
+}
+
+static void write_parameters(ern_trainer *t, float value) {
+  const size_t n = t->parameters.count;
+  float *values = malloc(n * sizeof *values);
+  assert_non_null(values);
+  for (size_t i = 0; i < n; i++) values[i] = value;
+  support_ok(made.context, t->backend->upload_reals(t->stream, t->parameters, values, n));
+  free(values);
+}
+
+static size_t count_of(const uint8_t *bits) {
+  size_t count = 0;
+  for (size_t i = 0; i < ERN_OCCUPANCY_CELLS; i++) count += bits[i >> 3] >> (i & 7) & 1;
+  return count;
+}
+
+/* Depth of a cell's centre below the face of the scene's box that the cameras look at, y = 0.5. */
+static double depth_of(uint32_t cell) {
+  return 0.5 - (((double)ern_morton_gather(cell >> 1) + 0.5) / (ERN_OCCUPANCY_SIDE / 2) - 1);
+}
+
+/* Where all parameters are 0 the density is exp(0) = 1 everywhere, so sample i of a ray of n samples has the weight
+ * w_i = (1 - e^-dt) e^(-i dt), and the ray the opacity 1 - e^(-n dt). */
+static void test_cells_of_a_constant_density(void **state) {
+  (void)state;
+  enum { LAST = 20 };
+  static uint8_t before[ERN_OCCUPANCY_BYTES], after[ERN_OCCUPANCY_BYTES];
+  const double dt = 2 * sqrt(3.0) / ERN_OCCUPANCY_SIDE, cell = 2.0 / ERN_OCCUPANCY_SIDE;
+  ern_train_config config = small_config(10, NULL);
+  config.max_steps = ERN_OCCUPANCY_SIDE; /* so that dt is as below */
+  config.levels = 14;
+  made.data.focal = 480; /* rays within 1.7 degrees of the axis leave the box through its back, y = -0.5 */
+  ern_trainer *t = trainer_of(&config);
+  write_parameters(t, 0);
+  support_ok(made.context, ern_trainer_refresh(t));
+  read_bits(t, before);
+  /* the least that the samples up to LAST have in a ray through the whole box */
+  t->config.prune_share = (float)((1 - exp(-dt)) * exp(-(LAST + 0.5) * dt) / (1 - exp(-1)));
+  support_ok(made.context, ern_trainer_prune(t));
+  read_bits(t, after);
+  double deepest = 0, nearest = 1;
+  for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) {
+    const bool was = before[c >> 3] >> (c & 7) & 1, is = after[c >> 3] >> (c & 7) & 1;
+    assert_true(was || !is);
+    if (is) deepest = fmax(deepest, depth_of(c)), nearest = fmin(nearest, depth_of(c));
+  }
+  /* cameras turn by up to 0.2, so a ray's depth is 0.98 of its length, and its opacity up to that of 1/0.98 */
+  assert_true(nearest < 1.5 * cell);
+  assert_true(deepest > 0.97 * LAST * dt - cell && deepest < (LAST + 2) * dt + cell);
+  ern_trainer_free(&t);
+  made.data.focal = 48;
+}
+
+/* A larger share leaves fewer cells, and none that a smaller one does not; a NaN keeps what it is in; nothing occupied
+ * stays so. */
+static void test_shares(void **state) {
+  (void)state;
+  static const float shares[] = {1e-6f, 0.05f, 0.06f, 0.2f};
+  static uint8_t all[ERN_OCCUPANCY_BYTES], bits[2][ERN_OCCUPANCY_BYTES];
+  ern_train_config config = small_config(40, NULL);
+  ern_train_report report;
+  config.rays = 512;
+  ern_trainer *t = trainer_of(&config);
+  for (int k = 0; k < 30; k++) support_ok(made.context, ern_trainer_step(t, &report));
+  read_bits(t, all);
+  memcpy(bits[1], all, sizeof all);
+  for (size_t k = 0; k < sizeof shares / sizeof *shares; k++) {
+    t->config.prune_share = shares[k];
+    support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, all, sizeof all));
+    support_ok(made.context, ern_trainer_prune(t));
+    memcpy(bits[0], bits[1], sizeof all);
+    read_bits(t, bits[1]);
+    for (size_t i = 0; i < sizeof all; i++) assert_int_equal(bits[1][i] & ~bits[0][i], 0);
+    assert_true(t->pruned && count_of(bits[1]) < count_of(bits[0]));
+  }
+  const size_t seen = count_of(bits[0]);
+  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
+  write_parameters(t, NAN);
+  support_ok(made.context, ern_trainer_prune(t));
+  read_bits(t, bits[1]);
+  assert_true(count_of(bits[1]) > 0 && count_of(bits[1]) <= seen);
+  memset(bits[0], 0, sizeof all);
+  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
+  support_ok(made.context, ern_trainer_prune(t));
+  read_bits(t, bits[1]);
+  assert_int_equal(count_of(bits[1]), 0);
+  support_ok(made.context, ern_trainer_step(t, &report) == ERN_E_NONFINITE ? ERN_OK : ERN_E_STATE);
+  ern_trainer_free(&t);
+}
+
+static ern_train_config pruned_config(void) {
+  ern_train_config config = small_config(40, NULL);
+  config.rays = 512;
+  config.prune_share = 0.05f;
+  config.frames_per_step = 2;
+  config.refine_poses = true;
+  return config;
+}
+
+static void train_on(const char *output, bool resume, uint64_t steps, ern_train_config config) {
+  ern_train_report report;
+  config.output = output;
+  config.resume = resume;
+  config.overwrite = !resume;
+  ern_trainer *t = trainer_of(&config);
+  for (uint64_t k = 0; k < steps; k++) support_ok(made.context, ern_trainer_step(t, &report));
+  assert_true(t->pruned == (t->step > 34)); /* the first step at or after 0.85 of 40 prunes */
+  support_ok(made.context, ern_trainer_save(t));
+  ern_trainer_free(&t);
+}
+
+static void test_resumed(void **state) {
+  (void)state;
+  ern_train_config config = pruned_config();
+  config.threads = 1;
+  train_on("prune_whole.safetensors", false, 40, config);
+  config.threads = 2;
+  for (uint64_t stop = 33; stop <= 36; stop++) {
+    train_on("prune_resumed.safetensors", false, stop, config);
+    train_on("prune_resumed.safetensors", true, 40 - stop, config);
+    expect_same("prune_whole.safetensors", "prune_resumed.safetensors");
+  }
+  ern_train_state said;
+  ern_model_info model;
+  support_ok(made.context, ern_train_state_describe(made.context, "prune_resumed.safetensors", &said, &model));
+  assert_true(said.prune_share == config.prune_share);
+}
+
+/* A training that is resumed for longer refreshes the grid again, and prunes it again late. */
+static void test_resumed_for_longer(void **state) {
+  (void)state;
+  static uint8_t bits[2][ERN_OCCUPANCY_BYTES];
+  ern_train_config config = pruned_config();
+  ern_train_report report;
+  train_on("prune_longer.safetensors", false, 40, config);
+  config.output = "prune_longer.safetensors";
+  config.resume = true;
+  config.overwrite = false;
+  config.iters = 200;
+  config.refresh_every = 8;
+  ern_trainer *t = trainer_of(&config);
+  assert_false(t->pruned);
+  read_bits(t, bits[0]);
+  for (int k = 0; k < 10; k++) support_ok(made.context, ern_trainer_step(t, &report));
+  read_bits(t, bits[1]);
+  assert_true(!t->pruned && count_of(bits[1]) > count_of(bits[0]));
+  for (int k = 0; k < 130; k++) support_ok(made.context, ern_trainer_step(t, &report));
+  assert_true(t->step == 180 && t->pruned);
+  ern_trainer_free(&t);
+}
+
+static void test_refused(void **state) {
+  (void)state;
+  static const float wrong[] = {-0.1f, 1.1f, NAN, INFINITY};
+  ern_train_config config = small_config(10, NULL);
+  ern_trainer *t = NULL;
+  for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++) {
+    config.prune_share = wrong[k];
+    support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_ARGUMENT,
+                   "prune_share", NULL);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells_of_a_constant_density), cmocka_unit_test(test_shares),
+                                     cmocka_unit_test(test_resumed), cmocka_unit_test(test_resumed_for_longer),
+                                     cmocka_unit_test(test_refused)};
+  return cmocka_run_group_tests(tests, open_clip, close_clip);
+}
