@@ -339,7 +339,9 @@ static void test_two_renders(void **state) {
   static struct cli slow;
   snprintf(slow.line, sizeof slow.line, "render m.safetensors --clip clip --size 512x512 --quiet -o two10.mp4");
   cli_start(&slow, "slow.txt", 0);
-  for (int i = 0; i < 2000 && !cli_there("two10.mp4.ernerf-tmp"); i++)
+  /* The file is locked just after it was made, and before its first byte. */
+  struct stat about = {.st_size = 0};
+  for (int i = 0; i < 2000 && (stat("two10.mp4.ernerf-tmp", &about) != 0 || about.st_size == 0); i++)
     nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
   assert_int_equal(kill(slow.pid, SIGSTOP), 0);
   assert_true(cli_there("two10.mp4.ernerf-tmp") && !cli_there("two10.mp4"));
