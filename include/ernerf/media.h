@@ -289,8 +289,9 @@ static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
   ern_clip_dataset_sized(clip, dataset, sizeof *dataset);
 }
 
-/* What a clip holds, in figures: what an effect is worth modelling for. Poses, eye values and features are those of all
- * training frames; pictures are those of at most 48 of them, evenly spaced. Plain data, may grow. */
+/* Figures of a clip that decide which effects are modelled (docs/effects.md). Poses and eye values are those of all
+ * training frames, features all windows of the file, pictures those of at most 48 training frames, evenly spaced. Plain
+ * data, may grow. */
 typedef struct ern_clip_measures {
   size_t frames, looked;   /* training frames; those whose pictures were looked at */
   float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
@@ -299,12 +300,13 @@ typedef struct ern_clip_measures {
   double camera_shift;   /* largest distance from the first pose's place to another's, over the first one's distance to
                             the head */
   double feature_change; /* RMS deviation of the features from their mean over the windows, over their RMS */
-  double loud;           /* share of the 40 ms pieces of aud.wav above -50 dB of full scale; -1 without a sound */
+  double loud;           /* share of the 40 ms pieces of aud.wav whose RMS is above -50 dB of full scale; -1 without a
+                            sound that can be read */
   double torso_cover;    /* mean share of the picture under the torso layer; 0 without one */
-  double torso_move;     /* RMS way of the torso's centre in the picture, pixels */
-  double torso_against;  /* RMS displacement of the torso's centre relative to the head's, pixels */
-  double light;          /* RMS change of the cheeks' mean colour from frame to frame that the pose does not
-                            explain, 0..255; -1 where no frame has landmarks */
+  double torso_move;     /* RMS distance of the torso's centre (weighted by alpha) from its mean place, pixels */
+  double torso_against;  /* the same of the torso's centre minus the head's */
+  double light;          /* RMS residual of the cheeks' mean colour, 0..255, after a linear fit on the direction of the
+                            camera; -1 where no frame has landmarks */
 } ern_clip_measures;
 /* The least range of eye values that is a blink: a tenth of open to closed, about one pixel of lid at 512 x 512. */
 #define ERN_CLIP_BLINK 0.1
