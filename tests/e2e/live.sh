@@ -25,6 +25,10 @@ live --audio clip/aud.wav -o - --format raw --as-fast > a.rgba
 [ "$(stat -c %s a.rgba)" = $((33 * frame_bytes)) ] || fail "a.rgba has $(stat -c %s a.rgba) bytes, expected 33 frames"
 live --audio - -o - --format raw --as-fast < clip/aud.wav > b.rgba
 cmp a.rgba b.rgba || fail "sound from a pipe gives other frames than from its file"
+live --audio clip/aud.wav -o a.mp4 --as-fast
+cp a.mp4.provenance.json a.json
+live --audio clip/aud.wav -o a.mp4 --as-fast -y
+cmp a.json a.mp4.provenance.json || fail "the same work gives another .provenance.json"
 cmp -s -n $frame_bytes a.rgba <(tail -c $frame_bytes a.rgba) && fail "the last frame is the first"
 
 # by the clock: a file with pictures and sound; there already: refused; what is no sound: nothing is left
