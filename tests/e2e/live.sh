@@ -59,8 +59,31 @@ kill -TERM $program
 status=0; wait $program || status=$?
 [ $(($(date +%s) - began)) -le 4 ] || fail "a stalled reader holds the end up"
 refused 143 $status "stopped"
+grep -q "is cut" err.txt || fail "the stream is said to be whole: $(cat err.txt)"
 [ ! -e wait.sock ] || fail "wait.sock was left"
 kill $sleeper
+
+# a signal: a reader who reads gets whole frames and the end of the container; a FIFO without a reader does not hold the end up
+mkfifo taken
+for format in raw mp4; do
+  cat taken > taken.$format &
+  reader=$!
+  "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format $format 2> err.txt &
+  program=$!
+  for _ in $(seq 100); do [ -s taken.$format ] && break; sleep 0.1; done
+  kill -TERM $program
+  status=0; wait $program || status=$?
+  refused 143 $status "written is whole"
+  wait $reader
+  [ $format = mp4 ] || [ $(($(stat -c %s taken.raw) % frame_bytes)) = 0 ] || fail "raw: the last frame is cut"
+done
+tail -c 16 taken.mp4 | grep -qa mfro || fail "mp4: has no end"
+"$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format raw 2> err.txt &
+program=$!
+sleep 2
+kill -TERM $program
+status=0; wait $program || status=$?
+refused 143 $status "had a reader"
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
 

@@ -312,6 +312,8 @@ static int finish(struct live_job *job, int status) {
   if (!job->as_fast) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
   if (mute) return EXIT_FAILURE; /* told of when it happened */
+  if (stopped && job->output.cut)
+    return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
   return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;
 }
 
