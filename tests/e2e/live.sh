@@ -87,6 +87,18 @@ refused 143 $status "had a reader"
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
 
+# a microphone that began before the program: what waits longer than --max-delay is left out. `stop` leaves out what waits of --audio,
+# 2 s, and the rest is said
+head -c $((5 * 32000)) /dev/urandom > noise.s16
+raw=(--audio-format s16le --format raw --slow-reader wait)
+head -c $((2 * 32000)) noise.s16 | live --audio - "${raw[@]}" --max-delay 0.2 -o - > delay.rgba
+frames=$(($(stat -c %s delay.rgba) / frame_bytes))
+[ $frames -ge 10 ] && [ $frames -le 25 ] || fail "$frames frames of 0.2 s and the look-ahead, expected 13"
+{ sleep 1.5; echo stop; } | live --audio noise.s16 "${raw[@]}" --control - -o - > stop.rgba 2> err.txt
+grep -q '^ok$' err.txt || fail "stop: $(cat err.txt)"
+frames=$(($(stat -c %s stop.rgba) / frame_bytes))
+[ $frames -ge 60 ] || fail "$frames frames after stop, expected 75 or more of 125"
+
 # http: a reader comes, leaves, and another comes; lines of control
 port=$((20000 + $$ % 20000))
 mkfifo lines
