@@ -16,7 +16,7 @@ cd "$folder"
 mv person.mp4 VIDEO
 cp truth/aud.wav speech.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
-tail -c +45 truth/aud.wav | head -c 64000 > microphone.s16
+head -c 64044 truth/aud.wav | tail -c 64000 > microphone.s16
 printf 'say hello\neyes 0.3\n' > lines
 
 # option NAME VALUE: gives the option this value in `line`, in the place of the one it has or at its end.
