@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-media: clips, pictures, video and sound. The engine (libernerf) needs none of it. */
+ * libernerf-media: clips, pictures, video and sound. The engine (libernerf) needs none of it. base.h defines the terms
+ * "plain data", "may grow", "final", "cookie" and "atomic", and what all functions do with NULL and after errors.
+ * FFmpeg's log level, which is one for the process, is set to AV_LOG_FATAL where it is at its default. */
 #ifndef ERNERF_MEDIA_H
 #define ERNERF_MEDIA_H
 
@@ -25,15 +27,15 @@ typedef struct ern_image {
 
 /* How a picture or video was made, which its file then says: as an XMP packet (ISO 16684-1) with IPTC's
  * DigitalSourceType, and with the label of GB 45438-2025 ("AIGC"). PNG and JPEG have the packet in the place that XMP
- * gives it, OpenEXR as the attribute "xmp", mp4 as a box at the end of the file; mp4, Matroska, FLV and NUT have tags
- * beside it or alone. MPEG-TS, y4m and raw pictures say nothing. Texts are UTF-8 and read during the call alone.
- * Plain data, may grow. */
+ * gives it, OpenEXR as the attribute "xmp", an mp4 file as a box at its end. An mp4 file has tags too; Matroska, FLV,
+ * NUT and a streamed mp4 have tags alone. MPEG-TS, y4m and raw pictures say nothing. Texts are UTF-8 and read during
+ * the call alone. Plain data, may grow. */
 typedef struct ern_provenance {
   uint32_t cookie, size; /* set by ern_provenance_default() */
   bool all_trained;      /* false (default): a trained model's picture together with recorded ones, such as a background
                             (compositeWithTrainedAlgorithmicMedia); true: nothing else (trainedAlgorithmicMedia) */
-  const char *id;        /* tells this file from others, such as a hash: at most 128 of A-Z a-z 0-9 . _ : -; NULL
-                            (default): none */
+  const char *id;        /* identifies the file, such as a hash (ProduceID of the label): at most 128 of A-Z a-z 0-9
+                            . _ : -; NULL (default): none */
   const char *consent;   /* what the person has agreed to (ern_model_info), less than ERN_CONSENT_BYTES; NULL (default)
                             or "": it is not known */
 } ern_provenance;
@@ -45,13 +47,15 @@ static inline ern_provenance ern_provenance_default(void) {
 }
 
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
- * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A file whose
+ * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). Values 0..1 of
+ * OpenEXR become 0..255 without a transfer curve. On success the caller owns image->data (ern_image_free). A file whose
  * header has a side above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is
  * taken. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
 /* Width and height from the header alone. */
 ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);
-/* The format follows from the extension (.png .jpg); quality 1..100 counts for .jpg only. Atomic. */
+/* The format follows from the extension: .png (1, 3 or 4 channels) or .jpg, .jpeg (1 or 3, else ERN_E_ARGUMENT; quality
+ * 1..100, which .png ignores). Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_image_write(ern_context *context, const char *path, const ern_image *image,
                                                  int quality);
 /* The same, and the file says how it was made. provenance NULL: it does not. */
@@ -71,7 +75,7 @@ ERN_API ERN_NODISCARD ern_status ern_image_write_exr_provenance(ern_context *con
  * down. Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there. */
 ERN_API ERN_NODISCARD ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to,
                                                   int width, int height, float *flow);
-/* OpenCV's INTER_AREA. `resized` is made; the caller owns it. */
+/* Resizes by OpenCV's INTER_AREA, with the same channels. On success the caller owns resized->data (ern_image_free). */
 ERN_API ERN_NODISCARD ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                                   ern_image *resized);
 ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts NULL and an empty one */
@@ -95,10 +99,10 @@ ERN_API void ern_lpips_free(ern_lpips **lpips); /* accepts NULL and a pointer to
 /* "lpips-alexnet" or "lpips-vgg16"; lives as long as `lpips`. */
 ERN_API const char *ern_lpips_name(const ern_lpips *lpips);
 
-/* Pictures [3][height][width], red, green, blue, 0..1; at least 31 pixels a side with AlexNet, 16 with VGG16, at
- * most 8192, else ERN_E_ARGUMENT. *distance
- * is 0 for equal pictures and larger the less alike they look; it has no unit. dpicture: d distance/d picture
- * [3][height][width], overwritten; NULL: not wanted. Equation: docs/maths.md, "The fine stage". */
+/* Pictures [3][height][width], red, green, blue, 0..1; at least 31 pixels a side with AlexNet, 16 with VGG16, at most
+ * 8192, else ERN_E_ARGUMENT. *distance is 0 for equal pictures and larger the less alike they look; it has no unit.
+ * dpicture: d distance/d picture [3][height][width], overwritten; NULL: not wanted. Equation: docs/maths.md, "The fine
+ * stage". */
 ERN_API ERN_NODISCARD ern_status ern_lpips_distance(ern_lpips *lpips, const float *picture, const float *truth,
                                                     int width, int height, double *distance, float *dpicture);
 
@@ -110,15 +114,15 @@ ERN_API ern_fine_loss ern_lpips_fine_loss(ern_lpips *lpips);
 
 enum { ERN_NETWORK_DIMS = 8 };
 
-/* A network of the caller's, FILE.onnx, with one input of float numbers and fixed sizes. It keeps its context. One
- * thread at a time uses it. */
+/* A network of the caller's, FILE.onnx, with one input of float numbers and fixed sizes. One thread at a time uses it.
+ */
 typedef struct ern_network ern_network;
 
-/* Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there, or where it does not
- * take the network. The sizes of its weights are checked before. On success the caller owns *network. */
+/* Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there, or where OpenCV does
+ * not support the network. The file is checked before OpenCV reads it. On success the caller owns *network. */
 ERN_API ERN_NODISCARD ern_status ern_network_open(ern_context *context, const char *path, ern_network **network);
 ERN_API void ern_network_free(ern_network **network);
-/* The sizes of the input; their number is the value, 0 for NULL. */
+/* Fills shape with the sizes of the input and returns how many there are; 0 where an argument is NULL. */
 ERN_API int ern_network_input(const ern_network *network, int shape[ERN_NETWORK_DIMS]);
 /* Computes the first output that the file names: *count numbers in C order, which belong to the network until the next
  * call. input: as many numbers as its sizes say, in C order. ERN_E_NONFINITE where a number of the output is not
@@ -136,7 +140,8 @@ typedef struct ern_sound {
   int16_t *data; /* [frames][channels]; owned by the holder (ern_sound_free) */
 } ern_sound;
 
-/* Any sound file that FFmpeg reads, whole, as 16-bit. */
+/* Reads a sound file of any format that FFmpeg reads, as 16-bit samples from second 0 of the file on; gaps become
+ * silence. At most 2^31 samples of all channels, else ERN_E_SHAPE. On success the caller owns sound->data. */
 ERN_API ERN_NODISCARD ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound);
 ERN_API ERN_NODISCARD ern_status ern_sound_write_wav(ern_context *context, const char *path,
                                                      const ern_sound *sound); /* atomic */
@@ -148,11 +153,11 @@ ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
 typedef struct ern_video_options {
   uint32_t cookie, size; /* set by ern_video_options_default() */
   int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
-  int rate_numerator, rate_denominator; /* frames a second: 25, 1 */
+  int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
   const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
                              Must outlive the writer. */
   double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
-  int crf;                /* H.264 quality 0..51, 15 is the default */
+  int crf;                /* H.264's quality 0..51, less is better; default 15 */
   const ern_provenance *provenance; /* what the file says of how it was made; NULL (default): nothing */
 } ern_video_options;
 
@@ -165,8 +170,8 @@ static inline ern_video_options ern_video_options_default(int width, int height)
   return options;
 }
 
-/* mp4: H.264 yuv420p (BT.709, limited range, tagged so), AAC. Frame k is shown at exactly k/rate seconds. Written
- * beside its place and put there by close: no half file is ever seen at `path`. One thread at a time uses a writer. */
+/* mp4: H.264 yuv420p (BT.709, limited range, tagged so), AAC. Frame k is shown at exactly k/rate seconds. Atomic:
+ * close puts the file at `path`. One thread at a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);
@@ -180,13 +185,15 @@ ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
 /* Plain data, may grow. */
 typedef struct ern_video_info {
   int width, height;
-  int rate_numerator, rate_denominator;
-  double duration; /* seconds of the container */
+  int rate_numerator, rate_denominator; /* frames a second as FFmpeg guesses them; ern_video_reader_frame has the times
+                                           of a variable rate */
+  double duration;                      /* seconds of the container */
   bool has_sound;
   int sound_rate, sound_channels;
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
   double pixel_aspect;                                     /* width of a pixel over its height, as it is shown */
-  double start; /* seconds at which the first of the file's streams begins: second 0 of its sound */
+  double start; /* time stamp at which the file begins, seconds: second t of ern_sound_read has the time stamp start + t
+                   of ern_video_reader_frame */
 } ern_video_info;
 
 /* One thread at a time uses a reader. */
@@ -197,8 +204,9 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB in `image` (its buffer is reused when it fits), upright as the file says that it is shown, and
- * its time in seconds; *end is set, and the image left alone, when there is none. */
+/* The next frame as RGB, upright as the file says that it is shown. image: {0} before the first call, then the same
+ * one, whose buffer is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in
+ * the file. *end is set, and the image left alone, when there is no more. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
@@ -212,13 +220,14 @@ typedef struct ern_clip_options {
   uint32_t cookie, size; /* set by ern_clip_options_default() */
   uint64_t memory_bytes; /* most that kept frames may take; 0: half of the memory that this
                             process may take (ern_device_info of the CPU) */
-  const char *features;  /* another file of features, or a sound to make them of (ern_speech_open), than the clip's own,
-                            NULL: the clip's; must outlive the open call */
+  const char *features;  /* a file of features, or a sound to compute them of (ern_speech_open), instead of the clip's
+                            own; NULL (default): the clip's. Must outlive the open call */
   const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), "cepstra"
-                            (aud_cep.npy, else made of aud.wav), NULL: the first that is there of aud_ds, aud_eo,
-                            aud_hu, aud, aud_cep, aud.wav */
-  struct ern_speech_network *network; /* makes the features of a sound (speech.h): of `features`, NULL: of aud.wav;
-                                         asr_model is not looked at then. NULL: none. Must outlive the open call */
+                            (aud_cep.npy, else computed of aud.wav); NULL (default): the first that is there of aud_ds,
+                            aud_eo, aud_hu, aud, aud_cep, aud.wav */
+  struct ern_speech_network *network; /* computes the features (speech.h) of the sound `features`, or of aud.wav where
+                                         that is NULL; asr_model is then ignored. NULL (default): no network. Must
+                                         outlive the open call */
 } ern_clip_options;
 ERN_API void ern_clip_options_fill(ern_clip_options *options, size_t bytes);
 static inline ern_clip_options ern_clip_options_default(void) {
@@ -230,13 +239,13 @@ static inline ern_clip_options ern_clip_options_default(void) {
 /* Plain data, may grow. */
 typedef struct ern_clip_info {
   int width, height;
-  double focal, cx, cy;
+  double focal, cx, cy;       /* pixels */
   size_t frames[2];           /* by ern_split */
   const char *features_file;  /* name of the file that was read */
   bool has_blink;             /* au.csv with AU45_r is there */
   bool has_torso;             /* torso_imgs is there */
   bool has_sound;             /* aud.wav is there */
-  bool has_landmarks;         /* ori_imgs is there */
+  bool has_landmarks;         /* ori_imgs is there, which must then have ID.lms of each frame */
   char identity[65];          /* SHA-256 (hex) of transforms_train.json followed by bc.jpg */
   const char *speech;         /* kind of the features (speech.h); "": not known */
   bool hears_sound;           /* the features were made of a sound */
@@ -248,7 +257,7 @@ typedef struct ern_clip_frame {
   ern_pose pose;
   float eye; /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
   bool has_landmarks;
-  float landmarks[68][2]; /* x, y in pixels */
+  float landmarks[68][2]; /* x right, y down from the top left corner, pixels; order of 300-W */
 } ern_clip_frame;
 
 /* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_measure, and a trainer on its dataset. Any
@@ -267,19 +276,22 @@ static inline void ern_clip_describe(const ern_clip *clip, ern_clip_info *info) 
 }
 ERN_API const char *ern_clip_identity(const ern_clip *clip); /* 64 hex digits, see ern_clip_info */
 ERN_API const ern_features *ern_clip_features(const ern_clip *clip);
-/* Makes copies of the clip's speech in which every frequency is multiplied by one of warps[count] (0.5..2), so that a
- * training hears other throats say the same; ern_clip_dataset hands them on. What was made before is forgotten.
- * ERN_E_STATE where the clip's features come from a file of features, or from a network. */
+/* Makes copies of the clip's features with the centre frequencies of the mel filters multiplied by warps[count]
+ * (0.5..2), as of speakers with other vocal tracts, to augment a training; ern_clip_dataset hands them on. Copies of an
+ * earlier call are freed; count 0 frees them alone. ERN_E_STATE where the clip's features come from a file of features,
+ * or from a network. */
 ERN_API ERN_NODISCARD ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count);
 /* Those copies; *count of them. They live until the next ern_clip_vary_speech, or as long as the clip. */
 ERN_API const ern_features *ern_clip_speech_copies(const ern_clip *clip, size_t *count);
 ERN_API const ern_image *ern_clip_background(
     const ern_clip *clip); /* RGB, of the clip's size (INTER_AREA where it was not) */
+/* Valid as long as the clip; NULL where index is not below ern_clip_info.frames[split]. */
 ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);
 
 /* The pixels of a frame: `truth` RGB (gt_imgs) and `torso` RGBA (torso_imgs; data NULL where the clip has none). Either
- * may be NULL. The images belong to the clip and are valid until the next call. Frames stay in memory as bytes while
- * they fit the budget, and are read again past it. */
+ * may be NULL. The images belong to the clip and are valid until the next ern_clip_pixels or ern_clip_measure on it, or
+ * step of a trainer on its dataset. Pictures stay in memory up to ern_clip_options.memory_bytes; others are read again
+ * each time. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
 
@@ -289,8 +301,9 @@ static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
   ern_clip_dataset_sized(clip, dataset, sizeof *dataset);
 }
 
-/* What a clip holds, in figures: what an effect is worth modelling for. Poses, eye values and features are those of all
- * training frames; pictures are those of at most 48 of them, evenly spaced. Plain data, may grow. */
+/* Figures of a clip that decide which effects are modelled (docs/effects.md). Poses and eye values are those of all
+ * training frames, features all windows of the file, pictures those of at most 48 training frames, evenly spaced. Plain
+ * data, may grow. */
 typedef struct ern_clip_measures {
   size_t frames, looked;   /* training frames; those whose pictures were looked at */
   float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
@@ -299,12 +312,13 @@ typedef struct ern_clip_measures {
   double camera_shift;   /* largest distance from the first pose's place to another's, over the first one's distance to
                             the head */
   double feature_change; /* RMS deviation of the features from their mean over the windows, over their RMS */
-  double loud;           /* share of the 40 ms pieces of aud.wav above -50 dB of full scale; -1 without a sound */
+  double loud;           /* share of the 40 ms pieces of aud.wav whose RMS is above -50 dB of full scale; -1 without a
+                            sound that can be read */
   double torso_cover;    /* mean share of the picture under the torso layer; 0 without one */
-  double torso_move;     /* RMS way of the torso's centre in the picture, pixels */
-  double torso_against;  /* RMS displacement of the torso's centre relative to the head's, pixels */
-  double light;          /* RMS change of the cheeks' mean colour from frame to frame that the pose does not
-                            explain, 0..255; -1 where no frame has landmarks */
+  double torso_move;     /* RMS distance of the torso's centre (weighted by alpha) from its mean place, pixels */
+  double torso_against;  /* the same of the torso's centre minus the head's */
+  double light;          /* RMS residual of the cheeks' mean colour, 0..255, after a linear fit on the direction of the
+                            camera; -1 where no frame has landmarks */
 } ern_clip_measures;
 /* The least range of eye values that is a blink: a tenth of open to closed, about one pixel of lid at 512 x 512. */
 #define ERN_CLIP_BLINK 0.1

@@ -84,7 +84,7 @@ static void measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
-/* Of the windows that training frames have. */
+/* Of all windows of the file. */
 static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
   const ern_features *features = ern_clip_features(clip);
   const size_t width = (size_t)features->window_length * (size_t)features->width;

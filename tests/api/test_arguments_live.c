@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "ernerf/live.h"
+#include "ernerf/stream.h"
 
 static struct {
   ern_context *context;
@@ -14,7 +15,7 @@ static struct {
 CHECK(ern_live_options_fill) {
   ern_live_options_fill(NULL, sizeof(ern_live_options));
   const ern_live_options options = ern_live_options_default();
-  assert_int_equal(options.rate, 16000);
+  assert_int_equal(options.rate, ern_sound_reader_options_default().rate); /* what is read is pushed */
 }
 CHECK(ern_live_options_default) { assert_int_equal(ern_live_options_default().channels, 1); }
 CHECK(ern_live_open) {
@@ -34,6 +35,10 @@ CHECK(ern_live_open) {
   options = ern_live_options_default();
   options.rate_numerator = 101;
   REFUSED(w.context, "101/1 frames a second, expected 1 to 100", ern_live_open(w.context, &options, &live));
+  options = ern_live_options_default();
+  options.rate_numerator = 1;
+  options.capacity = 24; /* a frame of one second has 25 */
+  REFUSED(w.context, "capacity is 24, expected 25 to 1000", ern_live_open(w.context, &options, &live));
   options = ern_live_options_default();
   float code[32] = {0};
   code[3] = NAN;

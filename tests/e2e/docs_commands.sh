@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Runs every command line `ernerf VERB ...` that README and docs show in a block, in their order, on a made-up video, with few
-# steps and short times in the place of what the documents say. A file of samples stands for the microphone, a reader of the stream
+# steps and short times in the place of what the documents say. Samples of a file stand for the microphone, a reader of the stream
 # for the browser. Commands that need a network or a device which may not be here are counted and left out: api/test_docs checks
 # their options.
 # Usage: docs_commands.sh SOURCE ERNERF FOLDER
@@ -16,7 +16,7 @@ cd "$folder"
 mv person.mp4 VIDEO
 cp truth/aud.wav speech.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
-tail -c +45 truth/aud.wav | head -c 64000 > microphone.s16
+head -c 64044 truth/aud.wav | tail -c 64000 > microphone.s16
 printf 'say hello\neyes 0.3\n' > lines
 
 # option NAME VALUE: gives the option this value in `line`, in the place of the one it has or at its end.
@@ -34,12 +34,17 @@ read_http() {
   cat <&9 || true # the stream may end in the middle of a piece
 }
 
+# microphone: 4 s of samples at their own pace.
+microphone() {
+  for k in $(seq 0 99); do dd if=microphone.s16 bs=1280 skip=$((k % 50)) count=1 status=none || return 0; sleep 0.037; done
+}
+
 # live_line: runs `line`, of `ernerf live`, for two seconds, and checks that a stream came out of it.
 live_line() {
   local port=$((20000 + $$ % 20000)) input=/dev/null reader=
   : > stream
   line=${line%% | ffplay*}
-  case $line in *"--audio -"*) input=microphone.s16 ;; *"--control -"*) input=lines ;; esac
+  case $line in *"--audio -"*) exec 8< <(microphone 2> /dev/null); input=/dev/fd/8 ;; *"--control -"*) input=lines ;; esac
   line="ernerf live ${line#*ernerf live }"
   line="${line/127.0.0.1:8080/127.0.0.1:$port} --duration 2 --size 64x64 --overwrite --quiet"
   if [[ $line == *http:* ]]; then read_http "$port" > stream & reader=$!; fi

@@ -25,6 +25,10 @@ live --audio clip/aud.wav -o - --format raw --as-fast > a.rgba
 [ "$(stat -c %s a.rgba)" = $((33 * frame_bytes)) ] || fail "a.rgba has $(stat -c %s a.rgba) bytes, expected 33 frames"
 live --audio - -o - --format raw --as-fast < clip/aud.wav > b.rgba
 cmp a.rgba b.rgba || fail "sound from a pipe gives other frames than from its file"
+live --audio clip/aud.wav -o a.mp4 --as-fast
+cp a.mp4.provenance.json a.json
+live --audio clip/aud.wav -o a.mp4 --as-fast -y
+cmp a.json a.mp4.provenance.json || fail "the same work gives another .provenance.json"
 cmp -s -n $frame_bytes a.rgba <(tail -c $frame_bytes a.rgba) && fail "the last frame is the first"
 
 # by the clock: a file with pictures and sound; there already: refused; what is no sound: nothing is left
@@ -55,10 +59,45 @@ kill -TERM $program
 status=0; wait $program || status=$?
 [ $(($(date +%s) - began)) -le 4 ] || fail "a stalled reader holds the end up"
 refused 143 $status "stopped"
+grep -q "is cut" err.txt || fail "the stream is said to be whole: $(cat err.txt)"
 [ ! -e wait.sock ] || fail "wait.sock was left"
 kill $sleeper
+
+# a signal: a reader who reads gets whole frames and the end of the container; a FIFO without a reader does not hold the end up
+mkfifo taken
+for format in raw mp4; do
+  cat taken > taken.$format &
+  reader=$!
+  "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format $format 2> err.txt &
+  program=$!
+  for _ in $(seq 100); do [ -s taken.$format ] && break; sleep 0.1; done
+  kill -TERM $program
+  status=0; wait $program || status=$?
+  refused 143 $status "written is whole"
+  wait $reader
+  [ $format = mp4 ] || [ $(($(stat -c %s taken.raw) % frame_bytes)) = 0 ] || fail "raw: the last frame is cut"
+done
+tail -c 16 taken.mp4 | grep -qa mfro || fail "mp4: has no end"
+"$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format raw 2> err.txt &
+program=$!
+sleep 2
+kill -TERM $program
+status=0; wait $program || status=$?
+refused 143 $status "had a reader"
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
+
+# a microphone that began before the program: what waits longer than --max-delay is left out. `stop` leaves out what waits of --audio,
+# 2 s, and the rest is said
+head -c $((5 * 32000)) /dev/urandom > noise.s16
+raw=(--audio-format s16le --format raw --slow-reader wait)
+head -c $((2 * 32000)) noise.s16 | live --audio - "${raw[@]}" --max-delay 0.2 -o - > delay.rgba
+frames=$(($(stat -c %s delay.rgba) / frame_bytes))
+[ $frames -ge 10 ] && [ $frames -le 25 ] || fail "$frames frames of 0.2 s and the look-ahead, expected 13"
+{ sleep 1.5; echo stop; } | live --audio noise.s16 "${raw[@]}" --control - -o - > stop.rgba 2> err.txt
+grep -q '^ok$' err.txt || fail "stop: $(cat err.txt)"
+frames=$(($(stat -c %s stop.rgba) / frame_bytes))
+[ $frames -ge 60 ] || fail "$frames frames after stop, expected 75 or more of 125"
 
 # http: a reader comes, leaves, and another comes; lines of control
 port=$((20000 + $$ % 20000))

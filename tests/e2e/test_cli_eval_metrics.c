@@ -132,6 +132,15 @@ static void test_landmark_files(void **state) {
   free(table);
   cli_run(&cli, "eval m.safetensors clip --landmarks drawn");
   cli_expect_out(&cli, 0, "LMD: mouth ", " pixels (", NULL);
+  for (size_t i = 0; i < frames; i++) { /* named after the pictures of `render --split val -o drawn/%05d.png` */
+    char by_id[64], by_number[64];
+    snprintf(by_id, sizeof by_id, "drawn/%ld.lms", ids[i]);
+    snprintf(by_number, sizeof by_number, "drawn/%05zu.lms", i);
+    assert_int_equal(rename(by_id, by_number), 0);
+  }
+  report = evaluate("--landmarks drawn");
+  expect_near(number(report, "lmd", "mouth"), mouth, 1e-3);
+  json_decref(report);
 }
 
 /* A point is at its share of a square of 1.25 times the face's longer side, and those of the mouth go to and fro with

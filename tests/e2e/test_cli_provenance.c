@@ -175,6 +175,8 @@ static void test_label(void **state) {
   assert_false(cli_there("w.mp4"));
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
   cli_expect(&cli, 2, "--label-time is about --label", NULL);
+  cli_run(&cli, "render --help");
+  cli_expect_out(&cli, 0, "--label TEXT", NULL);
 }
 
 int main(void) {

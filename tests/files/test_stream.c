@@ -296,6 +296,15 @@ static uint16_t free_port(void) {
   return ntohs(address.sin_port);
 }
 
+/* An address of RTSP is connected to, though its format is not among those that are found out. */
+static void test_rtsp_is_connected_to(void **state) {
+  (void)state;
+  ern_sound_reader *reader;
+  char url[64];
+  snprintf(url, sizeof url, "rtsp://127.0.0.1:%d/", free_port());
+  support_expect(context, ern_sound_reader_open(context, url, NULL, &reader), ERN_E_IO, url, "refused", NULL);
+}
+
 /* ---- waits that end ---------------------------------------------------------------------------------------------- */
 
 static void test_waits_end_when_asked_to(void **state) {
@@ -420,10 +429,10 @@ static void test_options_are_checked(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_each_form_has_exact_times), cmocka_unit_test(test_raw_pictures_and_y4m),
-      cmocka_unit_test(test_sound_is_read_as_it_comes), cmocka_unit_test(test_what_is_no_sound_is_refused),
-      cmocka_unit_test(test_waits_end_when_asked_to),   cmocka_unit_test(test_a_browser_comes_and_leaves),
-      cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_each_form_has_exact_times),  cmocka_unit_test(test_raw_pictures_and_y4m),
+      cmocka_unit_test(test_sound_is_read_as_it_comes),  cmocka_unit_test(test_what_is_no_sound_is_refused),
+      cmocka_unit_test(test_rtsp_is_connected_to),       cmocka_unit_test(test_waits_end_when_asked_to),
+      cmocka_unit_test(test_a_browser_comes_and_leaves), cmocka_unit_test(test_options_are_checked),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

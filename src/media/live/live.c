@@ -54,7 +54,7 @@ struct ern_live {
 
 void ern_live_options_fill(ern_live_options *options, size_t bytes) {
   const ern_live_options own = {.cookie = OPTIONS_COOKIE,
-                                .rate = 16000,
+                                .rate = 48000,
                                 .channels = 1,
                                 .look_ahead = ERN_LIVE_LOOK_AHEAD,
                                 .capacity = 50,
@@ -88,6 +88,11 @@ static ern_status check_options(ern_context *context, const ern_live_options *o)
   if (o->rate_numerator < o->rate_denominator || o->rate_numerator > 100 * (int64_t)o->rate_denominator)
     return ern_fail(context, ERN_E_ARGUMENT, "live: %d/%d frames a second, expected 1 to 100", o->rate_numerator,
                     o->rate_denominator);
+  const int64_t frame =
+      ((int64_t)ERN_LIVE_TICKS_A_SECOND * o->rate_denominator + o->rate_numerator - 1) / o->rate_numerator;
+  if (o->capacity < frame)
+    return ern_fail(context, ERN_E_ARGUMENT, "live: capacity is %d, expected %d to %d, which one frame of %d/%d needs",
+                    o->capacity, (int)frame, MOST_CAPACITY, o->rate_numerator, o->rate_denominator);
   for (int c = 0; o->silence_code != NULL && c < CODE; c++)
     if (!isfinite(o->silence_code[c]))
       return ern_fail(context, ERN_E_NONFINITE, "live: silence_code[%d] is not finite", c);

@@ -92,6 +92,8 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
     input.format = av_find_input_format(r->options.format);
     if (input.format == NULL)
       return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no format \"%s\"", url, r->options.format);
+  } else if (strncmp(url, "rtsp://", 7) == 0) {
+    input.format = av_find_input_format("rtsp"); /* is not found out: it names further addresses (allow_formats) */
   }
   if (pipe) {
     r->pipe.stop = r->options.stop;

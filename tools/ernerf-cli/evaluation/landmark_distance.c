@@ -7,10 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "ernerf-lab/measured_files.h"
 
-enum { EXAMPLES = 6, MOUTH = 48, POINTS = 68 };
+enum { EXAMPLES = 6, MOUTH = 48, POINTS = 68, PATH_BYTES = 4096 };
 
 double landmark_distance(const float a[68][2], const float b[68][2], int begin, int end) {
   double shift[2] = {0, 0}, sum = 0;
@@ -36,20 +37,39 @@ static int truth_of(const struct evaluation *evaluation, size_t k, ern_image *tr
 
 /* ---- a folder ---------------------------------------------------------------------------------------------------- */
 
+/* Of frame k: ID.lms; or, beside the pictures of `render -o DIR/%05d.png`, their number. false: it is too long. */
+static bool points_path(const struct landmark_distance *lmd, const struct evaluation *evaluation, size_t k,
+                        bool by_number, char path[PATH_BYTES]) {
+  const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
+  const int bytes = by_number
+                        ? snprintf(path, PATH_BYTES, "%s/%05zu.lms", lmd->path, (size_t)frame->number)
+                        : snprintf(path, PATH_BYTES, "%s/%" PRId64 ".lms", lmd->path, (int64_t)frame->pose.img_id);
+  return bytes < PATH_BYTES;
+}
+
+/* The first frame decides it for all. */
+static bool are_by_number(const struct landmark_distance *lmd, const struct evaluation *evaluation) {
+  char by_id[PATH_BYTES], by_number[PATH_BYTES];
+  size_t k = 0;
+  while (k < evaluation->frame_source.count && !frame_of(evaluation, k)->has_landmarks) k++;
+  return k < evaluation->frame_source.count && points_path(lmd, evaluation, k, false, by_id) &&
+         points_path(lmd, evaluation, k, true, by_number) && access(by_id, F_OK) != 0 && access(by_number, F_OK) == 0;
+}
+
 static int open_folder(struct landmark_distance *lmd, const struct evaluation *evaluation) {
   struct session *session = evaluation->session;
   const size_t count = evaluation->frame_source.count;
-  char path[4096];
+  char path[PATH_BYTES];
   struct stat about;
   if (stat(lmd->path, &about) != 0 || !S_ISDIR(about.st_mode))
     return session_fail_with(session, "%s: is no folder, expected a folder of ID.lms, or a network, FILE.onnx",
                              lmd->path);
   lmd->points = malloc((count > 0 ? count : 1) * sizeof *lmd->points);
   if (lmd->points == NULL) return session_fail_with(session, "no memory for the landmarks of %zu frames", count);
+  const bool by_number = are_by_number(lmd, evaluation);
   for (size_t k = 0; k < count; k++) {
     if (!frame_of(evaluation, k)->has_landmarks) continue;
-    if (snprintf(path, sizeof path, "%s/%" PRId64 ".lms", lmd->path,
-                 (int64_t)evaluation->frame_source.source_frame[k].pose.img_id) >= (int)sizeof path)
+    if (!points_path(lmd, evaluation, k, by_number, path))
       return session_fail_with(session, "%s: the path is too long", lmd->path);
     if (ern_points_read(session->context, path, lmd->points[k]) != ERN_OK) return session_fail(session);
   }

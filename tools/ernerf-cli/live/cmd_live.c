@@ -282,15 +282,16 @@ static int open_all(struct live_job *job, const struct args *args) {
 
 /* ---- the end ----------------------------------------------------------------------------------------------------- */
 
-/* What the file beside the output says of it. */
+/* What the file beside the output says of it; without times, so that the same work (--as-fast) gives the same file. */
 static json_t *about_output(const struct live_job *job) {
   const char *slash = strrchr(job->output.url, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
+  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
                    session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
-                   (json_int_t)atomic_load(&job->output.written), "rate", rate, "width", job->size.width, "height",
-                   job->size.height, "sound", true, "statistics", live_statistics(job));
+                   (json_int_t)atomic_load(&job->output.written), "drawn", (json_int_t)job->drawn, "rate", rate,
+                   "width", job->size.width, "height", job->size.height, "sound", true, "rate_control",
+                   job->as_fast ? json_null() : rate_control_json(&job->rate_control));
 }
 
 static int finish(struct live_job *job, int status) {
@@ -311,6 +312,8 @@ static int finish(struct live_job *job, int status) {
   if (!job->as_fast) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
   if (mute) return EXIT_FAILURE; /* told of when it happened */
+  if (stopped && job->output.cut)
+    return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
   return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;
 }
 

@@ -1,14 +1,21 @@
 /* SPDX-License-Identifier: MIT */
 #include "live/live_output.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
+/* Seconds that the reader of a pipe or address has at the end to take what waits and the tail of the stream. */
+static const double grace = 2;
+
+static bool is_over(const struct live_output *output) { return session_seconds() >= atomic_load(&output->stop_at); }
+
+/* A signal ends the wait for the first reader; later ones end with the program (live_output_close). */
 static int asks_to_stop(void *user) {
-  struct live_output *output = user;
-  return atomic_load(&output->stop) ? 1 : 0;
+  const struct live_output *output = user;
+  return is_over(output) || (!atomic_load(&output->running) && session_interrupted());
 }
 
 /* ---- the writer's thread ----------------------------------------------------------------------------------------- */
@@ -54,11 +61,12 @@ static void *write_frames(void *user) {
   struct live_output *output = user;
   for (;;) {
     ern_status status = serve(output);
-    atomic_store(&output->open, false);
+    const bool was_open = atomic_exchange(&output->open, false);
     if (status == ERN_OK && !atomic_load(&output->given_up)) status = ern_stream_writer_close(&output->writer);
     ern_stream_writer_abandon(&output->writer);
     if (status == ERN_OK) return NULL;
-    if (status == ERN_E_CANCELLED && atomic_load(&output->stop)) break;
+    output->cut = status == ERN_E_CANCELLED && was_open;
+    if (status == ERN_E_CANCELLED && is_over(output)) break;
     if (!output->listens || status != ERN_E_IO) {
       remember_trouble(output);
       break;
@@ -100,13 +108,16 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;
   output->options.user = output;
+  atomic_store(&output->stop_at, INFINITY);
   queue_make(&output->queue, LIVE_PICTURES);
   if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
-  if (!output->listens && open_stream(output) != ERN_OK) return session_fail(session);
-  if (pthread_create(&output->thread, NULL, write_frames, output) != 0)
-    return session_fail_with(session, "cannot start a thread that writes");
-  output->running = true;
-  return 0;
+  if (!output->listens && open_stream(output) != ERN_OK)
+    return session_interrupted() ? session_stop_with(session, "stopped before %s had a reader", output->url)
+                                 : session_fail(session);
+  atomic_store(&output->running, true);
+  if (pthread_create(&output->thread, NULL, write_frames, output) == 0) return 0;
+  atomic_store(&output->running, false);
+  return session_fail_with(session, "cannot start a thread that writes");
 }
 
 struct live_picture *live_output_next(struct live_output *output, bool *failed) {
@@ -124,30 +135,32 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
 
 void live_output_put(struct live_output *output) { queue_fill(&output->queue); }
 
-static void stop_writer(struct live_output *output, bool now) {
-  if (!output->running) return;
-  if (now || (output->listens && !atomic_load(&output->open))) atomic_store(&output->stop, true);
+/* patience: seconds until the reader is no longer waited for. */
+static void stop_writer(struct live_output *output, double patience) {
+  if (!atomic_load(&output->running)) return;
+  if (output->listens && !atomic_load(&output->open)) patience = 0;
+  atomic_store(&output->stop_at, session_seconds() + patience);
   queue_end(&output->queue);
   (void)pthread_join(output->thread, NULL);
-  output->running = false;
+  atomic_store(&output->running, false);
 }
 
-int live_output_close(struct live_output *output, bool now) {
-  stop_writer(output, now);
+int live_output_close(struct live_output *output, bool soon) {
+  stop_writer(output, soon ? grace : INFINITY);
   return output->trouble == NULL ? 0 : session_fail_with(output->session, "%s", output->trouble);
 }
 
 int live_output_fail(struct live_output *output) {
   atomic_store(&output->given_up, true);
-  if (output->running) queue_break(&output->queue);
-  stop_writer(output, true);
+  if (atomic_load(&output->running)) queue_break(&output->queue);
+  stop_writer(output, 0);
   return output->trouble == NULL ? EXIT_FAILURE : session_fail_with(output->session, "%s", output->trouble);
 }
 
 void live_output_free(struct live_output *output) {
   atomic_store(&output->given_up, true);
-  if (output->running) queue_break(&output->queue);
-  stop_writer(output, true);
+  if (atomic_load(&output->running)) queue_break(&output->queue);
+  stop_writer(output, 0);
   ern_stream_writer_abandon(&output->writer);
   for (size_t i = 0; i < LIVE_PICTURES; i++) {
     free(output->pictures[i].rgba);

@@ -36,11 +36,14 @@ struct live_output {
   struct live_picture pictures[LIVE_PICTURES];
   struct bounded_queue queue;
   pthread_t thread;
-  bool running, listens; /* listens: http, where one reader after another comes */
-  atomic_bool open;      /* somebody reads */
-  atomic_bool stop;      /* the program ends: nothing waits any more */
-  atomic_bool given_up;  /* drawing has failed: the stream is not ended, a file is not made */
-  char *trouble;         /* why the writer gave up; NULL: it did not. To be read after it has ended */
+  bool listens;           /* http, where one reader after another comes */
+  atomic_bool running;    /* the thread */
+  atomic_bool open;       /* somebody reads */
+  _Atomic double stop_at; /* seconds of session_seconds from which on nothing waits for a reader any more */
+  atomic_bool given_up;   /* drawing has failed: the stream is not ended, a file is not made */
+  /* to be read after the thread has ended */
+  char *trouble; /* why the writer gave up; NULL: it did not */
+  bool cut;      /* the reader did not take all of the stream by stop_at */
   atomic_ullong written, left_out, readers;
   atomic_uint late[1001]; /* frames that were written so many milliseconds after they were due, the last one: or more */
 };
@@ -53,8 +56,8 @@ int live_output_open(struct live_output *output, struct session *session, struct
  * writer has given up. */
 struct live_picture *live_output_next(struct live_output *output, bool *failed);
 void live_output_put(struct live_output *output);
-/* Waits for the last frame and ends the stream; at once where `now`, with what waits left out. */
-int live_output_close(struct live_output *output, bool now);
+/* Writes what waits and ends the stream; soon: within 2 s, or it stays `cut`. */
+int live_output_close(struct live_output *output, bool soon);
 /* Gives the stream up, and says why the writer has, where it has. Returns EXIT_FAILURE. */
 int live_output_fail(struct live_output *output);
 void live_output_free(struct live_output *output); /* wherever it stands */

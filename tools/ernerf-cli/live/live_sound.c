@@ -36,6 +36,12 @@ static void remember_error(struct live_sound *sound) {
   remember(sound, text);
 }
 
+/* Pushes a piece. Where `stop` drops sound, an input of the command line goes on after it; another one ends. */
+static ern_status push(struct live_sound *sound, const float *samples, size_t frames, bool own) {
+  const ern_status status = ern_live_push(sound->live, samples, frames);
+  return own && status == ERN_E_CANCELLED ? ERN_OK : status;
+}
+
 /* Pushes all that an input has. */
 static ern_status play(struct live_sound *sound, const char *url, bool own) {
   const size_t piece = (size_t)sound->rate * PIECE_MS / 1000;
@@ -52,7 +58,7 @@ static ern_status play(struct live_sound *sound, const char *url, bool own) {
   ern_status status = samples != NULL ? ern_sound_reader_open(sound->context, url, &options, &reader) : ERN_E_NO_MEMORY;
   for (size_t frames = 1; status == ERN_OK && frames > 0;) {
     status = ern_sound_reader_read(reader, samples, piece, &frames);
-    if (status == ERN_OK && frames > 0) status = ern_live_push(sound->live, samples, frames);
+    if (status == ERN_OK && frames > 0) status = push(sound, samples, frames, own);
     atomic_fetch_add(&sound->heard, status == ERN_OK ? frames : 0);
   }
   ern_sound_reader_free(&reader);
@@ -114,6 +120,7 @@ static void *read_sound(void *user) {
   struct live_sound *sound = user;
   if (sound->url != NULL) {
     const ern_status status = play(sound, sound->url, true);
+    atomic_store(&sound->over, true);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
   }
   for (char *saying = NULL; sound->stays && (saying = await_saying(sound)) != NULL; free(saying)) {
@@ -166,7 +173,7 @@ static void forget_sayings(struct live_sound *sound) {
 void live_sound_hush(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
   forget_sayings(sound);
-  sound->skip = sound->url == NULL; /* an input of the command line goes on */
+  sound->skip = sound->url == NULL || atomic_load(&sound->over); /* an input of the command line goes on */
   (void)pthread_mutex_unlock(&sound->mutex);
   if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
 }

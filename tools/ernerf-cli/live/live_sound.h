@@ -32,6 +32,7 @@ struct live_sound {
   size_t sayings;
   char *trouble;       /* the last input that failed, in words; with the mutex */
   atomic_bool failed;  /* the input of the command line did */
+  atomic_bool over;    /* it has been played */
   atomic_ullong heard; /* samples */
 };
 
@@ -40,7 +41,7 @@ struct live_sound {
 int live_sound_start(struct live_sound *sound, struct session *session, ern_live *live, int rate, int channels);
 /* After what waits: a file, or a text (speaks); false where too much waits. */
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
-/* What is played and what waits is forgotten. */
+/* What is said and what waits is dropped; an input of the command line goes on after it. */
 void live_sound_hush(struct live_sound *sound);
 /* The last thing that went wrong, once; NULL: nothing. The caller frees it. */
 char *live_sound_trouble(struct live_sound *sound);

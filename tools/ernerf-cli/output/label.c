@@ -13,6 +13,7 @@ void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
       {.name = "label",
        .kind = OPTION_TEXT,
        .target = &label->text,
+       .choices = "TEXT",
        .help = "words on the frames that say what they are, such as \"made by AI\"; their capitals are 5 of 100 of the "
                "shorter side"},
       {.name = "label-time",
