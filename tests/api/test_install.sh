@@ -41,6 +41,13 @@ if [ -e "$build/lib/libernerf-vision.so" ]; then # found and opened where it was
   grep -q 'libernerf-vision.*ERNERF_VISION' "$work/network.log" || fail "not said what is missing: $(cat "$work/network.log")"
   mv "$work"/away/* "$lib"
 fi
+if ls "$lib"/libernerf-media-impl.so.* >/dev/null 2>&1; then # what needs no media works without it
+  mkdir "$work/media" && mv "$lib"/libernerf-media-impl.so.* "$work/media"
+  "$root/bin/ernerf" info "$source/data/tiny/transforms_val.json" >"$work/info.log" || fail "nothing works without libernerf-media-impl"
+  if "$root/bin/ernerf" check "$source/data/tiny" >"$work/media.log" 2>&1; then fail "a clip was read without libernerf-media-impl"; fi
+  grep -q 'libernerf-media-impl' "$work/media.log" || fail "not said what is missing: $(cat "$work/media.log")"
+  mv "$work"/media/* "$lib"
+fi
 "$root/bin/ernerf" info devices >"$work/devices.log" 2>"$work/devices.errors" || fail "the installed program does not run"
 grep -q "used untried" "$work/devices.errors" && fail "the installed library does not find ernerf-probe-opencl"
 

@@ -7,7 +7,7 @@
 
 #include "core/memory.h"
 
-static const char *const preset = "veryfast"; /* video_write.c says what its crf is worth */
+static const char *const preset = "veryfast"; /* thin/defaults.c says what its crf is worth */
 
 /* libx264, else any encoder of H.264 that takes yuv420p. */
 static const AVCodec *find_encoder(void) {

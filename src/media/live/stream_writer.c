@@ -14,9 +14,7 @@
 #include "media/video_sound.h"
 
 enum {
-  OPTIONS_COOKIE = 0x45525357,
   MAX_RATE_PART = 1000000,
-  DEFAULT_CRF = 18,
   FRAGMENT = 80000 /* microseconds of an mp4's piece */
 };
 
@@ -54,12 +52,6 @@ struct ern_stream_writer {
   ern_status broken;
   bool begun; /* the head is written */
 };
-
-void ern_stream_options_fill(ern_stream_options *options, size_t bytes) {
-  const ern_stream_options own = {
-      .cookie = OPTIONS_COOKIE, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
 
