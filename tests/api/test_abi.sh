@@ -47,6 +47,13 @@ fi
 others=$(cat "$work"/*.exported | grep -vE "@@($nodes)\$|^($nodes)\$" || true)
 [ -z "$others" ] || fail "symbols without a version: $others"
 
+# debian/libernerf0.symbols lists the public ones.
+for node in LIBERNERF_0 LIBERNERF_MEDIA_0 LIBERNERF_PREPARE_0; do
+  sed -n "s/^ \\(ern_[a-z0-9_]*\\)@$node 0.*/\\1/p" "$source/debian/libernerf0.symbols"
+done | sort >"$work/debian"
+cat "$work"/*.declared | sort >"$work/all"
+[ "${#libraries[@]}" -ne 2 ] || same "$work/debian" "$work/all" "debian/libernerf0.symbols is not what the headers declare"
+
 # Internals: no more than libernerf-media, libernerf-prepare and the program's laboratory use, where each instruction set and OpenCL are built.
 at "$private" <"$work/engine.exported" | grep -v '^ern_peak_' >"$work/private"
 for file in "${libraries[@]}" "$impl" "$program"; do nm -D --undefined-only "$file"; done | awk '{ print $2 }' |
