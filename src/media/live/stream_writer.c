@@ -124,7 +124,9 @@ static ern_status open_tracks(ern_stream_writer *w) {
   const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
-  ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, w->form->coding, o->crf, &w->pictures));
+  const struct ern_picture_settings settings = {
+      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf};
+  ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));
   if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
     ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));
 fail:
