@@ -1,4 +1,4 @@
-# `cmake --install`: headers, the libraries, the program, pkg-config files, a CMake package.
+# `cmake --install`: headers, the libraries, the program, documents, pkg-config files, a CMake package; `cpack`: an archive of it.
 include(CMakePackageConfigHelpers)
 
 # Which symbols are exported, under which version (docs/abi.md).
@@ -21,8 +21,9 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(library ernerf-vision ernerf-perceptual) # libernerf-media opens them, users do not link them
+foreach(library ernerf-media-impl ernerf-vision ernerf-perceptual) # libernerf-media opens them, users do not link them
   if(TARGET ${library})
+    set_target_properties(${library} PROPERTIES INSTALL_RPATH "$ORIGIN")
     install(TARGETS ${library} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
   endif()
 endforeach()
@@ -33,6 +34,11 @@ if(TARGET ernerf-probe-opencl) # libernerf starts it, users do not
   install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
+
+install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/NEWS.md
+        DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/docs ${PROJECT_SOURCE_DIR}/examples DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/data/tiny DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf) # a clip to try things on
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/ernerf)
 install(EXPORT ernerf-targets NAMESPACE ernerf:: DESTINATION ${package_folder})
@@ -67,3 +73,12 @@ foreach(library ${pc_names})
   configure_file(${CMAKE_CURRENT_LIST_DIR}/${library}.pc.in ${PROJECT_BINARY_DIR}/${library}.pc @ONLY)
   install(FILES ${PROJECT_BINARY_DIR}/${library}.pc DESTINATION ${pc_folder})
 endforeach()
+
+# An archive that runs where it is unpacked, by anybody: libraries are found by $ORIGIN.
+set(CPACK_GENERATOR TGZ)
+set(CPACK_PACKAGE_NAME ernerf)
+set(CPACK_PACKAGE_VENDOR ernerf)
+set(CPACK_SYSTEM_NAME ${CMAKE_SYSTEM_NAME}-${CMAKE_SYSTEM_PROCESSOR})
+set(CPACK_STRIP_FILES ON)
+set(CPACK_VERBATIM_VARIABLES ON)
+include(CPack)

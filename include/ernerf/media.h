@@ -154,11 +154,14 @@ typedef struct ern_video_options {
   uint32_t cookie, size; /* set by ern_video_options_default() */
   int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
   int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
-  const ern_sound *sound; /* NULL: silent. Muxed as AAC; cut to the length of the pictures at close, not padded.
-                             Must outlive the writer. */
+  const ern_sound *sound; /* NULL: silent. Muxed as AAC, Opus in a .webm; none in a .gif; cut to the length of the
+                             pictures at close, not padded. Must outlive the writer. */
   double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
-  int crf;                /* H.264's quality 0..51, less is better; default 15 */
+  int crf;                /* quality 0..51, of vp9 and av1 0..63, less is better; default 15; ffv1 and gif have none */
   const ern_provenance *provenance; /* what the file says of how it was made; NULL (default): nothing */
+  const char *codec;  /* "h264", "hevc", "vp9", "av1" or "ffv1" (without loss), where the file holds it; NULL (default):
+                         h264, of a .webm vp9 */
+  const char *preset; /* of h264 and hevc: x264's "ultrafast" to "placebo"; NULL (default): "veryfast" */
 } ern_video_options;
 
 ERN_API void ern_video_options_fill(ern_video_options *options, size_t bytes);
@@ -170,8 +173,12 @@ static inline ern_video_options ern_video_options_default(int width, int height)
   return options;
 }
 
-/* mp4: H.264 yuv420p (BT.709, limited range, tagged so), AAC. Frame k is shown at exactly k/rate seconds. Atomic:
- * close puts the file at `path`. One thread at a time uses a writer. */
+/* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,
+ * ffv1), .webm (vp9, av1), .gif (256 colours); any other is an mp4. Pictures are yuv420p (BT.709, limited range, tagged
+ * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm to the nearest
+ * millisecond after a first packet of sound (64 ms at 16 kHz), in a .gif to the nearest 1/100 s. ERN_E_UNSUPPORTED: the
+ * file does not hold the codec, or FFmpeg lacks its encoder. Written beside its place and put there by close: no half
+ * file is ever seen at `path`. One thread at a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);

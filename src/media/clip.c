@@ -13,7 +13,7 @@
 #include "io/file.h"
 #include "io/landmarks.h"
 
-enum { OPTIONS_COOKIE = 0x45524e43, TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
+enum { TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
 
 /* A kind of picture: the ones that stay in memory, by split and frame, and the one that was read last and did not fit.
  */
@@ -38,11 +38,6 @@ struct ern_clip {
   struct pictures truth, torso;
   uint64_t budget, used; /* bytes of kept pictures */
 };
-
-void ern_clip_options_fill(ern_clip_options *options, size_t bytes) {
-  const ern_clip_options own = {.cookie = OPTIONS_COOKIE};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
 
 static uint64_t half_of_memory(void) {
   const uint64_t memory = ern_machine_memory();

@@ -7,7 +7,7 @@
 ern_status ern_library_load(ern_context *context, const char *what, const struct ern_loaded_library *library,
                             void **handle, const void **table) {
   *table = NULL;
-  *handle = dlopen(library->file, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  *handle = dlopen(library->file, RTLD_LAZY | RTLD_LOCAL | RTLD_NODELETE);
   if (*handle == NULL)
     return ern_fail(context, ERN_E_UNSUPPORTED,
                     "%s: is computed by %s, which cannot be loaded: %s; expected a libernerf that was built with %s",

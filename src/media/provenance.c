@@ -11,12 +11,7 @@
 #include "core/sized.h"
 #include "io/file.h"
 
-enum { OPTIONS_COOKIE = 0x45525056, ESCAPE_MOST = 5 /* bytes that a byte becomes at most */, MOST_ID = 128 };
-
-void ern_provenance_fill(ern_provenance *provenance, size_t bytes) {
-  const ern_provenance own = {.cookie = OPTIONS_COOKIE};
-  ern_config_give(provenance, bytes, &own, sizeof own);
-}
+enum { ESCAPE_MOST = 5 /* bytes that a byte becomes at most */, MOST_ID = 128 };
 
 /* ---- texts ------------------------------------------------------------------------------------------------------- */
 

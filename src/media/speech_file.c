@@ -82,25 +82,6 @@ fail:
 
 /* ---- features or sound ------------------------------------------------------------------------------------------- */
 
-const char *ern_speech_kind(const ern_features *features) {
-  switch (features != NULL ? features->width : 0) {
-    case 29: return "deepspeech";
-    case 44: return "esperanto";
-    case 1024: return "hubert";
-    default: return "";
-  }
-}
-
-bool ern_speech_is_sound(const char *path) {
-  char start[6] = "";
-  const size_t length = path != NULL ? strlen(path) : 0;
-  if (length > 4 && strcmp(path + length - 4, ".npy") == 0) return false;
-  FILE *file = path != NULL ? fopen(path, "rb") : NULL;
-  const bool read = file != NULL && fread(start, 1, sizeof start, file) == sizeof start;
-  if (file != NULL) fclose(file);
-  return !read || memcmp(start, "\x93NUMPY", sizeof start) != 0;
-}
-
 ern_status ern_speech_open(ern_context *context, const char *path, const char *kind, ern_features *features) {
   if (features != NULL) *features = (ern_features){0};
   ERN_NEED(context, context);

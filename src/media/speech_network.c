@@ -13,22 +13,6 @@
 
 enum { FILE_LIMIT = INT32_MAX /* of protobuf */, DESCRIPTION_LIMIT = 1 << 16 };
 
-/* The public scripts data_utils/wav2vec.py and data_utils/hubert.py (docs/speech.md, "Networks"). */
-static const struct {
-  const char *name, *text;
-} presets[] = {{"esperanto",
-                "{\"kind\":\"esperanto\",\"rate\":16000,\"normalisation\":\"piece\",\"piece_samples\":22400,"
-                "\"context_samples\":3200,\"row_samples\":400,\"width\":44,\"window_rows\":16}"},
-               {"hubert",
-                "{\"kind\":\"hubert\",\"rate\":16000,\"normalisation\":\"sound\",\"piece_samples\":320080,"
-                "\"context_samples\":0,\"row_samples\":400,\"width\":1024,\"window_rows\":2}"}};
-
-const char *ern_speech_preset(const char *name) {
-  for (size_t i = 0; name != NULL && i < sizeof presets / sizeof *presets; i++)
-    if (strcmp(name, presets[i].name) == 0) return presets[i].text;
-  return NULL;
-}
-
 /* ---- the description --------------------------------------------------------------------------------------------- */
 
 /* NETWORK.json of NETWORK.onnx. */

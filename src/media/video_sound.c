@@ -64,7 +64,7 @@ static ern_status open_buffers(struct ern_muxer *muxer, struct ern_sound_track *
   return error >= 0 ? ERN_OK : ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the sound", error);
 }
 
-ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start,
+ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start, enum AVCodecID id,
                                 struct ern_sound_track *track) {
   ern_status status = ERN_OK;
   *track = (struct ern_sound_track){0};
@@ -74,7 +74,7 @@ ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound,
   track->sound = sound;
   track->first = track->at = (size_t)first;
   track->channels = sound->channels;
-  ERN_TRY(open_codec(muxer, track, sound->rate, AV_CODEC_ID_AAC));
+  ERN_TRY(open_codec(muxer, track, sound->rate, id));
   ERN_TRY(open_buffers(muxer, track, AV_SAMPLE_FMT_S16, sound->rate));
   return ERN_OK;
 fail:

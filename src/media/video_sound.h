@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The sound of a video being written: encoded as the pictures arrive; that of a file is AAC and cut where they end. */
+ * The sound of a video being written: encoded as the pictures arrive; that of a file is cut where they end. */
 #ifndef ERN_MEDIA_VIDEO_SOUND_H
 #define ERN_MEDIA_VIDEO_SOUND_H
 
@@ -24,7 +24,7 @@ struct ern_sound_track {
 /* Adds a stream to the muxer's container, whose header is not written yet. Where nothing of the sound is left at
  * `start` seconds, the track is silent and no stream is added. */
 ERN_NODISCARD ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start,
-                                              struct ern_sound_track *track);
+                                              enum AVCodecID id, struct ern_sound_track *track);
 /* Encodes what belongs to the first `pictures` pictures of `rate` a second; with `last` exactly that, else as much of
  * it as fills whole packets. Calls have growing `pictures`. */
 ERN_NODISCARD ern_status ern_sound_track_advance(struct ern_muxer *muxer, struct ern_sound_track *track,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * mp4: H.264 pictures, AAC sound, through FFmpeg. */
+ * Video files: mp4, mov, mkv, webm, gif, through FFmpeg. */
 #include <stdio.h>
 #include <string.h>
 
@@ -13,13 +13,11 @@
 #include "media/live/picture_track.h"
 #include "media/video_sound.h"
 
-/* With the settings below, libx264's crf of 15 gives what 18 gives with its own defaults (measured on a rendered 450 x
- * 450 portrait: 43.5 against 43.8 dB of RGB, 48.8 against 48.5 dB of luma) for half of their time and memory, and for
- * 29 percent more bytes. */
-enum { OPTIONS_COOKIE = 0x45524e56, MAX_RATE_PART = 1000000, DEFAULT_CRF = 15 };
+enum { MAX_RATE_PART = 1000000 };
 
 struct ern_video_writer {
   ern_context *context;
+  const struct ern_video_form *form;
   struct ern_file_writer file;
   ern_status broken; /* what the first frame that failed returned, and its words */
   char broken_text[1024];
@@ -30,12 +28,6 @@ struct ern_video_writer {
   struct ern_provenance_texts provenance;
 };
 
-void ern_video_options_fill(ern_video_options *options, size_t bytes) {
-  const ern_video_options own = {
-      .cookie = OPTIONS_COOKIE, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
-
 static ern_status check_options(ern_context *context, const char *path, const ern_video_options *options) {
   ern_status status = ERN_OK;
   const ern_sound *sound = options->sound;
@@ -44,9 +36,6 @@ static ern_status check_options(ern_context *context, const char *path, const er
       options->rate_denominator > MAX_RATE_PART) {
     ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: %d/%d frames a second, expected both parts in 1 to %d", path,
                      options->rate_numerator, options->rate_denominator, MAX_RATE_PART));
-  }
-  if (options->crf < 0 || options->crf > 51) {
-    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: crf is %d, expected 0 to 51", path, options->crf));
   }
   if (!(options->sound_start >= 0 && options->sound_start < 1e9)) {
     ERN_TRY(
@@ -61,6 +50,11 @@ fail:
   return status;
 }
 
+/* mp4 and QuickTime. */
+static bool has_boxes(const struct ern_video_form *form) {
+  return strcmp(form->muxer, "mp4") == 0 || strcmp(form->muxer, "mov") == 0;
+}
+
 /* FFmpeg opens the temporary file by its name, which `file` has locked, and writes the head of the container. */
 static ern_status open_file(ern_video_writer *writer) {
   ern_context *context = writer->context;
@@ -73,10 +67,11 @@ static ern_status open_file(ern_video_writer *writer) {
   int error = container->url != NULL ? avio_open(&container->pb, url, AVIO_FLAG_WRITE) : AVERROR(ENOMEM);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_IO, writer->file.path, "write", error));
   const bool tagged = writer->provenance.xmp != NULL; /* mp4 has no place of its own for these tags */
-  error = av_dict_set(&options, "movflags", tagged ? "+faststart+use_metadata_tags" : "+faststart", 0);
+  if (has_boxes(writer->form))
+    error = av_dict_set(&options, "movflags", tagged ? "+faststart+use_metadata_tags" : "+faststart", 0);
   if (error >= 0) error = avformat_write_header(container, &options);
   if (error >= 0) error = container->pb->error;
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "write the head of an mp4", error));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, writer->file.path, "write its head", error));
 fail:
   av_dict_free(&options);
   ern_release(context, url);
@@ -99,17 +94,23 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ERN_TRY(check_options(context, path, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
-  av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, MAX_RATE_PART);
   made->file.descriptor = -1;
+  made->form = ern_video_form_of(path);
+  struct ern_picture_settings pictures = {.coding = ERN_PICTURES_FILE, .preset = chosen.preset, .crf = chosen.crf};
+  ERN_TRY(ern_video_codec_of(context, path, made->form, chosen.codec, &pictures.codec));
+  ERN_TRY(ern_video_codec_check(context, path, pictures.codec, chosen.crf, chosen.preset));
+  if (chosen.sound != NULL && made->form->sound == AV_CODEC_ID_NONE)
+    ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: there is a sound for it, and a %s holds none", path,
+                     made->form->muxer));
+  av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, MAX_RATE_PART);
   ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &made->file));
   made->muxer = (struct ern_muxer){.context = context, .path = made->file.path, .packet = av_packet_alloc()};
-  const int error = avformat_alloc_output_context2(&made->muxer.container, NULL, "mp4", NULL);
+  const int error = avformat_alloc_output_context2(&made->muxer.container, NULL, made->form->muxer, NULL);
   if (error < 0 || made->muxer.packet == NULL) {
-    ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "make an mp4", error < 0 ? error : AVERROR(ENOMEM)));
+    ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "make a video", error < 0 ? error : AVERROR(ENOMEM)));
   }
-  ERN_TRY(ern_picture_track_open(&made->muxer, chosen.width, chosen.height, made->rate, ERN_PICTURES_FILE, chosen.crf,
-                                 &made->pictures));
-  ERN_TRY(ern_sound_track_open(&made->muxer, chosen.sound, chosen.sound_start, &made->sound));
+  ERN_TRY(ern_picture_track_open(&made->muxer, chosen.width, chosen.height, made->rate, &pictures, &made->pictures));
+  ERN_TRY(ern_sound_track_open(&made->muxer, chosen.sound, chosen.sound_start, made->form->sound, &made->sound));
   ERN_TRY(ern_provenance_texts_make(context, chosen.provenance, &made->provenance));
   ERN_TRY(ern_muxer_tag(&made->muxer, &made->provenance));
   ERN_TRY(open_file(made));
@@ -151,7 +152,7 @@ static ern_status finish(ern_video_writer *writer) {
   }
   ERN_TRY(ern_sound_track_advance(&writer->muxer, &writer->sound, writer->pictures.count, writer->rate, true));
   ERN_TRY(ern_muxer_encode(&writer->muxer, writer->pictures.codec, writer->pictures.stream, NULL));
-  ERN_TRY(ern_muxer_end(&writer->muxer, writer->provenance.xmp));
+  ERN_TRY(ern_muxer_end(&writer->muxer, has_boxes(writer->form) ? writer->provenance.xmp : NULL));
   avio_flush(container->pb);
   int error = container->pb->error;
   const int closed = avio_closep(&container->pb);

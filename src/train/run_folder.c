@@ -250,7 +250,7 @@ static ern_status append(ern_context *context, const char *path, struct ern_line
   const off_t before = lseek(file, 0, SEEK_END);
   bool failed = before < 0 || !write_lines(file, lines);
   int error = errno;
-  if (failed && before >= 0) (void)ftruncate(file, before);
+  if (failed && before >= 0 && ftruncate(file, before) != 0) error = errno;
   if (close(file) != 0 && !failed) {
     failed = true;
     error = errno;

@@ -19,6 +19,7 @@ same() { diff "$1" "$2" >"$work/diff" || fail "$3 (< $1, > $2): $(cat "$work/dif
 
 media=("$source/include/ernerf/"{media,speech,live,stream}.h)
 prepare=$source/include/ernerf/prepare.h
+impl=$build/lib/libernerf-media-impl.so
 libraries=("$build/lib/libernerf-media.so")
 [ ! -e "$build/lib/libernerf-prepare.so" ] || libraries+=("$build/lib/libernerf-prepare.so")
 for header in "$source"/include/ernerf/*.h; do
@@ -46,9 +47,16 @@ fi
 others=$(cat "$work"/*.exported | grep -vE "@@($nodes)\$|^($nodes)\$" || true)
 [ -z "$others" ] || fail "symbols without a version: $others"
 
+# debian/libernerf0.symbols lists the public ones.
+for node in LIBERNERF_0 LIBERNERF_MEDIA_0 LIBERNERF_PREPARE_0; do
+  sed -n "s/^ \\(ern_[a-z0-9_]*\\)@$node 0.*/\\1/p" "$source/debian/libernerf0.symbols"
+done | sort >"$work/debian"
+cat "$work"/*.declared | sort >"$work/all"
+[ "${#libraries[@]}" -ne 2 ] || same "$work/debian" "$work/all" "debian/libernerf0.symbols is not what the headers declare"
+
 # Internals: no more than libernerf-media, libernerf-prepare and the program's laboratory use, where each instruction set and OpenCL are built.
 at "$private" <"$work/engine.exported" | grep -v '^ern_peak_' >"$work/private"
-for file in "${libraries[@]}" "$program"; do nm -D --undefined-only "$file"; done | awk '{ print $2 }' |
+for file in "${libraries[@]}" "$impl" "$program"; do nm -D --undefined-only "$file"; done | awk '{ print $2 }' |
   at "$private" | grep -v '^ern_peak_' | uniq >"$work/used"
 same "$work/private" "$work/used" "exported internals that nobody uses"
 
@@ -62,8 +70,14 @@ if LD_LIBRARY_PATH=$work/other "$program" --version >"$work/version" 2>"$work/re
 fi
 grep -q "$other" "$work/refused" || fail "the refusal does not name $other: $(cat "$work/refused")"
 
+# libernerf-media-impl has one symbol, and nobody links it.
+[ "$(exported "$impl")" = ern_media_functions ] || fail "libernerf-media-impl exports $(exported "$impl")"
+needs=$(ldd "$program" "$build/lib/libernerf-media.so" | grep -E 'avcodec|OpenImageIO|opencv|media-impl' || true)
+[ -z "$needs" ] || fail "the program needs $needs"
+ldd "$impl" | grep OpenImageIO >/dev/null || fail "libernerf-media-impl needs no OpenImageIO: is it this library?"
+
 # The program brings Ceres Solver and OpenCV's detectors along when it prepares a video, and not before.
-needs=$(ldd "$program" "$build/lib/libernerf.so" "$build/lib/libernerf-media.so" | grep -E 'ceres|cholmod|opencv_objdetect|ernerf-prepare' || true)
+needs=$(ldd "$program" "$build/lib/libernerf.so" "$impl" | grep -E 'ceres|cholmod|opencv_objdetect|ernerf-prepare' || true)
 [ -z "$needs" ] || fail "the program needs $needs"
 if [ "${#libraries[@]}" -eq 2 ]; then
   ldd "${libraries[1]}" | grep opencv_objdetect >/dev/null || fail "libernerf-prepare needs no detector: is it this library?"

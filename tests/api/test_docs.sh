@@ -8,7 +8,7 @@ cd "$1"
 ernerf=$2 faults=0 commands=0
 fault() { echo "FAIL: $1"; faults=$((faults + 1)); }
 
-declare -A options=([help]=" ")
+declare -A options=([help]=$'--man\n--bash\n--zsh')
 for verb in $("$ernerf" --help | sed -nE 's/^  ([a-z]+) +[a-z].*/\1/p'); do
   options[$verb]=$("$ernerf" "$verb" --help | grep -oE -- '--?[A-Za-z][A-Za-z_-]*' | sort -u)
 done

@@ -21,6 +21,16 @@ for file in include/ernerf/ernerf.h include/ernerf/media.h bin/ernerf "$LIBDIR/p
   "$LIBDIR/pkgconfig/libernerf-media.pc" "$LIBDIR/cmake/ernerf/ernerf-config.cmake"; do
   [ -f "$root/$file" ] || fail "$file was not installed"
 done
+for file in LICENSE README.md docs/README.md examples/CMakeLists.txt examples/render_minimal.c; do
+  cmp -s "$source/${file}" "$root/share/doc/ernerf/$file" || fail "share/doc/ernerf/$file is not $file"
+done
+[ -f "$root/share/ernerf/tiny/transforms_train.json" ] || fail "share/ernerf/tiny is no clip"
+if [ -d "$build/manual" ]; then # not where programs of the machine do not run
+  for page in ernerf $("$build/bin/ernerf" --help | sed -nE 's/^  ([a-z]+) +[a-z].*/ernerf-\1/p'); do
+    [ -s "$root/share/man/man1/$page.1" ] || fail "$page(1) is not installed"
+  done
+  [ -s "$root/share/bash-completion/completions/ernerf" ] && [ -s "$root/share/zsh/site-functions/_ernerf" ] || fail "no completion"
+fi
 [ -z "$(find "$root" -name '*lab*')" ] || fail "the laboratory was installed: $(find "$root" -name '*lab*')"
 for header in "$source"/include/ernerf/*.h; do
   cmp -s "$header" "$root/include/ernerf/$(basename "$header")" || fail "$(basename "$header") was not installed as it is"
@@ -40,6 +50,13 @@ if [ -e "$build/lib/libernerf-vision.so" ]; then # found and opened where it was
   fi
   grep -q 'libernerf-vision.*ERNERF_VISION' "$work/network.log" || fail "not said what is missing: $(cat "$work/network.log")"
   mv "$work"/away/* "$lib"
+fi
+if ls "$lib"/libernerf-media-impl.so.* >/dev/null 2>&1; then # what needs no media works without it
+  mkdir "$work/media" && mv "$lib"/libernerf-media-impl.so.* "$work/media"
+  "$root/bin/ernerf" info "$source/data/tiny/transforms_val.json" >"$work/info.log" || fail "nothing works without libernerf-media-impl"
+  if "$root/bin/ernerf" check "$source/data/tiny" >"$work/media.log" 2>&1; then fail "a clip was read without libernerf-media-impl"; fi
+  grep -q 'libernerf-media-impl' "$work/media.log" || fail "not said what is missing: $(cat "$work/media.log")"
+  mv "$work"/media/* "$lib"
 fi
 "$root/bin/ernerf" info devices >"$work/devices.log" 2>"$work/devices.errors" || fail "the installed program does not run"
 grep -q "used untried" "$work/devices.errors" && fail "the installed library does not find ernerf-probe-opencl"
@@ -114,6 +131,14 @@ stage "find_package"
     -DCMAKE_C_FLAGS="${CFLAGS:-}" && "${CMAKE:-cmake}" --build "$work/project"
 } >"$work/project.log" 2>&1 || { cat "$work/project.log"; fail "the project with find_package"; }
 
+mkdir "$work/component"
+printf 'cmake_minimum_required(VERSION 3.16)\nproject(c C)\nfind_package(ernerf REQUIRED COMPONENTS media none)\n' \
+  >"$work/component/CMakeLists.txt"
+if "${CMAKE:-cmake}" -S "$work/component" -B "$work/component/build" -DCMAKE_PREFIX_PATH="$root" >"$work/component.log" 2>&1; then
+  fail "a component that there is none of was found"
+fi
+grep 'no component none' "$work/component.log" >/dev/null || fail "not said which component is missing: $(cat "$work/component.log")"
+
 stage "train"
 mkdir "$work/ball"
 "$work/train_minimal" "$work/ball" $steps | tee "$work/train.log"
@@ -160,6 +185,15 @@ if "$work/contact_sheet" "$work/none.mp4" "$work/sheet.png" 5 2 32 2>"$work/refu
   fail "a video that is not there was accepted"
 fi
 grep -q 'none.mp4' "$work/refused.log" || fail "the refusal does not name the file: $(cat "$work/refused.log")"
+
+stage "cpack"
+"${CMAKE:-cmake}" -E chdir "$build" "${CPACK:-cpack}" -B "$work/cpack" >"$work/cpack.log" || { cat "$work/cpack.log"; fail cpack; }
+mkdir "$work/unpacked" && tar -xzf "$work"/cpack/ernerf-*.tar.gz -C "$work/unpacked" --strip-components=1
+while read -r object; do # found by $ORIGIN alone
+  paths=$(readelf -d "$object" 2>/dev/null | sed -nE 's/.*(RUNPATH|RPATH).*\[(.*)\]/\2/p' | tr ':' '\n' | grep -v '^\$ORIGIN' || true)
+  [ -z "$paths" ] || fail "$object looks for libraries in $paths"
+done < <(find "$work/unpacked/bin" "$work/unpacked/lib"* -type f -perm -u+x)
+"$work/unpacked/bin/ernerf" check "$work/unpacked/share/ernerf/tiny" >"$work/check.log" || fail "the archive's program does not run: $(cat "$work/check.log")"
 
 stage "live"
 tiny=$source/data/tiny

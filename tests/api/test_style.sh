@@ -43,7 +43,7 @@ fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|
   grep -v '^tests/api/test_style\.sh:' || true)
 
 # What a test or a program leaves where it is run is easily committed with the rest.
-known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|docs|examples|include|src|tests|tools)/.*'
+known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|debian|docs|examples|include|src|tests|tools)/.*'
 fault 'a file that does not belong in the root' < <(git ls-files 2>/dev/null | grep -vE "^($known)$" || true)
 
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }

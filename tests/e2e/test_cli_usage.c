@@ -77,7 +77,7 @@ static const char *const refused[][3] = {
     {"render m.safetensors --clip c -o %d/x.png", "%d/x.png", "%05d"},
     {"render m.safetensors --poses p.json -o x.mp4", "--poses", "--audio"},
     {"render m.safetensors --poses p.json --audio a.npy --split val -o x.mp4", "--split", "--clip"},
-    {"render m.safetensors --clip c --wav w.wav -o x%d.png", "--wav", ".mp4"},
+    {"render m.safetensors --clip c --wav w.wav -o x%d.png", "--wav", "has none"},
     {"render m.safetensors --clip c --smooth_path_window 5 -o x.mp4", "--smooth_path_window", "--smooth_path"},
     {"render m.safetensors --clip c --smooth_path --smooth_path_window 4 -o x.mp4", "4", "odd"},
     {"render m.safetensors --clip c --fix_eye 0.5 --smooth_eye -o x.mp4", "--smooth_eye", "--fix_eye"},

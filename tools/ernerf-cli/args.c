@@ -2,13 +2,14 @@
 #include "args.h"
 
 #include <ctype.h>
-#include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "help.h"
+#include "option_words.h"
 #include "public_options.h"
 
 enum { NAME_BYTES = 64, TEXT_BYTES = 256 };
@@ -22,9 +23,6 @@ int args_refuse(const struct args *args, const char *format, ...) {
   fprintf(stderr, "\n`ernerf %s --help` lists what there is\n", args->verb);
   return EXIT_USAGE;
 }
-
-/* What stands before a name: one dash before a single letter. */
-static const char *dashes_of(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
 
 /* ---- names ------------------------------------------------------------------------------------------------------- */
 
@@ -131,7 +129,7 @@ static void nearest_option(const struct args *args, const char *name, char text[
       }
     }
   const char *nearest = args_nearest(name, names, count);
-  snprintf(text, NAME_BYTES + 2, "%s%s", nearest != NULL ? dashes_of(nearest) : "", nearest != NULL ? nearest : "");
+  snprintf(text, NAME_BYTES + 2, "%s%s", nearest != NULL ? option_dashes(nearest) : "", nearest != NULL ? nearest : "");
 }
 
 static int refuse_unknown(const struct args *args, const char *word, size_t length) {
@@ -147,7 +145,7 @@ static int refuse_unknown(const struct args *args, const char *word, size_t leng
 /* ---- values ------------------------------------------------------------------------------------------------------ */
 
 static int refuse_value(const struct args *args, const struct option *option, const char *found, const char *expected) {
-  return args_refuse(args, "%s%s is \"%s\", expected %s", dashes_of(option->name), option->name, found, expected);
+  return args_refuse(args, "%s%s is \"%s\", expected %s", option_dashes(option->name), option->name, found, expected);
 }
 
 /* What a number may be, in words. */
@@ -351,12 +349,12 @@ static int take_option(const struct args *args, struct option *option, const cha
   }
   if (value == NULL) {
     if (argc < 2 || strncmp(argv[1], "--", 2) == 0)
-      return args_refuse(args, "%s%s needs a value", dashes_of(option->name), option->name);
+      return args_refuse(args, "%s%s needs a value", option_dashes(option->name), option->name);
     value = argv[1];
     *used = 2;
   }
   if (again && option->kind == OPTION_TEXT && strcmp(value, *(const char **)option->target) != 0)
-    return args_refuse(args, "%s%s is given twice, as \"%s\" and as \"%s\"", dashes_of(option->name), option->name,
+    return args_refuse(args, "%s%s is given twice, as \"%s\" and as \"%s\"", option_dashes(option->name), option->name,
                        *(const char **)option->target, value);
   if (option->kind == OPTION_RANGE_PAIR && strchr(value, ':') == NULL && argc > *used) {
     char pair[TEXT_BYTES];
@@ -385,16 +383,11 @@ static struct option *split_option(const struct args *args, const char *word, si
   return option;
 }
 
-static void print_help(const struct args *args);
-
 int args_parse(struct args *args, int argc, char **argv) {
   size_t words = 0;
   bool options_end = false;
   for (int i = 0; i < argc; i++)
-    if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
-      print_help(args);
-      return EXIT_SUCCESS;
-    }
+    if (help_asked(args, argv[i])) return EXIT_SUCCESS;
   for (int i = 0, used = 1; i < argc; i += used) {
     const char *word = argv[i];
     used = 1;
@@ -416,96 +409,4 @@ int args_parse(struct args *args, int argc, char **argv) {
   if (words + args->optional_words < args->word_count)
     return args_refuse(args, "%s is missing", args->words[words].name);
   return -1;
-}
-
-/* ---- help -------------------------------------------------------------------------------------------------------- */
-
-enum { HELP_COLUMN = 34, HELP_WIDTH = 100 };
-
-static const char *value_name(const struct option *option) {
-  if (option->choices != NULL) return option->choices;
-  switch (option->kind) {
-    case OPTION_INT:
-    case OPTION_COUNT: return "N";
-    case OPTION_FLOAT: return "X";
-    case OPTION_TEXT: return "FILE";
-    case OPTION_BYTES: return "BYTES";
-    case OPTION_SECONDS: return "T";
-    case OPTION_RANGE:
-    case OPTION_RANGE_PAIR: return "A:B";
-    case OPTION_DIMENSIONS: return "WxH";
-    case OPTION_RATE: return "R";
-    case OPTION_PAIR: return "A,B";
-    case OPTION_FRAME: return "[N]";
-    case OPTION_JSON: return "[FILE.json|-]";
-    default: return NULL;
-  }
-}
-
-/* Words from column HELP_COLUMN on, broken at HELP_WIDTH; `column` is where the pen is. */
-static void print_wrapped(int column, const char *text) {
-  if (column >= HELP_COLUMN) {
-    printf("\n");
-    column = 0;
-  }
-  printf("%*s", HELP_COLUMN - column, "");
-  column = HELP_COLUMN;
-  while (*text != 0) {
-    const int bytes = (int)strcspn(text, " ");
-    if (column > HELP_COLUMN && column + 1 + bytes > HELP_WIDTH) {
-      printf("\n%*s", HELP_COLUMN, "");
-      column = HELP_COLUMN;
-    }
-    column += printf(column > HELP_COLUMN ? " %.*s" : "%.*s", bytes, text);
-    text += bytes;
-    text += strspn(text, " ");
-  }
-  printf("\n");
-}
-
-/* What a number is without the option, where the help does not tell it already. A 0 that the option itself refuses
- * means that nothing is set. */
-static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
-  text[0] = 0;
-  if (strstr(option->help, "default") != NULL) return text;
-  if (option->kind == OPTION_INT) snprintf(text, TEXT_BYTES, " (default %d)", *(int *)option->target);
-  if (option->kind == OPTION_COUNT) snprintf(text, TEXT_BYTES, " (default %" PRIu64 ")", *(uint64_t *)option->target);
-  if (option->kind == OPTION_FLOAT && !(*(float *)option->target < (float)option->low))
-    snprintf(text, TEXT_BYTES, " (default %g)", (double)*(float *)option->target);
-  return text;
-}
-
-static void print_option(const struct option *option) {
-  char aliases[TEXT_BYTES] = "";
-  size_t used = 0;
-  for (const char *at = option->alias; at != NULL && *at != 0;) {
-    const size_t bytes = strcspn(at, " ");
-    used +=
-        (size_t)snprintf(aliases + used, sizeof aliases - used, ", %s%.*s", bytes == 1 ? "-" : "--", (int)bytes, at);
-    at += bytes + strspn(at + bytes, " ");
-  }
-  const char *value = value_name(option);
-  const int column = printf("  %s%s%s%s%s", dashes_of(option->name), option->name, aliases, value != NULL ? " " : "",
-                            value != NULL ? value : "");
-  char help[1024], preset[TEXT_BYTES];
-  snprintf(help, sizeof help, "%s%s", option->help, preset_of(option, preset));
-  print_wrapped(column, help);
-}
-
-static void print_help(const struct args *args) {
-  printf("%s\n\n", args->summary);
-  for (const char *at = args->usage; *at != 0;) {
-    const size_t bytes = strcspn(at, "\n");
-    printf("  ernerf %.*s\n", (int)bytes, at);
-    at += bytes + (at[bytes] == '\n');
-  }
-  printf("\n");
-  for (size_t i = 0; i < args->word_count; i++) print_wrapped(printf("  %s", args->words[i].name), args->words[i].help);
-  for (int g = 0; g < ARGS_GROUPS; g++) {
-    if (args->groups[g].count == 0) continue;
-    printf("\n%s\n", args->groups[g].title);
-    for (size_t i = 0; i < args->groups[g].count; i++)
-      if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);
-  }
-  if (args->notes != NULL) printf("\n%s\n", args->notes);
 }

@@ -8,14 +8,13 @@
 #include <unistd.h>
 
 #include "args.h"
+#include "completion.h"
 #include "ernerf/base.h"
+#include "manual.h"
 #include "session/session.h"
 #include "verbs.h"
 
-static const struct verb {
-  const char *name, *help;
-  int (*run)(int argc, char **argv);
-} verbs[] = {
+static const struct verb verbs[] = {
     {"prepare", "from the video of a person to a clip that a training takes", cmd_prepare},
     {"train", "learn a head, or the torso under it, from a clip", cmd_train},
     {"render", "a model, speech and head poses to a video or pictures", cmd_render},
@@ -34,13 +33,16 @@ static const struct verb {
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
+static const char summary[] = "Talking portraits, trained and rendered (ER-NeRF).";
+static const char notes[] =
+    "`ernerf VERB --help` or `ernerf help VERB` tells its options; `ernerf --version` the version.\n"
+    "Exit status: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C, 143 by SIGTERM, also where the state\n"
+    "was saved.";
+
 static void print_help(FILE *to) {
-  fprintf(to, "Talking portraits, trained and rendered (ER-NeRF).\n\n  ernerf VERB ...\n\n");
+  fprintf(to, "%s\n\n  ernerf VERB ...\n\n", summary);
   for (int i = 0; i < VERBS; i++) fprintf(to, "  %-8s %s\n", verbs[i].name, verbs[i].help);
-  fprintf(to,
-          "\n`ernerf VERB --help` or `ernerf help VERB` tells its options; `ernerf --version` the version.\n"
-          "Exit status: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C, 143 by SIGTERM, also where the state\n"
-          "was saved.\n");
+  fprintf(to, "\n%s\n", notes);
 }
 
 static int refuse_verb(const char *name) {
@@ -63,6 +65,24 @@ static int run_verb(const char *name, int argc, char **argv) {
   return refuse_verb(name);
 }
 
+/* `ernerf help --man [VERB]`, --bash, --zsh: what is installed beside the program. */
+static int print_installed(const char *form, const char *verb) {
+  char bash[] = "--help=bash", zsh[] = "--help=zsh", man[] = "--help=man", *ask[] = {man};
+  int status = EXIT_SUCCESS;
+  if (strcmp(form, "--man") == 0) {
+    if (verb != NULL) return run_verb(verb, 1, ask);
+    manual_print_program(summary, verbs, VERBS, notes);
+    return EXIT_SUCCESS;
+  }
+  const bool is_bash = strcmp(form, "--bash") == 0;
+  if (!is_bash && strcmp(form, "--zsh") != 0) return -1;
+  ask[0] = is_bash ? bash : zsh;
+  is_bash ? completion_begin_bash(verbs, VERBS) : completion_begin_zsh(verbs, VERBS);
+  for (int i = 0; i < VERBS && status == EXIT_SUCCESS; i++) status = verbs[i].run(1, ask);
+  is_bash ? completion_end_bash() : completion_end_zsh();
+  return status;
+}
+
 static bool is_one_of(const char *word, const char *one, const char *other) {
   return strcmp(word, one) == 0 || strcmp(word, other) == 0;
 }
@@ -75,6 +95,10 @@ static int run(int argc, char **argv) {
   }
   const char *first = argv[1];
   const bool asks_help = is_one_of(first, "--help", "-h") || strcmp(first, "help") == 0;
+  if (asks_help && argc > 2 && argv[2][0] == '-') {
+    const int status = print_installed(argv[2], argc > 3 ? argv[3] : NULL);
+    if (status >= 0) return status;
+  }
   if (asks_help && argc > 2 && argv[2][0] != '-') return run_verb(argv[2], 1, ask);
   if (asks_help) {
     print_help(stdout);

@@ -3,6 +3,11 @@
 #ifndef ERN_CLI_VERBS_H
 #define ERN_CLI_VERBS_H
 
+struct verb {
+  const char *name, *help;
+  int (*run)(int argc, char **argv);
+};
+
 int cmd_prepare(int argc, char **argv);
 int cmd_train(int argc, char **argv);
 int cmd_render(int argc, char **argv);

@@ -16,7 +16,6 @@
 #include "media/live/live_speech.h"
 
 enum {
-  OPTIONS_COOKIE = 0x45524e4c,
   CODE = 32,
   MOST_CAPACITY = 1000,
   MOST_RATE_PART = 1000000,
@@ -51,19 +50,6 @@ struct ern_live {
   float *heard;                    /* the sound of the frame that was given */
   ern_live_frame frame;
 };
-
-void ern_live_options_fill(ern_live_options *options, size_t bytes) {
-  const ern_live_options own = {.cookie = OPTIONS_COOKIE,
-                                .rate = 48000,
-                                .channels = 1,
-                                .look_ahead = ERN_LIVE_LOOK_AHEAD,
-                                .capacity = 50,
-                                .policy = ERN_LIVE_WAIT,
-                                .rate_numerator = 25,
-                                .rate_denominator = 1,
-                                .pad = ERN_AUDIO_PAD_EDGE};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 

@@ -7,74 +7,94 @@
 
 #include "core/memory.h"
 
-static const char *const preset = "veryfast"; /* video_write.c says what its crf is worth */
+static const char *const default_preset = "veryfast"; /* thin/defaults.c says what its crf is worth */
 
-/* libx264, else any encoder of H.264 that takes yuv420p. */
-static const AVCodec *find_encoder(void) {
-  const AVCodec *codec = avcodec_find_encoder_by_name("libx264");
-  if (codec == NULL) codec = avcodec_find_encoder(AV_CODEC_ID_H264);
+/* The one of that name, else any of the codec that takes its pixels. */
+static const AVCodec *find_encoder(const struct ern_video_codec *wanted) {
+  const AVCodec *codec = avcodec_find_encoder_by_name(wanted->encoder);
+  if (codec == NULL) codec = avcodec_find_encoder(wanted->id);
   if (codec == NULL || codec->pix_fmts == NULL) return NULL;
   for (const enum AVPixelFormat *format = codec->pix_fmts; *format != AV_PIX_FMT_NONE; format++) {
-    if (*format == AV_PIX_FMT_YUV420P) return codec;
+    if (*format == wanted->format) return codec;
   }
   return NULL;
 }
 
-/* H.264's own options. A codec that lacks one of those that are not needed goes without. */
-static int set_options(AVCodecContext *codec, enum ern_picture_coding coding, int crf) {
-  int error = av_opt_set_double(codec, "crf", crf, AV_OPT_SEARCH_CHILDREN);
-  if (error == AVERROR_OPTION_NOT_FOUND) error = av_opt_set_int(codec, "qp", crf, AV_OPT_SEARCH_CHILDREN);
-  if (error < 0) return AVERROR_OPTION_NOT_FOUND;
-  error = av_opt_set(codec, "preset", preset, AV_OPT_SEARCH_CHILDREN);
-  if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) return error;
-  if (coding == ERN_PICTURES_LIVE) {
-    error = av_opt_set(codec, "tune", "zerolatency", AV_OPT_SEARCH_CHILDREN);
-    if (error < 0 && error != AVERROR_OPTION_NOT_FOUND) return error;
-    codec->gop_size = (int)(av_q2d(codec->framerate) + 0.5);
-    codec->max_b_frames = 0;
-    return 0;
-  }
-  /* The same pictures to the same bytes: libx264 164's macroblock tree reads memory that it has not written, and a
-   * stream depends on the number of threads. */
-  error = av_opt_set_int(codec, "mbtree", 0, AV_OPT_SEARCH_CHILDREN);
+/* An encoder that lacks an option that is not needed goes without. */
+static int set_if_there(AVCodecContext *codec, const char *name, const char *value) {
+  const int error = av_opt_set(codec, name, value, AV_OPT_SEARCH_CHILDREN);
   return error == AVERROR_OPTION_NOT_FOUND ? 0 : error;
 }
 
-static void set_picture(AVCodecContext *made, const struct ern_picture_track *track, AVRational rate) {
+/* The encoder's own options. */
+static int set_options(AVCodecContext *codec, const struct ern_picture_settings *settings) {
+  const struct ern_video_codec *wanted = settings->codec;
+  int error = 0;
+  if (wanted->most_crf > 0) {
+    error = av_opt_set_double(codec, "crf", settings->crf, AV_OPT_SEARCH_CHILDREN);
+    if (error == AVERROR_OPTION_NOT_FOUND) error = av_opt_set_int(codec, "qp", settings->crf, AV_OPT_SEARCH_CHILDREN);
+    if (error < 0) return AVERROR_OPTION_NOT_FOUND;
+    codec->bit_rate = 0; /* the quality alone decides */
+  }
+  for (size_t i = 0; i < 3 && wanted->settings[i][0] != NULL && error >= 0; i++)
+    error = set_if_there(codec, wanted->settings[i][0], wanted->settings[i][1]);
+  if (wanted->has_preset && error >= 0)
+    error = set_if_there(codec, "preset", settings->preset != NULL ? settings->preset : default_preset);
+  if (error < 0) return error;
+  if (settings->coding == ERN_PICTURES_LIVE) {
+    error = set_if_there(codec, "tune", "zerolatency");
+    codec->gop_size = (int)(av_q2d(codec->framerate) + 0.5);
+    codec->max_b_frames = 0;
+    return error;
+  }
+  /* The same pictures to the same bytes: libx264 164's macroblock tree reads memory that it has not written, and a
+   * stream depends on the number of threads. */
+  return set_if_there(codec, "mbtree", "0");
+}
+
+static bool is_rgb(enum AVPixelFormat format) { return format == AV_PIX_FMT_0RGB32 || format == AV_PIX_FMT_BGR8; }
+
+static void set_picture(AVCodecContext *made, const struct ern_picture_track *track, enum AVPixelFormat format,
+                        AVRational rate) {
   made->width = track->width + track->width % 2;
   made->height = track->height + track->height % 2;
-  made->pix_fmt = AV_PIX_FMT_YUV420P;
-  made->colorspace = AVCOL_SPC_BT709;
-  made->color_primaries = AVCOL_PRI_BT709;
-  made->color_trc = AVCOL_TRC_BT709;
-  made->color_range = AVCOL_RANGE_MPEG;
-  made->chroma_sample_location = AVCHROMA_LOC_LEFT;
+  made->pix_fmt = format;
+  if (!is_rgb(format)) {
+    made->colorspace = AVCOL_SPC_BT709;
+    made->color_primaries = AVCOL_PRI_BT709;
+    made->color_trc = AVCOL_TRC_BT709;
+    made->color_range = AVCOL_RANGE_MPEG;
+    made->chroma_sample_location = AVCHROMA_LOC_LEFT;
+  }
   made->framerate = rate;
   made->time_base = (AVRational){rate.den, rate.num};
   made->sample_aspect_ratio = (AVRational){1, 1};
 }
 
 static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track *track, AVRational rate,
-                               enum ern_picture_coding coding, int crf) {
+                               const struct ern_picture_settings *settings) {
   ern_context *context = muxer->context;
+  const enum ern_picture_coding coding = settings->coding;
   const bool raw = coding == ERN_PICTURES_RAW || coding == ERN_PICTURES_WRAPPED;
   const enum AVCodecID id = coding == ERN_PICTURES_RAW ? AV_CODEC_ID_RAWVIDEO : AV_CODEC_ID_WRAPPED_AVFRAME;
-  const AVCodec *codec = raw ? avcodec_find_encoder(id) : find_encoder();
+  const AVCodec *codec = raw ? avcodec_find_encoder(id) : find_encoder(settings->codec);
   if (codec == NULL) {
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no encoder for %s", muxer->path,
-                    raw ? "raw pictures" : "H.264 (libx264)");
+                    raw ? "raw pictures" : settings->codec->name);
   }
   AVCodecContext *made = track->codec = avcodec_alloc_context3(codec);
   track->stream = avformat_new_stream(muxer->container, NULL);
   if (made == NULL || track->stream == NULL) {
     return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for an encoder", muxer->path);
   }
-  set_picture(made, track, rate);
+  set_picture(made, track, raw ? AV_PIX_FMT_YUV420P : settings->codec->format, rate);
+  if (!raw && settings->codec->id == AV_CODEC_ID_HEVC)
+    made->codec_tag = MKTAG('h', 'v', 'c', '1'); /* as Apple's players want it */
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
-  int error = raw ? 0 : set_options(made, coding, crf);
+  int error = raw ? 0 : set_options(made, settings);
   if (error == AVERROR_OPTION_NOT_FOUND) {
-    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected libx264", muxer->path,
-                    codec->name);
+    return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected %s", muxer->path,
+                    codec->name, settings->codec->encoder);
   }
   made->thread_count = coding == ERN_PICTURES_FILE ? 2 : 1;
   if (error >= 0) error = avcodec_open2(made, codec, NULL);
@@ -87,10 +107,11 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
 }
 
 /* RGB, full range, to BT.709 Y'CbCr, limited range; chroma where H.264 has it by default: on the left of its pair,
- * between its rows. */
+ * between its rows. Or to another form of RGB. */
 static ern_status open_conversion(struct ern_muxer *muxer, struct ern_picture_track *track) {
   const AVCodecContext *codec = track->codec;
   const int *matrix = sws_getCoefficients(SWS_CS_ITU709);
+  const bool rgb = is_rgb(codec->pix_fmt);
   struct SwsContext *made = track->convert = sws_alloc_context();
   int error = made != NULL ? 0 : AVERROR(ENOMEM);
   const struct {
@@ -103,14 +124,14 @@ static ern_status open_conversion(struct ern_muxer *muxer, struct ern_picture_tr
                  {"dsth", codec->height},
                  {"dst_format", codec->pix_fmt},
                  {"src_range", 1},
-                 {"dst_range", 0},
+                 {"dst_range", rgb},
                  {"dst_h_chr_pos", 0},
                  {"dst_v_chr_pos", 128},
                  {"sws_flags", SWS_BICUBIC | SWS_FULL_CHR_H_INP | SWS_ACCURATE_RND | SWS_BITEXACT}};
   for (size_t i = 0; i < sizeof options / sizeof *options && error >= 0; i++) {
     error = av_opt_set_int(made, options[i].name, options[i].value, 0);
   }
-  if (error >= 0) error = sws_setColorspaceDetails(made, matrix, 1, matrix, 0, 0, 1 << 16, 1 << 16);
+  if (error >= 0 && !rgb) error = sws_setColorspaceDetails(made, matrix, 1, matrix, 0, 0, 1 << 16, 1 << 16);
   if (error >= 0) error = sws_init_context(made, NULL, NULL);
   if (error < 0) return ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the colours", error);
   return ERN_OK;
@@ -135,10 +156,10 @@ static ern_status open_frame(struct ern_muxer *muxer, struct ern_picture_track *
 }
 
 ern_status ern_picture_track_open(struct ern_muxer *muxer, int width, int height, AVRational rate,
-                                  enum ern_picture_coding coding, int crf, struct ern_picture_track *track) {
+                                  const struct ern_picture_settings *settings, struct ern_picture_track *track) {
   ern_status status = ERN_OK;
   *track = (struct ern_picture_track){.width = width, .height = height};
-  ERN_TRY(open_encoder(muxer, track, rate, coding, crf));
+  ERN_TRY(open_encoder(muxer, track, rate, settings));
   ERN_TRY(open_conversion(muxer, track));
   ERN_TRY(open_frame(muxer, track));
 fail:

@@ -1,17 +1,25 @@
 /* SPDX-License-Identifier: MIT
- * The pictures of a video being written: RGBA to Y'CbCr 4:2:0, encoded as H.264, or raw. */
+ * The pictures of a video being written: RGBA to what a codec takes, encoded, or raw. */
 #ifndef ERN_MEDIA_PICTURE_TRACK_H
 #define ERN_MEDIA_PICTURE_TRACK_H
 
 #include <libswscale/swscale.h>
 
 #include "media/ffmpeg.h"
+#include "media/live/video_forms.h"
 
 enum ern_picture_coding {
-  ERN_PICTURES_FILE,   /* H.264 for a file */
+  ERN_PICTURES_FILE,   /* for a file */
   ERN_PICTURES_LIVE,   /* H.264 without pictures of the future, a key picture a second */
   ERN_PICTURES_RAW,    /* yuv420p as it is */
   ERN_PICTURES_WRAPPED /* the same, as FFmpeg's y4m wants it */
+};
+
+struct ern_picture_settings {
+  enum ern_picture_coding coding;
+  const struct ern_video_codec *codec; /* of the first two */
+  const char *preset;                  /* NULL: the default */
+  int crf;
 };
 
 struct ern_picture_track {
@@ -19,15 +27,14 @@ struct ern_picture_track {
   AVCodecContext *codec; /* its sides are even */
   AVStream *stream;
   struct SwsContext *convert;
-  AVFrame *frame;  /* yuv420p */
+  AVFrame *frame;  /* as the codec takes it: yuv420p, or a form of RGB */
   uint8_t *padded; /* [codec->height][codec->width][4]; NULL where the sides are even */
   int64_t count;   /* pictures so far */
 };
 
-/* Adds a stream of `rate` pictures a second to the muxer's container, whose header is not written yet. crf: H.264's
- * quality, 0..51. */
+/* Adds a stream of `rate` pictures a second to the muxer's container, whose header is not written yet. */
 ERN_NODISCARD ern_status ern_picture_track_open(struct ern_muxer *muxer, int width, int height, AVRational rate,
-                                                enum ern_picture_coding coding, int crf,
+                                                const struct ern_picture_settings *settings,
                                                 struct ern_picture_track *track);
 /* rgba: [height][width][4], or NULL: the last picture again (black where there is none). */
 ERN_NODISCARD ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_track *track,

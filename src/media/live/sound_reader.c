@@ -13,7 +13,7 @@
 #include "media/ffmpeg.h"
 #include "media/live/descriptor_io.h"
 
-enum { OPTIONS_COOKIE = 0x45525352, LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = 8 };
+enum { LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = 8 };
 
 struct ern_sound_reader {
   ern_context *context;
@@ -25,12 +25,6 @@ struct ern_sound_reader {
   enum AVSampleFormat format;
   bool ended;
 };
-
-void ern_sound_reader_options_fill(ern_sound_reader_options *options, size_t bytes) {
-  const ern_sound_reader_options own = {
-      .cookie = OPTIONS_COOKIE, .rate = 48000, .channels = 1, .format_rate = 16000, .format_channels = 1};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 

@@ -14,9 +14,7 @@
 #include "media/video_sound.h"
 
 enum {
-  OPTIONS_COOKIE = 0x45525357,
   MAX_RATE_PART = 1000000,
-  DEFAULT_CRF = 18,
   FRAGMENT = 80000 /* microseconds of an mp4's piece */
 };
 
@@ -54,12 +52,6 @@ struct ern_stream_writer {
   ern_status broken;
   bool begun; /* the head is written */
 };
-
-void ern_stream_options_fill(ern_stream_options *options, size_t bytes) {
-  const ern_stream_options own = {
-      .cookie = OPTIONS_COOKIE, .rate_numerator = 25, .rate_denominator = 1, .crf = DEFAULT_CRF};
-  ern_config_give(options, bytes, &own, sizeof own);
-}
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
 
@@ -132,7 +124,9 @@ static ern_status open_tracks(ern_stream_writer *w) {
   const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
-  ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, w->form->coding, o->crf, &w->pictures));
+  const struct ern_picture_settings settings = {
+      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf};
+  ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));
   if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
     ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));
 fail:

@@ -7,7 +7,7 @@
 
 enum { MINUTE = 60, HOUR = 3600, LINE_BYTES = 256 };
 
-static const double redraw_seconds = 0.1;
+static const double redraw_seconds = 0.1, json_seconds = 0.5;
 /* Into a pipe: every 5 s at first, every minute after the first ones; or every twentieth, but not in the same second.
  */
 static const double line_seconds = 5, patience_seconds = 120, late_line_seconds = 60, crowded_seconds = 1;
@@ -39,12 +39,32 @@ static bool is_due(const struct progress *progress, uint64_t done, uint64_t tota
   return since >= wait || (twentieth && since >= crowded_seconds);
 }
 
+/* {"progress": "render", "done": 3, "total": 66, "unit": "frames", "per_second": 8.5, "seconds": 0.4, "seconds_left":
+ * 7.4} */
+static void say_to_programs(struct progress *progress, uint64_t done, uint64_t total, double rate, double now) {
+  if (done < total && now - progress->last < json_seconds) return;
+  fprintf(stderr,
+          "{\"progress\": \"%s\", \"done\": %llu, \"total\": %llu, \"unit\": \"%s\", \"per_second\": %.3f, "
+          "\"seconds\": %.3f, \"seconds_left\": ",
+          progress->what, (unsigned long long)done, (unsigned long long)total, progress->unit, rate,
+          now - progress->began);
+  if (rate > 0)
+    fprintf(stderr, "%.3f}\n", (double)(total - done) / rate);
+  else
+    fprintf(stderr, "null}\n");
+  progress->last = now;
+}
+
 void progress_at(struct progress *progress, uint64_t done, uint64_t total, const char *more) {
   const double now = session_seconds();
-  if (progress->session->quiet || total == 0 || !is_due(progress, done, total, now)) return;
-  char line[LINE_BYTES], left[32];
   const double spent = now - progress->began;
   const double rate = progress->rate > 0 ? progress->rate : spent > 0 ? (double)done / spent : 0;
+  if (progress->session->progress_form == 1 && total > 0) {
+    say_to_programs(progress, done, total, rate, now);
+    return;
+  }
+  if (progress->session->quiet || total == 0 || !is_due(progress, done, total, now)) return;
+  char line[LINE_BYTES], left[32];
   progress_duration(rate > 0 ? (double)(total - done) / rate : 0, left);
   const int digits = rate >= 100 ? 0 : rate >= 10 ? 1 : 2;
   snprintf(line, sizeof line, "%s %5.1f%%  %llu/%llu  %.*f %s/s  %s left%s%s", progress->what,

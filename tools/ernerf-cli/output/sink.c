@@ -6,8 +6,53 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
-enum { PATH_BYTES = 4096, EXR_CHANNELS = 7 };
+enum { PATH_BYTES = 4096, EXR_CHANNELS = 7, JPEG_QUALITY = 95 };
+
+/* ---- words ------------------------------------------------------------------------------------------------------- */
+
+static const char *const codecs[] = {"h264", "hevc", "vp9", "av1", "ffv1"};
+static const char *const presets[] = {"ultrafast", "superfast", "veryfast", "faster",   "fast",
+                                      "medium",    "slow",      "slower",   "veryslow", "placebo"};
+static const char *const formats[] = {"raw", "y4m", "nut", "mpegts", "flv", "mp4", "matroska"};
+
+void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
+  const struct option rows[] = {
+      {.name = "crf",
+       .kind = OPTION_INT,
+       .target = &sink->crf,
+       .low = 0,
+       .high = 63,
+       .help = "quality of a video: 0 the best; to 51, of vp9 and av1 to 63"},
+      {.name = "preset",
+       .kind = OPTION_CHOICE,
+       .target = &sink->preset,
+       .choices = "ultrafast|superfast|veryfast|faster|fast|medium|slow|slower|veryslow|placebo",
+       .help = "of h264 and hevc: time of encoding against bytes (default veryfast)"},
+      {.name = "codec",
+       .kind = OPTION_CHOICE,
+       .target = &sink->codec,
+       .choices = "h264|hevc|vp9|av1|ffv1",
+       .help = "of a video: mp4 has h264, hevc, vp9, av1; mov h264, hevc; webm vp9, av1; mkv all (default h264, of a "
+               "webm vp9); ffv1 is without loss"},
+      {.name = "format",
+       .alias = "f",
+       .kind = OPTION_CHOICE,
+       .target = &sink->format,
+       .choices = "raw|y4m|nut|mpegts|flv|mp4|matroska",
+       .help = "what -o - writes: raw is RGBA8 (default); y4m has no sound, nut is not compressed, the others are h264 "
+               "and aac"}};
+  sink->crf = ern_video_options_default(1, 1).crf;
+  sink->codec = sink->preset = -1;
+  ARGS_FILL(options, rows, SINK_OPTIONS);
+}
+
+bool sink_is_opaque(const struct sink *sink) {
+  return sink->kind == SINK_VIDEO || sink->kind == SINK_JPEG || sink->kind == SINK_STREAM;
+}
+
+bool sink_on_stdout(const struct sink *sink) { return sink->kind == SINK_RAW || sink->kind == SINK_STREAM; }
 
 /* ---- names ------------------------------------------------------------------------------------------------------- */
 
@@ -28,23 +73,55 @@ static int check_pattern(const struct args *args, const char *path) {
   return -1;
 }
 
+/* Endings in any case. */
+static const struct {
+  const char *ending;
+  enum sink_kind kind;
+} kinds[] = {{".mp4", SINK_VIDEO},  {".m4v", SINK_VIDEO}, {".mov", SINK_VIDEO}, {".mkv", SINK_VIDEO},
+             {".webm", SINK_VIDEO}, {".gif", SINK_VIDEO}, {".png", SINK_PNG},   {".jpg", SINK_JPEG},
+             {".jpeg", SINK_JPEG},  {".exr", SINK_EXR}};
+
+static bool is_gif(const struct sink *sink) {
+  const char *dot = strrchr(sink->path, '.');
+  return sink->kind == SINK_VIDEO && dot != NULL && strcasecmp(dot, ".gif") == 0;
+}
+
+bool sink_has_sound(const struct sink *sink) {
+  if (sink->kind == SINK_STREAM) return strcmp(formats[sink->format], "y4m") != 0;
+  return sink->kind == SINK_VIDEO && !is_gif(sink);
+}
+
+/* What the kind has no use for. */
+static int check_coding(const struct sink *sink, const struct args *args) {
+  int status = -1;
+  if (sink->kind != SINK_STREAM && sink->kind != SINK_VIDEO) status = args_forbid(args, "crf", "is of a video");
+  if (status < 0 && sink->kind != SINK_VIDEO)
+    status = args_forbid(args, "preset codec", "is of a video that is written to a file");
+  if (status < 0 && is_gif(sink)) status = args_forbid(args, "crf preset codec", "is not for a .gif, which has none");
+  if (status < 0 && !sink_on_stdout(sink))
+    status = args_forbid(args, "format", "is what -o - writes; the ending of a name says it otherwise");
+  if (status < 0 && sink->kind == SINK_STREAM && sink->crf > 51)
+    status = args_refuse(args, "--crf is %d, expected 0 to 51, the range of h264", sink->crf);
+  return status;
+}
+
 int sink_choose(struct sink *sink, const struct args *args, const char *path) {
   const char *dot = strrchr(path, '.');
-  *sink = (struct sink){.path = path};
+  sink->path = path;
   if (strcmp(path, "-") == 0) {
-    sink->kind = SINK_RAW;
-    return -1;
+    sink->kind = sink->format == 0 ? SINK_RAW : SINK_STREAM;
+    return check_coding(sink, args);
   }
-  if (dot != NULL && strcmp(dot, ".mp4") == 0) {
-    sink->kind = SINK_VIDEO;
-    return -1;
+  for (size_t i = 0; dot != NULL && i < sizeof kinds / sizeof *kinds; i++) {
+    if (strcasecmp(dot, kinds[i].ending) != 0) continue;
+    sink->kind = kinds[i].kind;
+    const int status = sink->kind != SINK_VIDEO ? check_pattern(args, path) : -1;
+    return status < 0 ? check_coding(sink, args) : status;
   }
-  if (dot != NULL && (strcmp(dot, ".png") == 0 || strcmp(dot, ".exr") == 0)) {
-    sink->kind = dot[1] == 'p' ? SINK_PNG : SINK_EXR;
-    return check_pattern(args, path);
-  }
-  return args_refuse(
-      args, "-o is \"%s\", expected NAME.mp4, numbered pictures such as out/%%05d.png or out/%%05d.exr, or -", path);
+  return args_refuse(args,
+                     "-o is \"%s\", expected NAME.mp4, .mov, .mkv, .webm or .gif, numbered pictures such as "
+                     "out/%%05d.png, .jpg or .exr, or -",
+                     path);
 }
 
 /* The path with the number in place of its mark, which sink_choose has checked. */
@@ -57,7 +134,7 @@ static bool numbered_path(const struct sink *sink, size_t number, char path[PATH
 
 int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source) {
   char path[PATH_BYTES];
-  if (sink->kind == SINK_RAW) return 0;
+  if (sink_on_stdout(sink)) return 0;
   if (sink->kind == SINK_VIDEO) return frame_source == NULL ? session_check_output(session, sink->path) : 0;
   for (size_t k = 0; k < frame_source->count; k++) {
     if (!numbered_path(sink, frame_source->source_frame[k].number, path))
@@ -97,6 +174,30 @@ static bool give_up(struct sink *sink, const char *format, ...) {
   return false;
 }
 
+/* The samples of picture `streamed`: those from its time to the next one's, silence past the sound's end. */
+static ern_status write_streamed(struct sink *sink, const uint8_t *rgba) {
+  const ern_sound *sound = sink->sound;
+  size_t count = 0;
+  if (sound != NULL) {
+    const size_t channels = (size_t)sound->channels;
+    const double each = (double)sound->rate / rate_value(sink->rate);
+    const size_t from = (size_t)((double)sink->streamed * each + 0.5),
+                 to = (size_t)((double)(sink->streamed + 1) * each + 0.5);
+    count = to - from;
+    for (size_t i = 0; i < count * channels; i++) {
+      const size_t frame = sink->first + from + i / channels;
+      sink->samples[i] = frame < sound->frames ? (float)sound->data[frame * channels + i % channels] / 32768 : 0;
+    }
+  }
+  sink->streamed++;
+  return ern_stream_writer_frame(sink->stream, rgba, sink->samples, count);
+}
+
+/* RGBA to RGB in its place; the picture is the writer's until it is given back. */
+static void drop_alpha(uint8_t *rgba, size_t pixels) {
+  for (size_t i = 1; i < pixels; i++) memmove(rgba + 3 * i, rgba + 4 * i, 3);
+}
+
 static bool write_picture(struct sink *sink, const struct sink_picture *picture) {
   const size_t bytes = (size_t)sink->width * (size_t)sink->height * 4;
   char path[PATH_BYTES];
@@ -107,11 +208,17 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
   }
   if (sink->kind == SINK_VIDEO) {
     status = ern_video_writer_frame(sink->video, picture->rgba);
+  } else if (sink->kind == SINK_STREAM) {
+    status = write_streamed(sink, picture->rgba);
   } else {
     (void)numbered_path(sink, picture->number, path); /* fits: sink_check has tried it */
-    const ern_image image = {.width = sink->width, .height = sink->height, .channels = 4, .data = picture->rgba};
-    status = sink->kind == SINK_PNG ? ern_image_write_provenance(sink->context, path, &image, 100, sink->provenance)
-                                    : write_exr(sink, picture, path);
+    const bool jpeg = sink->kind == SINK_JPEG;
+    const ern_image image = {
+        .width = sink->width, .height = sink->height, .channels = jpeg ? 3 : 4, .data = picture->rgba};
+    if (jpeg) drop_alpha(picture->rgba, bytes / 4);
+    status = sink->kind == SINK_EXR
+                 ? write_exr(sink, picture, path)
+                 : ern_image_write_provenance(sink->context, path, &image, JPEG_QUALITY, sink->provenance);
   }
   if (status == ERN_OK) return true;
   (void)ern_last_error_copy(sink->context, path, sizeof path); /* the thread that draws may fail at the same time */
@@ -156,6 +263,39 @@ static bool make_pictures(struct sink *sink) {
   return made && sink->channels != NULL;
 }
 
+static int open_video(struct sink *sink, struct session *session, const ern_sound *sound, double sound_start) {
+  ern_video_options options = ern_video_options_default(sink->width, sink->height);
+  options.rate_numerator = sink->rate.numerator;
+  options.rate_denominator = sink->rate.denominator;
+  options.sound = sound;
+  options.sound_start = sound_start;
+  options.provenance = sink->provenance;
+  options.crf = sink->crf;
+  if (sink->codec >= 0) options.codec = codecs[sink->codec];
+  if (sink->preset >= 0) options.preset = presets[sink->preset];
+  return ern_video_writer_open(session->context, sink->path, &options, &sink->video) == ERN_OK ? 0
+                                                                                               : session_fail(session);
+}
+
+static int open_stream(struct sink *sink, struct session *session, const ern_sound *sound, double sound_start) {
+  ern_stream_options options = ern_stream_options_default(sink->width, sink->height);
+  options.rate_numerator = sink->rate.numerator;
+  options.rate_denominator = sink->rate.denominator;
+  options.format = formats[sink->format];
+  options.provenance = sink->provenance;
+  options.crf = sink->crf;
+  if (sound != NULL) {
+    const size_t most = (size_t)(sound->rate / rate_value(sink->rate)) + 2; /* of a picture */
+    options.sound_rate = sound->rate;
+    options.sound_channels = sound->channels;
+    sink->sound = sound;
+    sink->first = (size_t)(sound_start * sound->rate + 0.5);
+    sink->samples = malloc(most * (size_t)sound->channels * sizeof *sink->samples);
+    if (sink->samples == NULL) return session_fail_with(session, "no memory for the sound of a picture");
+  }
+  return ern_stream_writer_open(session->context, "-", &options, &sink->stream) == ERN_OK ? 0 : session_fail(session);
+}
+
 int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
               const ern_model_info *model, const ern_sound *sound, double sound_start,
               const ern_provenance *provenance) {
@@ -163,19 +303,12 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   sink->context = session->context;
   sink->width = width;
   sink->height = height;
+  sink->rate = rate;
   sink->has_attention = model->attention != ERN_ATTENTION_CONCAT;
   sink->has_eye = model->has_eye && model->eye_attention == ERN_EYE_ATTENTION_SIGMOID;
   if (!make_pictures(sink)) return session_fail_with(session, "no memory for pictures of %d x %d", width, height);
-  if (sink->kind == SINK_VIDEO) {
-    ern_video_options options = ern_video_options_default(width, height);
-    options.rate_numerator = rate.numerator;
-    options.rate_denominator = rate.denominator;
-    options.sound = sound;
-    options.sound_start = sound_start;
-    options.provenance = provenance;
-    if (ern_video_writer_open(session->context, sink->path, &options, &sink->video) != ERN_OK)
-      return session_fail(session);
-  }
+  if (sink->kind == SINK_VIDEO && open_video(sink, session, sound, sound_start) != 0) return EXIT_FAILURE;
+  if (sink->kind == SINK_STREAM && open_stream(sink, session, sound, sound_start) != 0) return EXIT_FAILURE;
   queue_make(&sink->queue, SINK_PICTURES);
   if (pthread_create(&sink->writer, NULL, writer_main, sink) != 0) {
     queue_free(&sink->queue);
@@ -224,6 +357,7 @@ void sink_put(struct sink *sink, size_t number) {
 int sink_close(struct sink *sink, struct session *session) {
   end_writer(sink);
   if (sink->queue.broken) return say_trouble(sink, session);
+  if (sink->kind == SINK_STREAM) return ern_stream_writer_close(&sink->stream) == ERN_OK ? 0 : session_fail(session);
   if (sink->kind != SINK_VIDEO) return 0;
   return ern_video_writer_close(&sink->video) == ERN_OK ? 0 : session_fail(session);
 }
@@ -232,6 +366,8 @@ void sink_free(struct sink *sink) {
   if (sink->running) queue_break(&sink->queue);
   end_writer(sink);
   ern_video_writer_abandon(&sink->video);
+  ern_stream_writer_abandon(&sink->stream);
+  free(sink->samples);
   for (size_t i = 0; i < SINK_PICTURES; i++) {
     struct sink_picture *picture = &sink->pictures[i];
     free(picture->rgba);

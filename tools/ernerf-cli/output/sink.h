@@ -1,21 +1,24 @@
 /* SPDX-License-Identifier: MIT
- * Where frames go: a video, numbered pictures, or raw pixels on standard output. A thread of its own converts, encodes
- * and writes them, in order, while the next ones are drawn. */
+ * Where frames go: a video, numbered pictures, or standard output, raw or as a stream. A thread of its own converts,
+ * encodes and writes them, in order, while the next ones are drawn. */
 #ifndef ERN_CLI_SINK_H
 #define ERN_CLI_SINK_H
 
 #include "bounded_queue.h"
 #include "ernerf/media.h"
 #include "ernerf/render.h"
+#include "ernerf/stream.h"
 #include "output/provenance_output.h"
 #include "session/frame_source.h"
 #include "session/session.h"
 
 enum sink_kind {
-  SINK_VIDEO, /* NAME.mp4 */
-  SINK_PNG,   /* NAME%05d.png: RGBA, alpha not multiplied in */
-  SINK_EXR,   /* NAME%05d.exr: RGBA, alpha multiplied in; depth; attention */
-  SINK_RAW    /* -: RGBA8 on standard output */
+  SINK_VIDEO,  /* NAME.mp4 and others */
+  SINK_PNG,    /* NAME%05d.png: RGBA, alpha not multiplied in */
+  SINK_JPEG,   /* NAME%05d.jpg: RGB */
+  SINK_EXR,    /* NAME%05d.exr: RGBA, alpha multiplied in; depth; attention */
+  SINK_RAW,    /* -: RGBA8 on standard output */
+  SINK_STREAM, /* - with a form: a stream on standard output */
 };
 
 /* Where a frame lies between drawing and writing. */
@@ -29,10 +32,19 @@ struct sink_picture {
 enum { SINK_PICTURES = 3 };
 
 struct sink {
+  /* from the command line */
+  int crf, codec, preset; /* index of the choices; -1: the default */
+  int format;             /* of standard output, index */
+  /* made */
   const char *path;
   enum sink_kind kind;
   int width, height;
   ern_video_writer *video;
+  ern_stream_writer *stream;
+  const ern_sound *sound; /* of the stream, from `first` on, `rate` pictures a second; NULL: silent */
+  size_t first, streamed; /* samples; pictures */
+  struct rate rate;
+  float *samples; /* of a picture */
   struct sink_picture pictures[SINK_PICTURES];
   float *channels;             /* of SINK_EXR, what is written: [height][width][channels] */
   bool has_attention, has_eye; /* channels of SINK_EXR */
@@ -44,6 +56,15 @@ struct sink {
   char *trouble;                    /* of the writer: why it gave up; NULL: it did not. To be read after it has ended */
   double seconds;                   /* that the writer worked */
 };
+
+enum { SINK_OPTIONS = 4 };
+/* --crf --preset --codec --format. */
+void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]);
+
+/* Whether it has no place for alpha; whether it has one for sound. */
+bool sink_is_opaque(const struct sink *sink);
+bool sink_has_sound(const struct sink *sink);
+bool sink_on_stdout(const struct sink *sink);
 
 /* What kind `path` names. Returns -1 to go on, or EXIT_USAGE after a sentence. */
 int sink_choose(struct sink *sink, const struct args *args, const char *path);

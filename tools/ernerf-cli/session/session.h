@@ -25,6 +25,7 @@ struct session {
   const char *isa;
   bool beside_cpu; /* the CPU computes too beside --backend's device, so its options count; set by the verb */
   uint64_t seed;
+  int progress_form; /* 1: JSON lines */
   bool quiet, deterministic, tune;
   bool overwrite; /* files that are there are replaced */
   bool rewrites;  /* set by a verb before session_open: it writes files of its own again and again, and looks after

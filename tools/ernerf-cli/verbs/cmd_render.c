@@ -22,7 +22,7 @@
 /* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
  * twice.
  */
-enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 9, PICTURE_BYTES = 1 };
+enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
 
 struct render_job {
   struct session session;
@@ -80,7 +80,8 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .target = &job->out,
        .choices = "OUT",
        .help =
-           "NAME.mp4; pictures such as out/%05d.png or out/%05d.exr, numbered as the output's frames; - for raw RGBA8"},
+           "NAME.mp4, .mov, .mkv, .webm or .gif; pictures such as out/%05d.png, .jpg or .exr, numbered as the output's "
+           "frames; - for standard output"},
       {.name = "size",
        .kind = OPTION_DIMENSIONS,
        .target = &job->size,
@@ -103,7 +104,13 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .kind = OPTION_TEXT,
        .target = &job->background_file,
        .choices = "FILE|white|black",
-       .help = "background (default the clip's; with --poses transparent)"}};
+       .help = "background (default the clip's; with --poses transparent)"},
+      {.name = "progress",
+       .kind = OPTION_CHOICE,
+       .target = &job->session.progress_form,
+       .choices = "words|json",
+       .help = "what standard error says of how far it is: words, or for programs a JSON object a line, twice a second "
+               "and at the end, also with --quiet (default words)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }
@@ -121,8 +128,8 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status = args_forbid(args, "split asr_model memory force smooth_eye", "is about a clip, so it needs --clip");
   if (status < 0 && job->audio != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
-  if (status < 0 && job->sink.kind != SINK_VIDEO)
-    status = args_forbid(args, "wav", "is for an .mp4, the others are silent");
+  if (status < 0 && !sink_has_sound(&job->sink))
+    status = args_forbid(args, "wav", "is for a video with sound, and this output has none");
   if (status < 0) status = label_check(&job->label, args);
   if (status < 0 && job->sink.kind == SINK_EXR)
     status = args_forbid(args, "label", "is drawn on pictures of 8 bits, and these are data to go on from");
@@ -133,7 +140,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
     status =
         args_forbid(args, "reuse-rays no-reuse-rays", "is not for a budget, whose settings are timed by whole frames");
   if (status < 0) status = rate_control_check(&job->rate_control, args);
-  if (status < 0 && job->sink.kind == SINK_RAW && session_json_on_stdout(&job->session))
+  if (status < 0 && sink_on_stdout(&job->sink) && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
   return status;
 }
@@ -200,7 +207,7 @@ static int open_sound(struct render_job *job) {
   const bool own = job->wav == NULL && job->audio == NULL && portrait->clip_info.has_sound;
   const bool heard = job->wav == NULL && job->audio != NULL && ern_speech_is_sound(job->audio);
   char path[4096];
-  if (job->sink.kind != SINK_VIDEO || (job->wav == NULL && !own && !heard)) return 0;
+  if (!sink_has_sound(&job->sink) || (job->wav == NULL && !own && !heard)) return 0;
   const int bytes = own ? snprintf(path, sizeof path, "%s/aud.wav", portrait->source.path)
                         : snprintf(path, sizeof path, "%s", heard ? job->audio : job->wav);
   if (bytes >= (int)sizeof path) return session_fail_with(session, "%s: the name is too long", path);
@@ -237,8 +244,9 @@ static int open_background(struct render_job *job) {
   const int width = job->size.width, height = job->size.height;
   int status = background_open(&job->background, &job->session, job->background_file, job->portrait.clip, width, height,
                                (ern_fit)job->fit);
-  if (status != 0 || job->background.image.data != NULL || job->sink.kind != SINK_VIDEO) return status;
-  session_warn(&job->session, "an mp4 has no transparency: frames are drawn over black; --bg_img chooses a background");
+  if (status != 0 || job->background.image.data != NULL || !sink_is_opaque(&job->sink)) return status;
+  session_warn(&job->session, "%s has no transparency: frames are drawn over black; --bg_img chooses a background",
+               job->sink.kind == SINK_JPEG ? "a jpg" : "a video");
   return background_fill(&job->background, &job->session);
 }
 
@@ -251,9 +259,9 @@ static void say_plan(struct render_job *job) {
   rate_words(job->rate, rate);
   session_note(&job->session, "render: %zu frames of %d x %d, %s a second, %s, %s, %s (%s) to %s",
                job->frame_source.count, job->size.width, job->size.height, rate, portrait_kind(portrait),
-               job->sink.kind != SINK_VIDEO ? "pictures alone"
-               : job->sound.data != NULL    ? "with sound"
-                                            : "without sound",
+               !sink_has_sound(&job->sink) ? "pictures alone"
+               : job->sound.data != NULL   ? "with sound"
+                                           : "without sound",
                job->session.backend_info.name, job->session.backend_info.isa, job->out);
   if (is_behind(job) && job->frame_source.frame != NULL)
     session_note(&job->session,
@@ -340,12 +348,12 @@ static int learn_provenance(struct render_job *job) {
 
 static int open_all(struct render_job *job, const struct args *args) {
   struct session *session = &job->session;
-  if (job->sink.kind != SINK_RAW && !session_folder_there(job->out))
+  if (!sink_on_stdout(&job->sink) && !session_folder_there(job->out))
     return session_fail_with(session, "%s: its folder is not there", job->out);
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   int status = job->sink.kind == SINK_VIDEO ? sink_check(&job->sink, session, NULL) : 0;
-  if (status == 0 && job->sink.kind != SINK_RAW) status = provenance_check(&job->provenance, session, job->out);
+  if (status == 0 && !sink_on_stdout(&job->sink)) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
   if (status == 0) status = open_features(job);
@@ -472,9 +480,9 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS], shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS],
-      control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS], pace[RATE_CONTROL_OPTIONS],
-      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+  struct option own[OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS],
+      shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
+      pace[RATE_CONTROL_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
@@ -484,19 +492,23 @@ int cmd_render(int argc, char **argv) {
           "render MODEL --poses FILE --audio SOUND|F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
       .notes =
           "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
-          "mp4: H.264 yuv420p, AAC. png: RGBA. exr: R G B A (as the model gives them, not\n"
-          "linearised, alpha multiplied in), Z depth, audio_attention, and eye_attention where the model has it.",
+          "mp4, mov, mkv: H.264 yuv420p, AAC. webm: VP9, Opus. gif: 256 colours, silent. png: RGBA. jpg: RGB. exr: R G "
+          "B A\n"
+          "(as the model gives them, not linearised, alpha multiplied in), Z depth, audio_attention, and "
+          "eye_attention\n"
+          "where the model has it.",
       .public_names = true,
       .words = words,
       .word_count = 1,
-      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
+      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
                  {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
-  provenance_options(&job.provenance, own + OWN_OPTIONS);
-  label_options(&job.label, own + OWN_OPTIONS + PROVENANCE_OPTIONS);
+  sink_options(&job.sink, own + OWN_OPTIONS);
+  provenance_options(&job.provenance, own + OWN_OPTIONS + SINK_OPTIONS);
+  label_options(&job.label, own + OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS);
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job.control, control);
   silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);

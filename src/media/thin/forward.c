@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: MIT
+ * libernerf-media as programs link it: each function opens libernerf-media-impl, where that is not open yet, and calls
+ * the function of its table. */
+#include <stdatomic.h>
+#include <stddef.h>
+
+#include "media/loaded_library.h"
+#include "media/thin/functions.h"
+
+#define TEXT_OF(x) #x
+#define SONAME(major) "libernerf-media-impl.so." TEXT_OF(major)
+
+/* What the dynamic loader would keep in the process's table of symbols if the library were linked: NULL, then the same
+ * address for good. */
+static _Atomic(const struct ern_media_functions *) bound;
+
+/* NULL where it cannot be loaded; the reason is the context's error, which is *status. */
+static const struct ern_media_functions *load(ern_context *context, const char *what, ern_status *status) {
+  static const struct ern_loaded_library library = {SONAME(ERN_VERSION_MAJOR), "ern_media_functions",
+                                                    "OpenImageIO, OpenCV and FFmpeg, and these libraries"};
+  const struct ern_media_functions *functions = atomic_load_explicit(&bound, memory_order_acquire);
+  void *handle = NULL;
+  const void *table = NULL;
+  *status = ERN_OK;
+  if (functions != NULL) return functions;
+  *status = ern_library_load(context, what, &library, &handle, &table); /* stays loaded: RTLD_NODELETE */
+  functions = table;
+  if (*status == ERN_OK) atomic_store_explicit(&bound, functions, memory_order_release);
+  return functions;
+}
+
+#define FORWARD_STATUS(name, parameters, arguments, context, empty)              \
+  ern_status name parameters {                                                   \
+    ern_status status = ERN_OK;                                                  \
+    const struct ern_media_functions *functions = load(context, #name, &status); \
+    if (functions != NULL) return functions->name arguments;                     \
+    empty return status;                                                         \
+  }
+#define FORWARD_VALUE(type, name, parameters, arguments)                      \
+  type name parameters {                                                      \
+    ern_status status = ERN_OK;                                               \
+    const struct ern_media_functions *functions = load(NULL, #name, &status); \
+    return functions != NULL ? functions->name arguments : (type){0};         \
+  }
+#define FORWARD_VOID(name, parameters, arguments)                             \
+  void name parameters {                                                      \
+    ern_status status = ERN_OK;                                               \
+    const struct ern_media_functions *functions = load(NULL, #name, &status); \
+    if (functions != NULL) functions->name arguments;                         \
+  }
+/* What was not loaded has made nothing that could be freed. */
+#define FORWARD_FREE(name, parameters, arguments)                                                     \
+  void name parameters {                                                                              \
+    const struct ern_media_functions *functions = atomic_load_explicit(&bound, memory_order_acquire); \
+    if (functions != NULL) functions->name arguments;                                                 \
+  }
+
+ERN_MEDIA_STATUS(FORWARD_STATUS)
+ERN_MEDIA_VALUE(FORWARD_VALUE)
+ERN_MEDIA_VOID(FORWARD_VOID)
+ERN_MEDIA_FREE(FORWARD_FREE)

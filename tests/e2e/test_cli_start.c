@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT
+ * What the program loads before it needs it: the libraries of pictures, video and sound come with the first file of
+ * media, and not with the help, a model or a refusal. The dynamic loader tells (LD_DEBUG=files). */
+#include "cli.h"
+
+static struct cli cli;
+
+/* Of the libraries in the loader's words, how many have one of `names` in theirs. */
+static size_t count_loaded(const char *trace, const char *const *names) {
+  size_t found = 0;
+  char line[4096];
+  FILE *file = fopen(trace, "r");
+  assert_non_null(file);
+  while (fgets(line, sizeof line, file) != NULL)
+    for (const char *const *name = names; *name != NULL; name++)
+      found += strstr(line, "calling init: ") != NULL && strstr(line, *name) != NULL;
+  fclose(file);
+  return found;
+}
+
+/* Runs `line` and says how many libraries of media it loaded, of all that it loaded. */
+static size_t loads(int status, const char *line, size_t *all) {
+  static const char *const media[] = {"libavcodec.",    "libavformat.", "libavutil.", "libOpenImageIO.",
+                                      "libopencv_core", "media-impl",   NULL};
+  static const char *const every[] = {".so", NULL};
+  char trace[64];
+  assert_int_equal(setenv("LD_DEBUG", "files", 1), 0);
+  assert_int_equal(setenv("LD_DEBUG_OUTPUT", "trace", 1), 0);
+  cli_run(&cli, "%s", line);
+  assert_int_equal(unsetenv("LD_DEBUG"), 0);
+  assert_int_equal(unsetenv("LD_DEBUG_OUTPUT"), 0);
+  cli_expect(&cli, status, NULL);
+  snprintf(trace, sizeof trace, "trace.%d", (int)cli.pid);
+  const size_t found = count_loaded(trace, media);
+  *all = count_loaded(trace, every);
+  assert_int_equal(remove(trace), 0);
+  return found;
+}
+
+static void refuse_media(int status, const char *line) {
+  size_t all = 0;
+  const size_t found = loads(status, line, &all);
+  if (found > 0) fail_msg("ernerf %s loads %zu libraries of media", line, found);
+  assert_in_range(all, 3, 60);
+}
+
+static void test_help(void **state) {
+  static const char *const verbs[] = {"prepare", "train",    "render", "live",  "eval",     "compare", "check", "info",
+                                      "convert", "features", "synth",  "bench", "tradeoff", "soak",    "ablate"};
+  char line[64];
+  (void)state;
+  refuse_media(0, "--version");
+  refuse_media(0, "--help");
+  for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
+    snprintf(line, sizeof line, "%s --help", verbs[i]);
+    refuse_media(0, line);
+  }
+}
+
+static void test_before_an_input(void **state) {
+  (void)state;
+  refuse_media(2, "render");
+  refuse_media(1, "render none.safetensors --clip none -o out.mp4");
+  refuse_media(1, "info none.safetensors");
+}
+
+/* What has no picture, video or sound in it, and what has. */
+static void test_files(void **state) {
+  size_t all = 0;
+  char line[4096];
+  (void)state;
+  snprintf(line, sizeof line, "train '%s/data/tiny' -o m.safetensors --iters 1 --rays 16 --levels 2 --quiet",
+           getenv("ERNERF_SOURCE"));
+  assert_true(loads(0, line, &all) > 0);
+  refuse_media(0, "info m.safetensors");
+  refuse_media(0, "convert m.safetensors m.pth --quiet");
+  snprintf(line, sizeof line, "info '%s/data/tiny/transforms_val.json'", getenv("ERNERF_SOURCE"));
+  refuse_media(0, line);
+  snprintf(line, sizeof line, "check '%s/data/tiny'", getenv("ERNERF_SOURCE"));
+  assert_true(loads(0, line, &all) > 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_help), cmocka_unit_test(test_before_an_input),
+                                     cmocka_unit_test(test_files)};
+#if !ERN_SHARED
+  puts("the libraries are static");
+  return 0;
+#endif
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

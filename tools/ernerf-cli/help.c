@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT */
+#include "help.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "completion.h"
+#include "manual.h"
+#include "option_words.h"
+
+enum { TEXT_BYTES = 256 };
+
+enum { HELP_COLUMN = 34, HELP_WIDTH = 100 };
+
+/* Words from column HELP_COLUMN on, broken at HELP_WIDTH; `column` is where the pen is. */
+static void print_wrapped(int column, const char *text) {
+  if (column >= HELP_COLUMN) {
+    printf("\n");
+    column = 0;
+  }
+  printf("%*s", HELP_COLUMN - column, "");
+  column = HELP_COLUMN;
+  while (*text != 0) {
+    const int bytes = (int)strcspn(text, " ");
+    if (column > HELP_COLUMN && column + 1 + bytes > HELP_WIDTH) {
+      printf("\n%*s", HELP_COLUMN, "");
+      column = HELP_COLUMN;
+    }
+    column += printf(column > HELP_COLUMN ? " %.*s" : "%.*s", bytes, text);
+    text += bytes;
+    text += strspn(text, " ");
+  }
+  printf("\n");
+}
+
+static void print_option(const struct option *option) {
+  char aliases[TEXT_BYTES] = "";
+  size_t used = 0;
+  for (const char *at = option->alias; at != NULL && *at != 0;) {
+    const size_t bytes = strcspn(at, " ");
+    used +=
+        (size_t)snprintf(aliases + used, sizeof aliases - used, ", %s%.*s", bytes == 1 ? "-" : "--", (int)bytes, at);
+    at += bytes + strspn(at + bytes, " ");
+  }
+  const char *value = option_value(option);
+  const int column = printf("  %s%s%s%s%s", option_dashes(option->name), option->name, aliases,
+                            value != NULL ? " " : "", value != NULL ? value : "");
+  char text[HELP_BYTES];
+  print_wrapped(column, option_text(option, text));
+}
+
+static void print_help(const struct args *args) {
+  printf("%s\n\n", args->summary);
+  for (const char *at = args->usage; *at != 0;) {
+    const size_t bytes = strcspn(at, "\n");
+    printf("  ernerf %.*s\n", (int)bytes, at);
+    at += bytes + (at[bytes] == '\n');
+  }
+  printf("\n");
+  for (size_t i = 0; i < args->word_count; i++) print_wrapped(printf("  %s", args->words[i].name), args->words[i].help);
+  for (int g = 0; g < ARGS_GROUPS; g++) {
+    if (args->groups[g].count == 0) continue;
+    printf("\n%s\n", args->groups[g].title);
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);
+  }
+  if (args->notes != NULL) printf("\n%s\n", args->notes);
+}
+
+bool help_asked(const struct args *args, const char *word) {
+  if (strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0)
+    print_help(args);
+  else if (strcmp(word, "--help=man") == 0)
+    manual_print(args);
+  else if (strcmp(word, "--help=bash") == 0)
+    completion_print_bash(args);
+  else if (strcmp(word, "--help=zsh") == 0)
+    completion_print_zsh(args);
+  else
+    return false;
+  return true;
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT */
+#include "option_words.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { TEXT_BYTES = 256 };
+
+const char *option_dashes(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
+
+const char *option_value(const struct option *option) {
+  if (option->choices != NULL) return option->choices;
+  switch (option->kind) {
+    case OPTION_INT:
+    case OPTION_COUNT: return "N";
+    case OPTION_FLOAT: return "X";
+    case OPTION_TEXT: return "FILE";
+    case OPTION_BYTES: return "BYTES";
+    case OPTION_SECONDS: return "T";
+    case OPTION_RANGE:
+    case OPTION_RANGE_PAIR: return "A:B";
+    case OPTION_DIMENSIONS: return "WxH";
+    case OPTION_RATE: return "R";
+    case OPTION_PAIR: return "A,B";
+    case OPTION_FRAME: return "[N]";
+    case OPTION_JSON: return "[FILE.json|-]";
+    default: return NULL;
+  }
+}
+
+/* What a number is without the option, where the help does not tell it already. A 0 that the option itself refuses
+ * means that nothing is set. */
+static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
+  text[0] = 0;
+  if (strstr(option->help, "default") != NULL) return text;
+  if (option->kind == OPTION_INT) snprintf(text, TEXT_BYTES, " (default %d)", *(int *)option->target);
+  if (option->kind == OPTION_COUNT) snprintf(text, TEXT_BYTES, " (default %" PRIu64 ")", *(uint64_t *)option->target);
+  if (option->kind == OPTION_FLOAT && !(*(float *)option->target < (float)option->low))
+    snprintf(text, TEXT_BYTES, " (default %g)", (double)*(float *)option->target);
+  return text;
+}
+
+const char *option_text(const struct option *option, char text[HELP_BYTES]) {
+  char preset[TEXT_BYTES];
+  snprintf(text, HELP_BYTES, "%s%s", option->help, preset_of(option, preset));
+  return text;
+}
