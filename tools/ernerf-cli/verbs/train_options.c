@@ -193,6 +193,14 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .high = ERN_FRAMES_PER_STEP_MOST,
        .help = "frames that a step's rays are divided among, so that it hears as many sounds; with --time of the "
                "head (default 1 as published; 4 with --time)"},
+      {.name = "step-parts",
+       .kind = OPTION_INT,
+       .target = &config->step_parts,
+       .low = 1,
+       .high = ERN_STEP_PARTS_MOST,
+       .help =
+           "parts that a step's rays are cut into, a power of 2: with the same number the model is the same for any "
+           "number of processes under mpirun, which divides it (default 1; under mpirun 4, or the processes)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,
