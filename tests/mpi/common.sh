@@ -18,7 +18,7 @@ on() { # PROCESSES OPTION...: trains on so many, without mpirun where it is 0
     "$mpirun" -n "$count" "$ernerf" train clip --threads 1 "$@" > log.txt 2>&1 || { cat log.txt; return 1; }
   fi
 }
-rank_of() { tr '\0' '\n' < "/proc/$1/environ" 2> /dev/null | sed -n 's/^\(OMPI_COMM_WORLD_RANK\|PMI_RANK\)=//p'; }
+rank_of() { { tr '\0' '\n' < "/proc/$1/environ"; } 2> /dev/null | sed -n 's/^\(OMPI_COMM_WORLD_RANK\|PMI_RANK\)=//p'; }
 process() { # RANK NAME: the process of that rank that writes NAME.safetensors, once it is there
   local process
   for process in $(pgrep -f "ernerf train .*$folder/$2[.]safetensors"); do
