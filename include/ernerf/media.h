@@ -188,6 +188,12 @@ ERN_API ERN_NODISCARD ern_status ern_video_writer_frame(ern_video_writer *writer
 ERN_API ERN_NODISCARD ern_status ern_video_writer_close(ern_video_writer **writer);
 /* Frees the writer and removes what it wrote; accepts NULL and a pointer to NULL. */
 ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
+/* One mp4 of `count` that writers of one size, rate and quality have made: their coded pictures as they are, one after
+ * the other, frame k of all shown at exactly k/rate seconds, and what the first says of how it was made. The sound is
+ * as ern_video_options has it; that of the segments is left out. ERN_E_MISMATCH: one is of another size, rate, coding
+ * or model. Atomic. */
+ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char *path, const char *const *segments,
+                                                size_t count, const ern_sound *sound, double sound_start);
 
 /* Plain data, may grow. */
 typedef struct ern_video_info {

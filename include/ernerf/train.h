@@ -92,6 +92,26 @@ typedef struct ern_fine_loss {
   void *user;
 } ern_fine_loss;
 
+/* Processes that train one model together (ern_train_config.communicator), such as those that mpirun starts. All call
+ * the same functions in the same order, with the same counts. A function returns when its result is there, or another
+ * status than ERN_OK, which ends the training of this process with it, and leaves words. Plain data, final. */
+#define ERN_COMMUNICATOR_WORDS 512
+typedef struct ern_communicator {
+  void *user;
+  int rank, size; /* of this process, 0 <= rank < size */
+  /* Overwrites values[count] and figures[figure_count] with their sums over the processes. The sums are those of a
+   * binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., and have the same bits in each process. size: a power of 2
+   */
+  ern_status (*sum)(void *user, float *values, size_t count, double *figures, size_t figure_count,
+                    char words[ERN_COMMUNICATOR_WORDS]);
+  /* Rank r has values [count r/size, count (r + 1)/size); afterwards each has all. */
+  ern_status (*gather)(void *user, float *values, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
+  /* Overwrites the bytes with those of rank 0. */
+  ern_status (*broadcast)(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
+} ern_communicator;
+
+#define ERN_STEP_PARTS_MOST 64
+
 /* Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
@@ -176,6 +196,16 @@ typedef struct ern_train_config {
                         less than this share of the opacity to each ray (docs/maths.md, Occupancy), and then stays as
                         it is. The steps after that fit the model to the cells that are left, and rendering has fewer
                         samples. 0 (default): no cell is lost */
+  int step_parts; /* parts that the rays of a step are cut into, a power of 2 up to 64; default 1. A part's gradient is
+                     summed on its own, and parts are added as a binary tree, so that a model is the same for any number
+                     of processes. It divides `rays` (in a fine stage: the patches of a step), and of it and
+                     frames_per_step one divides the other (ERN_E_ARGUMENT) */
+  const ern_communicator *communicator; /* copied; NULL (default): this process alone. The processes share the parts of
+                                           each step, and the cells of an occupancy refresh: `size` divides step_parts.
+                                           Each has the same data and configuration and the same kind of backend
+                                           (ERN_E_MISMATCH). Rank 0 alone resumes, reads `from`, validates, saves and
+                                           calls hooks, and the others get its state; their `output`, `resume`, `from`
+                                           and `torso_output` are ignored */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -213,6 +243,7 @@ typedef struct ern_train_state {
   char fine_loss[32]; /* its name, "ssim" without ern_train_config.fine_loss; "" where a state does not say it */
   double fine_share;  /* ern_train_config.fine_share */
   float prune_share;  /* likewise; 0 where a state of an earlier version does not say it */
+  int step_parts;     /* 1 where a state of an earlier version does not say it */
 } ern_train_state;
 /* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no

@@ -62,9 +62,14 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
       training = NULL;
     }
   }
+  if (training != NULL && c->step_parts > 1 &&
+      json_object_set_new(training, "step_parts", json_integer(c->step_parts)) != 0) {
+    json_decref(training);
+    training = NULL;
+  }
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
-                           "seconds", t->seconds, "training", training);
+                           "seconds", t->seconds + t->late, "training", training);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);
   if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
@@ -169,6 +174,9 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   const json_t *frames = json_object_get(root, "frames_per_step"); /* not there: an earlier version's */
   if (frames != NULL && !whole_in(frames, 1, ERN_FRAMES_PER_STEP_MOST)) return "frames_per_step";
   about->frames_per_step = frames != NULL ? (int)json_integer_value(frames) : 1;
+  const json_t *parts = json_object_get(root, "step_parts"); /* not there: 1 */
+  if (parts != NULL && !whole_in(parts, 1, ERN_STEP_PARTS_MOST)) return "step_parts";
+  about->step_parts = parts != NULL ? (int)json_integer_value(parts) : 1;
   if (!read_fine(json_object_get(root, "fine"), about)) return "fine";
   const json_t *share = json_object_get(root, "fine_share"); /* not there: an earlier version's */
   about->fine_share = json_number_value(share);
@@ -327,6 +335,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"torso_random_background", count(about->torso_random_background),
        count(c->torso ? c->torso_random_background : about->torso_random_background)},
       {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
+      {"step_parts", count((uint64_t)about->step_parts), count((uint64_t)c->step_parts)},
       {"fine_share", number((float)about->fine_share), number((float)c->fine_share)},
       {"prune_share", number(about->prune_share), number(c->prune_share)},
       {"patch_size", count(fine ? (uint64_t)about->patch_size : 0), count(fine ? (uint64_t)c->patch_size : 0)},

@@ -40,13 +40,7 @@ static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertaint
                                                       "entropy",     "audio_ambient", "eye_ambient",
                                                       "smoothness",  "key_points",    "patches"};
 
-/* What the parts of a step add up to; means over its rays. */
-struct step_sum {
-  double terms[ERN_LOSS_TERMS]; /* each frame's are means over its own rays */
-  double squared_error, samples;
-};
-
-static void add_part(const ern_trainer *t, struct step_sum *sum, const double *terms, double squared_error,
+static void add_part(const ern_trainer *t, struct ern_step_sum *sum, const double *terms, double squared_error,
                      size_t samples, size_t rays) {
   const double all = (double)ern_trainer_step_rays(t), share = (double)rays / all;
   for (int i = 0; i < ERN_LOSS_TERMS; i++) sum->terms[i] += share * terms[i];
@@ -65,7 +59,7 @@ static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern
                                    .count = batch->patches};
 }
 
-static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct step_sum *sum) {
+static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
   const struct ern_march_settings march = ern_trainer_march(t);
   const struct ern_view view = ern_trainer_poses_view(t, batch->frame);
   struct ern_head_step_args args = {.dparameters = t->gradient,
@@ -101,10 +95,11 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct step
                                     .n = batch->rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
+  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) sum->dpose[batch->of_step][i] += batch->dpose[i];
   return status;
 }
 
-static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, struct step_sum *sum) {
+static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, struct ern_step_sum *sum) {
   struct ern_torso_step_args args = {.dparameters = t->gradient,
                                      .parameters = t->parameters,
                                      .field = &t->model->field,
@@ -122,21 +117,26 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
   return status;
 }
 
+ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
+  return t->config.torso ? torso_step(t, batch, sum) : head_step(t, batch, sum);
+}
+
 /* Every term and every gradient, or the name of the first that is not finite. */
-static ern_status check_finite(ern_trainer *t, const struct ern_batch *batches, const double *terms) {
+static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
   const size_t frames = ern_trainer_step_frames(t);
+  const double *terms = sum->terms;
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
                       terms[i]);
   for (size_t i = 0; i < frames * ERN_POSE_SLOPES; i++)
-    if (!isfinite(batches[i / ERN_POSE_SLOPES].dpose[i % ERN_POSE_SLOPES]))
+    if (!isfinite(sum->dpose[i / ERN_POSE_SLOPES][i % ERN_POSE_SLOPES]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
-                      t->step, batches[i / ERN_POSE_SLOPES].frame);
+                      t->step, ern_trainer_step_frame(t, i / ERN_POSE_SLOPES));
   struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
   ern_status status = t->backend->finite(t->stream, &all);
   if (status != ERN_OK || all.finite) return status;
@@ -198,34 +198,55 @@ static ern_status average(ern_trainer *t) {
   return t->backend->ema(t->stream, &args);
 }
 
+/* Gradient and figures of the batches. */
+static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
+  *sum = (struct ern_step_sum){.samples = 0};
+  if (t->config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
+  ern_status status = t->backend->zero(t->stream, t->gradient);
+  for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(t); k++)
+    status = ern_trainer_batch_step(t, &batches[k], sum);
+  return status;
+}
+
+/* Processes that train together have the time of rank 0, as it was before the step: its own seconds count with the next
+ * one's. */
+static void count_seconds(ern_trainer *t, const struct ern_step_sum *sum, double spent_now) {
+  if (t->together.size == 1) {
+    t->seconds += spent_now;
+  } else {
+    t->seconds = sum->seconds;
+    t->beside = sum->beside;
+    t->late = spent_now;
+  }
+}
+
 static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const double began = seconds_now();
-  struct step_sum sum = {.samples = 0};
-  struct ern_batch batches[ERN_FRAMES_PER_STEP_MOST];
+  struct ern_step_sum sum;
+  struct ern_batch batches[ERN_STEP_BATCHES_MOST];
   ern_status status = ERN_OK;
-  if (t->step < t->config.iters) ern_trainer_follow_time(t, t->step + 1);
+  /* processes that train together agree on the time at the end of a step alone */
+  if (t->step < t->config.iters && t->together.size == 1) ern_trainer_follow_time(t, t->step + 1);
   ern_trainer_fine_due(t);
-  const size_t frames = ern_trainer_step_frames(t);
+  const size_t frames = ern_trainer_step_frames(t), own = ern_trainer_own_batches(t);
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
   /* first: where a picture cannot be read, the state is that after the last step */
-  for (size_t k = 0; k < frames; k++) ERN_TRY(ern_trainer_batch(t, k, &batches[k]));
+  for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(t) + k, &batches[k]));
   ERN_TRY(ern_trainer_occupancy(t));
-  ERN_TRY(t->backend->zero(t->stream, t->gradient));
-  for (size_t k = 0; k < frames; k++)
-    ERN_TRY(t->config.torso ? torso_step(t, &batches[k], &sum) : head_step(t, &batches[k], &sum));
+  ERN_TRY(sum_step(t, batches, &sum));
   report->psnr = -10 * log10(fmax(sum.squared_error, 1e-10));
   report->samples_per_ray = sum.samples;
-  ERN_TRY(check_finite(t, batches, sum.terms));
+  ERN_TRY(check_finite(t, &sum));
   ERN_TRY(update(t));
   for (size_t k = 0; ern_trainer_poses_due(t) && k < frames; k++)
-    ern_trainer_poses_step(t, batches[k].frame, batches[k].dpose);
+    ern_trainer_poses_step(t, ern_trainer_step_frame(t, k), sum.dpose[k]);
   t->step++;
   if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
-  t->seconds += seconds_now() - began;
+  count_seconds(t, &sum, seconds_now() - began);
   ern_trainer_follow_time(t, t->step);
   report->iters = t->config.iters;
 fail:
@@ -309,6 +330,7 @@ static ern_status save_after(ern_trainer *t, ern_status failed) {
 }
 
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
+  if (t->together.rank > 0) return ERN_OK;
   const bool last = t->step == t->config.iters;
   const bool validate = last || validation_due(t, tally);
   const bool save = t->output != NULL && (last || save_due(t, tally));
@@ -374,7 +396,8 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
   tally.validated = spent(t);
   struct ern_divergence divergence = {0};
-  if (t->step >= t->config.iters && t->output != NULL) return ern_trainer_save(t);
+  if (t->step >= t->config.iters && t->output != NULL) status = ern_trainer_save(t);
+  if (status != ERN_OK) return status;
   while (t->step < t->config.iters) {
     ern_train_report report;
     status = take_step(t, &report);
@@ -391,7 +414,8 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     if (status != ERN_OK) return stopped(t, status);
   }
   /* where a callback has made the last steps */
-  return t->output != NULL && t->saved != t->step ? ern_trainer_save(t) : ERN_OK;
+  if (t->output != NULL && t->saved != t->step) status = ern_trainer_save(t);
+  return status == ERN_OK ? ern_trainer_wait_for_first(t) : status;
 }
 
 ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {

@@ -12,10 +12,11 @@
 #define ERN_LOWER_FACE_SHARE 0.3f
 
 enum {
-  ERN_REFRESH_EVERY = 16,    /* steps between occupancy refreshes, as published */
-  ERN_REFRESH_WARM_UP = 256, /* steps in which each refresh looks at all cells */
-  ERN_SMOOTH_EVERY = 16,     /* steps between smoothness terms */
-  ERN_LEAST_EMA_UPDATES = 10 /* before which the average is no model: it is still full of its beginning */
+  ERN_REFRESH_EVERY = 16,      /* steps between occupancy refreshes, as published */
+  ERN_REFRESH_WARM_UP = 256,   /* steps in which each refresh looks at all cells */
+  ERN_SMOOTH_EVERY = 16,       /* steps between smoothness terms */
+  ERN_REFRESH_CHUNK = 1 << 18, /* cells that a refresh looks at in one go: a bound on the memory of their points */
+  ERN_LEAST_EMA_UPDATES = 10   /* before which the average is no model: it is still full of its beginning */
 };
 
 #define ERN_TRAIN_MOST_RATE 1e3
@@ -54,6 +55,22 @@ struct ern_trainer_poses {
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
 
+/* What a step adds up to besides its gradient: means over its rays. A plain array of doubles for the communicator. */
+struct ern_step_sum {
+  double terms[ERN_LOSS_TERMS]; /* each frame's are means over its own rays */
+  double squared_error, samples;
+  double dpose[ERN_FRAMES_PER_STEP_MOST][ERN_POSE_SLOPES]; /* by frame of the step */
+  double seconds, beside;                                  /* before the step, by the clock of rank 0 */
+};
+
+/* Sums of parts of a step, on the host: [levels] of a binary tree that wait for their other half. */
+struct ern_trainer_parts {
+  size_t begin, count; /* the values that this training changes are [begin, begin + count) of all */
+  float *values;       /* [levels][count] */
+  struct ern_step_sum *sums;
+  float *gathered; /* of an occupancy refresh: [ERN_REFRESH_CHUNK]; NULL without a communicator */
+};
+
 struct ern_trainer {
   ern_context *context;
   struct ern_backend *backend;
@@ -82,11 +99,15 @@ struct ern_trainer {
   char fine_name[32];              /* and its name */
   double seconds;                  /* of training, all runs together */
   double beside;                   /* seconds of validations and saves, all runs together */
+  double late;                     /* with a communicator: seconds of the last step, not yet in `seconds` */
   struct ern_run_folder run;
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
   bool declined;  /* since the last save, with a state of before in the folder */
 
   struct ern_run_folder torso_run; /* of config.torso_output: locked, and nothing else */
+
+  ern_communicator together;      /* size 1: this process is alone */
+  struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
   struct ern_pool *pool; /* for work on the host */
   int32_t *host_pixels;  /* [rays] */
@@ -97,6 +118,7 @@ struct ern_trainer {
 /* What one step trains on, or a part of it: a frame and rays of it, on the backend (scratch). */
 struct ern_batch {
   size_t frame, rays, patches; /* patches 0: rays are on their own */
+  size_t of_step;              /* the frame's number among those of the step */
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
@@ -154,9 +176,39 @@ size_t ern_trainer_step_patches(const ern_trainer *t); /* 0: its rays are no pat
 /* Pixels of patches [first, first + count) of the step, one patch after the other. lips: of the frame */
 void ern_trainer_place_patches(const ern_trainer *t, const ern_box *lips, size_t first, size_t count, int32_t *pixel);
 
+/* trainer.c: forward and backward of a batch, added to gradient and sum. */
+ERN_NODISCARD ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum);
+
+/* trainer_parts.c (docs/scaling.md, "Parts of a step") */
+enum { ERN_STEP_BATCHES_MOST = 64 };
+/* Batches of the next step, of all processes: a frame each, or more of a frame where a step has more parts than
+ * frames. */
+size_t ern_trainer_step_batches(const ern_trainer *t);
+/* Those of this process, a range. */
+size_t ern_trainer_first_batch(const ern_trainer *t);
+static inline size_t ern_trainer_own_batches(const ern_trainer *t) {
+  return ern_trainer_step_batches(t) / (size_t)t->together.size;
+}
+ERN_NODISCARD ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config *config);
+ERN_NODISCARD ern_status ern_trainer_parts_make(ern_trainer *t);
+void ern_trainer_parts_free(ern_trainer *t);
+/* Gradient and sum of a step from this process's batches and those of the others. */
+ERN_NODISCARD ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum);
+
+/* trainer_together.c */
+/* Of `count` values on the backend this process has those that ern_communicator.gather says; afterwards all. */
+ERN_NODISCARD ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count);
+/* The state of rank 0 in all processes, after a look at whether they train the same on the same. Waits for all. */
+ERN_NODISCARD ern_status ern_trainer_share_state(ern_trainer *t);
+/* Returns after rank 0 has called it. */
+ERN_NODISCARD ern_status ern_trainer_wait_for_first(ern_trainer *t);
+ERN_NODISCARD ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t count, struct ern_step_sum *sum);
+
 /* trainer_batch.c */
-/* Part k of ern_trainer_step_frames. */
+/* Batch k of ern_trainer_step_batches. */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
+/* Frame k of ern_trainer_step_frames. */
+size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
 /* The speech of a frame, of a training frame as part k of the step hears it. */
 ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host);
 /* The same of a training frame, uploaded to `windows` (taken from scratch). */

@@ -254,17 +254,24 @@ fail:
   return status;
 }
 
+size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) {
+  return ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME).word[0]);
+}
+
 ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
-  const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
-  const size_t frames = ern_trainer_step_frames(t), patches = ern_trainer_step_patches(t);
+  const size_t batches = ern_trainer_step_batches(t), patches = ern_trainer_step_patches(t);
+  const size_t frame = k * ern_trainer_step_frames(t) / batches;
+  const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)frame, ERN_RNG_FRAME);
   const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
-  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* that are dealt to the frames */
-  const size_t first = units * k / frames, count = units * (k + 1) / frames - first;
+  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* that are dealt to the batches */
+  const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
   struct draw draw = {.t = t, .about = &about, .first = first * each, .rays = count * each};
   ern_status status = ERN_OK;
-  *batch = (struct ern_batch){
-      .frame = ern_trainer_pick(t, of_frame.word[0]), .rays = draw.rays, .patches = patches > 0 ? count : 0};
+  *batch = (struct ern_batch){.frame = ern_trainer_step_frame(t, frame),
+                              .rays = draw.rays,
+                              .patches = patches > 0 ? count : 0,
+                              .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
@@ -275,7 +282,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   else
     ERN_TRY(draw_rays(&draw));
   ERN_TRY(upload(t, batch));
-  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, k, &batch->windows));
+  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, frame, &batch->windows));
 fail:
   return status;
 }

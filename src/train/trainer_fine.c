@@ -29,6 +29,12 @@ static ern_status check(const ern_trainer *t) {
     return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: rays is %d, expected at least the %zu of a patch of the fine stage", c->rays,
                     patch_rays(t));
+  const size_t patches = (size_t)c->rays / patch_rays(t), parts = (size_t)c->step_parts;
+  if (patches % parts != 0)
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: step_parts is %zu, expected a number that divides the %zu patches of a step of the fine "
+                    "stage",
+                    parts, patches);
   return ERN_OK;
 }
 

@@ -41,7 +41,8 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .frames_per_step = 1,
                                 .patch_size = 32,
                                 .fine_weight = 0.1f,
-                                .fine_lips_weight = 0.1f};
+                                .fine_lips_weight = 0.1f,
+                                .step_parts = 1};
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
@@ -88,6 +89,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   if (c->frames_per_step > c->rays)
     return ern_fail(context, ERN_E_ARGUMENT, "train: frames_per_step is %d, expected at most the %d rays of a step",
                     c->frames_per_step, c->rays);
+  const ern_status parts = ern_trainer_parts_check(context, c);
+  if (parts != ERN_OK) return parts;
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
   if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
@@ -373,6 +376,7 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->context,
                   (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
                   &t->host_windows));
+  ERN_TRY(ern_trainer_parts_make(t));
 fail:
   return status;
 }
@@ -458,6 +462,12 @@ fail:
   return status;
 }
 
+/* Rank 0 alone reads and writes them. */
+static void leave_files(ern_train_config *config) {
+  config->output = config->from = config->torso_output = NULL;
+  config->resume = false;
+}
+
 ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend, const ern_dataset *dataset,
                                     size_t dataset_bytes, const ern_train_config *config) {
   ERN_PLAIN_FLOATS;
@@ -473,6 +483,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_train_config, &chosen, config));
   ERN_TRY(ERN_TAKE(context, ern_dataset, &data, dataset, dataset_bytes));
   ERN_TRY(check_config(context, &chosen));
+  if (chosen.communicator != NULL && chosen.communicator->rank > 0) leave_files(&chosen);
   ERN_TRY(ERN_NEW(context, 1, &t));
   t->context = context;
   t->backend = backend;
@@ -480,6 +491,9 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->config = chosen;
   t->run.lock = t->torso_run.lock = -1;
   t->fine_from = UINT64_MAX;
+  t->together = (ern_communicator){.size = 1};
+  if (chosen.communicator != NULL) t->together = *chosen.communicator;
+  t->config.communicator = NULL;
   ERN_TRY(ern_trainer_fine_take(t));
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
@@ -498,9 +512,10 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
     }
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
     ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
-    name_features(t);
   }
+  if (chosen.output != NULL || t->together.size > 1) name_features(t);
   ERN_TRY(fill(t));
+  ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
   t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
@@ -527,6 +542,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->backend->stream_free(t->stream);
   ern_pool_free(t->pool);
   ern_trainer_poses_free(t);
+  ern_trainer_parts_free(t);
   ern_release(t->context, t->views);
   ern_release(t->context, t->host_pixels);
   ern_release(t->context, t->host_rows);

@@ -9,7 +9,7 @@
 
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
-  CHUNK = 1 << 18,     /* cells looked at in one go: a bound on the memory of their points */
+  CHUNK = ERN_REFRESH_CHUNK,
   NEAR_RAYS = 1 << 17, /* between two looks at a block with an occupied cell, */
   MOST_EVERY = 128,    /* where that is no more steps than this, */
   WARM_UP_EVERY = 64,  /* or at first than this */
@@ -57,27 +57,35 @@ ern_status ern_trainer_list(ern_trainer *t) {
   return status;
 }
 
-/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. */
+/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. Processes that train
+ * together look at a share each. */
 static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const size_t rank = (size_t)t->together.rank, size = (size_t)t->together.size;
+  const size_t first = n * rank / size, own = n * (rank + 1) / size - first;
   const ern_span cells = ern_span_part(t->cells, begin, n);
   ern_span sigma;
   ern_rows x;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take_rows(t->stream, 3, n, &x));
+  ERN_TRY(ern_take_rows(t->stream, 3, own, &x));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, n, &sigma));
-  struct ern_occupancy_points_args points = {
-      .x = x, .cells = cells, .bound = t->config.bound, .seed = t->config.seed, .step = t->step, .n = n};
+  struct ern_occupancy_points_args points = {.x = x,
+                                             .cells = ern_span_part(cells, first, own),
+                                             .bound = t->config.bound,
+                                             .seed = t->config.seed,
+                                             .step = t->step,
+                                             .n = own};
   ERN_TRY(t->backend->occupancy_points(t->stream, &points));
-  struct ern_head_density_args density = {.sigma = sigma,
+  struct ern_head_density_args density = {.sigma = ern_span_part(sigma, first, own),
                                           .x = x,
                                           .parameters = t->parameters,
                                           .field = &t->model->field,
                                           .code = code,
                                           .eye_value = eye,
                                           .bf16 = t->bf16,
-                                          .n = n};
+                                          .n = own};
   ERN_TRY(t->backend->head_density(t->stream, &density));
+  ERN_TRY(ern_trainer_gather(t, sigma, n));
   struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = sigma, .n = n};
   ERN_TRY(t->backend->occupancy_scatter(t->stream, &scatter));
 fail:

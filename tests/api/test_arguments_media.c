@@ -240,6 +240,15 @@ CHECK(ern_video_writer_close) {
   REFUSED_ALONE(ern_video_writer_close(NULL));
   REFUSED_ALONE(ern_video_writer_close(&none));
 }
+CHECK(ern_video_join) {
+  const char *const segments[] = {"absent.mp4", NULL};
+  REFUSED_ALONE(ern_video_join(NULL, "joined.mp4", segments, 1, NULL, 0));
+  REFUSED(w.context, "path is NULL", ern_video_join(w.context, NULL, segments, 1, NULL, 0));
+  REFUSED(w.context, "segments is NULL", ern_video_join(w.context, "joined.mp4", NULL, 1, NULL, 0));
+  REFUSED(w.context, "segments[k] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
+  REFUSED(w.context, "0 videos", ern_video_join(w.context, "joined.mp4", segments, 0, NULL, 0));
+  REFUSED(w.context, "starts at -1", ern_video_join(w.context, "joined.mp4", segments, 1, NULL, -1));
+}
 CHECK(ern_video_writer_abandon) {
   ern_video_writer *none = NULL;
   ern_video_writer_abandon(NULL);
@@ -433,6 +442,7 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_writer_frame),
                                                ROW(ern_video_writer_close),
                                                ROW(ern_video_writer_abandon),
+                                               ROW(ern_video_join),
                                                ROW(ern_video_reader_open),
                                                ROW(ern_video_reader_info),
                                                ROW(ern_video_reader_info_sized),

@@ -37,10 +37,13 @@ static const struct rule rules[] = {
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
     {"vision", {"ernerf/*"}},
     {"perceptual", {"ernerf/*"}},
+    {"mpi", {"ernerf/*"}},
     {"media", {"ernerf/*", "core/*", "io/*", "vision/*", "perceptual/*"}},
     {"prepare", {"ernerf/*", "core/*", "io/*", "media/speech_network.h"}},
     {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
-    {"tools", {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*"}},
+    {"tools",
+     {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*",
+      "mpi/mpi_world.h"}},
     {"examples", {"ernerf/*"}},
 };
 
@@ -55,6 +58,7 @@ static const struct {
     {"*intrin.h", {"backend_cpu"}},
     {"opencv2/*", {"media", "vision", "prepare"}},
     {"oneapi/dnnl/*", {"perceptual"}},
+    {"mpi.h", {"mpi"}},
     {"ceres/*", {"prepare"}},
     {"OpenImageIO/*", {"media"}},
     {"libav*", {"media"}},

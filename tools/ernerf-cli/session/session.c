@@ -101,7 +101,10 @@ static void say(struct session *session, const char *before, const char *format,
 
 static void say_end(struct session *session, const char *format, va_list values) {
   char before[64];
-  snprintf(before, sizeof before, "ernerf %s: ", session->verb);
+  if (session->rank > 0)
+    snprintf(before, sizeof before, "ernerf %s: rank %d: ", session->verb, session->rank);
+  else
+    snprintf(before, sizeof before, "ernerf %s: ", session->verb);
   say(session, before, format, values);
 }
 
@@ -130,6 +133,7 @@ int session_fail(struct session *session) {
 }
 
 void session_warn(struct session *session, const char *format, ...) {
+  if (session->rank > 0) return;
   va_list values;
   va_start(values, format);
   say(session, "warning: ", format, values);
@@ -137,6 +141,14 @@ void session_warn(struct session *session, const char *format, ...) {
 }
 
 void session_note(struct session *session, const char *format, ...) {
+  if (session->quiet || session->rank > 0) return;
+  va_list values;
+  va_start(values, format);
+  say(session, "", format, values);
+  va_end(values);
+}
+
+void session_note_rank(struct session *session, const char *format, ...) {
   if (session->quiet) return;
   va_list values;
   va_start(values, format);

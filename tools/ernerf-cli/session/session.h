@@ -27,6 +27,7 @@ struct session {
   uint64_t seed;
   int progress_form; /* 1: JSON lines */
   bool quiet, deterministic, tune;
+  int rank;       /* of this process among those that mpirun started; others than 0 say and write errors alone */
   bool overwrite; /* files that are there are replaced */
   bool rewrites;  /* set by a verb before session_open: it writes files of its own again and again, and looks after
                      those of others itself */
@@ -67,6 +68,8 @@ int session_exit_status(int status);
 /* A line on stderr, ended here. Notes are not said with --quiet. */
 void session_warn(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
 void session_note(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
+/* A note of any rank. */
+void session_note_rank(struct session *session, const char *format, ...) ERN_PRINTF(2, 3);
 
 /* Whether Ctrl-C, SIGTERM or the end of the terminal (SIGHUP) was caught; the next of the first two kills. */
 bool session_interrupted(void);

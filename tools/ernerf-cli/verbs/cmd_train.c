@@ -124,6 +124,16 @@ static void choose_timed(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 
+/* As many as the processes can share, where no option says it. */
+static void choose_parts(struct train_job *job, const struct args *args) {
+  enum { PARTS = 4 };
+  ern_train_config *config = &job->config;
+  const int processes = job->together.world.communicator.size;
+  config->communicator = together_communicator(&job->together);
+  if (processes > 1 && !args_given(args, "step-parts") && config->step_parts == 1)
+    config->step_parts = processes > PARTS ? processes : PARTS;
+}
+
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
@@ -162,6 +172,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
     inherit_view(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
   }
   if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
+  choose_parts(job, args);
   if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;
@@ -207,6 +218,12 @@ static void say_length(struct train_job *job) {
 
 /* What will be learnt from what, and where it goes. */
 static void say_plan(struct train_job *job) {
+  const ern_communicator *together = &job->together.world.communicator;
+  const int each = job->config.rays / together->size;
+  if (together->size > 1)
+    session_note_rank(&job->session, "train: rank %d of %d: rays %d to %d of the %d of a step", together->rank,
+                      together->size, together->rank * each, (together->rank + 1) * each - 1, job->config.rays);
+  if (together->rank > 0) return;
   const ern_clip_info *info = &job->clip_info;
   const ern_train_config *config = &job->config;
   const ern_features *features = ern_clip_features(job->clip);
@@ -285,7 +302,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
     return session_fail(session);
-  return session_keep_folder(session, ern_trainer_folder(job->trainer));
+  return session->rank == 0 ? session_keep_folder(session, ern_trainer_folder(job->trainer)) : 0;
 }
 
 /* ---- running ----------------------------------------------------------------------------------------------------- */
@@ -339,12 +356,13 @@ static int run(struct train_job *job) {
   say_plan(job);
   ern_train_report start;
   ern_trainer_describe(job->trainer, &start);
-  validations_begin(&job->validations, session, job->trainer, job->clip, job->config.output, job->config.resume);
+  if (session->rank == 0)
+    validations_begin(&job->validations, session, job->trainer, job->clip, job->config.output, job->config.resume);
   forecast_begin(&job->forecast, session_seconds(), start.step);
   progress_begin(&job->progress, session, "train", "steps");
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
   progress_end(&job->progress);
-  if (status != ERN_OK) validations_take_back(&job->validations);
+  if (status != ERN_OK && session->rank == 0) validations_take_back(&job->validations);
   if (status == ERN_E_CANCELLED && session_interrupted())
     return session_stop_with(session,
                              "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
@@ -357,7 +375,7 @@ static int run(struct train_job *job) {
     session_note(session, "train: all %" PRIu64 " steps were done before; %s is written anew", job->config.iters,
                  job->config.output);
   const bool more = job->torso_follows && !job->config.torso;
-  return more ? 0 : session_report(session, report(job));
+  return more || session->rank > 0 ? 0 : session_report(session, report(job));
 }
 
 static void close_training(struct train_job *job) {
@@ -424,7 +442,9 @@ int cmd_train(int argc, char **argv) {
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  status = session_check_training(&job.session, job.config.output);
+  status = together_open(&job.together, &job.session);
+  if (status == 0 && !args_given(&args, "device")) status = together_choose_device(&job.together, &job.session);
+  if (status == 0) status = session_check_training(&job.session, job.config.output);
   if (status == 0 && job.consent != NULL) {
     status = consent_read(&job.session, job.consent, job.consent_text);
     job.config.consent = job.consent_text;
@@ -433,6 +453,7 @@ int cmd_train(int argc, char **argv) {
   if (status == 0 && !portrait) status = head_and_torso_check_resumed(&job);
   if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);
   free(job.head_output);
+  together_close(&job.together, status);
   session_close(&job.session);
   return status;
 }

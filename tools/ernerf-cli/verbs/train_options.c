@@ -201,6 +201,14 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .help = "late in the training, space that contributes less than this share of the opacity to each ray "
                "counts as empty from then on, so that a frame has fewer samples; 0: none (default 0 as published; 0.1 "
                "with --time)"},
+      {.name = "step-parts",
+       .kind = OPTION_INT,
+       .target = &config->step_parts,
+       .low = 1,
+       .high = ERN_STEP_PARTS_MOST,
+       .help =
+           "parts that a step's rays are cut into, a power of 2: with the same number the model is the same for any "
+           "number of processes under mpirun, which divides it (default 1; under mpirun 4, or the processes)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,

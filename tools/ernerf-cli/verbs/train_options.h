@@ -12,16 +12,18 @@
 #include "session/session.h"
 #include "verbs/fine_stage.h"
 #include "verbs/speech_copies.h"
+#include "verbs/together.h"
 #include "verbs/validations.h"
 
 enum {
   TRAIN_GOAL_OPTIONS = 23,
-  TRAIN_NUMBER_OPTIONS = 27,
+  TRAIN_NUMBER_OPTIONS = 28,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
 
 struct train_job {
   struct session session;
+  struct together together;
   ern_train_config config;
   struct clip_source source;
   const char *head_path, *effects_list, *consent; /* consent: as asked, text or file */

@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: MIT
+ * One mp4 of several that follow each other: their coded pictures as they are, the sound coded once over all of them.
+ *
+ * Each begins with a picture that needs none before it and refers to none after its end (a closed group of pictures),
+ * so that pictures are only counted on. All are read twice: what cannot be joined is refused before anything is
+ * written. */
+#include <stdio.h>
+#include <string.h>
+
+#include "core/floats.h"
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "media/ffmpeg.h"
+#include "media/video_sound.h"
+
+enum { MOST_XMP = 1 << 20 };
+
+struct segment {
+  const char *path;
+  AVFormatContext *container;
+  AVStream *stream;
+  AVPacket *packet;
+};
+
+struct joined {
+  ern_context *context;
+  struct ern_file_writer file;
+  struct ern_muxer muxer;
+  AVStream *stream;
+  AVRational rate;
+  int64_t delay; /* pictures that are coded before the first is shown */
+  int64_t pictures;
+  struct ern_sound_track sound;
+  char *xmp;
+};
+
+/* ---- reading ----------------------------------------------------------------------------------------------------- */
+
+static void close_segment(struct segment *s) {
+  av_packet_free(&s->packet);
+  avformat_close_input(&s->container);
+}
+
+static ern_status open_segment(ern_context *context, const char *path, struct segment *s) {
+  char *url = NULL;
+  ern_status status = ERN_OK;
+  *s = (struct segment){.path = path, .packet = av_packet_alloc()};
+  ERN_TRY(ern_av_url(context, path, &url));
+  int error = s->packet != NULL ? avformat_open_input(&s->container, url, NULL, NULL) : AVERROR(ENOMEM);
+  if (error >= 0) error = avformat_find_stream_info(s->container, NULL);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, path, "read the video", error));
+  const int best = av_find_best_stream(s->container, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
+  if (best < 0) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: has no pictures, expected a video", path));
+  s->stream = s->container->streams[best];
+fail:
+  ern_release(context, url);
+  return status;
+}
+
+/* The next coded picture, in the packet; *end where there is none. */
+static ern_status next_packet(ern_context *context, struct segment *s, bool *end) {
+  for (*end = false;;) {
+    av_packet_unref(s->packet);
+    const int error = av_read_frame(s->container, s->packet);
+    if (error == AVERROR_EOF) *end = true;
+    if (*end) return ERN_OK;
+    if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, s->path, "read a picture", error);
+    if (s->packet->stream_index == s->stream->index) return ERN_OK;
+  }
+}
+
+/* Number of the picture in its segment, by the time at which it is shown; -1 where that is between two. */
+static int64_t number_of(const struct segment *s, AVRational rate, int64_t pts) {
+  const AVRational each = {rate.den, rate.num};
+  const int64_t number = av_rescale_q(pts, s->stream->time_base, each);
+  return pts != AV_NOPTS_VALUE && av_rescale_q(number, each, s->stream->time_base) == pts ? number : -1;
+}
+
+/* ---- the look before --------------------------------------------------------------------------------------------- */
+
+static bool same_coding(const AVCodecParameters *a, const AVCodecParameters *b) {
+  return a->codec_id == b->codec_id && a->width == b->width && a->height == b->height && a->format == b->format &&
+         a->extradata_size == b->extradata_size &&
+         (a->extradata_size == 0 || memcmp(a->extradata, b->extradata, (size_t)a->extradata_size) == 0);
+}
+
+static bool same_tag(const AVDictionary *a, const AVDictionary *b, const char *name) {
+  const AVDictionaryEntry *one = av_dict_get(a, name, NULL, 0), *other = av_dict_get(b, name, NULL, 0);
+  return (one == NULL) == (other == NULL) && (one == NULL || strcmp(one->value, other->value) == 0);
+}
+
+/* first: NULL for the first itself. */
+static ern_status look_at(struct joined *j, struct segment *s, const struct segment *first) {
+  const AVRational rate = s->stream->avg_frame_rate;
+  bool end = false;
+  int64_t count = 0, last = -1;
+  ern_status status = ERN_OK;
+  if (first == NULL) j->rate = rate;
+  if (rate.num <= 0 || rate.den <= 0 || av_cmp_q(rate, j->rate) != 0)
+    return ern_fail(j->context, ERN_E_MISMATCH, "%s: has %d/%d pictures a second, expected %d/%d", s->path, rate.num,
+                    rate.den, j->rate.num, j->rate.den);
+  if (first != NULL && !same_coding(s->stream->codecpar, first->stream->codecpar))
+    return ern_fail(j->context, ERN_E_MISMATCH,
+                    "%s: is of %d x %d pixels or coded with other settings, expected those of %s, %d x %d", s->path,
+                    s->stream->codecpar->width, s->stream->codecpar->height, first->path,
+                    first->stream->codecpar->width, first->stream->codecpar->height);
+  if (first != NULL && (!same_tag(s->container->metadata, first->container->metadata, "AIGC") ||
+                        !same_tag(s->container->metadata, first->container->metadata, "DigitalSourceType")))
+    return ern_fail(j->context, ERN_E_MISMATCH, "%s: says that it was made of another model or speech than %s", s->path,
+                    first->path);
+  ERN_TRY(next_packet(j->context, s, &end));
+  for (; !end; count++) {
+    const int64_t number = number_of(s, j->rate, s->packet->pts);
+    if (number < 0 || (count == 0 && (number != 0 || !(s->packet->flags & AV_PKT_FLAG_KEY))))
+      return ern_fail(j->context, ERN_E_FORMAT, "%s: picture %lld has a time between two, or needs one before it",
+                      s->path, (long long)count);
+    if (count - number > j->delay) j->delay = count - number;
+    if (number > last) last = number;
+    ERN_TRY(next_packet(j->context, s, &end));
+  }
+  if (count == 0 || last != count - 1)
+    return ern_fail(j->context, ERN_E_FORMAT, "%s: has %lld pictures, the last of them is number %lld", s->path,
+                    (long long)count, (long long)last);
+fail:
+  return status;
+}
+
+static ern_status look_at_all(struct joined *j, const char *const *segments, size_t count, struct segment *first) {
+  ern_status status = open_segment(j->context, segments[0], first);
+  if (status == ERN_OK) status = look_at(j, first, NULL);
+  for (size_t k = 1; k < count && status == ERN_OK; k++) {
+    struct segment s;
+    status = open_segment(j->context, segments[k], &s);
+    if (status == ERN_OK) status = look_at(j, &s, first);
+    close_segment(&s);
+  }
+  return status;
+}
+
+/* The XMP packet in the last box of the first segment, where there is one. */
+static ern_status read_xmp(struct joined *j, const char *path) {
+  unsigned char head[24];
+  FILE *file = fopen(path, "rb");
+  ern_status status = ERN_OK;
+  while (file != NULL && fread(head, 1, 8, file) == 8) {
+    const size_t size = (size_t)head[0] << 24 | (size_t)head[1] << 16 | (size_t)head[2] << 8 | (size_t)head[3];
+    const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && size > sizeof head && size < MOST_XMP;
+    if (size < 8) break; /* of 64 bits, or to the end: no box of ours */
+    if (!is_xmp && fseek(file, (long)size - 8, SEEK_CUR) != 0) break;
+    if (!is_xmp) continue;
+    ERN_TRY(ERN_NEW(j->context, size - sizeof head + 1, &j->xmp));
+    if (fread(head + 8, 1, 16, file) != 16 || fread(j->xmp, 1, size - sizeof head, file) != size - sizeof head) {
+      ern_release(j->context, j->xmp);
+      j->xmp = NULL;
+    }
+    break;
+  }
+fail:
+  if (file != NULL) fclose(file);
+  return status;
+}
+
+/* ---- writing ----------------------------------------------------------------------------------------------------- */
+
+static ern_status open_output(struct joined *j, const char *path, const struct segment *first, const ern_sound *sound,
+                              double sound_start) {
+  struct ern_muxer *muxer = &j->muxer;
+  AVDictionary *options = NULL;
+  char *url = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_file_writer_open(j->context, path, ERN_EXISTING_BY_CONTEXT, &j->file));
+  *muxer = (struct ern_muxer){.context = j->context, .path = j->file.path, .packet = av_packet_alloc()};
+  int error = avformat_alloc_output_context2(&muxer->container, NULL, "mp4", NULL);
+  if (error >= 0 && muxer->packet != NULL) j->stream = avformat_new_stream(muxer->container, NULL);
+  if (j->stream == NULL) ERN_TRY(ern_fail(j->context, ERN_E_NO_MEMORY, "%s: no memory for an mp4", path));
+  error = avcodec_parameters_copy(j->stream->codecpar, first->stream->codecpar);
+  if (error >= 0) error = av_dict_copy(&j->stream->metadata, first->stream->metadata, 0);
+  if (error >= 0) error = av_dict_copy(&muxer->container->metadata, first->container->metadata, 0);
+  if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_NO_MEMORY, path, "make an mp4", error));
+  j->stream->codecpar->codec_tag = 0;
+  j->stream->time_base = (AVRational){j->rate.den, j->rate.num};
+  j->stream->avg_frame_rate = j->rate;
+  ERN_TRY(ern_sound_track_open(muxer, sound, sound_start, AV_CODEC_ID_AAC, &j->sound));
+  ERN_TRY(ern_av_url(j->context, j->file.temporary, &url));
+  muxer->container->url = av_strdup(url);
+  error = muxer->container->url != NULL ? avio_open(&muxer->container->pb, url, AVIO_FLAG_WRITE) : AVERROR(ENOMEM);
+  if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_IO, path, "write", error));
+  error = av_dict_set(&options, "movflags", j->xmp != NULL ? "+faststart+use_metadata_tags" : "+faststart", 0);
+  if (error >= 0) error = avformat_write_header(muxer->container, &options);
+  if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_MEDIA, path, "write the head of an mp4", error));
+fail:
+  av_dict_free(&options);
+  ern_release(j->context, url);
+  return status;
+}
+
+static ern_status add_segment(struct joined *j, const char *path) {
+  const AVRational each = {j->rate.den, j->rate.num};
+  struct segment s;
+  bool end = false;
+  int64_t count = 0;
+  ern_status status = ERN_OK;
+  ERN_TRY(open_segment(j->context, path, &s));
+  ERN_TRY(next_packet(j->context, &s, &end));
+  for (; !end; count++) {
+    AVPacket *packet = s.packet;
+    packet->pts = j->pictures + number_of(&s, j->rate, packet->pts);
+    packet->dts = j->pictures + count - j->delay;
+    packet->duration = 1;
+    packet->stream_index = j->stream->index;
+    packet->pos = -1;
+    av_packet_rescale_ts(packet, each, j->stream->time_base);
+    int error = av_interleaved_write_frame(j->muxer.container, packet);
+    if (error >= 0) error = j->muxer.container->pb->error;
+    if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_IO, j->file.path, "write", error));
+    ERN_TRY(ern_sound_track_advance(&j->muxer, &j->sound, j->pictures + count + 1, j->rate, false));
+    ERN_TRY(next_packet(j->context, &s, &end));
+  }
+  j->pictures += count;
+fail:
+  close_segment(&s);
+  return status;
+}
+
+static ern_status finish(struct joined *j) {
+  AVFormatContext *container = j->muxer.container;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_sound_track_advance(&j->muxer, &j->sound, j->pictures, j->rate, true));
+  ERN_TRY(ern_muxer_end(&j->muxer, j->xmp));
+  avio_flush(container->pb);
+  int error = container->pb->error;
+  const int closed = avio_closep(&container->pb);
+  if (error >= 0) error = closed;
+  if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_IO, j->file.path, "write the tail", error));
+  status = ern_file_writer_commit(&j->file);
+fail:
+  return status;
+}
+
+ern_status ern_video_join(ern_context *context, const char *path, const char *const *segments, size_t count,
+                          const ern_sound *sound, double sound_start) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, segments);
+  struct joined j = {.context = context, .file = {.descriptor = -1}};
+  struct segment first = {.path = NULL};
+  ern_status status = ERN_OK;
+  ern_av_hush();
+  if (count == 0) return ern_fail(context, ERN_E_ARGUMENT, "%s: 0 videos are to be joined, expected 1 or more", path);
+  if (!(sound_start >= 0 && sound_start < 1e9))
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 to 1e9", path, sound_start);
+  for (size_t k = 0; k < count; k++) ERN_NEED(context, segments[k]);
+  ERN_TRY(look_at_all(&j, segments, count, &first));
+  ERN_TRY(read_xmp(&j, segments[0]));
+  ERN_TRY(open_output(&j, path, &first, sound, sound_start));
+  for (size_t k = 0; k < count; k++) ERN_TRY(add_segment(&j, segments[k]));
+  ERN_TRY(finish(&j));
+fail:
+  close_segment(&first);
+  ern_sound_track_close(&j.sound);
+  av_packet_free(&j.muxer.packet);
+  if (j.muxer.container != NULL) avio_closep(&j.muxer.container->pb);
+  avformat_free_context(j.muxer.container);
+  ern_file_writer_abandon(&j.file);
+  ern_release(context, j.xmp);
+  return status;
+}

@@ -1,0 +1,247 @@
+/* SPDX-License-Identifier: MIT
+ * Sums in a fixed order, and what else a training asks of the other processes, over MPI 3.
+ *
+ * A sum halves what each process has at every level of the tree, then hands the halves back (Rabenseifner 2004,
+ * "Optimization of Collective Reduction Operations"): a process sends 2 (size - 1)/size of the values. MPI_Allreduce
+ * would be free to choose the order. Nothing blocks in MPI: waits poll, so that they leave the processor to others and
+ * can be given up. */
+#include "mpi/mpi_world.h"
+
+#include <limits.h>
+#include <mpi.h>
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { SPINS = 200, MOST_LEVELS = 16, MOST_REQUESTS = 4, VALUES_TAG = 1, FIGURES_TAG = 2 };
+static const double give_up_seconds = 0.3;      /* mpirun kills 1 s after it has asked to end */
+static const double leave_seconds[2] = {2, 10}; /* of rank 0, and of others: it may have to save */
+
+struct own {
+  MPI_Comm all, leaving;
+  bool (*interrupted)(void);
+  bool given_up; /* a message may still be under way */
+  int rank, size;
+  float *values; /* [value_count]: what another process sent */
+  size_t value_count;
+  double *figures;
+  size_t figure_count;
+};
+
+static ern_status fail(const char *what, int code, char words[ERN_COMMUNICATOR_WORDS]) {
+  char text[MPI_MAX_ERROR_STRING] = "";
+  int length = 0;
+  (void)MPI_Error_string(code, text, &length);
+  snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: %s: %.400s", what, text);
+  return ERN_E_IO;
+}
+
+/* ---- waiting ----------------------------------------------------------------------------------------------------- */
+
+static void pause_between(unsigned turn) {
+  const struct timespec moment = {0, 50 * 1000};
+  if (turn < SPINS)
+    (void)sched_yield();
+  else
+    (void)nanosleep(&moment, NULL);
+}
+
+static ern_status wait_for(struct own *own, int count, MPI_Request *requests, const char *what,
+                           char words[ERN_COMMUNICATOR_WORDS]) {
+  MPI_Status statuses[MOST_REQUESTS];
+  double asked = 0;
+  for (unsigned turn = 0;; turn += turn < SPINS) {
+    int done = 0;
+    const int code = MPI_Testall(count, requests, &done, statuses);
+    if (code != MPI_SUCCESS) own->given_up = true;
+    if (code != MPI_SUCCESS) return fail(what, code, words);
+    if (done) return ERN_OK;
+    pause_between(turn);
+    if (own->interrupted == NULL || !own->interrupted()) continue;
+    if (asked == 0) asked = MPI_Wtime();
+    if (MPI_Wtime() - asked < give_up_seconds) continue;
+    own->given_up = true;
+    snprintf(words, ERN_COMMUNICATOR_WORDS,
+             "was told to end while it waited for another process (%s): that was ended too, or has died", what);
+    return ERN_E_IO;
+  }
+}
+
+/* ---- the sum ----------------------------------------------------------------------------------------------------- */
+
+static ern_status make_room(struct own *own, size_t values, size_t figures, char words[ERN_COMMUNICATOR_WORDS]) {
+  if (values > INT_MAX || figures > INT_MAX) {
+    snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: %zu values, expected at most %d", values, INT_MAX);
+    return ERN_E_UNSUPPORTED;
+  }
+  float *more_values = own->value_count < values ? realloc(own->values, values * sizeof *own->values) : own->values;
+  if (more_values != NULL && own->value_count < values) own->value_count = values;
+  if (more_values != NULL) own->values = more_values;
+  double *more_figures =
+      own->figure_count < figures ? realloc(own->figures, figures * sizeof *own->figures) : own->figures;
+  if (more_figures != NULL && own->figure_count < figures) own->figure_count = figures;
+  if (more_figures != NULL) own->figures = more_figures;
+  if (own->value_count >= values && own->figure_count >= figures) return ERN_OK;
+  snprintf(words, ERN_COMMUNICATOR_WORDS, "no memory for %zu values of another process", values);
+  return ERN_E_NO_MEMORY;
+}
+
+struct half {
+  size_t begin, count;
+};
+
+/* Sends `out` of the values and receives into `to`; figures both ways where figure_count > 0. */
+static ern_status exchange(struct own *own, int partner, const float *out, size_t out_count, float *to, size_t to_count,
+                           double *figures, size_t figure_count, char words[ERN_COMMUNICATOR_WORDS]) {
+  MPI_Request requests[MOST_REQUESTS];
+  int count = 0, code = MPI_Irecv(to, (int)to_count, MPI_FLOAT, partner, VALUES_TAG, own->all, &requests[count++]);
+  if (code == MPI_SUCCESS && figure_count > 0)
+    code = MPI_Irecv(own->figures, (int)figure_count, MPI_DOUBLE, partner, FIGURES_TAG, own->all, &requests[count++]);
+  if (code == MPI_SUCCESS && figure_count > 0)
+    code = MPI_Isend(figures, (int)figure_count, MPI_DOUBLE, partner, FIGURES_TAG, own->all, &requests[count++]);
+  if (code == MPI_SUCCESS)
+    code = MPI_Isend(out, (int)out_count, MPI_FLOAT, partner, VALUES_TAG, own->all, &requests[count++]);
+  if (code != MPI_SUCCESS) own->given_up = true;
+  return code == MPI_SUCCESS ? wait_for(own, count, requests, "the sum of a step", words)
+                             : fail("the sum of a step", code, words);
+}
+
+/* a + b is b + a to the bit, so that each element is summed as the tree says wherever it is summed. */
+static ern_status sum(void *user, float *values, size_t count, double *figures, size_t figure_count,
+                      char words[ERN_COMMUNICATOR_WORDS]) {
+  struct own *own = user;
+  struct half mine = {0, count}, sent[MOST_LEVELS];
+  int level = 0;
+  ern_status status = make_room(own, count - count / 2, figure_count, words);
+  for (int apart = 1; apart < own->size && status == ERN_OK; apart *= 2, level++) {
+    const struct half low = {mine.begin, mine.count / 2},
+                      high = {mine.begin + mine.count / 2, mine.count - mine.count / 2};
+    const bool upper = (own->rank & apart) != 0;
+    mine = upper ? high : low;
+    sent[level] = upper ? low : high;
+    status = exchange(own, own->rank ^ apart, values + sent[level].begin, sent[level].count, own->values, mine.count,
+                      figures, figure_count, words);
+    for (size_t i = 0; status == ERN_OK && i < mine.count; i++) values[mine.begin + i] += own->values[i];
+    for (size_t i = 0; status == ERN_OK && i < figure_count; i++) figures[i] += own->figures[i];
+  }
+  for (int apart = own->size / 2; apart > 0 && status == ERN_OK; apart /= 2) {
+    const struct half *back = &sent[--level];
+    status = exchange(own, own->rank ^ apart, values + mine.begin, mine.count, values + back->begin, back->count, NULL,
+                      0, words);
+    mine = (struct half){back->begin < mine.begin ? back->begin : mine.begin, mine.count + back->count};
+  }
+  return status;
+}
+
+/* ---- the others -------------------------------------------------------------------------------------------------- */
+
+static ern_status gather(void *user, float *values, size_t count, char words[ERN_COMMUNICATOR_WORDS]) {
+  struct own *own = user;
+  const size_t size = (size_t)own->size;
+  MPI_Request request;
+  int *counts = NULL;
+  if (count > INT_MAX || (counts = malloc(2 * size * sizeof *counts)) == NULL) {
+    snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: no memory for %zu values, or they are too many", count);
+    return ERN_E_NO_MEMORY;
+  }
+  int *begins = counts + size;
+  for (size_t r = 0; r < size; r++) begins[r] = (int)(count * r / size);
+  for (size_t r = 0; r < size; r++) counts[r] = (int)(count * (r + 1) / size) - begins[r];
+  const int code = MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_FLOAT, values, counts, begins, MPI_FLOAT, own->all, &request);
+  const ern_status status = code == MPI_SUCCESS ? wait_for(own, 1, &request, "an occupancy refresh", words)
+                                                : fail("an occupancy refresh", code, words);
+  if (!own->given_up) free(counts);
+  return status;
+}
+
+static ern_status broadcast(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]) {
+  enum { PIECE = 1 << 26 };
+  struct own *own = user;
+  ern_status status = ERN_OK;
+  for (size_t at = 0; at < count && status == ERN_OK; at += PIECE) {
+    const size_t left = count - at;
+    MPI_Request request;
+    const int code =
+        MPI_Ibcast((char *)bytes + at, (int)(left < PIECE ? left : PIECE), MPI_BYTE, 0, own->all, &request);
+    status = code == MPI_SUCCESS ? wait_for(own, 1, &request, "what rank 0 has", words)
+                                 : fail("what rank 0 has", code, words);
+  }
+  return status;
+}
+
+/* ---- beginning and end ------------------------------------------------------------------------------------------- */
+
+static int place_on_machine(const struct own *own) {
+  MPI_Comm machine;
+  int place = 0;
+  if (MPI_Comm_split_type(own->all, MPI_COMM_TYPE_SHARED, own->rank, MPI_INFO_NULL, &machine) != MPI_SUCCESS) return 0;
+  (void)MPI_Comm_rank(machine, &place);
+  (void)MPI_Comm_free(&machine);
+  return place;
+}
+
+static ern_status open_world(struct ern_mpi_world *world, bool (*interrupted)(void),
+                             char words[ERN_COMMUNICATOR_WORDS]) {
+  int provided = 0, code = MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided);
+  struct own *own = calloc(1, sizeof *own);
+  *world = (struct ern_mpi_world){.place = 0};
+  if (own == NULL) {
+    snprintf(words, ERN_COMMUNICATOR_WORDS, "no memory for MPI");
+    return ERN_E_NO_MEMORY;
+  }
+  if (code == MPI_SUCCESS) code = MPI_Comm_dup(MPI_COMM_WORLD, &own->all);
+  if (code == MPI_SUCCESS) code = MPI_Comm_dup(MPI_COMM_WORLD, &own->leaving);
+  if (code == MPI_SUCCESS) code = MPI_Comm_set_errhandler(own->all, MPI_ERRORS_RETURN);
+  if (code == MPI_SUCCESS) code = MPI_Comm_set_errhandler(own->leaving, MPI_ERRORS_RETURN);
+  if (code != MPI_SUCCESS) {
+    free(own);
+    return fail("cannot begin", code, words);
+  }
+  (void)MPI_Comm_rank(own->all, &own->rank);
+  (void)MPI_Comm_size(own->all, &own->size);
+  own->interrupted = interrupted;
+  *world = (struct ern_mpi_world){{own, own->rank, own->size, sum, gather, broadcast}, place_on_machine(own)};
+  return ERN_OK;
+}
+
+/* Whether all processes came here in time. One that has given up only waits, for rank 0 may still save. */
+static bool all_leave(struct own *own) {
+  MPI_Request request = MPI_REQUEST_NULL;
+  int done = 0;
+  const double began = MPI_Wtime(), most = leave_seconds[own->rank > 0];
+  if (own->given_up && own->rank == 0) return false;
+  if (!own->given_up && MPI_Ibarrier(own->leaving, &request) != MPI_SUCCESS) return false;
+  while (!done && MPI_Wtime() - began < most) {
+    if (!own->given_up && MPI_Test(&request, &done, MPI_STATUS_IGNORE) != MPI_SUCCESS) return false;
+    pause_between(SPINS);
+  }
+  return done != 0;
+}
+
+static void close_world(struct ern_mpi_world *world, int exit_status) {
+  struct own *own = world->communicator.user;
+  if (own == NULL) return;
+  if (exit_status != 0 && !all_leave(own)) MPI_Abort(MPI_COMM_WORLD, exit_status);
+  (void)MPI_Comm_free(&own->all);
+  (void)MPI_Comm_free(&own->leaving);
+  (void)MPI_Finalize();
+  free(own->values);
+  free(own->figures);
+  free(own);
+  *world = (struct ern_mpi_world){.place = 0};
+}
+
+#define TEXT_OF(x) #x
+#define TEXT(x) TEXT_OF(x)
+#define VERSION TEXT(ERN_VERSION_MAJOR) "." TEXT(ERN_VERSION_MINOR) "." TEXT(ERN_VERSION_PATCH)
+#ifdef OMPI_MAJOR_VERSION
+#define KIND "Open MPI " TEXT(OMPI_MAJOR_VERSION) "." TEXT(OMPI_MINOR_VERSION) "." TEXT(OMPI_RELEASE_VERSION)
+#elif defined(MPICH_VERSION)
+#define KIND "MPICH " MPICH_VERSION
+#else
+#define KIND "MPI " TEXT(MPI_VERSION) "." TEXT(MPI_SUBVERSION)
+#endif
+
+const struct ern_mpi ern_mpi = {VERSION, KIND, open_world, close_world};

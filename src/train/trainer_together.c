@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: MIT
+ * Processes that train one model together, through the caller's communicator. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "train/trainer.h"
+
+static ern_status answered(ern_trainer *t, ern_status status, const char *words) {
+  if (status == ERN_OK) return ERN_OK;
+  return ern_fail(t->context, status, "train: step %" PRIu64 ": %s", t->step,
+                  words[0] != 0 ? words : ern_status_name(status));
+}
+
+static ern_status broadcast(ern_trainer *t, void *bytes, size_t count) {
+  char words[ERN_COMMUNICATOR_WORDS] = "";
+  return answered(t, t->together.broadcast(t->together.user, bytes, count, words), words);
+}
+
+ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t count, struct ern_step_sum *sum) {
+  char words[ERN_COMMUNICATOR_WORDS] = "";
+  if (t->together.size == 1) return ERN_OK;
+  return answered(
+      t, t->together.sum(t->together.user, values, count, (double *)sum, sizeof *sum / sizeof(double), words), words);
+}
+
+ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count) {
+  char words[ERN_COMMUNICATOR_WORDS] = "";
+  const size_t rank = (size_t)t->together.rank, size = (size_t)t->together.size;
+  const size_t first = count * rank / size, own = count * (rank + 1) / size - first;
+  float *host = t->parts.gathered;
+  ern_status status = ERN_OK;
+  if (size == 1) return ERN_OK;
+  ERN_TRY(t->backend->download_reals(t->stream, host + first, ern_span_part(values, first, own), own));
+  ERN_TRY(answered(t, t->together.gather(t->together.user, host, count, words), words));
+  ERN_TRY(t->backend->upload_reals(t->stream, values, host, count));
+fail:
+  return status;
+}
+
+ern_status ern_trainer_wait_for_first(ern_trainer *t) {
+  char byte = 0;
+  return t->together.size > 1 ? broadcast(t, &byte, 1) : ERN_OK;
+}
+
+/* ---- the beginning ----------------------------------------------------------------------------------------------- */
+
+/* What has to be the same, in words. The instruction set too: another one rounds otherwise. */
+static ern_status check_same(ern_trainer *t) {
+  const ern_train_config *c = &t->config;
+  char own[512], first[512];
+  snprintf(own, sizeof own,
+           "backend %s (%s), clip %.12s, speech %.12s, %s of %zu values, %d rays in %d parts, %d frames a step, "
+           "prune share %g, seed %" PRIu64 ", frames %zu to %zu",
+           t->backend->name, t->backend->isa, t->identity, t->features, c->torso ? "torso" : "head",
+           t->model->field.parameters, c->rays, c->step_parts, c->frames_per_step, (double)c->prune_share, c->seed,
+           c->data_begin, c->data_end);
+  memcpy(first, own, sizeof first);
+  const ern_status status = broadcast(t, first, sizeof first);
+  if (status != ERN_OK || strcmp(own, first) == 0) return status;
+  return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s; rank 0 has %s, expected the same",
+                  t->together.rank, own, first);
+}
+
+/* `count` values on the backend. */
+static ern_status share_reals(ern_trainer *t, ern_span values) {
+  float *host = NULL;
+  ern_status status = ERN_NEW(t->context, values.count, &host);
+  if (status != ERN_OK) return status;
+  ERN_TRY(t->backend->download_reals(t->stream, host, values, values.count));
+  ERN_TRY(broadcast(t, host, values.count * sizeof *host));
+  ERN_TRY(t->backend->upload_reals(t->stream, values, host, values.count));
+  ERN_TRY(t->backend->synchronize(t->stream));
+fail:
+  ern_release(t->context, host);
+  return status;
+}
+
+static ern_status share_bits(ern_trainer *t) {
+  uint8_t *bits = t->model->bits;
+  ern_status status = ERN_OK;
+  ERN_TRY(t->backend->download_bytes(t->stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(broadcast(t, bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, bits, ERN_OCCUPANCY_BYTES));
+fail:
+  return status;
+}
+
+static ern_status share_poses(ern_trainer *t) {
+  struct ern_trainer_poses *poses = t->poses;
+  if (poses == NULL) return ERN_OK;
+  const ern_status status = broadcast(t, poses->row, ERN_POSE_SLOPES * t->data.frames[0] * sizeof *poses->row);
+  return status == ERN_OK ? broadcast(t, poses->mean_square, sizeof poses->mean_square) : status;
+}
+
+/* Where the training stands. */
+static ern_status share_numbers(ern_trainer *t) {
+  struct {
+    uint64_t step, ema_updates, fine_from, iters, fine_steps;
+    double seconds, beside, torso_mean;
+    uint64_t bf16, pruned;
+  } now = {t->step,    t->ema_updates, t->fine_from,  t->config.iters, t->config.fine_steps,
+           t->seconds, t->beside,      t->torso_mean, t->bf16,         t->pruned};
+  const ern_status status = broadcast(t, &now, sizeof now);
+  if (status != ERN_OK) return status;
+  t->step = now.step;
+  t->ema_updates = now.ema_updates;
+  t->fine_from = now.fine_from;
+  t->config.iters = now.iters;
+  t->config.fine_steps = now.fine_steps;
+  t->seconds = now.seconds;
+  t->beside = now.beside;
+  t->torso_mean = now.torso_mean;
+  t->bf16 = now.bf16 != 0;
+  t->pruned = now.pruned != 0;
+  return ERN_OK;
+}
+
+ern_status ern_trainer_share_state(ern_trainer *t) {
+  const ern_span values[] = {t->parameters, t->moment, t->average};
+  ern_status status = ERN_OK;
+  if (t->together.size == 1) return ERN_OK;
+  ERN_TRY(check_same(t));
+  ERN_TRY(share_numbers(t));
+  for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(t, values[i]));
+  ERN_TRY(share_bits(t));
+  ERN_TRY(share_poses(t));
+  if (t->config.torso) {
+    ERN_TRY(share_reals(t, t->torso_grid));
+  } else {
+    ERN_TRY(share_reals(t, t->grid));
+    ERN_TRY(ern_trainer_list(t));
+  }
+fail:
+  return status;
+}

@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# examples/cluster under GNU parallel, and under Slurm where it is there: segments that are joined, and three people of whom one
+# has no clip. Usage: cluster.sh ERNERF SOURCE FOLDER
+set -euo pipefail
+ernerf=$1 source=$2 folder=$3 scripts=$2/examples/cluster
+command -v parallel > /dev/null && parallel --version 2> /dev/null | grep -q GNU || { echo "skipped: there is no GNU parallel"; exit 77; }
+command -v jq > /dev/null || { echo "skipped: there is no jq"; exit 77; }
+rm -rf "$folder"
+mkdir -p "$folder/people"
+cd "$folder"
+export ERNERF=$ernerf
+fail() { echo "FAIL: $*"; exit 1; }
+clip=$source/data/tiny
+"$ernerf" train "$clip" -o head.safetensors --iters 3 --rays 64 --levels 2 --threads 1 --quiet
+
+# a segment that fails the first time is made the second time; those that are there stay
+frames=66 each=25
+mkdir parts
+parallel -j 2 bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each {} --quiet --threads 1 ::: 0 1 2 2> err.txt || fail "$(cat err.txt)"
+before=$(stat -c %Y.%i parts/0000025.mp4)
+rm parts/0000050.mp4 parts/0000050.mp4.provenance.json
+parallel -j 2 bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each {} --quiet --threads 1 ::: 0 1 2 > out.txt 2> err.txt || fail "$(cat err.txt)"
+[ "$(stat -c %Y.%i parts/0000025.mp4)" = "$before" ] || fail "a segment that was there was made again"
+bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each 3 2> err.txt && fail "a segment past the end was taken"
+grep -q "begins with frame 75, there are 66" err.txt || fail "$(cat err.txt)"
+"$ernerf" join parts -o whole.mp4 --json join.json --quiet
+[ "$(jq .videos join.json)" = 3 ] || fail "$(cat join.json)"
+
+ln -s "$clip" people/anna
+ln -s "$clip" people/carl
+mkdir people/broken # no clip
+parallel -j 2 bash "$scripts/person.sh" {} out --iters 3 --rays 64 --levels 2 --validate-frames 1 --threads 1 ::: people/* 2> err.txt || fail "$(cat err.txt)"
+"$scripts/table.sh" out > table.txt
+cat table.txt
+grep -qE "^anna +[0-9.]+ +0[.][0-9]+ +[0-9.]+$" table.txt || fail "anna is not in the table"
+grep -qE "^carl +[0-9.]+ " table.txt || fail "carl is not in the table"
+grep -q "^broken .*failed in train:ernerf train: " table.txt || fail "the table does not name who failed"
+grep -q "3 people, 1 failed" table.txt || fail "the table does not count"
+echo "segments and people"

@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Training on several processes: the same model for 1, 2 and 4 of them; another number of them after a resume; a process
+# that dies; what cannot be shared. Usage: training.sh ERNERF SOURCE FOLDER
+ernerf=$1 source=$2 folder=$3
+. "$source/tests/mpi/common.sh"
+ln -s "$source/data/tiny" clip
+
+# a head with all that a step can have: frames, poses, the fine stage, refreshes, an average
+head="--iters 10 --rays 1024 --levels 4 --refine-poses --frames-per-step 2 --fine-steps 2 --patch-size 16 --step-parts 4 --ema --ema-every 1 --validate-frames 1 --refresh-every 4"
+for count in 0 2 4; do on $count -o head$count.safetensors $head; done
+grep -q "rank 3 of 4: rays 768 to 1023 of the 1024 of a step" log.txt || fail "rank 3 does not say its share: $(cat log.txt)"
+same head0.safetensors head2.safetensors
+same head0.safetensors head4.safetensors
+
+torso="--torso --head head0.safetensors --iters 3 --rays 256 --validate-frames 1"
+on 0 -o torso0.safetensors $torso --step-parts 4
+for count in 2 4; do on $count -o torso$count.safetensors $torso; done
+same torso0.safetensors torso2.safetensors
+same torso0.safetensors torso4.safetensors
+
+# 4 processes, then 2: as if it had been one alone all the time, with the same --iters each time
+some="--rays 256 --levels 4 --refine-poses --validate-frames 1"
+on 4 -o some.safetensors --iters 2 $some
+on 2 -o some.safetensors --iters 4 --resume
+on 0 -o alone.safetensors --iters 2 $some --step-parts 4
+on 0 -o alone.safetensors --iters 4 --resume
+same some.safetensors alone.safetensors
+
+# a process that is killed: words, and what was saved is whole and goes on as if nothing had happened
+long="--iters 40 --rays 256 --levels 4 --save-every 2 --validate-every 0 --validate-frames 1 --quiet"
+on 0 -o whole.safetensors $long --step-parts 4
+for victim in 1; do # of either rank: kills_long.sh
+  name=$folder/killed$victim
+  on 2 -o $name.safetensors $long > /dev/null &
+  await 60 test -e "$name.run/state.previous.safetensors"
+  kill -9 "$(process $victim killed$victim)"
+  wait $! && fail "a killed process was no error"
+  grep -q "rank $victim with PID\|signal 9" log.txt || fail "mpirun does not name the process: $(cat log.txt)"
+  grep -q "told to end while it waited for another process (the sum of a step)" log.txt || fail "the other one says nothing: $(cat log.txt)"
+  on 2 -o $name.safetensors $long --resume
+  same killed$victim.safetensors whole.safetensors
+done
+
+refused() { # WORDS PROCESSES OPTION...
+  local words=$1
+  shift
+  if on "$@" -o refused.safetensors --iters 2 > /dev/null; then fail "$* was taken"; fi
+  grep -q -- "$words" log.txt || fail "no \"$words\" in: $(cat log.txt)"
+  [ ! -e refused.safetensors ] || fail "a refused training wrote"
+  rm -rf refused.run
+}
+refused "3 processes share the 4 parts" 3 --rays 256
+refused "divides the 1 patches of a step of the fine stage" 0 --step-parts 4 --rays 256 --patch-size 16 --fine-steps 1
+
+# nobody else loads MPI
+LD_DEBUG=files "$ernerf" train clip -o nobody.safetensors --iters 1 --rays 64 --levels 2 --quiet 2>&1 | grep -q "libmpi" && fail "a training without mpirun loads MPI"
+[ "$(LD_DEBUG=files "$mpirun" -n 1 "$ernerf" train clip -o somebody.safetensors --iters 1 --rays 64 --levels 2 --quiet 2>&1 | grep -c libernerf-mpi)" -gt 0 ] || fail "LD_DEBUG shows no libernerf-mpi under mpirun: the check above would not see it"
+echo "the same models"

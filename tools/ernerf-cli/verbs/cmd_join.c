@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: MIT
+ * ernerf join: videos of successive frames, as `render --frames A:B` writes them, to one. */
+#include <dirent.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ernerf/media.h"
+#include "session/session.h"
+#include "verbs.h"
+
+enum { OWN_OPTIONS = 3, PATH_BYTES = 4096 };
+
+struct join_job {
+  struct session session;
+  const char *folder, *out, *wav;
+  double start; /* seconds into the sound; below 0: as the first segment says */
+  char **segments;
+  size_t count;
+  ern_sound sound;
+};
+
+static int by_name(const void *left, const void *right) { return strcmp(*(char *const *)left, *(char *const *)right); }
+
+static int add_segment(struct join_job *job, const char *name) {
+  char path[PATH_BYTES];
+  char **more = realloc(job->segments, (job->count + 1) * sizeof *more);
+  if (more == NULL || snprintf(path, sizeof path, "%s/%s", job->folder, name) >= (int)sizeof path)
+    return session_fail_with(&job->session, "%s: no memory for its names, or one is too long", job->folder);
+  job->segments = more;
+  job->segments[job->count] = strdup(path);
+  return job->segments[job->count++] != NULL ? 0 : session_fail_with(&job->session, "no memory");
+}
+
+/* The videos of the folder, by name. */
+static int list_segments(struct join_job *job) {
+  DIR *list = opendir(job->folder);
+  int status = list != NULL ? 0 : session_fail_with(&job->session, "%s: is no folder that can be read", job->folder);
+  for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL && status == 0;
+       entry = readdir(list)) {
+    const char *dot = strrchr(entry->d_name, '.');
+    if (entry->d_name[0] != '.' && dot != NULL && strcmp(dot, ".mp4") == 0) status = add_segment(job, entry->d_name);
+  }
+  if (list != NULL) closedir(list);
+  if (status == 0 && job->count == 0)
+    status = session_fail_with(&job->session, "%s: has no .mp4, expected those of render --frames A:B", job->folder);
+  if (status == 0) qsort(job->segments, job->count, sizeof *job->segments, by_name);
+  return status;
+}
+
+/* What render has written beside a segment: its frames are [*first, *end). False: it has not. */
+static bool frames_of(const char *segment, json_int_t *first, json_int_t *end, double *rate) {
+  char path[PATH_BYTES + 32];
+  snprintf(path, sizeof path, "%s.provenance.json", segment);
+  json_t *about = json_load_file(path, JSON_REJECT_DUPLICATES, NULL);
+  const json_t *from = json_object_get(about, "first_frame"), *count = json_object_get(about, "frames");
+  const char *words = json_string_value(json_object_get(about, "rate"));
+  double whole = 0, part = 1;
+  const bool known = json_is_integer(from) && json_is_integer(count) && words != NULL &&
+                     sscanf(words, "%lf/%lf", &whole, &part) >= 1 && whole > 0 && part > 0;
+  *first = json_integer_value(from);
+  *end = *first + json_integer_value(count);
+  *rate = whole / part;
+  json_decref(about);
+  return known;
+}
+
+/* That no frame is missing and none comes twice, as far as the files beside the segments say. */
+static int check_frames(struct join_job *job) {
+  json_int_t first = 0, end = 0, before = 0;
+  double rate = 0;
+  bool known = false;
+  for (size_t k = 0; k < job->count; k++, before = end) {
+    const bool was_known = known;
+    known = frames_of(job->segments[k], &first, &end, &rate);
+    if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
+    if (!known)
+      session_note(&job->session, "%s: no file beside it says which frames it has; it is taken to follow",
+                   job->segments[k]);
+    if (k > 0 && known && was_known && first != before)
+      return session_fail_with(&job->session, "%s: begins with frame %lld, expected %lld, which follows those of %s",
+                               job->segments[k], (long long)first, (long long)before, job->segments[k - 1]);
+  }
+  return 0;
+}
+
+static int join(struct join_job *job) {
+  struct session *session = &job->session;
+  int status = session_check_output(session, job->out);
+  if (status == 0) status = list_segments(job);
+  for (size_t k = 0; k < job->count && status == 0; k++) status = session_keep(session, job->segments[k], job->out);
+  if (status == 0) status = check_frames(job);
+  if (status == 0 && job->wav != NULL && ern_sound_read(session->context, job->wav, &job->sound) != ERN_OK)
+    status = session_fail(session);
+  if (status != 0) return status;
+  if (ern_video_join(session->context, job->out, (const char *const *)job->segments, job->count,
+                     job->wav != NULL ? &job->sound : NULL, job->start) != ERN_OK)
+    return session_fail(session);
+  session_note(session, "%s: %zu videos of %s, %s", job->out, job->count, job->folder,
+               job->wav != NULL ? "with one sound over all of them" : "without sound; --wav gives it one");
+  return session_report(
+      session, json_pack("{s:o, s:I, s:b, s:o}", "output", session_text(job->out), "videos", (json_int_t)job->count,
+                         "sound", job->wav != NULL, "sound_start", session_number(job->start)));
+}
+
+int cmd_join(int argc, char **argv) {
+  struct join_job job = {.start = -1};
+  struct option own[OWN_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
+  struct word words[] = {{"FOLDER", &job.folder, "its .mp4 files follow each other in the order of their names"}};
+  const struct option rows[] = {
+      {.name = "o",
+       .alias = "output",
+       .kind = OPTION_TEXT,
+       .target = &job.out,
+       .choices = "OUT.mp4",
+       .help = "the whole"},
+      {.name = "wav",
+       .kind = OPTION_TEXT,
+       .target = &job.wav,
+       .choices = "SOUND",
+       .help = "sound of the whole, coded once; what the segments have is left out"},
+      {.name = "wav-start",
+       .kind = OPTION_SECONDS,
+       .target = &job.start,
+       .low = 0,
+       .high = 1e6,
+       .help = "seconds into it at the first frame (default by that frame's number, as the file beside the first "
+               "segment says it)"}};
+  struct args args = {.verb = "join",
+                      .summary = "Makes one video of those that `render --frames A:B` wrote, without coding anew.",
+                      .usage = "join FOLDER [--wav SOUND] -o OUT.mp4",
+                      .words = words,
+                      .word_count = 1,
+                      .groups = {{"What is made:", own, OWN_OPTIONS}, {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  ARGS_FILL(own, rows, OWN_OPTIONS);
+  session_output_options(&job.session, output);
+  int status = args_parse(&args, argc, argv);
+  if (status < 0 && job.out == NULL) status = args_refuse(&args, "-o OUT.mp4 is missing");
+  if (status < 0 && job.wav == NULL) status = args_forbid(&args, "wav-start", "is about the sound of --wav");
+  job.session.inputs[0] = job.wav;
+  if (status < 0) status = session_open(&job.session, &args);
+  if (status >= 0) return status;
+  status = join(&job);
+  for (size_t k = 0; k < job.count; k++) free(job.segments[k]);
+  free(job.segments);
+  ern_sound_free(job.session.context, &job.sound);
+  session_close(&job.session);
+  return status;
+}

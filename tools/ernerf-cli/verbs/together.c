@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT */
+#include "verbs/together.h"
+
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TEXT_OF(x) #x
+#define SONAME(major) "libernerf-mpi.so." TEXT_OF(major)
+
+/* What a launcher leaves in the environment of each process that it starts. */
+static bool was_launched(void) {
+  static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_RANK", "PMI_SIZE", "PMIX_RANK"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    if (getenv(names[i]) != NULL) return true;
+  return false;
+}
+
+/* MPI's own modules look for its symbols among those of the program. */
+static int load(struct together *together, struct session *session) {
+  static const char file[] = SONAME(ERN_VERSION_MAJOR);
+  together->library = dlopen(file, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
+  if (together->library == NULL)
+    return session_fail_with(session,
+                             "started by mpirun, and %s cannot be loaded: %s; expected an ernerf that was built with "
+                             "ERNERF_MPI",
+                             file, dlerror());
+  const struct ern_mpi *functions = dlsym(together->library, "ern_mpi");
+  if (functions == NULL || strcmp(functions->version, ern_version()) != 0)
+    return session_fail_with(session, "%s is of version %s, expected %s", file,
+                             functions != NULL ? functions->version : "unknown", ern_version());
+  together->functions = functions;
+  return 0;
+}
+
+int together_open(struct together *together, struct session *session) {
+  char words[ERN_COMMUNICATOR_WORDS] = "";
+  *together = (struct together){.world = {.communicator = {.size = 1}}};
+  if (!was_launched()) return 0;
+  if (load(together, session) != 0) return EXIT_FAILURE;
+  if (together->functions->open(&together->world, session_interrupted, words) != ERN_OK) {
+    together->functions = NULL;
+    return session_fail_with(session, "%s", words);
+  }
+  session->rank = together->world.communicator.rank;
+  if (session->rank == 0)
+    session_note(session, "%s: %d processes", together->functions->mpi, together->world.communicator.size);
+  return 0;
+}
+
+static void count_device(void *user, const ern_device_info *device) {
+  int *devices = user;
+  if (strcmp(device->kind, "opencl") == 0) (*devices)++;
+}
+
+int together_choose_device(const struct together *together, struct session *session) {
+  int devices = 0;
+  if (together->world.communicator.size == 1 || session->backend_choice != SESSION_OPENCL) return 0;
+  if (ern_devices_list(session->context, count_device, &devices) != ERN_OK) return session_fail(session);
+  session->device = devices > 0 ? together->world.place % devices : 0;
+  return 0;
+}
+
+const ern_communicator *together_communicator(const struct together *together) {
+  return together->world.communicator.size > 1 ? &together->world.communicator : NULL;
+}
+
+void together_close(struct together *together, int status) {
+  if (together->functions != NULL) together->functions->close(&together->world, status);
+  together->functions = NULL;
+}
