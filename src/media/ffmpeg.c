@@ -258,9 +258,11 @@ ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp) {
   if (error < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", error));
   if (xmp != NULL) {
     avio_flush(io);
-    ERN_TRY(ern_provenance_box(muxer->context, xmp, &box, &bytes));
+    const bool gif = strcmp(muxer->container->oformat->name, "gif") == 0;
+    ERN_TRY(gif ? ern_provenance_extension(muxer->context, xmp, &box, &bytes)
+                : ern_provenance_box(muxer->context, xmp, &box, &bytes));
     const int64_t end = avio_size(io); /* faststart stops behind the head */
-    const int64_t place = end >= 0 ? avio_seek(io, end, SEEK_SET) : end;
+    const int64_t place = end >= 0 ? avio_seek(io, gif ? end - 1 : end, SEEK_SET) : end; /* a trailer of a byte */
     if (place < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", (int)place));
     avio_write(io, box, (int)bytes);
   }

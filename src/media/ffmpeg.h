@@ -61,7 +61,7 @@ struct ern_muxer {
 };
 /* Tags of the container, before its head; none without texts. ERN_E_NO_MEMORY. */
 ERN_NODISCARD ern_status ern_muxer_tag(struct ern_muxer *muxer, const struct ern_provenance_texts *texts);
-/* Writes the tail, and behind it, where xmp is not NULL, a box of an mp4 with that packet. */
+/* Writes the tail, and behind it, where xmp is not NULL, that packet: a box of an mp4, an extension of a gif. */
 ERN_NODISCARD ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp);
 /* Encodes a frame (NULL: the rest) and writes what comes of it. */
 ERN_NODISCARD ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream,

@@ -187,3 +187,23 @@ ern_status ern_provenance_box(ern_context *context, const char *xmp, uint8_t **b
   memcpy(*box + 8 + sizeof uuid, xmp, strlen(xmp));
   return ERN_OK;
 }
+
+ern_status ern_provenance_extension(ern_context *context, const char *xmp, uint8_t **extension, size_t *count) {
+  /* GIF89a, 26; XMP specification, part 3: readers that skip sub-blocks take letters for lengths, and the numbers
+   * behind the packet, 255 down to 0, lead each of them to the end */
+  static const char head[] = "\x21\xff\x0bXMP DataXMP";
+  enum { HEAD = sizeof head - 1, NUMBERS = 256 };
+  const size_t text = strlen(xmp);
+  *count = HEAD + text + 1 + NUMBERS + 1 + 1;
+  const ern_status status = ERN_NEW(context, *count, extension);
+  if (status != ERN_OK) return status;
+  uint8_t *to = *extension;
+  memcpy(to, head, HEAD);
+  memcpy(to + HEAD, xmp, text);
+  to += HEAD + text;
+  *to++ = 1;
+  for (int i = 0; i < NUMBERS; i++) *to++ = (uint8_t)(NUMBERS - 1 - i);
+  *to++ = 0;
+  *to = 0x3b; /* the file's trailer */
+  return ERN_OK;
+}

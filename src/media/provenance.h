@@ -27,4 +27,9 @@ ERN_NODISCARD ern_status ern_provenance_insert(ern_context *context, const char 
 /* The packet as a box of ISO 14496-12 with XMP's UUID, to be the last of a file; the caller's (ern_release). */
 ERN_NODISCARD ern_status ern_provenance_box(ern_context *context, const char *xmp, uint8_t **box, size_t *count);
 
+/* The packet as an extension of GIF89a and the trailer behind it, to take the place of the trailer of a file; the
+ * caller's (ern_release). */
+ERN_NODISCARD ern_status ern_provenance_extension(ern_context *context, const char *xmp, uint8_t **extension,
+                                                  size_t *count);
+
 #endif

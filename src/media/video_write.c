@@ -152,7 +152,8 @@ static ern_status finish(ern_video_writer *writer) {
   }
   ERN_TRY(ern_sound_track_advance(&writer->muxer, &writer->sound, writer->pictures.count, writer->rate, true));
   ERN_TRY(ern_muxer_encode(&writer->muxer, writer->pictures.codec, writer->pictures.stream, NULL));
-  ERN_TRY(ern_muxer_end(&writer->muxer, has_boxes(writer->form) ? writer->provenance.xmp : NULL));
+  const bool packed = has_boxes(writer->form) || strcmp(writer->form->muxer, "gif") == 0;
+  ERN_TRY(ern_muxer_end(&writer->muxer, packed ? writer->provenance.xmp : NULL));
   avio_flush(container->pb);
   int error = container->pb->error;
   const int closed = avio_closep(&container->pb);

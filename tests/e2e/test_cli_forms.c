@@ -101,6 +101,23 @@ static void test_videos(void **state) {
   }
 }
 
+/* Each file says what made it: a packet of XMP, or a tag of matroska. */
+static void test_provenance(void **state) {
+  static const char *const paths[] = {"a.mp4", "b.MOV", "c.mkv", "d.webm", "e.GIF"};
+  static char bytes[CLI_TEXT_BYTES];
+  (void)state;
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+    bool found = false;
+    FILE *file = fopen(paths[i], "rb");
+    assert_non_null(file);
+    const size_t count = fread(bytes, 1, sizeof bytes - 1, file);
+    fclose(file);
+    for (size_t at = 0; at < count && !found; at += strlen(bytes + at) + 1)
+      found = strstr(bytes + at, "compositeWithTrainedAlgorithmicMedia") != NULL;
+    if (!found) fail_msg("%s does not say what made it", paths[i]);
+  }
+}
+
 static long bytes_of(const char *path) {
   struct stat about;
   assert_int_equal(stat(path, &about), 0);
@@ -201,8 +218,9 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_videos),   cmocka_unit_test(test_crf),
-                                     cmocka_unit_test(test_pictures), cmocka_unit_test(test_streams),
-                                     cmocka_unit_test(test_progress), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_videos),  cmocka_unit_test(test_provenance),
+                                     cmocka_unit_test(test_crf),     cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_streams), cmocka_unit_test(test_progress),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_inputs, free_context);
 }
