@@ -11,7 +11,7 @@
 #include "media/ffmpeg.h"
 #include "media/image.h"
 #include "media/live/picture_track.h"
-#include "media/video_sound.h"
+#include "media/video/video_sound.h"
 
 /* With the settings below, libx264's crf of 15 gives what 18 gives with its own defaults (measured on a rendered 450 x
  * 450 portrait: 43.5 against 43.8 dB of RGB, 48.8 against 48.5 dB of luma) for half of their time and memory, and for
