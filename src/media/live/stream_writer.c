@@ -11,7 +11,7 @@
 #include "media/image.h"
 #include "media/live/descriptor_io.h"
 #include "media/live/picture_track.h"
-#include "media/video_sound.h"
+#include "media/video/video_sound.h"
 
 enum {
   MAX_RATE_PART = 1000000,

@@ -12,7 +12,7 @@
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
-#include "media/video_sound.h"
+#include "media/video/video_sound.h"
 
 enum { MOST_XMP = 1 << 20 };
 

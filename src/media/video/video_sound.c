@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "media/video_sound.h"
+#include "media/video/video_sound.h"
 
 #include <libavutil/channel_layout.h>
 #include <math.h>
