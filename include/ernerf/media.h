@@ -315,8 +315,8 @@ static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
 }
 
 /* Figures of a clip that decide which effects are modelled (docs/effects.md). Poses and eye values are those of all
- * training frames, features all windows of the file, pictures those of at most 48 training frames, evenly spaced. Plain
- * data, may grow. */
+ * training frames, features all windows of the file, pictures those of at most 48 training frames, evenly spaced.
+ * Plain data, may grow. */
 typedef struct ern_clip_measures {
   size_t frames, looked;   /* training frames; those whose pictures were looked at */
   float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
