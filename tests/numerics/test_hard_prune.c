@@ -82,7 +82,7 @@ static void test_cells_of_a_constant_density(void **state) {
 
 /* A larger share leaves fewer cells, and none that a smaller one does not; a NaN keeps what it is in; nothing occupied
  * stays so. */
-static void test_shares(void **state) {
+static void test_prune_shares(void **state) {
   (void)state;
   static const float shares[] = {1e-6f, 0.05f, 0.06f, 0.2f};
   static uint8_t all[ERN_OCCUPANCY_BYTES], bits[2][ERN_OCCUPANCY_BYTES];
@@ -138,7 +138,7 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   ern_trainer_free(&t);
 }
 
-static void test_resumed(void **state) {
+static void test_resumed_pruning(void **state) {
   (void)state;
   ern_train_config config = pruned_config();
   config.threads = 1;
@@ -156,7 +156,7 @@ static void test_resumed(void **state) {
 }
 
 /* A training that is resumed for longer refreshes the grid again, and prunes it again late. */
-static void test_resumed_for_longer(void **state) {
+static void test_pruning_resumed_for_longer(void **state) {
   (void)state;
   static uint8_t bits[2][ERN_OCCUPANCY_BYTES];
   ern_train_config config = pruned_config();
@@ -178,7 +178,7 @@ static void test_resumed_for_longer(void **state) {
   ern_trainer_free(&t);
 }
 
-static void test_refused(void **state) {
+static void test_refused_prune_share(void **state) {
   (void)state;
   static const float wrong[] = {-0.1f, 1.1f, NAN, INFINITY};
   ern_train_config config = small_config(10, NULL);
@@ -191,8 +191,9 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells_of_a_constant_density), cmocka_unit_test(test_shares),
-                                     cmocka_unit_test(test_resumed), cmocka_unit_test(test_resumed_for_longer),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells_of_a_constant_density),
+                                     cmocka_unit_test(test_prune_shares), cmocka_unit_test(test_resumed_pruning),
+                                     cmocka_unit_test(test_pruning_resumed_for_longer),
+                                     cmocka_unit_test(test_refused_prune_share)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }

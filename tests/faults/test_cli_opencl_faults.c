@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The program on an OpenCL device that is missing, too small, fails or is lost, and with a cache of kernels that is
  * damaged: a message in words and exit status 1, or the same result; nothing half-written in any case. */
-#include "cli.h"
+#include "../e2e/cli.h"
 
 #include <math.h>
 
