@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The occupied cells that a head's pictures need (docs/maths.md, Occupancy): those in which a sample contributes at
- * least a certain share of the opacity to a ray of the training frames. */
+ * The occupied cells that a head's pictures need (docs/maths.md, Occupancy): those in which a sample has at least a
+ * certain share of the largest weight in its ray, of the rays of training frames. */
 #include <math.h>
 
 #include "core/memory.h"
@@ -9,7 +9,7 @@
 #include "render/stages.h"
 #include "train/trainer.h"
 
-static const double prune_from = 0.85; /* of the coarse steps, found by trying (docs/history-training.md) */
+static const double prune_from = 0.85; /* of the coarse steps, found by trying (docs/history-occupancy.md) */
 enum {
   FRAMES = 32,    /* training frames that are looked at, evenly spaced */
   STRIDE = 3,     /* of the pixels of a frame, one of so many in the order of rows */
@@ -53,20 +53,23 @@ static uint32_t cell_of(const struct samples *s, size_t i, float bound) {
   return ern_morton(cell[0], cell[1], cell[2]);
 }
 
-/* needed[c] is set where a sample of the cell has w = alpha T (docs/maths.md, Compositing) of at least `share` of its
- * ray's opacity, and of at least 0.003. A share, so that the samples of a silhouette stay, whose rays absorb little. */
-static void weigh(const ern_trainer *t, const struct samples *s, size_t rays, float share, bool *needed) {
+/* needed[c] is set where a sample of the cell has w = alpha T (docs/maths.md, Compositing) of at least `share` of the
+ * largest in its ray, and of at least 0.003. A share, so that samples stay in silhouettes, whose rays absorb little,
+ * and in a head that is still diffuse, where no sample absorbs much. */
+static void weigh(const ern_trainer *t, struct samples *s, size_t rays, float share, bool *needed) {
   const float least_weight = 0.003f; /* less than a step of 8 bits */
   for (size_t r = 0; r < rays; r++) {
     const size_t begin = (size_t)s->first[r], end = (size_t)s->first[r + 1];
-    float tau = 0, transmittance = 1;
-    for (size_t i = begin; i < end; i++) tau += s->sigma[i] * s->dt[i];
-    const float least = fmaxf(share * -expm1f(-tau), least_weight);
+    float transmittance = 1, most = 0;
     for (size_t i = begin; i < end; i++) {
       const float left = expf(-s->sigma[i] * s->dt[i]);
-      if (!((1 - left) * transmittance < least)) needed[cell_of(s, i, t->config.bound)] = true; /* NaN: needed */
+      s->sigma[i] = (1 - left) * transmittance; /* from here on its weight */
+      most = fmaxf(most, s->sigma[i]);
       transmittance *= left;
     }
+    const float least = fmaxf(share * most, least_weight);
+    for (size_t i = begin; i < end; i++)
+      if (!(s->sigma[i] < least)) needed[cell_of(s, i, t->config.bound)] = true; /* NaN: needed */
   }
 }
 

@@ -16,7 +16,7 @@
 
 /* Found by trying (docs/history-training.md). */
 enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
-static const float timed_prune_share = 0.1f;
+static const float timed_prune_share = 0.3f;
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 

@@ -198,9 +198,9 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->prune_share,
        .low = 0,
        .high = 1,
-       .help = "late in the training, space that contributes less than this share of the opacity to each ray "
-               "counts as empty from then on, so that a frame has fewer samples; 0: none (default 0 as published; 0.1 "
-               "with --time)"},
+       .help = "at 85 % of a head's steps, space whose samples have less than this share of the largest weight in each "
+               "ray becomes empty, so that a frame has fewer samples; 0: none (default 0 as published; 0.3 with "
+               "--time)"},
       {.name = "step-parts",
        .kind = OPTION_INT,
        .target = &config->step_parts,
