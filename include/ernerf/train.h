@@ -192,10 +192,10 @@ typedef struct ern_train_config {
   const char *consent; /* what the person who is learnt has agreed to, UTF-8, less than ERN_CONSENT_BYTES. The model
                           keeps it, and pictures and videos of it carry it (ern_provenance). NULL (default): that of the
                           head, of the state that is resumed or of `from`, where it is of this clip, else none */
-  float prune_share; /* of a head, 0..1: at 0.85 of the coarse steps the occupancy grid loses the cells whose samples
-                        have less than this share of the largest weight in each ray (docs/maths.md, Occupancy), and
-                        then stays as it is. The steps after that fit the model to the cells that are left, and
-                        rendering has fewer samples. 0 (default): no cell is lost */
+  float prune_share;   /* of a head, 0..1: at 0.85 of the coarse steps the occupancy grid loses the cells whose samples
+                          have less than this share of the largest weight in each ray (docs/maths.md, Occupancy), and
+                          then stays as it is. The steps after that fit the model to the cells that are left, and
+                          rendering has fewer samples. 0 (default): no cell is lost */
   int step_parts; /* parts that the rays of a step are cut into, a power of 2 up to 64; default 1. A part's gradient is
                      summed on its own, and parts are added as a binary tree, so that a model is the same for any number
                      of processes. It divides `rays` (in a fine stage: the patches of a step), and of it and
