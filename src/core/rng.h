@@ -18,7 +18,8 @@ typedef enum ern_purpose {
   ERN_RNG_REFRESH_CELL,
   ERN_RNG_SPEECH,
   ERN_RNG_PATCH,
-  ERN_RNG_BACKGROUND
+  ERN_RNG_BACKGROUND,
+  ERN_RNG_PRUNE
 } ern_purpose;
 
 struct ern_random {

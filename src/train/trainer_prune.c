@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "core/memory.h"
+#include "core/rng.h"
 #include "core/status.h"
 #include "render/morton.h"
 #include "render/stages.h"
@@ -20,6 +21,7 @@ enum {
 struct samples {
   int32_t *pixel;           /* [CHUNK] */
   int32_t *first;           /* [CHUNK + 1] */
+  float *jitter;            /* [CHUNK] */
   float *sigma, *dt, *x[3]; /* [CHUNK * max_steps] each, x: of the cube [-bound, bound]^3 */
 };
 
@@ -28,19 +30,23 @@ static ern_status samples_make(const ern_trainer *t, struct samples *s) {
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 2 * CHUNK + 1, &s->pixel));
   s->first = s->pixel + CHUNK;
-  ERN_TRY(ERN_NEW(t->context, 5 * most, &s->sigma));
+  ERN_TRY(ERN_NEW(t->context, 5 * most + CHUNK, &s->sigma));
+  s->jitter = s->sigma + 5 * most;
   s->dt = s->sigma + most;
   for (size_t axis = 0; axis < 3; axis++) s->x[axis] = s->sigma + (2 + axis) * most;
 fail:
   return status;
 }
 
-/* Pixels number `begin` of the frame's and on; how many there are. */
-static size_t pixels_of(const ern_trainer *t, size_t k, size_t begin, int32_t *pixel) {
+/* Pixels number `begin` of the frame's and on; how many there are. Their rays begin anywhere in a step, as in training:
+ * rays that all begin alike would miss cells that those of another pose meet first. */
+static size_t rays_of(const ern_trainer *t, size_t k, size_t begin, const struct samples *s) {
   const size_t pixels = (size_t)t->data.width * (size_t)t->data.height;
   size_t count = 0;
-  for (size_t at = STRIDE * begin + k % STRIDE; at < pixels && count < CHUNK; at += STRIDE)
-    pixel[count++] = (int32_t)at;
+  for (size_t at = STRIDE * begin + k % STRIDE; at < pixels && count < CHUNK; at += STRIDE) {
+    s->jitter[count] = ern_uniform(ern_random_at(t->config.seed, k, (uint32_t)at, ERN_RNG_PRUNE).word[0]);
+    s->pixel[count++] = (int32_t)at;
+  }
   return count;
 }
 
@@ -79,11 +85,13 @@ static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct er
   const struct ern_march_settings march = ern_trainer_march(t);
   struct ern_backend *backend = t->backend;
   struct ern_marched marched;
-  ern_span pixel;
+  ern_span pixel, jitter;
   ern_status status = ERN_OK;
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_INT32, rays, &pixel));
   ERN_TRY(backend->upload_int32(t->stream, pixel, s->pixel, rays));
-  ERN_TRY(ern_march_rays(t->stream, pixel, view, (ern_span){0}, t->bits, &march, rays, &marched));
+  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &jitter));
+  ERN_TRY(backend->upload_reals(t->stream, jitter, s->jitter, rays));
+  ERN_TRY(ern_march_rays(t->stream, pixel, view, jitter, t->bits, &march, rays, &marched));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
   density.x = marched.x;
   density.n = marched.total;
@@ -113,7 +121,7 @@ static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct s
   const struct ern_head_density_args density = {
       .parameters = t->parameters, .field = &t->model->field, .code = audio.code, .eye_value = about.eye};
   size_t rays;
-  for (size_t begin = 0; (rays = pixels_of(t, k, begin, s->pixel)) > 0; begin += rays)
+  for (size_t begin = 0; (rays = rays_of(t, k, begin, s)) > 0; begin += rays)
     ERN_TRY(look_at(t, &view, density, s, rays, needed));
 fail:
   ern_arena_release(t->stream, mark);
