@@ -72,9 +72,9 @@ static void test_cells_of_a_constant_density(void **state) {
     assert_true(was || !is);
     if (is) deepest = fmax(deepest, depth_of(c)), nearest = fmin(nearest, depth_of(c));
   }
-  /* cameras turn by up to 0.2, so a ray's depth is 0.98 of its length */
+  /* cameras turn by up to 0.2, so a ray's depth is 0.98 of its length; its first sample is up to dt below the face */
   assert_true(nearest < 1.5 * cell);
-  assert_true(deepest > 0.97 * LAST * dt - cell && deepest < LAST * dt + cell);
+  assert_true(deepest > 0.97 * LAST * dt - cell && deepest < (LAST + 1) * dt + cell);
   ern_trainer_free(&t);
   made.data.focal = 48;
 }
@@ -87,6 +87,7 @@ static void test_prune_shares(void **state) {
   static uint8_t all[ERN_OCCUPANCY_BYTES], bits[2][ERN_OCCUPANCY_BYTES];
   ern_train_config config = small_config(40, NULL);
   ern_train_report report;
+  size_t most = 0;
   config.rays = 512;
   ern_trainer *t = trainer_of(&config);
   for (int k = 0; k < 30; k++) support_ok(made.context, ern_trainer_step(t, &report));
@@ -99,8 +100,10 @@ static void test_prune_shares(void **state) {
     memcpy(bits[0], bits[1], sizeof all);
     read_bits(t, bits[1]);
     for (size_t i = 0; i < sizeof all; i++) assert_int_equal(bits[1][i] & ~bits[0][i], 0);
-    assert_true(t->pruned && count_of(bits[1]) < count_of(bits[0]));
+    assert_true(t->pruned);
+    if (k == 0) most = count_of(bits[1]);
   }
+  assert_true(most < count_of(all) && count_of(bits[1]) < most && count_of(bits[1]) > 0);
   const size_t seen = count_of(bits[0]);
   support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
   write_parameters(t, NAN);
