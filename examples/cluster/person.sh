@@ -9,7 +9,12 @@ shift 2
 name=${input##*/}
 [ -d "$input" ] || name=${name%.*}
 own=$out/$name clip=$out/$name/clip ernerf=${ERNERF:-ernerf}
-mkdir -p "$own" || exit 1
+mark=$own/person.txt
+if [ -n "$(ls -A "$own" 2> /dev/null)" ] && [ "$(cat "$mark" 2> /dev/null)" != "$input" ]; then
+  echo "person.sh: $own is not of $input, as its person.txt would say; expected another OUT, or inputs of different names" >&2
+  exit 1
+fi
+mkdir -p "$own" && printf '%s\n' "$input" > "$mark" || exit 1
 step() { # WHAT COMMAND...
   local what=$1
   shift
