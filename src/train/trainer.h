@@ -243,6 +243,8 @@ void ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */
 ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* all cells to look at */
 uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, around the next one */
+/* real [ERN_AUDIO_CODE], taken from scratch: the code of a training frame's speech. */
+ERN_NODISCARD ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code);
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 /* Before a step: a refresh where one is due, or the pruning. */
 ERN_NODISCARD ern_status ern_trainer_occupancy(ern_trainer *t);

@@ -111,15 +111,13 @@ fail:
 static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct samples *s, bool *needed) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->views[frame];
-  struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
   ern_dataset_frame about;
+  ern_span code;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
-  ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
   const struct ern_head_density_args density = {
-      .parameters = t->parameters, .field = &t->model->field, .code = audio.code, .eye_value = about.eye};
+      .parameters = t->parameters, .field = &t->model->field, .code = code, .eye_value = about.eye};
   size_t rays;
   for (size_t begin = 0; (rays = rays_of(t, k, begin, s)) > 0; begin += rays)
     ERN_TRY(look_at(t, &view, density, s, rays, needed));

@@ -102,19 +102,28 @@ static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
   return status == ERN_OK ? t->backend->zero(t->stream, t->fresh) : status;
 }
 
-static ern_status refresh_head(ern_trainer *t, size_t frame) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const struct ern_occupancy_decay decay = decay_of(t);
+ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code) {
   struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
-  ern_dataset_frame about;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
   ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
   ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
   ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  *code = audio.code;
+fail:
+  return status;
+}
+
+static ern_status refresh_head(ern_trainer *t, size_t frame) {
+  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_occupancy_decay decay = decay_of(t);
+  ern_dataset_frame about;
+  ern_span code;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
+  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
   ERN_TRY(list_due(t, decay.turn));
   for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
-    ERN_TRY(look_at(t, audio.code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
+    ERN_TRY(look_at(t, code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
       .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = decay, .limit = 10};
   ERN_TRY(t->backend->occupancy_update(t->stream, &update));
