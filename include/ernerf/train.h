@@ -18,11 +18,12 @@ extern "C" {
 
 /* Plain data, may grow: it is the library's, all zeros when the callback gets it. */
 typedef struct ern_dataset_frame {
-  float matrix[16]; /* camera to world, as in a transforms file */
+  float matrix[16]; /* camera to world, row-major, as in a transforms file (ern_pose) */
   int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
   float eye;        /* 0 open .. 1 closed */
   bool has_face;
-  ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
+  ern_box face;       /* pixels, as the next two: box of the landmarks, integer-truncated minima and maxima; unused
+                         without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
   ern_box lips; /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
@@ -36,24 +37,27 @@ typedef enum ern_ray_sampling {
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
- * pointers must outlive the trainer. ern_trainer_create looks at all members, at the sizes and values of the features,
- * and at each training frame's camera and row; what the callbacks give later is looked at when it is given. An error
- * that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
+ * pointers must outlive the trainer. ern_trainer_create checks all members, the sizes and values of the features, and
+ * each training frame's camera and row; what the callbacks give later is checked when it is given. An error that a
+ * callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
  * Callbacks are called in the thread that calls the trainer. Plain data, may grow. */
 typedef struct ern_dataset {
   void *user;
-  size_t frames[2];
+  size_t frames[2];     /* number of frames by split; of split 0 at least 1 */
   double focal, cx, cy; /* pixels */
-  int width, height;
-  float scale; /* of the poses' translation, 1e-3..1e3; 4 for the public preprocessing; kept in the model */
-  bool has_eye, has_torso;
+  int width, height;    /* of all pictures, pixels, 1..8192 */
+  float scale;          /* factor of the poses' translations, 1e-3..1e3; 4 for the public preprocessing; the model
+                           keeps it */
+  bool has_eye;         /* frames have eye values: a head gets the eye branch */
+  bool has_torso;       /* frames have torso pictures: a head is trained over them, and a torso can be trained */
   const ern_features *features;
   const uint8_t *background; /* [height][width][3], RGB, the top row first, as all pictures here */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
-  /* truth [height][width][3]; torso [height][width][4], alpha not multiplied in, NULL: transparent everywhere; not
-   * looked at where has_torso is false. Valid until the next call. */
+  /* truth [height][width][3], RGB; torso [height][width][4], RGBA, alpha not premultiplied, NULL: transparent
+   * everywhere; ignored where has_torso is false. The callback's memory, valid until its next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
-  const char *identity; /* 64 hex digits; "" or NULL: none */
+  const char *identity; /* of the clip: 64 hex digits (ern_clip_info); a resume and a torso need the same one. "" or
+                           NULL: none */
   /* Data augmentation: [copy_count] versions of the same speech, such as in voices of another pitch, each of the shape
    * of `features`. With the probability copy_share a training step takes one of them, drawn at random, else `features`
    */
@@ -62,7 +66,8 @@ typedef struct ern_dataset {
   float copy_share;   /* 0..1 */
   const char *speech; /* kind of the features (ern_model_info.speech), UTF-8 of 63 bytes at most; NULL: it is not known.
                          A torso keeps the kind of its head, and its network */
-  const char *speech_network; /* of the network that made them (ern_model_info.speech_network); "" or NULL: none did */
+  const char *speech_network; /* description of the network that made the features (ern_model_info.speech_network); ""
+                                 or NULL: none did */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
@@ -80,7 +85,7 @@ typedef enum ern_precision {
 #define ERN_FRAMES_PER_STEP_MOST 64
 #define ERN_FINE_ALL UINT64_MAX
 
-/* A loss of patches that the program computes, in the place of the structural similarity (media.h has one).
+/* A loss of patches that the program computes, in the place of the structural similarity (media.h has LPIPS).
  * Plain data, final. */
 typedef struct ern_fine_loss {
   const char *name; /* of the loss and its network, 1..31 bytes; a training state keeps it */
@@ -92,31 +97,33 @@ typedef struct ern_fine_loss {
   void *user;
 } ern_fine_loss;
 
-/* Processes that train one model together (ern_train_config.communicator), such as those that mpirun starts. All call
- * the same functions in the same order, with the same counts. A function returns when its result is there, or another
- * status than ERN_OK, which ends the training of this process with it, and leaves words. Plain data, final. */
+/* Processes that train one model together (ern_train_config.communicator), such as those that mpirun starts. The
+ * trainer calls the functions in its caller's thread, in all processes in the same order and with the same counts. A
+ * function returns when its result is there. A status other than ERN_OK ends the call of the trainer with that status;
+ * `words`, an empty string before, then has the reason, with a 0 at its end. Plain data, final. */
 #define ERN_COMMUNICATOR_WORDS 512
 typedef struct ern_communicator {
   void *user;
-  int rank, size; /* of this process, 0 <= rank < size */
-  /* Overwrites values[count] and figures[figure_count] with their sums over the processes. The sums are those of a
-   * binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., and have the same bits in each process. size: a power of 2
-   */
+  int rank; /* of this process, 0 <= rank < size */
+  int size; /* number of processes, a power of 2 */
+  /* Overwrites values[count] (a gradient) and figures[figure_count] (losses) with their sums over the processes. Each
+   * sum is that of a binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., so it has the same bits in each process. */
   ern_status (*sum)(void *user, float *values, size_t count, double *figures, size_t figure_count,
                     char words[ERN_COMMUNICATOR_WORDS]);
-  /* Rank r has values [count r/size, count (r + 1)/size); afterwards each has all. */
+  /* values[count]: rank r has set those from count r/size to count (r + 1)/size - 1; afterwards each rank has all. */
   ern_status (*gather)(void *user, float *values, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
-  /* Overwrites the bytes with those of rank 0. */
+  /* Overwrites bytes[count] with those of rank 0. */
   ern_status (*broadcast)(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
 } ern_communicator;
 
 #define ERN_STEP_PARTS_MOST 64
 
-/* Plain data, may grow. */
+/* Where a comment gives no default, it is 0, false or NULL. Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
   bool torso;            /* train the torso of `head` instead of a head */
-  const char *output;    /* X: the model file; X.run beside it holds state, log and curve. NULL: nothing is written */
+  const char *output;    /* X: the model file; the folder X.run beside it (without the .safetensors of X) holds state,
+                            log and curve (docs/formats.md). NULL: nothing is written */
   bool resume;           /* continue from the newest intact state in X.run; needs an output */
   bool overwrite;        /* without resume: the first save replaces an earlier training at X and X.run; false: where
                             there is one, ern_trainer_create gives ERN_E_EXISTS */
@@ -124,43 +131,45 @@ typedef struct ern_train_config {
                             optimizer's state, that and its step number are taken too. It must not be a state inside
                             X.run, whose files the saves replace: use `resume` */
   const ern_model *head; /* of a torso: the head that it belongs to, copied; NULL: that of the file `from` */
-  uint64_t iters;        /* steps in all, also when resuming; 100000 */
-  int rays;              /* rays a step, 1..1048576; 65536 */
-  ern_backbone backbone; /* of a head, as the next two: trihash */
-  ern_attention attention;         /* channel */
-  ern_eye_attention eye_attention; /* sigmoid; `concat` needs a clip with eye values */
-  int levels;                      /* of a hashed encoder, 2..24; 0: the backbone's own, trihash 14, hash3d 16 */
-  bool no_view;                    /* of a head: its colour is the same from everywhere */
-  uint64_t seed;                   /* any; 0 */
-  int threads;                     /* 0..ERN_THREADS_MOST; 0: one a core */
-  float lr, lr_net, lr_att;        /* learning rates of grids 1e-2, networks 1e-3, the network that weighs
-                                      the 8 windows of speech (audio_att_net) 5e-3 */
-  int codes;        /* rows of the individual codes: -1: one a training frame; 0: no codes; else at least as many as
-                       training frames. With `from`, the first rows are copied from the file; rows that it lacks are
-                       initialised anew */
-  bool torso_gamma; /* the paper's trained scale of the key points */
+  uint64_t iters;        /* steps in all, also when resuming, 1..1e12; default 100000 */
+  int rays;              /* rays a step, 1..1048576; default 65536 */
+  ern_backbone backbone; /* of a head, as the next two; default trihash */
+  ern_attention attention;         /* default channel */
+  ern_eye_attention eye_attention; /* default sigmoid; `concat` needs a clip with eye values */
+  int levels;               /* of a hashed encoder, 2..24; 0 (default): the backbone's own, trihash 14, hash3d 16 */
+  bool no_view;             /* of a head: its colour does not depend on the direction of view */
+  uint64_t seed;            /* of all random numbers, any value */
+  int threads;              /* 0..ERN_THREADS_MOST; 0 (default): one a core that this process may use */
+  float lr, lr_net, lr_att; /* learning rates, 0..1e3, of the grids (default 1e-2), the networks (1e-3), and the
+                               network that weighs the 8 windows of speech, audio_att_net (5e-3) */
+  int codes;        /* rows of the individual codes: -1 (default): one a training frame; 0: no codes; else at least as
+                       many as training frames, at most 1e6. With `from`, the first rows are copied from the file; rows
+                       that it lacks are initialised anew */
+  bool torso_gamma; /* train the scale gamma of the torso's key points, as in the paper; false: it is 1 */
   bool torso_random_background; /* true (default): a torso is learnt over a random colour for each ray of each step, so
                                    that its opacity is learnt and it can be drawn over any background; false: over the
                                    clip's background, as published, which leaves the opacity undetermined */
-  int max_steps;                /* samples a ray, 1..1024; 16 */
-  float dt_gamma, bound, torso_shrink; /* 1/256; 1, ERN_BOUND_LEAST..ERN_BOUND_MOST; 0.8 */
-  ern_audio_pad audio_pad;             /* edge */
-  size_t data_begin, data_end;         /* training frames [begin, end) to use; end 0: all */
-  uint64_t save_every;                 /* steps between saves; 0: only at the end; 1000 */
-  uint64_t validate_every; /* steps between validations; 0: only at the end; 1000. Without validation frames the first
-                              training frame stands in. */
-  int validate_frames;     /* most validation frames to render; 0: all; 16 */
-  bool force;              /* take a head of another clip all the same */
+  int max_steps;                /* samples a ray at most, 1..1024; default 16 */
+  float dt_gamma;               /* growth of the step along a ray with distance, 0..1; default 1/256 */
+  float bound;                  /* of a head (ern_model_info.bound), ERN_BOUND_LEAST..ERN_BOUND_MOST; default 1 */
+  float torso_shrink;           /* factor of the torso's coordinates, 0.001..1; default 0.8 */
+  ern_audio_pad audio_pad;      /* default edge */
+  size_t data_begin, data_end;  /* training frames [begin, end) to use; end 0 (default): all */
+  uint64_t save_every;          /* steps between saves; 0: only at the end; default 1000 */
+  uint64_t validate_every; /* steps between validations; 0: only at the end; default 1000. Without validation frames the
+                              training frame data_begin stands in */
+  int validate_frames;     /* most validation frames to render, evenly spaced; 0: all; default 16 */
+  bool force;              /* accept a `head` of another clip, with a warning in the log */
   bool ema;                /* write the moving average of the weights as the model. Without `seconds` it needs
                               iters >= 10 ema_every, else ern_trainer_create gives ERN_E_ARGUMENT. Saves before the
                               10th update write the weights without averaging */
-  uint64_t ema_every;      /* steps between its updates; 1000 */
+  uint64_t ema_every;      /* steps between its updates, 1..1e12; default 1000 */
   uint64_t refresh_every;  /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
                               refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
                               steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
                               one sixteenth of the others in turn */
-  ern_precision precision;
-  ern_ray_sampling ray_sampling; /* regions */
+  ern_precision precision; /* default ERN_PRECISION_DEFAULT */
+  ern_ray_sampling ray_sampling; /* default regions */
   double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
                      this time; earlier runs of a resumed training count. Learning rates and loss weights then follow
                      the share of the time that has passed instead of step/iters (before a fine stage: of the time
@@ -168,24 +177,24 @@ typedef struct ern_train_config {
                      `validate_every` are ignored: the trainer saves every minute, and validates at each tenth of the
                      time, at most once a minute. The result cannot be reproduced exactly */
   bool refine_poses;        /* of a head: corrections of the training frames' poses are parameters too, and the model
-                               keeps them (ern_model_refine); default false. A resume must have its state's */
+                               keeps them (ern_model_refine); default false. A resume needs its state's value */
   const char *torso_output; /* of a head with `output`: the model file of the torso that the program will train for this
                                head next; NULL: none. `resume` and `overwrite` apply to it too: ern_trainer_create fails
                                where it cannot be written, and holds the lock of its .run folder */
   int frames_per_step;      /* number of frames that share the rays of a step, each with its own speech,
                                1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
                                summed */
-  uint64_t fine_steps;      /* of a head: the last so many of `iters` are the fine stage, whose rays are square patches
-                               with a loss of their own (docs/maths.md); 0 (default): none; ERN_FINE_ALL: all from the
-                               step on that the training starts or goes on at. A fine stage that is resumed goes on in
-                               any case. With `seconds` expected 0 (ERN_E_ARGUMENT) */
-  double fine_share;        /* of a head, with `seconds`: the last such share of the time is the fine stage, 0..1; 0
+  uint64_t fine_steps;      /* of a head: this number of steps at the end of `iters` are the fine stage, whose rays are
+                               square patches with a loss of their own (docs/maths.md); 0 (default): none; ERN_FINE_ALL:
+                               all steps from the one on at which the training starts or goes on. A fine stage that is
+                               resumed goes on in any case. With `seconds` it must be 0 (ERN_E_ARGUMENT) */
+  double fine_share;        /* of a head, with `seconds`: this share of the time, at its end, is the fine stage, 0..1; 0
                                (default): none. Ignored without `seconds` */
-  int patch_size;           /* pixels a side, 16, 32, 48 or 64; 32. A fine stage needs at least the rays of a patch, and
-                               pictures of that size */
-  float fine_weight;        /* of the patches' loss in even steps, whose patches lie anywhere, 0..1e3; 0.1 */
+  int patch_size;           /* side of a patch, pixels: 16, 32, 48 or 64; default 32. A fine stage needs `rays` of at
+                               least patch_size^2, and pictures with sides of at least patch_size */
+  float fine_weight;        /* of the patches' loss in even steps, whose patches lie anywhere, 0..1e3; default 0.1 */
   float fine_lips_weight; /* of the patches' loss in odd steps, whose patches lie around the lips where these are known,
-                             0..1e3; 0.1. The paper's code has 0.01, with LPIPS */
+                             0..1e3; default 0.1. The paper's code has 0.01, with LPIPS */
   const ern_fine_loss *fine_loss; /* NULL (default): structural similarity. The struct and its name are copied, what
                                      `user` points to must outlive the trainer. A resume of a training that has, or
                                      will have, a fine stage must have the same name (ERN_E_MISMATCH) */
@@ -196,16 +205,20 @@ typedef struct ern_train_config {
                           have less than this share of the largest weight in each ray (docs/maths.md, Occupancy), and
                           then stays as it is. The steps after that fit the model to the cells that are left, and
                           rendering has fewer samples. 0 (default): no cell is lost */
-  int step_parts; /* parts that the rays of a step are cut into, a power of 2 up to 64; default 1. A part's gradient is
-                     summed on its own, and parts are added as a binary tree, so that a model is the same for any number
-                     of processes. It divides `rays` (in a fine stage: the patches of a step), and of it and
-                     frames_per_step one divides the other (ERN_E_ARGUMENT) */
-  const ern_communicator *communicator; /* copied; NULL (default): this process alone. The processes share the parts of
-                                           each step, and the cells of an occupancy refresh: `size` divides step_parts.
-                                           Each has the same data and configuration and the same kind of backend
-                                           (ERN_E_MISMATCH). Rank 0 alone resumes, reads `from`, validates, saves and
-                                           calls hooks, and the others get its state; their `output`, `resume`, `from`
-                                           and `torso_output` are ignored */
+  int step_parts; /* parts that the rays of a step are cut into, a power of 2 up to ERN_STEP_PARTS_MOST; default 1. A
+                     part's gradient is summed on its own, and parts are added as a binary tree, so that a model is the
+                     same for any number of processes. It must divide `rays` (in a fine stage: the patches of a step),
+                     and of it and frames_per_step one must divide the other, else ERN_E_ARGUMENT */
+  const ern_communicator *communicator; /* copied; what its `user` points to must outlive the trainer. NULL (default):
+                                           this process alone. The processes share the parts of each step, and the
+                                           cells of an occupancy refresh: `size` must divide step_parts
+                                           (ERN_E_ARGUMENT). Each needs the same data, configuration and backend.
+                                           ERN_E_MISMATCH where a rank differs from rank 0 in backend, instruction set,
+                                           clip, speech, number of parameters, rays, step_parts, frames_per_step,
+                                           prune_share, seed or training frames; other differences are not found. Rank
+                                           0 alone resumes, reads `from`, validates, saves and calls hooks, and the
+                                           others get its state; their `output`, `resume`, `from` and `torso_output`
+                                           are ignored */
 } ern_train_config;
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -245,9 +258,9 @@ typedef struct ern_train_state {
   float prune_share;  /* likewise; 0 where a state of an earlier version does not say it */
   int step_parts;     /* 1 where a state of an earlier version does not say it */
 } ern_train_state;
-/* Of the newest state in X.run that verifies, X being `output`, so that a program can resume it without having kept its
- * configuration: ern_trainer_create with `resume` refuses another one. Nothing is changed or locked. ERN_E_MISSING: no
- * state is there; ERN_E_FORMAT and others: none that is whole. *model: the configuration of the state's model, and the
+/* Describes the newest intact state in X.run, X being `output`, so that a program can resume it without having kept its
+ * configuration: ern_trainer_create with `resume` refuses another one. Changes and locks nothing. ERN_E_MISSING: there
+ * is no state; ERN_E_FORMAT and others: none is intact. *model: the configuration of the state's model, and the
  * settings that it is rendered with. */
 ERN_API ERN_NODISCARD ern_status ern_train_state_describe_sized(ern_context *context, const char *output,
                                                                 ern_train_state *state, size_t state_bytes,
@@ -279,12 +292,13 @@ ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a poin
 
 /* Plain data, may grow. */
 typedef struct ern_train_report {
-  uint64_t step, iters; /* steps done, and in all; with ern_train_config.seconds as the pace so far gives them */
-  double loss, psnr;    /* of the step's rays; means since the last report in ern_trainer_run */
-  double samples_per_ray;
-  double steps_per_second; /* since the run began, 0 in ern_trainer_step */
-  double seconds_left;     /* at that rate */
-  double seconds;          /* of training behind this model, resumed parts included */
+  uint64_t step, iters;   /* steps done, and in all; with ern_train_config.seconds a forecast from the pace so far */
+  double loss, psnr;      /* of the rays, psnr in dB. In ern_trainer_step of this step; in ern_trainer_run the mean over
+                             the steps since the last report, as the next one */
+  double samples_per_ray; /* mean */
+  double steps_per_second; /* since the run began; 0 in ern_trainer_step */
+  double seconds_left;     /* at that rate, or of ern_train_config.seconds; 0 in ern_trainer_step */
+  double seconds;          /* time of all steps behind this model, of resumed runs too; without saves and validations */
 } ern_train_report;
 
 /* Where the training stands: step, iters and seconds; all else is 0. */
@@ -308,15 +322,17 @@ ERN_API ERN_NODISCARD ern_status ern_trainer_check(ern_trainer *trainer);
 /* What ern_trainer_run tells its caller, in its thread. All may be NULL. Plain data, may grow. */
 typedef struct ern_train_hooks {
   void *user;
-  /* Now and then; a non-zero answer stops: the state is saved, ERN_E_CANCELLED returned. */
+  /* After a step: about twice a second, after each validation, and after the last step. A non-zero answer before the
+   * last step stops: the state is saved, ERN_E_CANCELLED returned. */
   int (*progress)(void *user, const ern_train_report *report);
-  /* After a validation: mean PSNR over `frames` frames, and a picture: prediction, truth, difference (4 times), audio
-   * attention, eye attention side by side, [height][width][3], and the name it should have ("val_000400.png"). An error
-   * it returns is passed on. */
+  /* After a validation: mean PSNR in dB over `frames` frames, and a picture of the first of them, RGB, uint8_t
+   * [height][width][3]: prediction, truth, difference (4 times), audio attention and eye attention (the largest value
+   * white) side by side, so `width` is five times that of a frame; and the name it should have ("val_000400.png"). An
+   * error it returns is passed on. */
   ern_status (*validation)(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture, int width,
                            int height, const char *name);
-  /* Each frame of a validation before that: its split and number in the dataset, what was drawn and the truth, both
-   * [height][width][3], 0..1 and 0..255. An error it returns is passed on. */
+  /* Each frame of a validation before that: its split and number in the dataset, the rendered frame rgb (0..1) and the
+   * truth (0..255), both RGB, [height][width][3]. An error it returns is passed on. */
   ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 
@@ -329,12 +345,12 @@ static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, con
   return ern_trainer_run_sized(trainer, hooks, sizeof *hooks);
 }
 
-/* Writes X.run/state.safetensors (its predecessor is kept) and then X. ERN_E_STATE without an output. ERN_E_IO, with
- * nothing touched, where X.run is not the folder any more that this training locked: it was moved or replaced, or
- * `output` is a relative name and the program has changed its working folder. */
+/* Writes X.run/state.safetensors (its predecessor stays as state.previous.safetensors) and then X. ERN_E_STATE without
+ * an output. ERN_E_IO, with nothing touched, where X.run is not the folder any more that this training locked: it was
+ * moved or replaced, or `output` is a relative name and the program has changed its working folder. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_save(ern_trainer *trainer);
 
-/* A copy of the model as it stands; the caller owns it. */
+/* A copy of the model as it stands; with `ema` too it has the weights, not their average. The caller owns it. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_model(ern_trainer *trainer, ern_model **model);
 
 /* The folder X.run, NULL without an output. Lives as long as the trainer. */
