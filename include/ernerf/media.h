@@ -71,8 +71,9 @@ ERN_API ERN_NODISCARD ern_status ern_image_write_exr_provenance(ern_context *con
                                                                 const char *const *names,
                                                                 const ern_provenance *provenance);
 /* Dense optical flow from one grey picture [height][width] to another, 16 to 8192 pixels a side (DIS: Kroeger et al.,
- * "Fast Optical Flow using Dense Inverse Search", ECCV 2016): flow [height][width][2], the caller's, pixels right and
- * down. Computed by libernerf-vision, which is loaded for it; ERN_E_UNSUPPORTED where it is not there. */
+ * "Fast Optical Flow using Dense Inverse Search", ECCV 2016). flow: [height][width][2], the caller's memory; for each
+ * pixel of `from` how far it moves, in pixels to the right and down. Computed by libernerf-vision, which is loaded for
+ * it; ERN_E_UNSUPPORTED where it is not there. */
 ERN_API ERN_NODISCARD ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to,
                                                   int width, int height, float *flow);
 /* Resizes by OpenCV's INTER_AREA, with the same channels. On success the caller owns resized->data (ern_image_free). */
@@ -152,11 +153,12 @@ ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
 /* Plain data, may grow. */
 typedef struct ern_video_options {
   uint32_t cookie, size; /* set by ern_video_options_default() */
-  int width, height;     /* of the frames handed over; odd sizes are padded by a repeated row or column */
+  int width, height;     /* of the frames handed over, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or
+                            column, where the codec needs even ones */
   int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
-  const ern_sound *sound; /* NULL: silent. Muxed as AAC, Opus in a .webm; none in a .gif; cut to the length of the
-                             pictures at close, not padded. Must outlive the writer. */
-  double sound_start;     /* seconds into `sound` at the first frame, >= 0 */
+  const ern_sound *sound; /* NULL (default): silent. Muxed as AAC, Opus in a .webm; none in a .gif; cut to the length of
+                             the pictures at close, not padded. Must outlive the writer. */
+  double sound_start;     /* seconds into `sound` at the first frame, 0 <= sound_start < 1e9; default 0 */
   int crf;                /* quality 0..51, of vp9 and av1 0..63, less is better; default 15; ffv1 and gif have none */
   const ern_provenance *provenance; /* what the file says of how it was made; NULL (default): nothing */
   const char *codec;  /* "h264", "hevc", "vp9", "av1" or "ffv1" (without loss), where the file holds it; NULL (default):
@@ -177,21 +179,23 @@ static inline ern_video_options ern_video_options_default(int width, int height)
  * ffv1), .webm (vp9, av1), .gif (256 colours); any other is an mp4. Pictures are yuv420p (BT.709, limited range, tagged
  * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm to the nearest
  * millisecond after a first packet of sound (64 ms at 16 kHz), in a .gif to the nearest 1/100 s. ERN_E_UNSUPPORTED: the
- * file does not hold the codec, or FFmpeg lacks its encoder. Written beside its place and put there by close: no half
- * file is ever seen at `path`. One thread at a time uses a writer. */
+ * file does not hold the codec, or FFmpeg lacks its encoder. Written to a temporary file, which close renames to `path`
+ * (base.h, "How files are written"). On success the caller owns *writer, and ends it by close or abandon. One thread at
+ * a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);
-/* rgba: [height][width][4]; alpha is not looked at. */
+/* rgba: [height][width][4]; alpha is ignored. After a frame has failed, each later frame and close fail in the same
+ * way. */
 ERN_API ERN_NODISCARD ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba);
-/* Finishes the file and frees the writer, also on failure. */
+/* Finishes the file and frees the writer, also on failure, when there is no file. ERN_E_STATE: no frame was written. */
 ERN_API ERN_NODISCARD ern_status ern_video_writer_close(ern_video_writer **writer);
 /* Frees the writer and removes what it wrote; accepts NULL and a pointer to NULL. */
 ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
-/* One mp4 of `count` that writers of one size, rate and quality have made: their coded pictures as they are, one after
- * the other, frame k of all shown at exactly k/rate seconds, and what the first says of how it was made. The sound is
- * as ern_video_options has it; that of the segments is left out. ERN_E_MISMATCH: one is of another size, rate, coding
- * or model. Atomic. */
+/* Joins `count` (1 or more) mp4 files of writers with the same size, rate and quality to one mp4: their coded pictures
+ * as they are, one after the other, frame k of all shown at exactly k/rate seconds. It has the provenance of the first.
+ * `sound` and `sound_start` are as in ern_video_options; the sound of the segments is left out. ERN_E_MISMATCH: one has
+ * another size, rate, coding or model. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char *path, const char *const *segments,
                                                 size_t count, const ern_sound *sound, double sound_start);
 
@@ -200,7 +204,7 @@ typedef struct ern_video_info {
   int width, height;
   int rate_numerator, rate_denominator; /* frames a second as FFmpeg guesses them; ern_video_reader_frame has the times
                                            of a variable rate */
-  double duration;                      /* seconds of the container */
+  double duration;                      /* of the file, seconds, as its container says; 0: it does not */
   bool has_sound;
   int sound_rate, sound_channels;
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
@@ -209,7 +213,7 @@ typedef struct ern_video_info {
                    of ern_video_reader_frame */
 } ern_video_info;
 
-/* One thread at a time uses a reader. */
+/* On success the caller owns *reader. One thread at a time uses a reader. */
 typedef struct ern_video_reader ern_video_reader;
 ERN_API ERN_NODISCARD ern_status ern_video_reader_open(ern_context *context, const char *path,
                                                        ern_video_reader **reader);
@@ -217,9 +221,9 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB, upright as the file says that it is shown. image: {0} before the first call, then the same
- * one, whose buffer is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in
- * the file. *end is set, and the image left alone, when there is no more. */
+/* The next frame as RGB, turned by the quarter turns that the file asks for. image: {0} before the first call, then the
+ * same one, whose buffer is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time
+ * stamp in the file. *end: true, with the image unchanged, after the last frame; else false. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);

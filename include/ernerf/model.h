@@ -79,8 +79,8 @@ typedef struct ern_model_info {
   ern_attention attention;
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
-  int feature_width;               /* D of the speech features it was trained on */
-  int window_length;               /* L of them, vectors a window; 0 where the file does not say */
+  int feature_width;               /* D of the speech features it was trained on (ern_features.width) */
+  int window_length;               /* of those features: vectors in a window; 0 where the file does not say */
   int codes;                       /* rows of the individual codes; 0 without has_codes */
   float bound; /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Of it the
                   head takes the part |y| <= bound/2 (y is out of the face, ern_camera) */
@@ -97,8 +97,8 @@ typedef struct ern_model_info {
   size_t cameras;          /* training frames whose poses have trained corrections (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
-  size_t parameters;                /* trained numbers */
-  size_t parameter_bytes;
+  size_t parameters;                /* number of trained values */
+  size_t parameter_bytes;           /* of these as 32-bit floats */
   char speech[64];                 /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
   char speech_network[512];        /* description of the network that made them, with its SHA-256, for
                                       ern_speech_network_open; "": no network made them, or it is not known */
@@ -112,13 +112,12 @@ static inline void ern_model_describe(const ern_model *model, ern_model_info *in
 /* One tensor of a file, for listing. Plain data, may grow. */
 typedef struct ern_tensor_info {
   const char *name, *dtype; /* dtype as safetensors writes it: "F32" */
-  int dims;
-  size_t shape[4];
+  int dims;                 /* 0..4 */
+  size_t shape[4];          /* the first `dims` of it; the others are 0 */
 } ern_tensor_info;
 
-/* Lists the tensors of a .safetensors, .pth or .npy file (the last has one, whose name is ""), after checking the file
- * as a whole.
- */
+/* Calls `say` for each tensor of a .safetensors, .pth or .npy file (the last has one, whose name is ""), after checking
+ * the file as a whole. */
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 
