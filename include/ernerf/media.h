@@ -154,7 +154,7 @@ ERN_API void ern_sound_free(ern_context *context, ern_sound *sound);
 typedef struct ern_video_options {
   uint32_t cookie, size; /* set by ern_video_options_default() */
   int width, height;     /* of the frames handed over, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or
-                            column, where the codec needs even ones */
+                            column, so that the file has even ones */
   int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
   const ern_sound *sound; /* NULL (default): silent. Muxed as AAC, Opus in a .webm; none in a .gif; cut to the length of
                              the pictures at close, not padded. Must outlive the writer. */
