@@ -76,7 +76,8 @@ typedef struct ern_live_frame {
   float silence_weight;      /* 0 speech .. 1 silence; it rises in 0.2 s and falls in 0.12 s, at any frame rate */
   const float *silence_code; /* [32], or NULL */
   const float *sound;        /* [samples][channels]: what is heard while it is shown; NULL where windows are pushed */
-  size_t samples;            /* rate / frames a second, to within one; the last frame after ern_live_end: 1 or more */
+  size_t samples;            /* of `sound`, in a channel: rate / frames a second, to within one; in the last frame after
+                                ern_live_end 1 or more */
   bool resting;              /* its sound is inserted silence */
   bool repeat;               /* ERN_LIVE_REPEAT: the caller shows the last picture again and need not render this one */
   uint64_t dropped;          /* frames so far that ERN_LIVE_DROP dropped */
@@ -113,7 +114,8 @@ ERN_API ERN_NODISCARD ern_status ern_live_end(ern_live *live);
 ERN_API ERN_NODISCARD ern_status ern_live_pull(ern_live *live, double wait, const ern_live_frame **frame, bool *ended);
 
 /* Renders a frame, before the next pull: ern_renderer_frame with windows and silence of `frame` in place of the
- * input's. It renders one that is marked `repeat` too. Another thread may push meanwhile. */
+ * input's; `output` and `times` are as in that function. It renders a frame that is marked `repeat` too. Another thread
+ * may push meanwhile. */
 ERN_API ERN_NODISCARD ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *renderer,
                                                      const ern_frame_input *input, size_t input_bytes,
                                                      const ern_frame_output *output, size_t output_bytes,

@@ -66,17 +66,18 @@ ERN_API ERN_NODISCARD ern_status ern_sound_reader_read(ern_sound_reader *reader,
 /* Plain data, may grow. */
 typedef struct ern_stream_options {
   uint32_t cookie, size; /* set by ern_stream_options_default() */
-  int width, height;     /* of the pictures; odd sizes are padded by a repeated row or column, but in "raw" */
+  int width, height;     /* of the pictures, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or column,
+                            but in "raw" */
   int rate_numerator, rate_denominator; /* pictures a second, each 1..1000000; default 25, 1 */
   int sound_rate, sound_channels;       /* 0, 0 (default): silent; else 1..384000 samples a second, 1..8 */
-  int crf;                              /* H.264's quality 0..51, default 18 */
+  int crf;                              /* quality of H.264, 0 (best)..51, default 18; other codings ignore it */
   const char *format; /* "y4m" (4:2:0, without sound), "nut" (4:2:0 and 16-bit samples), "mpegts", "flv", "mp4" and
                          "matroska" (H.264, AAC), "raw" (RGBA8, without sound). NULL (default): .mp4, http:// mp4; .mkv
                          matroska; .ts, udp://, srt:// mpegts; .flv, rtmp:// flv; .nut, tcp:// nut; .y4m y4m; .rgba raw;
                          any other url, also "-", is ERN_E_UNSUPPORTED */
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
-  int (*stop)(void *user);          /* as of ern_sound_reader_options, while a call waits for the stream's reader */
+  int (*stop)(void *user);          /* as in ern_sound_reader_options, while a call waits for the stream's reader */
   void *user;
 } ern_stream_options;
 ERN_API void ern_stream_options_fill(ern_stream_options *options, size_t bytes);
@@ -96,7 +97,7 @@ typedef struct ern_stream_writer ern_stream_writer;
 
 /* url: "-", standard output; a FIFO or device by its name, which is written to; another name, a file: it is put at its
  * place by ern_stream_writer_close (base.h, "How files are written"); an address ("rtmp://", "udp://", "tcp://" ...);
- * or "http://HOST:PORT/PATH", where the call waits for one reader, such as a browser, and serves him. A program that
+ * or "http://HOST:PORT/PATH", where the call waits for one reader, such as a browser, and serves it. A program that
  * writes to pipes or addresses must ignore SIGPIPE, which else ends it when the reader leaves. On success the caller
  * owns *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
