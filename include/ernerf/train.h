@@ -214,8 +214,7 @@ typedef struct ern_train_config {
                                            cells of an occupancy refresh: `size` must divide step_parts
                                            (ERN_E_ARGUMENT). Each needs the same data, configuration and backend.
                                            ERN_E_MISMATCH where a rank differs from rank 0 in backend, instruction set,
-                                           clip, speech, number of parameters, rays, step_parts, frames_per_step,
-                                           prune_share, seed or training frames; other differences are not found. Rank
+                                           clip, speech, or a member on which a step depends. Rank
                                            0 alone resumes, reads `from`, validates, saves and calls hooks, and the
                                            others get its state; their `output`, `resume`, `from` and `torso_output`
                                            are ignored */

@@ -266,17 +266,30 @@ static ern_status of_another(void *user, void *bytes, size_t count, char *words)
   return ERN_OK;
 }
 
-/* Another instruction set would round otherwise. */
+/* Rank 0 has the same words and twice the last number, fine_lips_weight. */
+static ern_status of_other_numbers(void *user, void *bytes, size_t count, char *words) {
+  int *calls = user;
+  (void)words;
+  if ((*calls)++ == 1) ((double *)bytes)[count / sizeof(double) - 1] *= 2;
+  return ERN_OK;
+}
+
+/* Another instruction set would round otherwise, and other weights would lead to another model. */
 static void test_mismatch(void **state) {
   (void)state;
   struct made data;
+  int calls = 0;
   made_open(&data);
   ern_train_config config = small_config(1, NULL);
-  const ern_communicator together = {.rank = 1, .size = 2, .sum = dead, .gather = none, .broadcast = of_another};
+  ern_communicator together = {.rank = 1, .size = 2, .sum = dead, .gather = none, .broadcast = of_another};
   config.step_parts = 2;
   config.communicator = &together;
   support_expect(data.context, train(&data, &config, NULL), ERN_E_MISMATCH, "rank 1 has backend cpu",
                  "rank 0 has backend cpu (another)", NULL);
+  together.broadcast = of_other_numbers;
+  together.user = &calls;
+  support_expect(data.context, train(&data, &config, NULL), ERN_E_MISMATCH,
+                 "rank 1 has fine_lips_weight 0.1, expected 0.2 as rank 0", NULL);
   made_close(&data);
 }
 
