@@ -8,12 +8,16 @@
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-mpi.so." TEXT_OF(major)
 
-/* What a launcher leaves in the environment of each process that it starts. */
-static bool was_launched(void) {
+/* What launchers leave in the environment of each process that they start, and the number of processes where they say
+ * it. One process needs no MPI. */
+static bool was_launched_with_others(void) {
   static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_RANK", "PMI_SIZE", "PMIX_RANK"};
-  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-    if (getenv(names[i]) != NULL) return true;
-  return false;
+  static const char *const counts[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"};
+  bool launched = false;
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) launched |= getenv(names[i]) != NULL;
+  for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+    if (getenv(counts[i]) != NULL) return launched && strcmp(getenv(counts[i]), "1") != 0;
+  return launched;
 }
 
 /* MPI's own modules look for its symbols among those of the program. */
@@ -36,7 +40,7 @@ static int load(struct together *together, struct session *session) {
 int together_open(struct together *together, struct session *session) {
   char words[ERN_COMMUNICATOR_WORDS] = "";
   *together = (struct together){.world = {.communicator = {.size = 1}}};
-  if (!was_launched()) return 0;
+  if (!was_launched_with_others()) return 0;
   if (load(together, session) != 0) return EXIT_FAILURE;
   if (together->functions->open(&together->world, session_interrupted, words) != ERN_OK) {
     together->functions = NULL;
