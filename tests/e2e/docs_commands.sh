@@ -61,6 +61,9 @@ shortened() {
     train)
       if [[ $line == *" --time "* ]]; then option --time 6s; else option --iters 30; fi
       option --rays 512 ;;
+    render)
+      line=${line/--frames 0:500/--frames 0:20} # the clip has 60 frames
+      line=${line/--frames 500:1000/--frames 20:40} ;;
     synth) option --frames 40; option --size 64 ;;
     tradeoff)
       option --seconds 3
@@ -81,7 +84,7 @@ while IFS= read -r line; do
   line=$(sed -E 's/ {4,}.*//; s/ #.*//; s/ +/ /g' <<<"$line")
   case $line in
     *.onnx* | *opencl*) left_out=$((left_out + 1)); continue ;;
-    *"MODEL CLIP"*) line=${line/MODEL CLIP/portrait.safetensors CLIP} ;;
+    *" MODEL "*) line=${line/ MODEL / portrait.safetensors } ;;
     *ngp.pth*) [ -e ngp.pth ] || "$ernerf" convert head.safetensors ngp.pth --quiet 2> convert.log ;;
   esac
   if [[ $line == *"ernerf live "* ]]; then
