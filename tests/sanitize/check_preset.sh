@@ -15,4 +15,6 @@ esac
 cd "$source"
 "$cmake" --preset "$preset" -B "$work" >/dev/null
 "$cmake" --build "$work" --parallel 2 | tail -n 3
+# A sanitizer's dlopen looks beside the sanitizer's own library, not beside the caller's.
+export LD_LIBRARY_PATH=$work/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
 exec ctest --test-dir "$work" "${choice[@]}" --output-on-failure --no-tests=error
