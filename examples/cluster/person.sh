@@ -26,6 +26,8 @@ step() { # WHAT COMMAND...
 rm -f "$own/failed.txt"
 if [ -d "$input" ]; then clip=$input; else step prepare "$ernerf" prepare "$input" -o "$clip"; fi
 resume=()
-[ ! -e "$own/head.run" ] || resume=(--resume)
+for state in "$own"/head{.head,}.run/state{,.next,.previous}.safetensors; do # with --time the head's training is head.head.run
+  [ ! -e "$state" ] || resume=(--resume)
+done
 step train "$ernerf" train "$clip" -o "$own/head.safetensors" "${resume[@]}" "$@"
 step eval "$ernerf" eval "$own/head.safetensors" "$clip" --json "$own/eval.json" --overwrite
