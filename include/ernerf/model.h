@@ -75,8 +75,8 @@ typedef struct ern_model_info {
   bool has_codes; /* each training frame has an individual code: learnt numbers for what its pose, speech and eye value
                      do not determine (ERN_INDIVIDUAL_MEAN) */
   bool has_gamma; /* the scale of the torso's key points was trained; false: it is 1 */
-  ern_backbone backbone;
-  ern_attention attention;
+  ern_backbone backbone;           /* its kind of encoder */
+  ern_attention attention;         /* how speech reaches a position */
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D of the speech features it was trained on */
@@ -98,12 +98,14 @@ typedef struct ern_model_info {
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
   char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
   size_t parameters;                /* trained numbers */
-  size_t parameter_bytes;
+  size_t parameter_bytes;           /* of them in memory */
   char speech[64];                 /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
   char speech_network[512];        /* description of the network that made them, with its SHA-256, for
                                       ern_speech_network_open; "": no network made them, or it is not known */
   char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
 } ern_model_info;
+
+/* What the model is. */
 ERN_API void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes);
 static inline void ern_model_describe(const ern_model *model, ern_model_info *info) {
   ern_model_describe_sized(model, info, sizeof *info);
@@ -112,8 +114,8 @@ static inline void ern_model_describe(const ern_model *model, ern_model_info *in
 /* One tensor of a file, for listing. Plain data, may grow. */
 typedef struct ern_tensor_info {
   const char *name, *dtype; /* dtype as safetensors writes it: "F32" */
-  int dims;
-  size_t shape[4];
+  int dims;                 /* 0..4 */
+  size_t shape[4];          /* [dims] of it */
 } ern_tensor_info;
 
 /* Lists the tensors of a .safetensors, .pth or .npy file (the last has one, whose name is ""), after checking the file

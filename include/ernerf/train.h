@@ -18,10 +18,10 @@ extern "C" {
 
 /* Plain data, may grow: it is the library's, all zeros when the callback gets it. */
 typedef struct ern_dataset_frame {
-  float matrix[16]; /* camera to world, as in a transforms file */
-  int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
-  float eye;        /* 0 open .. 1 closed */
-  bool has_face;
+  float matrix[16];   /* camera to world, as in a transforms file */
+  int64_t aud_id;     /* row of the features, >= 0, clamped to the last one */
+  float eye;          /* 0 open .. 1 closed */
+  bool has_face;      /* `face` is known */
   ern_box face;       /* box of the landmarks: integer-truncated minima and maxima; unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
@@ -41,14 +41,15 @@ ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "unifor
  * that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
  * Callbacks are called in the thread that calls the trainer. Plain data, may grow. */
 typedef struct ern_dataset {
-  void *user;
-  size_t frames[2];
-  double focal, cx, cy; /* pixels */
-  int width, height;
-  float scale; /* of the poses' translation, 1e-3..1e3; 4 for the public preprocessing; kept in the model */
-  bool has_eye, has_torso;
-  const ern_features *features;
-  const uint8_t *background; /* [height][width][3], RGB, the top row first, as all pictures here */
+  void *user;              /* handed to the callbacks */
+  size_t frames[2];        /* by split */
+  double focal, cx, cy;    /* pixels */
+  int width, height;       /* pixels */
+  float scale;             /* of the poses' translation, 1e-3..1e3; 4 for the public preprocessing; kept in the model */
+  bool has_eye, has_torso; /* frames come with an eye value; with pictures of the torso */
+  const ern_features *features; /* the speech */
+  const uint8_t *background;    /* [height][width][3], RGB, the top row first, as all pictures here */
+  /* Fills *frame, which is all zeros. */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
   /* truth [height][width][3]; torso [height][width][4], alpha not multiplied in, NULL: transparent everywhere; not
    * looked at where has_torso is false. Valid until the next call. */
@@ -58,7 +59,7 @@ typedef struct ern_dataset {
    * of `features`. With the probability copy_share a training step takes one of them, drawn at random, else `features`
    */
   const ern_features *copies;
-  size_t copy_count;
+  size_t copy_count;  /* 0: none */
   float copy_share;   /* 0..1 */
   const char *speech; /* kind of the features (ern_model_info.speech), UTF-8 of 63 bytes at most; NULL: it is not known.
                          A torso keeps the kind of its head, and its network */
@@ -77,8 +78,8 @@ typedef enum ern_precision {
                              the heads of the ablation. A backend of isa "auto" has avx512bf16 only where it is faster */
 } ern_precision;
 
-#define ERN_FRAMES_PER_STEP_MOST 64
-#define ERN_FINE_ALL UINT64_MAX
+#define ERN_FRAMES_PER_STEP_MOST 64 /* ern_train_config.frames_per_step */
+#define ERN_FINE_ALL UINT64_MAX     /* ern_train_config.fine_steps */
 
 /* A loss of patches that the program computes, in the place of the structural similarity (media.h has one).
  * Plain data, final. */
@@ -89,15 +90,16 @@ typedef struct ern_fine_loss {
    * over the patches. Called once a patch, by the thread that calls the trainer. A status other than ERN_OK ends the
    * step with it. Where there is a fine stage, ern_trainer_create calls it once, on zeros. */
   ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
-  void *user;
+  void *user; /* handed to `compute` */
 } ern_fine_loss;
+
+#define ERN_COMMUNICATOR_WORDS 512 /* bytes that say why a function failed, with the 0 at their end */
 
 /* Processes that train one model together (ern_train_config.communicator), such as those that mpirun starts. All call
  * the same functions in the same order, with the same counts. A function returns when its result is there, or another
  * status than ERN_OK, which ends the training of this process with it, and leaves words. Plain data, final. */
-#define ERN_COMMUNICATOR_WORDS 512
 typedef struct ern_communicator {
-  void *user;
+  void *user;     /* handed to the functions */
   int rank, size; /* of this process, 0 <= rank < size */
   /* Overwrites values[count] and figures[figure_count] with their sums over the processes. The sums are those of a
    * binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., and have the same bits in each process. size: a power of 2
@@ -110,7 +112,7 @@ typedef struct ern_communicator {
   ern_status (*broadcast)(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
 } ern_communicator;
 
-#define ERN_STEP_PARTS_MOST 64
+#define ERN_STEP_PARTS_MOST 64 /* ern_train_config.step_parts */
 
 /* Plain data, may grow. */
 typedef struct ern_train_config {
@@ -159,7 +161,7 @@ typedef struct ern_train_config {
                               refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
                               steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
                               one sixteenth of the others in turn */
-  ern_precision precision;
+  ern_precision precision; /* ERN_PRECISION_DEFAULT */
   ern_ray_sampling ray_sampling; /* regions */
   double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
                      this time; earlier runs of a resumed training count. Learning rates and loss weights then follow
@@ -207,6 +209,8 @@ typedef struct ern_train_config {
                                            calls hooks, and the others get its state; their `output`, `resume`, `from`
                                            and `torso_output` are ignored */
 } ern_train_config;
+
+/* The defaults. */
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
   ern_train_config config;
@@ -219,24 +223,24 @@ typedef struct ern_trainer ern_trainer;
 
 /* What a state was trained with. Plain data, may grow. */
 typedef struct ern_train_state {
-  bool torso;
-  uint64_t step, seed;
-  int rays;
-  bool has_settings; /* true: the state has the settings below; false: all members below are 0 */
-  uint64_t iters;
-  float lr, lr_net, lr_att;
-  uint64_t refresh_every, ema_every;
-  size_t data_begin, data_end;
-  bool torso_layer; /* ern_dataset.has_torso */
-  bool ema;         /* its model is the average */
-  ern_precision precision;
-  ern_ray_sampling ray_sampling;
-  double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
-  double seconds; /* of training, all runs together */
-  bool refine_poses;
+  bool torso;                        /* a torso was trained, else a head */
+  uint64_t step, seed;               /* steps done; ern_train_config.seed */
+  int rays;                          /* ern_train_config.rays */
+  bool has_settings;                 /* true: the state has the settings below; false: all members below are 0 */
+  uint64_t iters;                    /* as of ern_train_config, like the next three lines */
+  float lr, lr_net, lr_att;          /* learning rates */
+  uint64_t refresh_every, ema_every; /* intervals in steps */
+  size_t data_begin, data_end;       /* training frames */
+  bool torso_layer;                  /* ern_dataset.has_torso */
+  bool ema;                          /* its model is the average */
+  ern_precision precision;           /* as of ern_train_config */
+  ern_ray_sampling ray_sampling;     /* likewise */
+  double budget;                     /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
+  double seconds;                    /* of training, all runs together */
+  bool refine_poses;                 /* ern_train_config.refine_poses */
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have; the next one likewise */
-  bool torso_random_background; /* false where a state of an earlier version does not say it */
-  int frames_per_step;
+  bool torso_random_background;        /* false where a state of an earlier version does not say it */
+  int frames_per_step;                 /* ern_train_config.frames_per_step */
   uint64_t fine_steps;                 /* of iters; 0: no fine stage */
   int patch_size;                      /* 0 where a state does not say it */
   float fine_weight, fine_lips_weight; /* likewise */
@@ -279,9 +283,9 @@ ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a poin
 
 /* Plain data, may grow. */
 typedef struct ern_train_report {
-  uint64_t step, iters; /* steps done, and in all; with ern_train_config.seconds as the pace so far gives them */
-  double loss, psnr;    /* of the step's rays; means since the last report in ern_trainer_run */
-  double samples_per_ray;
+  uint64_t step, iters;    /* steps done, and in all; with ern_train_config.seconds as the pace so far gives them */
+  double loss, psnr;       /* of the step's rays; means since the last report in ern_trainer_run */
+  double samples_per_ray;  /* mean */
   double steps_per_second; /* since the run began, 0 in ern_trainer_step */
   double seconds_left;     /* at that rate */
   double seconds;          /* of training behind this model, resumed parts included */
@@ -307,7 +311,7 @@ ERN_API ERN_NODISCARD ern_status ern_trainer_check(ern_trainer *trainer);
 
 /* What ern_trainer_run tells its caller, in its thread. All may be NULL. Plain data, may grow. */
 typedef struct ern_train_hooks {
-  void *user;
+  void *user; /* handed to the hooks */
   /* Now and then; a non-zero answer stops: the state is saved, ERN_E_CANCELLED returned. */
   int (*progress)(void *user, const ern_train_report *report);
   /* After a validation: mean PSNR over `frames` frames, and a picture: prediction, truth, difference (4 times), audio
