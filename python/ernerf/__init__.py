@@ -11,8 +11,9 @@
 What a class or option means is said in include/ernerf/*.h, in the comment of the C function or struct. One thread at a
 time uses a Renderer, a Trainer or a Clip; threads may share all else. Calls release Python's global lock.
 
-An object may be closed at any time and any number of times: by close(), by `with`, or by Python when nothing refers to
-it. Its memory is freed once all that was made from it is closed too; an array that shows its memory counts.
+Objects may be closed in any order and any number of times: by close(), by `with`, or by Python when nothing refers to
+them. An object's memory is freed once all that was made from it is closed too; an array that shows its memory counts.
+No other thread may be in a call on an object that is closed.
 """
 import ctypes
 import json
