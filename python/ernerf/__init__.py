@@ -482,9 +482,10 @@ class Trainer(_Object):
             self._context._call(self._context._engine.ern_trainer_run_sized, self._handle, ctypes.byref(hooks),
                                 ctypes.sizeof(hooks))
         except Error:
-            if raised:
-                raise raised[0] from None
-            raise
+            if not raised:
+                raise
+        if raised:
+            raise raised[0]
 
     def save(self):
         """Writes the training state and the model to the files that `output` names."""

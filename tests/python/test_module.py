@@ -129,23 +129,29 @@ class Module(unittest.TestCase):
     def test_run(self):
         seen = []
 
-        def stop(report):
+        def stop(report):  # called after a validation, or half a second: at step 1 to 4
             seen.append(report.step)
             raise KeyboardInterrupt
 
+        def stop_late(report):
+            if report.step == report.iters:
+                raise ZeroDivisionError
+
         clip = ernerf.Clip(self.context, "clip")
-        options = {"output": "run.safetensors", "validate_frames": 1, "iters": 30, **OPTIONS}
+        options = {"output": "run.safetensors", "iters": 10, "validate_every": 4, "validate_frames": 1, **OPTIONS}
         with ernerf.Trainer(self.backend, clip, **options) as trainer, self.assertRaises(KeyboardInterrupt):
             trainer.run(stop)
         self.assertEqual(len(seen), 1)
         with ernerf.Trainer(self.backend, clip, resume=True, **options) as trainer:
             self.assertEqual(trainer.report.step, seen[0])
-            with self.says(ernerf.Error) as caught:
+            with self.says(ernerf.Error, "step [2-8] of 10") as caught:
                 trainer.run(lambda report: True)
             self.assertEqual(caught.exception.status, ernerf.Status.E_CANCELLED)
         with ernerf.Trainer(self.backend, clip, resume=True, **options) as trainer:
-            trainer.run()
-            self.assertEqual(trainer.report.step, 30)
+            with self.assertRaises(ZeroDivisionError):
+                trainer.run(stop_late)
+            self.assertEqual(trainer.report.step, 10)
+            trainer.run()  # has nothing to do
         head = ernerf.Model(self.context, "run.safetensors")
         torso = ernerf.Trainer(self.backend, clip, head=head, torso=True, iters=1, rays=64)
         torso.step()
