@@ -10,6 +10,7 @@ from ctypes import (CFUNCTYPE, POINTER, Structure, c_bool, c_char, c_char_p, c_d
                     c_size_t, c_uint8, c_uint32, c_uint64, c_void_p)
 
 VERSION = (0, 1)  # of the headers that this file is written for: major, minor
+ENUM = c_uint32  # what C compilers take for an enum without negative values
 
 
 class Status(enum.IntEnum):
@@ -88,7 +89,7 @@ class Split(enum.IntEnum):
 
 
 # base.h
-LOG = CFUNCTYPE(None, c_void_p, c_int, c_char_p)
+LOG = CFUNCTYPE(None, c_void_p, ENUM, c_char_p)
 
 
 class ContextConfig(Structure):
@@ -124,10 +125,10 @@ class PoseList(Structure):
 # model.h
 class ModelInfo(Structure):
     _fields_ = [("has_torso", c_bool), ("has_eye", c_bool), ("has_view", c_bool), ("has_codes", c_bool),
-                ("has_gamma", c_bool), ("backbone", c_int), ("attention", c_int), ("eye_attention", c_int),
+                ("has_gamma", c_bool), ("backbone", ENUM), ("attention", ENUM), ("eye_attention", ENUM),
                 ("levels", c_int), ("feature_width", c_int), ("window_length", c_int), ("codes", c_int),
                 ("bound", c_float), ("has_view_settings", c_bool), ("max_steps", c_int), ("dt_gamma", c_float),
-                ("torso_shrink", c_float), ("scale", c_float), ("audio_pad", c_int), ("cameras", c_size_t),
+                ("torso_shrink", c_float), ("scale", c_float), ("audio_pad", ENUM), ("cameras", c_size_t),
                 ("head_steps", c_uint64), ("torso_steps", c_uint64), ("clip", c_char * 65), ("parameters", c_size_t),
                 ("parameter_bytes", c_size_t), ("speech", c_char * 64), ("speech_network", c_char * 512),
                 ("consent", c_char * 1024)]
@@ -180,13 +181,13 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
 class TrainConfig(Structure):
     _fields_ = [("cookie", c_uint32), ("size", c_uint32), ("torso", c_bool), ("output", c_char_p), ("resume", c_bool),
                 ("overwrite", c_bool), ("from", c_char_p), ("head", c_void_p), ("iters", c_uint64), ("rays", c_int),
-                ("backbone", c_int), ("attention", c_int), ("eye_attention", c_int), ("levels", c_int),
+                ("backbone", ENUM), ("attention", ENUM), ("eye_attention", ENUM), ("levels", c_int),
                 ("no_view", c_bool), ("seed", c_uint64), ("threads", c_int), ("lr", c_float), ("lr_net", c_float),
                 ("lr_att", c_float), ("codes", c_int), ("torso_gamma", c_bool), ("torso_random_background", c_bool),
                 ("max_steps", c_int), ("dt_gamma", c_float), ("bound", c_float), ("torso_shrink", c_float),
-                ("audio_pad", c_int), ("data_begin", c_size_t), ("data_end", c_size_t), ("save_every", c_uint64),
+                ("audio_pad", ENUM), ("data_begin", c_size_t), ("data_end", c_size_t), ("save_every", c_uint64),
                 ("validate_every", c_uint64), ("validate_frames", c_int), ("force", c_bool), ("ema", c_bool),
-                ("ema_every", c_uint64), ("refresh_every", c_uint64), ("precision", c_int), ("ray_sampling", c_int),
+                ("ema_every", c_uint64), ("refresh_every", c_uint64), ("precision", ENUM), ("ray_sampling", ENUM),
                 ("seconds", c_double), ("refine_poses", c_bool), ("torso_output", c_char_p),
                 ("frames_per_step", c_int), ("fine_steps", c_uint64), ("fine_share", c_double), ("patch_size", c_int),
                 ("fine_weight", c_float), ("fine_lips_weight", c_float), ("fine_loss", c_void_p),
@@ -232,7 +233,7 @@ OBJECT = c_void_p
 OUT = POINTER(c_void_p)
 ENGINE = {
     "ern_version": (c_char_p,),
-    "ern_status_name": (c_char_p, c_int),
+    "ern_status_name": (c_char_p, ENUM),
     "ern_context_config_fill": (None, POINTER(ContextConfig), c_size_t),
     "ern_context_create": (Status, OUT, POINTER(ContextConfig)),
     "ern_context_free": (None, OUT),
@@ -252,7 +253,7 @@ ENGINE = {
     "ern_model_describe_sized": (None, OBJECT, POINTER(ModelInfo), c_size_t),
     "ern_file_tensors": (Status, OBJECT, c_char_p, SAY_TENSOR, c_void_p),
     "ern_camera_pose": (None, POINTER(c_float), POINTER(c_float), c_float),
-    "ern_audio_windows": (None, POINTER(c_float), POINTER(Features), c_int64, c_int),
+    "ern_audio_windows": (None, POINTER(c_float), POINTER(Features), c_int64, ENUM),
     "ern_render_options_fill": (None, POINTER(RenderOptions), c_size_t),
     "ern_renderer_create": (Status, OUT, OBJECT, OBJECT, POINTER(RenderOptions)),
     "ern_renderer_free": (None, OUT),
@@ -275,8 +276,8 @@ MEDIA = {
     "ern_clip_describe_sized": (None, OBJECT, POINTER(ClipInfo), c_size_t),
     "ern_clip_features": (POINTER(Features), OBJECT),
     "ern_clip_background": (POINTER(Image), OBJECT),
-    "ern_clip_frame_at": (POINTER(ClipFrame), OBJECT, c_int, c_size_t),
-    "ern_clip_pixels": (Status, OBJECT, c_int, c_size_t, POINTER(Image), POINTER(Image)),
+    "ern_clip_frame_at": (POINTER(ClipFrame), OBJECT, ENUM, c_size_t),
+    "ern_clip_pixels": (Status, OBJECT, ENUM, c_size_t, POINTER(Image), POINTER(Image)),
     "ern_clip_dataset_sized": (None, OBJECT, POINTER(Dataset), c_size_t),
     "ern_speech_features": (Status, OBJECT, c_char_p, c_float, POINTER(Features)),
 }
@@ -289,7 +290,7 @@ def _open(path, functions):
         raise OSError(f"{error}: is libernerf installed? ERNERF_LIBRARY may name its libernerf.so") from None
     for name, (result, *arguments) in functions.items():
         function = getattr(library, name)
-        function.restype = c_int if result is Status else result
+        function.restype = ENUM if result is Status else result
         function.argtypes = arguments
     return library
 
