@@ -34,6 +34,7 @@ typedef struct ern_backend_config {
                 seconds when it is first used */
 } ern_backend_config;
 
+/* The defaults. */
 ERN_API void ern_backend_config_fill(ern_backend_config *config, size_t bytes);
 static inline ern_backend_config ern_backend_config_default(void) {
   ern_backend_config config;
@@ -55,6 +56,8 @@ typedef struct ern_backend_info {
   int threads;            /* what 0 threads stand for here: the cores that this process may use, as its affinity mask
                              and the limits of its control groups (cgroups) have it; at most ERN_THREADS_MOST */
 } ern_backend_info;
+
+/* What the backend is. */
 ERN_API void ern_backend_describe_sized(const ern_backend *backend, ern_backend_info *info, size_t bytes);
 static inline void ern_backend_describe(const ern_backend *backend, ern_backend_info *info) {
   ern_backend_describe_sized(backend, info, sizeof *info);
@@ -75,9 +78,9 @@ ERN_API void ern_backend_tuning(const ern_backend *backend, void (*say)(void *us
 
 /* One line of `ernerf info devices`. Plain data, may grow. */
 typedef struct ern_device_info {
-  const char *kind; /* "cpu" or "opencl" */
-  int number;       /* of the OpenCL device; 0 for the CPU */
-  const char *name, *version;
+  const char *kind;             /* "cpu" or "opencl" */
+  int number;                   /* of the OpenCL device; 0 for the CPU */
+  const char *name, *version;   /* as the system and the driver give them; version is "" for the CPU */
   const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
   unsigned compute_units;       /* of the CPU: cores that this process may use, and */
   uint64_t memory_bytes;        /* memory that it may take: limits of control groups count */

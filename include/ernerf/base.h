@@ -11,10 +11,13 @@
 extern "C" {
 #endif
 
+/* The version of these headers (docs/abi.md). */
 #define ERN_VERSION_MAJOR 0
 #define ERN_VERSION_MINOR 1
 #define ERN_VERSION_PATCH 0
 
+/* For the compiler: a function that the library exports, one whose result may not be ignored, and one that takes a
+ * format of printf. */
 #if defined(__GNUC__)
 #define ERN_API __attribute__((visibility("default")))
 #define ERN_NODISCARD __attribute__((warn_unused_result))
@@ -52,6 +55,7 @@ ERN_API const char *ern_status_name(ern_status status);
 /* "0.1.0"; compare with the ERN_VERSION_* of the headers at start. */
 ERN_API const char *ern_version(void);
 
+/* How important a line of the log is. */
 typedef enum ern_log_level {
   ERN_LOG_ERROR = 0,
   ERN_LOG_WARNING = 1,
@@ -125,9 +129,9 @@ typedef struct ern_context_config {
   uint32_t cookie; /* set by ern_context_config_default(); proves that the struct was initialised */
   uint32_t size;   /* set beside it: bytes of the struct in the program's headers */
   /* Memory hooks, both or neither; NULL: the C library. Both may be called from several threads at a time. allocate
-   * returns at least `bytes` (> 0) bytes aligned to `alignment` (a power of two), or NULL. release never gets NULL. */
+   * returns at least `bytes` (> 0) bytes aligned to `alignment` (a power of two), or NULL. */
   void *(*allocate)(void *user, size_t bytes, size_t alignment);
-  void (*release)(void *user, void *memory);
+  void (*release)(void *user, void *memory); /* never gets NULL */
   /* Receives one line without a newline; NULL: silence. May be called from several threads. */
   void (*log)(void *user, ern_log_level level, const char *line);
   void *user;      /* handed to the hooks */
@@ -135,6 +139,7 @@ typedef struct ern_context_config {
                       false (default): it replaces that file. Trainings and ern_prepare go by options of their own */
 } ern_context_config;
 
+/* The defaults. */
 ERN_API void ern_context_config_fill(ern_context_config *config, size_t bytes);
 static inline ern_context_config ern_context_config_default(void) {
   ern_context_config config;

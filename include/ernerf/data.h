@@ -54,7 +54,7 @@ typedef struct ern_pose_list {
   double focal, cx, cy; /* pixels */
   int width, height;    /* pixels; 2*cx and 2*cy where the file has neither w nor h */
   size_t count;         /* >= 1 */
-  ern_pose *poses;
+  ern_pose *poses;      /* [count] */
 } ern_pose_list;
 
 /* Reads a transforms_*.json file. On success the caller owns the list (ern_pose_list_free). Every field is checked:

@@ -54,6 +54,8 @@ typedef struct ern_live_options {
   const float *silence_code;  /* [32] the mean audio code (ern_renderer_code) of the silent frames of a clip, which the
                                  mouth takes in pauses; copied. NULL (default): the mouth follows the sound alone */
 } ern_live_options;
+
+/* The defaults. */
 ERN_API void ern_live_options_fill(ern_live_options *options, size_t bytes);
 static inline ern_live_options ern_live_options_default(void) {
   ern_live_options options;
@@ -72,7 +74,7 @@ typedef struct ern_live_frame {
   uint64_t number;      /* of the frame, from 0; a gap where frames were dropped */
   double seconds;       /* at which it is shown, number / frames a second, by the clock of the session's sound */
   const float *windows; /* [8][window_length][width]: 4 before the frame's own, its own, 3 after (ern_audio_windows) */
-  int window_length, width;
+  int window_length, width;  /* vectors a window, and numbers a vector */
   float silence_weight;      /* 0 speech .. 1 silence; it rises in 0.2 s and falls in 0.12 s, at any frame rate */
   const float *silence_code; /* [32], or NULL */
   const float *sound;        /* [samples][channels]: what is heard while it is shown; NULL where windows are pushed */

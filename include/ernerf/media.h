@@ -34,11 +34,13 @@ typedef struct ern_provenance {
   uint32_t cookie, size; /* set by ern_provenance_default() */
   bool all_trained;      /* false (default): a trained model's picture together with recorded ones, such as a background
                             (compositeWithTrainedAlgorithmicMedia); true: nothing else (trainedAlgorithmicMedia) */
-  const char *id;        /* identifies the file, such as a hash (ProduceID of the label): at most 128 of A-Z a-z 0-9
-                            . _ : -; NULL (default): none */
+  const char *id;        /* identifies the file, such as a hash (ProduceID of the label): at most 128 of A-Z, a-z, 0-9
+                            and "._:-"; NULL (default): none */
   const char *consent;   /* what the person has agreed to (ern_model_info), less than ERN_CONSENT_BYTES; NULL (default)
                             or "": it is not known */
 } ern_provenance;
+
+/* The defaults. */
 ERN_API void ern_provenance_fill(ern_provenance *provenance, size_t bytes);
 static inline ern_provenance ern_provenance_default(void) {
   ern_provenance provenance;
@@ -166,6 +168,7 @@ typedef struct ern_video_options {
   const char *preset; /* of h264 and hevc: x264's "ultrafast" to "placebo"; NULL (default): "veryfast" */
 } ern_video_options;
 
+/* The defaults. */
 ERN_API void ern_video_options_fill(ern_video_options *options, size_t bytes);
 static inline ern_video_options ern_video_options_default(int width, int height) {
   ern_video_options options;
@@ -201,12 +204,12 @@ ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char
 
 /* Plain data, may grow. */
 typedef struct ern_video_info {
-  int width, height;
+  int width, height;                    /* pixels, upright */
   int rate_numerator, rate_denominator; /* frames a second as FFmpeg guesses them; ern_video_reader_frame has the times
                                            of a variable rate */
   double duration;                      /* of the file, seconds, as its container says; 0: it does not */
-  bool has_sound;
-  int sound_rate, sound_channels;
+  bool has_sound;                       /* a stream of sound is there */
+  int sound_rate, sound_channels;       /* samples a second, channels; 0, 0 without sound */
   char video_codec[32], pixel_format[32], sound_codec[32]; /* FFmpeg's names: "h264", "yuv420p", "aac" */
   double pixel_aspect;                                     /* width of a pixel over its height, as it is shown */
   double start; /* time stamp at which the file begins, seconds: second t of ern_sound_read has the time stamp start + t
@@ -230,6 +233,7 @@ ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
 /* ---- a preprocessed clip ----------------------------------------------------------------------------------------- */
 
+/* A part of a clip. */
 typedef enum ern_split { ERN_SPLIT_TRAIN = 0, ERN_SPLIT_VAL = 1 } ern_split;
 
 /* Plain data, may grow. */
@@ -246,6 +250,8 @@ typedef struct ern_clip_options {
                                          that is NULL; asr_model is then ignored. NULL (default): no network. Must
                                          outlive the open call */
 } ern_clip_options;
+
+/* The defaults. */
 ERN_API void ern_clip_options_fill(ern_clip_options *options, size_t bytes);
 static inline ern_clip_options ern_clip_options_default(void) {
   ern_clip_options options;
@@ -255,7 +261,7 @@ static inline ern_clip_options ern_clip_options_default(void) {
 
 /* Plain data, may grow. */
 typedef struct ern_clip_info {
-  int width, height;
+  int width, height;          /* pixels */
   double focal, cx, cy;       /* pixels */
   size_t frames[2];           /* by ern_split */
   const char *features_file;  /* name of the file that was read */
@@ -271,9 +277,9 @@ typedef struct ern_clip_info {
 
 /* Plain data, may grow: it is the clip's. */
 typedef struct ern_clip_frame {
-  ern_pose pose;
-  float eye; /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
-  bool has_landmarks;
+  ern_pose pose;          /* its row of the transforms file */
+  float eye;              /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
+  bool has_landmarks;     /* false: there are none */
   float landmarks[68][2]; /* x right, y down from the top left corner, pixels; order of 300-W */
 } ern_clip_frame;
 

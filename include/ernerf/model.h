@@ -75,8 +75,8 @@ typedef struct ern_model_info {
   bool has_codes; /* each training frame has an individual code: learnt numbers for what its pose, speech and eye value
                      do not determine (ERN_INDIVIDUAL_MEAN) */
   bool has_gamma; /* the scale of the torso's key points was trained; false: it is 1 */
-  ern_backbone backbone;
-  ern_attention attention;
+  ern_backbone backbone;           /* its kind of encoder */
+  ern_attention attention;         /* how speech reaches a position */
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D of the speech features it was trained on (ern_features.width) */
@@ -104,6 +104,8 @@ typedef struct ern_model_info {
                                       ern_speech_network_open; "": no network made them, or it is not known */
   char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
 } ern_model_info;
+
+/* What the model is. */
 ERN_API void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes);
 static inline void ern_model_describe(const ern_model *model, ern_model_info *info) {
   ern_model_describe_sized(model, info, sizeof *info);

@@ -36,7 +36,7 @@ typedef struct ern_prepare_options {
   /* Called now and then: `done` of `total` units of work of the step. A non-zero answer cancels (ERN_E_CANCELLED), and
    * what is done stays. NULL: none. */
   int (*progress)(void *user, const char *step, size_t done, size_t total);
-  void *user;
+  void *user; /* handed to `progress` */
   /* Take only the best stretch of from..to: without a cut, with a face that is seen and moves, and loud sound. "auto":
    * 180 s where from..to is longer than 300 s, else all of it; "1" to "7200": so many seconds. NULL: all of it. */
   const char *segment;
@@ -44,6 +44,7 @@ typedef struct ern_prepare_options {
   const char *detector;
 } ern_prepare_options;
 
+/* The defaults. */
 ERN_API void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes);
 static inline ern_prepare_options ern_prepare_options_default(void) {
   ern_prepare_options options;
@@ -62,8 +63,8 @@ enum { ERN_PREPARE_STEPS = 6, ERN_PREPARE_WORDS = 512 };
 
 /* Plain data, final. */
 typedef struct ern_prepare_verdict {
-  const char *step; /* a name as in ern_prepare_options.only; NULL: the step was not reached */
-  ern_prepare_grade grade;
+  const char *step;              /* a name as in ern_prepare_options.only; NULL: the step was not reached */
+  ern_prepare_grade grade;       /* of the step's result */
   char words[ERN_PREPARE_WORDS]; /* why, and what to do; "" where good */
 } ern_prepare_verdict;
 

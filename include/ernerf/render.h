@@ -120,6 +120,8 @@ typedef struct ern_render_options {
   float image_scale;        /* the head is drawn at so many times the picture's width and height and upsampled (bicubic)
                                before it is composited over the background, which stays sharp; 0.25..1, default 1 */
 } ern_render_options;
+
+/* The defaults. */
 ERN_API void ern_render_options_fill(ern_render_options *options, size_t bytes);
 static inline ern_render_options ern_render_options_default(void) {
   ern_render_options options;
@@ -175,13 +177,15 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer,
                                                          int window_length, const float *eyes, size_t count,
                                                          float bound);
 
-/* The work of the frames since ern_renderer_reuse_rays. rays: of each frame the share of its rays with samples that was
- * rendered, 0..1, summed over the frames. samples: likewise of their samples in occupied cells. A keyframe counts as a
- * frame of share 1. Plain data, may grow. */
+/* The work of the frames since ern_renderer_reuse_rays. A keyframe counts as a frame of share 1. Plain data, may grow.
+ */
 typedef struct ern_ray_reuse_work {
-  uint64_t frames;
-  double rays, samples;
+  uint64_t frames; /* keyframes included */
+  double rays;    /* of each frame the share of its rays with samples that was rendered, 0..1, summed over the frames */
+  double samples; /* likewise of their samples in occupied cells */
 } ern_ray_reuse_work;
+
+/* That work so far. */
 ERN_API void ern_renderer_ray_reuse_work_sized(const ern_renderer *renderer, ern_ray_reuse_work *work, size_t bytes);
 static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer *renderer) {
   ern_ray_reuse_work work;
@@ -195,7 +199,7 @@ static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer 
 
 /* Plain data, may grow. */
 typedef struct ern_frame_input {
-  ern_camera camera;
+  ern_camera camera;         /* of the picture */
   const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
   const float *windows;      /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
   int window_length;         /* 1..16, that of ern_model_info where it is known */

@@ -26,8 +26,10 @@ typedef struct ern_sound_reader_options {
   int (*stop)(void *user);          /* called on the calling thread, about ten times a second, while a call waits; where
                                        it returns anything but 0 the call ends with ERN_E_CANCELLED; NULL (default):
                                        none */
-  void *user;
+  void *user;                       /* handed to `stop` */
 } ern_sound_reader_options;
+
+/* The defaults. */
 ERN_API void ern_sound_reader_options_fill(ern_sound_reader_options *options, size_t bytes);
 static inline ern_sound_reader_options ern_sound_reader_options_default(void) {
   ern_sound_reader_options options;
@@ -78,8 +80,10 @@ typedef struct ern_stream_options {
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user);          /* as in ern_sound_reader_options, while a call waits for the stream's reader */
-  void *user;
+  void *user;                       /* handed to `stop` */
 } ern_stream_options;
+
+/* The defaults. */
 ERN_API void ern_stream_options_fill(ern_stream_options *options, size_t bytes);
 static inline ern_stream_options ern_stream_options_default(int width, int height) {
   ern_stream_options options;

@@ -18,10 +18,10 @@ extern "C" {
 
 /* Plain data, may grow: it is the library's, all zeros when the callback gets it. */
 typedef struct ern_dataset_frame {
-  float matrix[16]; /* camera to world, row-major, as in a transforms file (ern_pose) */
-  int64_t aud_id;   /* row of the features, >= 0, clamped to the last one */
-  float eye;        /* 0 open .. 1 closed */
-  bool has_face;
+  float matrix[16];   /* camera to world, row-major, as in a transforms file (ern_pose) */
+  int64_t aud_id;     /* row of the features, >= 0, clamped to the last one */
+  float eye;          /* 0 open .. 1 closed */
+  bool has_face;      /* `face` is known */
   ern_box face;       /* pixels, as the next two: box of the landmarks, integer-truncated minima and maxima; unused
                          without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
@@ -42,7 +42,7 @@ ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "unifor
  * callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
  * Callbacks are called in the thread that calls the trainer. Plain data, may grow. */
 typedef struct ern_dataset {
-  void *user;
+  void *user;           /* handed to the callbacks */
   size_t frames[2];     /* number of frames by split; of split 0 at least 1 */
   double focal, cx, cy; /* pixels */
   int width, height;    /* of all pictures, pixels, 1..8192 */
@@ -50,8 +50,9 @@ typedef struct ern_dataset {
                            keeps it */
   bool has_eye;         /* frames have eye values: a head gets the eye branch */
   bool has_torso;       /* frames have torso pictures: a head is trained over them, and a torso can be trained */
-  const ern_features *features;
-  const uint8_t *background; /* [height][width][3], RGB, the top row first, as all pictures here */
+  const ern_features *features; /* the speech */
+  const uint8_t *background;    /* [height][width][3], RGB, the top row first, as all pictures here */
+  /* Fills *frame, which is all zeros. */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
   /* truth [height][width][3], RGB; torso [height][width][4], RGBA, alpha not premultiplied, NULL: transparent
    * everywhere; ignored where has_torso is false. The callback's memory, valid until its next call. */
@@ -62,7 +63,7 @@ typedef struct ern_dataset {
    * of `features`. With the probability copy_share a training step takes one of them, drawn at random, else `features`
    */
   const ern_features *copies;
-  size_t copy_count;
+  size_t copy_count;  /* 0: none */
   float copy_share;   /* 0..1 */
   const char *speech; /* kind of the features (ern_model_info.speech), UTF-8 of 63 bytes at most; NULL: it is not known.
                          A torso keeps the kind of its head, and its network */
@@ -82,8 +83,8 @@ typedef enum ern_precision {
                              the heads of the ablation. A backend of isa "auto" has avx512bf16 only where it is faster */
 } ern_precision;
 
-#define ERN_FRAMES_PER_STEP_MOST 64
-#define ERN_FINE_ALL UINT64_MAX
+#define ERN_FRAMES_PER_STEP_MOST 64 /* ern_train_config.frames_per_step */
+#define ERN_FINE_ALL UINT64_MAX     /* ern_train_config.fine_steps */
 
 /* A loss of patches that the program computes, in the place of the structural similarity (media.h has LPIPS).
  * Plain data, final. */
@@ -94,18 +95,19 @@ typedef struct ern_fine_loss {
    * over the patches. Called once a patch, by the thread that calls the trainer. A status other than ERN_OK ends the
    * step with it. Where there is a fine stage, ern_trainer_create calls it once, on zeros. */
   ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
-  void *user;
+  void *user; /* handed to `compute` */
 } ern_fine_loss;
+
+#define ERN_COMMUNICATOR_WORDS 512 /* bytes that say why a function failed, with the 0 at their end */
 
 /* Processes that train one model together (ern_train_config.communicator), such as those that mpirun starts. The
  * trainer calls the functions in its caller's thread, in all processes in the same order and with the same counts. A
  * function returns when its result is there. A status other than ERN_OK ends the call of the trainer with that status;
  * `words`, an empty string before, then has the reason, with a 0 at its end. Plain data, final. */
-#define ERN_COMMUNICATOR_WORDS 512
 typedef struct ern_communicator {
-  void *user;
-  int rank; /* of this process, 0 <= rank < size */
-  int size; /* number of processes, a power of 2 */
+  void *user; /* handed to the functions */
+  int rank;   /* of this process, 0 <= rank < size */
+  int size;   /* number of processes, a power of 2 */
   /* Overwrites values[count] (a gradient) and figures[figure_count] (losses) with their sums over the processes. Each
    * sum is that of a binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., so it has the same bits in each process. */
   ern_status (*sum)(void *user, float *values, size_t count, double *figures, size_t figure_count,
@@ -116,7 +118,7 @@ typedef struct ern_communicator {
   ern_status (*broadcast)(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
 } ern_communicator;
 
-#define ERN_STEP_PARTS_MOST 64
+#define ERN_STEP_PARTS_MOST 64 /* ern_train_config.step_parts */
 
 /* Where a comment gives no default, it is 0, false or NULL. Plain data, may grow. */
 typedef struct ern_train_config {
@@ -219,6 +221,8 @@ typedef struct ern_train_config {
                                            others get its state; their `output`, `resume`, `from` and `torso_output`
                                            are ignored */
 } ern_train_config;
+
+/* The defaults. */
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
   ern_train_config config;
@@ -231,24 +235,24 @@ typedef struct ern_trainer ern_trainer;
 
 /* What a state was trained with. Plain data, may grow. */
 typedef struct ern_train_state {
-  bool torso;
-  uint64_t step, seed;
-  int rays;
-  bool has_settings; /* true: the state has the settings below; false: all members below are 0 */
-  uint64_t iters;
-  float lr, lr_net, lr_att;
-  uint64_t refresh_every, ema_every;
-  size_t data_begin, data_end;
-  bool torso_layer; /* ern_dataset.has_torso */
-  bool ema;         /* its model is the average */
-  ern_precision precision;
-  ern_ray_sampling ray_sampling;
-  double budget;  /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
-  double seconds; /* of training, all runs together */
-  bool refine_poses;
+  bool torso;                        /* a torso was trained, else a head */
+  uint64_t step, seed;               /* steps done; ern_train_config.seed */
+  int rays;                          /* ern_train_config.rays */
+  bool has_settings;                 /* true: the state has the settings below; false: all members below are 0 */
+  uint64_t iters;                    /* as of ern_train_config, like the next three lines */
+  float lr, lr_net, lr_att;          /* learning rates */
+  uint64_t refresh_every, ema_every; /* intervals in steps */
+  size_t data_begin, data_end;       /* training frames */
+  bool torso_layer;                  /* ern_dataset.has_torso */
+  bool ema;                          /* its model is the average */
+  ern_precision precision;           /* as of ern_train_config */
+  ern_ray_sampling ray_sampling;     /* likewise */
+  double budget;                     /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
+  double seconds;                    /* of training, all runs together */
+  bool refine_poses;                 /* ern_train_config.refine_poses */
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have; the next one likewise */
-  bool torso_random_background; /* false where a state of an earlier version does not say it */
-  int frames_per_step;
+  bool torso_random_background;        /* false where a state of an earlier version does not say it */
+  int frames_per_step;                 /* ern_train_config.frames_per_step */
   uint64_t fine_steps;                 /* of iters; 0: no fine stage */
   int patch_size;                      /* 0 where a state does not say it */
   float fine_weight, fine_lips_weight; /* likewise */
@@ -320,7 +324,7 @@ ERN_API ERN_NODISCARD ern_status ern_trainer_check(ern_trainer *trainer);
 
 /* What ern_trainer_run tells its caller, in its thread. All may be NULL. Plain data, may grow. */
 typedef struct ern_train_hooks {
-  void *user;
+  void *user; /* handed to the hooks */
   /* After a step: about twice a second, after each validation, and after the last step. A non-zero answer before the
    * last step stops: the state is saved, ERN_E_CANCELLED returned. */
   int (*progress)(void *user, const ern_train_report *report);

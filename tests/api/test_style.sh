@@ -6,8 +6,8 @@ set -euo pipefail
 cd "$1"
 
 # All files of ours that are text; the pictures and data of docs/ and data/ and the inputs of fuzz targets are not.
-mapfile -t texts < <(find include src tools tests examples cmake docs .ci ./*.md ./*.txt ./*.json .clang-format .editorconfig \
-  .gitignore LICENSE -type f ! -name '*.png' ! -name '*.npy' ! -path 'tests/fuzz/corpus/*' | sort)
+mapfile -t texts < <(find include src tools tests examples python cmake docs .ci ./*.md ./*.txt ./*.json .clang-format .editorconfig \
+  .gitignore LICENSE -type f ! -name '*.png' ! -name '*.pyc' ! -name '*.npy' ! -path 'tests/fuzz/corpus/*' | sort)
 mapfile -t code < <(printf '%s\n' "${texts[@]}" | grep -E '\.(c|h|cpp|cl)$')
 mapfile -t library < <(printf '%s\n' "${code[@]}" | grep -E '^src/')
 [ "${#library[@]}" -gt 60 ] || { echo "FAIL: only ${#library[@]} files in src/"; exit 1; }
@@ -43,7 +43,7 @@ fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|
   grep -v '^tests/api/test_style\.sh:' || true)
 
 # What a test or a program leaves where it is run is easily committed with the rest.
-known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|debian|docs|examples|include|src|tests|tools)/.*'
+known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|debian|docs|examples|include|python|src|tests|tools)/.*'
 fault 'a file that does not belong in the root' < <(git ls-files 2>/dev/null | grep -vE "^($known)$" || true)
 
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
@@ -51,8 +51,9 @@ header=include/ernerf/base.h
 declared=$(version $header 'VERSION_MAJOR [0-9]+').$(version $header 'VERSION_MINOR [0-9]+').$(version $header 'VERSION_PATCH [0-9]+')
 configured=$(version CMakeLists.txt 'VERSION [0-9.]+ LANGUAGES')
 compiled=$(version src/core/context.c 'ern_version\(void\) \{ return "[0-9.]+"')
-if [ "$declared" != "$configured" ] || [ "$declared" != "$compiled" ]; then
-  fault 'versions differ' <<<"$header $declared, CMakeLists.txt $configured, src/core/context.c $compiled"
+packed=$(version python/pyproject.toml '^version = "[0-9.]+"')
+if [ "$declared" != "$configured" ] || [ "$declared" != "$compiled" ] || [ "$declared" != "$packed" ]; then
+  fault 'versions differ' <<<"$header $declared, CMakeLists.txt $configured, src/core/context.c $compiled, python/pyproject.toml $packed"
 fi
 
 formatter=$(command -v clang-format-14 || command -v clang-format || true)

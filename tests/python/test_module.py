@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: MIT
+"""The module against what C programs make of the same input, to the bit; and what it says to wrong input.
+
+Runs in a folder that test_module.sh has filled: clip, head.safetensors with head.run and losses.txt (steps.c),
+frames.rgba and grey.ppm (render_minimal), speech.npy (`ernerf features`). Needs ERNERF_LIBRARY."""
+import ctypes
+import gc
+import json
+import os
+import threading
+import unittest
+
+import numpy as np
+
+import ernerf
+
+STEPS = 6
+OPTIONS = {"rays": 256, "levels": 4, "seed": 7}
+
+
+def tensors_of(path):
+    """A second reader of .safetensors."""
+    with open(path, "rb") as file:
+        content = file.read()
+    length = int(np.frombuffer(content, "<u8", 1)[0])
+    header = json.loads(content[8:8 + length])
+    return {name: (tensor["dtype"], tensor["shape"], content[8 + length:][slice(*tensor["data_offsets"])])
+            for name, tensor in header.items() if name != "__metadata__"}
+
+
+class Module(unittest.TestCase):
+    def setUp(self):
+        self.context = ernerf.Context()
+        self.addCleanup(self.context.close)
+        self.backend = ernerf.Backend(self.context)
+
+    def says(self, kind, *words):
+        """An exception of this kind whose text has these words."""
+        return self.assertRaisesRegex(kind, ".*".join(words))
+
+    # ---- the same as C ----
+
+    def test_frames(self):
+        model = ernerf.Model(self.context, "head.safetensors")
+        renderer = ernerf.Renderer(self.backend, model)
+        speech = self.context.features("speech.npy")
+        poses = self.context.poses("clip/transforms_val.json")
+        height, width = poses.view.height, poses.view.width
+        expected = np.fromfile("frames.rgba", np.uint8).reshape(-1, height, width, 4)
+        head = f"P6\n{width} {height}\n255\n".encode()
+        with open("grey.ppm", "rb") as file:
+            grey = [np.frombuffer(file.read(len(head) + 3 * width * height)[len(head):], np.uint8) for _ in expected]
+        self.assertEqual(len(expected), len(speech))
+        background = np.full((height, width, 3), 96, np.uint8)
+        there_and_back = [*range(len(poses.matrix)), *range(len(poses.matrix) - 2, 0, -1)]
+        for t in range(0, len(speech), 3):
+            view = poses.view, poses.matrix[there_and_back[t % len(there_and_back)]], renderer.windows(speech, t)
+            rgba = renderer.frame(*view, "rgba")
+            np.testing.assert_array_equal(rgba, expected[t])
+            rgb, alpha, again = renderer.frame(*view, ["rgb", "alpha", "rgba"], background=background)
+            self.assertEqual((rgb.shape, rgb.dtype, alpha.shape), ((height, width, 3), np.float32, (height, width)))
+            np.testing.assert_array_equal(again[..., :3].ravel(), grey[t])
+            # bytes are the nearest, in float32: 255 times 2^-24 beside the half
+            np.testing.assert_allclose(rgb * np.float64(255), again[..., :3], rtol=0, atol=0.5 + 2e-5)
+            np.testing.assert_array_equal(rgb, renderer.frame(*view, background=background))
+        self.assertGreater(expected.std(), 0)
+
+    def test_steps(self):
+        with open("losses.txt", encoding="ascii") as file:
+            expected = [(int(step), float.fromhex(loss)) for step, loss in (line.split() for line in file)]
+        clip = ernerf.Clip(self.context, "clip")
+        trainer = ernerf.Trainer(self.backend, clip, output="python.safetensors", iters=STEPS, **OPTIONS)
+        reports = [trainer.step() for _ in range(STEPS)]
+        self.assertEqual([(report.step, report.loss) for report in reports], expected)
+        self.assertEqual(len({report.loss for report in reports}), STEPS)
+        self.assertEqual((trainer.report.step, trainer.report.iters), (STEPS, STEPS))
+        with self.says(ernerf.Error, str(STEPS)) as caught:
+            trainer.step()
+        self.assertEqual(caught.exception.status, ernerf.Status.E_STATE)
+        trainer.save()
+        with open("head.safetensors", "rb") as c, open("python.safetensors", "rb") as python:
+            self.assertTrue(c.read() == python.read())
+        same = trainer.model().tensors()
+        for name, (_, shape, content) in tensors_of("head.safetensors").items():
+            self.assertEqual((same[name].shape, same[name].tobytes()), (tuple(shape), content), name)
+
+    def test_tensors(self):
+        model = ernerf.Model(self.context, "head.safetensors")
+        expected = tensors_of("head.safetensors")
+        self.assertGreater(len(expected), 10)
+        for tensors in (model.tensors(), self.context.tensors("head.safetensors")):
+            self.assertEqual(list(tensors), list(expected))
+            for name, (dtype, shape, content) in expected.items():
+                self.assertEqual(tensors[name].tobytes(), content, name)
+                self.assertEqual(tensors[name].shape, tuple(shape), name)
+                self.assertTrue(dtype != "F32" or tensors[name].dtype == np.float32, name)
+                self.assertFalse(tensors[name].flags.writeable, name)
+        self.assertEqual((model.info.backbone, model.info.levels), (ernerf.Backbone.TRIHASH, 4))
+        self.assertEqual(model.info.head_steps, STEPS)
+        model.save("copy.safetensors")
+        self.assertEqual(tensors_of("copy.safetensors"), expected)
+
+    def test_clip_and_sound(self):
+        clip = ernerf.Clip(self.context, "clip", asr_model="cepstra")
+        file = np.load("speech.npy")
+        np.testing.assert_array_equal(self.context.features("speech.npy"), file)
+        np.testing.assert_array_equal(self.context.speech("clip/aud.wav"), file)
+        np.testing.assert_array_equal(clip.features[:len(file)], file[:len(clip.features)])
+        self.assertFalse(clip.features.flags.writeable)
+        with open("clip/transforms_train.json", encoding="utf-8") as text:
+            transforms = json.load(text)
+        self.assertEqual(clip.info.frames[ernerf.Split.TRAIN], len(transforms["frames"]))
+        self.assertEqual(clip.view.focal, transforms["focal_len"])
+        poses = self.context.poses("clip/transforms_train.json")
+        for index, frame in enumerate(transforms["frames"]):
+            matrix = np.array(frame["transform_matrix"], np.float32)
+            np.testing.assert_array_equal(clip.frame(ernerf.Split.TRAIN, index).matrix, matrix)
+            np.testing.assert_array_equal(poses.matrix[index], matrix)
+            self.assertEqual((poses.img_id[index], poses.aud_id[index]), (frame["img_id"], frame["aud_id"]))
+        first, torso = clip.pixels(ernerf.Split.TRAIN, 0)
+        kept = first.copy()
+        second, _ = clip.pixels(ernerf.Split.TRAIN, 5)
+        np.testing.assert_array_equal(first, kept)
+        self.assertGreater(np.abs(first.astype(int) - second).max(), 0)
+        self.assertEqual(first.shape, (clip.view.height, clip.view.width, 3))
+        self.assertEqual(torso.shape, (clip.view.height, clip.view.width, 4))
+        self.assertEqual(clip.background.shape, first.shape)
+
+    def test_run(self):
+        seen = []
+
+        def stop(report):  # called after a validation, or half a second: at step 1 to 4
+            seen.append(report.step)
+            raise KeyboardInterrupt
+
+        def stop_late(report):
+            if report.step == report.iters:
+                raise ZeroDivisionError
+
+        clip = ernerf.Clip(self.context, "clip")
+        options = {"output": "run.safetensors", "iters": 10, "validate_every": 4, "validate_frames": 1, **OPTIONS}
+        with ernerf.Trainer(self.backend, clip, **options) as trainer, self.assertRaises(KeyboardInterrupt):
+            trainer.run(stop)
+        self.assertEqual(len(seen), 1)
+        with ernerf.Trainer(self.backend, clip, resume=True, **options) as trainer:
+            self.assertEqual(trainer.report.step, seen[0])
+            with self.says(ernerf.Error, "step [2-8] of 10") as caught:
+                trainer.run(lambda report: True)
+            self.assertEqual(caught.exception.status, ernerf.Status.E_CANCELLED)
+        with ernerf.Trainer(self.backend, clip, resume=True, **options) as trainer:
+            with self.assertRaises(ZeroDivisionError):
+                trainer.run(stop_late)
+            self.assertEqual(trainer.report.step, 10)
+            trainer.run()  # has nothing to do
+        head = ernerf.Model(self.context, "run.safetensors")
+        torso = ernerf.Trainer(self.backend, clip, head=head, torso=True, iters=1, rays=64)
+        torso.step()
+        self.assertTrue(torso.model().info.has_torso)
+
+    # ---- closing ----
+
+    def test_close(self):
+        with ernerf.Context() as context:
+            backend, model = ernerf.Backend(context), ernerf.Model(context, "head.safetensors")
+            renderer = ernerf.Renderer(backend, model)
+            features = context.features("speech.npy")
+            clip = ernerf.Clip(context, "clip")
+            background = clip.background
+            expected = features.copy(), background.copy()
+        for closed in (model, backend, clip, model, context, clip):  # twice, and before what needs them
+            closed.close()
+        view, matrix = ernerf.View(150, 16, 16, 32, 32), np.eye(4, dtype=np.float32)
+        picture = renderer.frame(view, matrix, renderer.windows(features, 0))
+        self.assertEqual(picture.shape, (32, 32, 3))
+        renderer.close()
+        renderer.close()
+        np.testing.assert_array_equal(features, expected[0])
+        np.testing.assert_array_equal(background, expected[1])
+        self.assertFalse(context._held == [])  # the arrays need it
+        del features, background
+        gc.collect()
+        self.assertEqual((context._held, model._held, clip._held, renderer._held), ([], [], [], []))
+        windows = np.zeros((8, 16, 13), np.float32)
+        for what, use in (("Model", lambda: model.save("none.safetensors")), ("Clip", lambda: clip.features),
+                          ("Backend", lambda: backend.info), ("Context", lambda: context.features("speech.npy")),
+                          ("Renderer", lambda: renderer.frame(view, matrix, windows)),
+                          ("Context", lambda: ernerf.Model(context, "head.safetensors"))):
+            with self.says(ValueError, f"the {what} is closed"):
+                use()
+
+    def test_threads(self):
+        model = ernerf.Model(self.context, "head.safetensors")
+        speech, pictures = self.context.features("speech.npy"), [None] * 4
+        view, matrix = ernerf.View(150, 16, 16, 32, 32), np.eye(4, dtype=np.float32)
+
+        def draw(number):
+            with ernerf.Renderer(self.backend, model, threads=1) as renderer:
+                for _ in range(5):
+                    pictures[number] = renderer.frame(view, matrix, renderer.windows(speech, 3))
+
+        threads = [threading.Thread(target=draw, args=(number,)) for number in range(len(pictures))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for picture in pictures:
+            np.testing.assert_array_equal(picture, pictures[0])
+
+    # ---- wrong input ----
+
+    def test_files(self):
+        for name, status, use in (
+                ("none.safetensors", "E_MISSING", lambda: ernerf.Model(self.context, "none.safetensors")),
+                ("speech.npy", "E_FORMAT", lambda: ernerf.Model(self.context, "speech.npy")),
+                ("losses.txt", "E_FORMAT", lambda: self.context.tensors("losses.txt")),
+                ("none.wav", "E_MISSING", lambda: self.context.speech("none.wav")),
+                ("none", "E_MISSING", lambda: ernerf.Clip(self.context, "none")),
+                ("head.safetensors", "E_EXISTS", lambda: ernerf.Trainer(
+                    self.backend, ernerf.Clip(self.context, "clip"), output="head.safetensors"))):
+            with self.says(ernerf.Error, name) as caught:
+                use()
+            self.assertEqual(caught.exception.status.name, status)
+        with self.says(ValueError, "null character"):
+            ernerf.Model(self.context, "head\0.safetensors")
+        with self.says(OSError, "none.so", "ERNERF_LIBRARY"):
+            ernerf.Context(library="./none.so")
+
+    def test_arguments(self):
+        model = ernerf.Model(self.context, "head.safetensors")
+        renderer = ernerf.Renderer(self.backend, model)
+        speech = self.context.features("speech.npy")
+        view, matrix = ernerf.View(150, 16, 16, 32, 32), np.eye(4, dtype=np.float32)
+        windows = renderer.windows(speech, 0)
+        clip = ernerf.Clip(self.context, "clip")
+
+        def frame(view=view, matrix=matrix, windows=windows, outputs="rgb", **others):
+            return renderer.frame(view, matrix, windows, outputs, **others)
+
+        frame()
+        np.testing.assert_array_equal(frame(windows=np.asfortranarray(windows)), frame())
+        for kind, words, use in (
+                (TypeError, ("matrix", "float64", "expected float32"), lambda: frame(matrix=np.eye(4))),
+                (TypeError, ("matrix", "list", "NumPy"), lambda: frame(matrix=[[1]])),
+                (ValueError, ("matrix", "3, 3", "expected", "4, 4"), lambda: frame(matrix=matrix[:3, :3])),
+                (ValueError, ("windows", r"expected \(8, any, 13\)"), lambda: frame(windows=windows[:, :, :4])),
+                (ValueError, ("background", "16, 32, 3"), lambda: frame(background=np.zeros((16, 32, 3), np.uint8))),
+                (TypeError, ("torso", "int64", "uint8"), lambda: frame(torso=np.zeros((32, 32, 4), int))),
+                (ValueError, ("output 'colour'", "rgb"), lambda: frame(outputs="colour")),
+                (ValueError, ("9000 x 32 pixels", "8192"), lambda: frame(view._replace(width=9000))),
+                (ValueError, ("individual is -1", "range"), lambda: frame(individual=-1)),
+                (ernerf.Error, ("eye",), lambda: frame(eye=2.0)),
+                (ernerf.Error, ("pose",), lambda: frame(matrix=np.full((4, 4), np.nan, np.float32))),
+                (ernerf.Error, ("features", "13"), lambda: renderer.windows(speech[:, :, :4], 0)),
+                (TypeError, ("Renderer has no option steps", "max_steps"),
+                 lambda: ernerf.Renderer(self.backend, model, steps=3)),
+                (ValueError, ("threads is 4294967297",),
+                 lambda: ernerf.Renderer(self.backend, model, threads=2**32 + 1)),
+                (TypeError, ("smooth_lips is 1", "True or False"),
+                 lambda: ernerf.Renderer(self.backend, model, smooth_lips=1)),
+                (ernerf.Error, ("max_steps",), lambda: ernerf.Renderer(self.backend, model, max_steps=-3)),
+                (ernerf.Error, ("instruction set", "none"), lambda: ernerf.Backend(self.context, isa="none")),
+                (TypeError, ("Trainer has no option fine_loss",),
+                 lambda: ernerf.Trainer(self.backend, clip, fine_loss=1)),
+                (ValueError, ("iters is -1",), lambda: ernerf.Trainer(self.backend, clip, iters=-1)),
+                (IndexError, ("frame 10000 of",), lambda: clip.frame(ernerf.Split.VAL, 10000)),
+                (ernerf.Error, ("10000",), lambda: clip.pixels(ernerf.Split.VAL, 10000))):
+            with self.subTest(words), self.says(kind, *words):
+                use()
+
+    def test_log(self):
+        lines = []
+        with ernerf.Context(log=lambda level, line: lines.append((level, line))) as context:
+            ernerf.Backend(context)
+        self.assertTrue(lines)
+        self.assertTrue(all(isinstance(level, ernerf.LogLevel) and isinstance(line, str) for level, line in lines))
+
+    def test_version(self):
+        version = ctypes.CDLL(os.environ["ERNERF_LIBRARY"]).ern_version
+        version.restype = ctypes.c_char_p
+        self.assertEqual(version().decode(), ernerf.__version__)
+
+
+if __name__ == "__main__":
+    unittest.main()
