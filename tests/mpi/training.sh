@@ -43,7 +43,7 @@ on 2 -o "$folder/timed.safetensors" --time 60s $timed > /dev/null &
 await 60 grep -qs "% " log.txt
 kill "$(process 0 timed)"
 wait $! && fail "a training that was stopped was no error"
-grep -q "; the state is saved" log.txt || fail "it does not say that it is stopped: $(cat log.txt)"
+grep -q " is saved" log.txt || fail "it does not say that it is stopped: $(cat log.txt)"
 on 4 -o "$folder/timed.safetensors" --time 2s $timed --resume
 grep -q "the torso under .*timed.head.safetensors" log.txt || fail "no torso after the head: $(cat log.txt)"
 [ -e timed.safetensors ] || fail "there is no portrait"
