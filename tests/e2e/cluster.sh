@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# examples/cluster under GNU parallel, and under Slurm where it is there: segments that are joined, and three people of whom one
-# has no clip. Usage: cluster.sh ERNERF SOURCE FOLDER
+# examples/cluster under GNU parallel: segments that are joined, and three people of whom one has no clip. Under Slurm:
+# slurm.sh. Usage: cluster.sh ERNERF SOURCE FOLDER
 set -euo pipefail
 ernerf=$1 source=$2 folder=$3 scripts=$2/examples/cluster
 command -v parallel > /dev/null && parallel --version 2> /dev/null | grep -q GNU || { echo "skipped: there is no GNU parallel"; exit 77; }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Segments of 1 to 50 frames (render --frames A:B) against the whole: the pictures that are drawn are the same bytes,
  * and `join` makes one video of them whose pictures decode as the segments' do, at the whole's times and with its
- * sound. What does not follow each other is refused. */
+ * sound, and a file beside it that says of what it was joined. What does not follow each other is refused. */
 #include "cli.h"
 
 #include <sys/stat.h>
@@ -24,8 +24,8 @@ static void draw_raw(const char *to, const char *frames) {
 
 static int make_all(void **state) {
   (void)state;
-  static const char *const old[] = {
-      "clip", "h.safetensors", "h.run", "parts", "none", "whole.mp4", "whole.mp4.provenance.json"};
+  static const char *const old[] = {"clip", "h.safetensors", "h.run",     "parts",
+                                    "none", "silent",        "whole.mp4", "whole.mp4.provenance.json"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size 64 --frames %d --seed 3 --quiet", CLIP_FRAMES);
   cli_expect(&cli, 0, NULL);
@@ -143,6 +143,60 @@ static void test_join(void **state) {
   free(file), free(parts), free(joined), free(whole);
 }
 
+/* The joined video's file says what all segments' files say, and of each what that one alone says. */
+static void test_file_beside(void **state) {
+  (void)state;
+  char hex[65];
+  ern_context *context = support_context();
+  json_t *whole = cli_json(&cli, "whole.mp4.provenance.json"), *joined = cli_json(&cli, "joined.mp4.provenance.json");
+  static const char *const same[] = {"made_by", "version",     "digital_source_type",
+                                     "model",   "speech",      "clip",
+                                     "consent", "first_frame", "frames",
+                                     "rate",    "width",       "height",
+                                     "sound",   "settings"};
+  for (size_t i = 0; i < sizeof same / sizeof *same; i++)
+    if (!json_equal(json_object_get(whole, same[i]), json_object_get(joined, same[i])))
+      fail_msg("%s is not that of the whole", same[i]);
+  assert_string_equal(json_string_value(json_object_get(joined, "output")), "joined.mp4");
+  const json_t *sound = json_object_get(joined, "sound_file"), *segments = json_object_get(joined, "segments");
+  support_ok(context, ern_file_sha256(context, "clip/aud.wav", hex));
+  assert_string_equal(json_string_value(json_object_get(sound, "sha256")), hex);
+  assert_int_equal(json_array_size(segments), LENGTHS);
+  const json_t *fourth = json_array_get(segments, 3);
+  support_ok(context, ern_file_sha256(context, "parts/006.mp4", hex));
+  assert_string_equal(json_string_value(json_object_get(fourth, "sha256")), hex);
+  assert_string_equal(json_string_value(json_object_get(fourth, "file")), "006.mp4");
+  assert_int_equal(json_integer_value(json_object_get(fourth, "first_frame")), 6);
+  assert_int_equal(json_integer_value(json_object_get(fourth, "frames")), 50);
+  assert_null(json_object_get(fourth, "model")); /* said once for all */
+  json_decref(whole);
+  json_decref(joined);
+
+  /* one of which nothing is said, then none of which anything is; a file of somebody else */
+  assert_int_equal(rename("parts/001.mp4.provenance.json", "aside.json"), 0);
+  cli_run(&cli, "join parts -o joined.mp4 --overwrite");
+  cli_expect(&cli, 0, "001.mp4: no file beside it", NULL);
+  joined = cli_json(&cli, "joined.mp4.provenance.json");
+  segments = json_object_get(joined, "segments");
+  assert_true(json_is_null(json_object_get(joined, "frames")) && json_object_get(joined, "model") == NULL);
+  assert_non_null(json_object_get(json_array_get(segments, 3), "model"));
+  assert_int_equal(json_object_size(json_array_get(segments, 1)), 2); /* file and sha256 */
+  json_decref(joined);
+  support_clear("joined.mp4");
+  support_write_text("joined.mp4.provenance.json", "{\"mine\": 1}");
+  cli_run(&cli, "join parts -o joined.mp4");
+  cli_expect(&cli, 1, "joined.mp4.provenance.json: is there already", NULL);
+  assert_int_not_equal(access("joined.mp4", F_OK), 0);
+  support_clear("joined.mp4.provenance.json");
+  assert_int_equal(mkdir("silent", 0777), 0);
+  assert_int_equal(link("parts/000.mp4", "silent/000.mp4"), 0);
+  cli_run(&cli, "join silent -o joined.mp4");
+  cli_expect(&cli, 0, NULL);
+  assert_int_not_equal(access("joined.mp4.provenance.json", F_OK), 0);
+  assert_int_equal(rename("aside.json", "parts/001.mp4.provenance.json"), 0);
+  ern_context_free(&context);
+}
+
 /* A segment that is missing, that is of another size, that is cut off, that there is no other of. */
 static void test_refused(void **state) {
   (void)state;
@@ -172,6 +226,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join), cmocka_unit_test(test_file_beside),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

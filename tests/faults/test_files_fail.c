@@ -29,6 +29,7 @@ static const struct way {
     {.name = "video", .line = "render in/head.safetensors --clip in/clip -y -o out/talk.mp4 --frames 0:3"},
     {.name = "pictures", .line = "render in/head.safetensors --clip in/clip -y -o out/p%02d.png --frames 0:2"},
     {.name = "exr", .line = "render in/head.safetensors --clip in/clip -o out/p%02d.exr --frames 0:2"},
+    {.name = "join", .line = "join in/parts --wav in/clip/aud.wav -y -o out/joined.mp4"},
     {.name = "eval", .line = "eval in/head.safetensors in/clip -y --json out/eval.json"},
     {.name = "compare",
      .line = "compare in/head.safetensors in/head.safetensors in/clip -o out/compared --split train --frames 0:3"},
@@ -239,6 +240,9 @@ static int prepare(void **state) {
   journey_ok(&j, TRAIN " -o was/head.safetensors --iters 4 --quiet");
   journey_ok(&j, "convert was/head.safetensors in/head.safetensors --quiet");
   journey_ok(&j, "convert was/head.safetensors in/head.pth --quiet");
+  assert_int_equal(mkdir("in/parts", 0777), 0);
+  for (int k = 0; k < 2; k++)
+    journey_ok(&j, "render in/head.safetensors --clip in/clip --frames %d:%d -o in/parts/%d.mp4 --quiet", k, k + 1, k);
   /* at step 2 of 4: the steps after it have no disk */
   clear_run("was/head");
   const struct fault stop = {
@@ -248,6 +252,7 @@ static int prepare(void **state) {
   assert_int_equal(j.status, 1);
   assert_int_equal(journey_newest(context, "was/head.run"), 2);
   support_write_text("was/talk.mp4", "of yesterday");
+  support_write_text("was/joined.mp4", "of yesterday");
   support_write_text("was/p00.png", "of yesterday");
   support_write_text("was/eval.json", "{}");
   support_write_text("was/head.pth", "of yesterday");

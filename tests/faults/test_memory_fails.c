@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * Each allocation of the context that is refused, in turn, on whole ways: a head trained with saves and a validation,
- * gone on from, a torso under it, a model loaded, drawn and converted. The answer is ERN_E_NO_MEMORY with its words, or
- * it does with less; nothing is left over in memory, what lies on the disk is whole, and the next try goes on from it.
+ * gone on from, a torso under it, a model loaded, drawn and converted, videos joined. The answer is ERN_E_NO_MEMORY
+ * with its words, or it does with less; nothing is left over in memory, what lies on the disk is whole, and the next
+ * try goes on from it.
  *
  *   ERNERF_TEST_CALLS=1   every allocation, not one of many (0)
  *   ERNERF_TEST_SEED=7    of those that are taken (1) */
 #include <errno.h>
 
 #include "../made_clip.h"
+#include "ernerf/media.h"
 #include "journey.h"
 
 static struct made data; /* its context and backend are not used */
@@ -85,6 +87,14 @@ static ern_status way_render(ern_context *context) {
   return status;
 }
 
+/* Two videos to one with sound. */
+static ern_status way_join(ern_context *context) {
+  static const char *const segments[] = {"one.mp4", "two.mp4"};
+  static int16_t samples[1600];
+  const ern_sound sound = {.rate = 16000, .channels = 1, .frames = 1600, .data = samples};
+  return ern_video_join(context, "joined.mp4", segments, 2, &sound, 0);
+}
+
 static ern_status way_convert(ern_context *context) {
   ern_status status = ern_file_convert(context, "portrait.safetensors", "there.pth");
   if (status == ERN_OK) status = ern_file_convert(context, "there.pth", "back.safetensors");
@@ -100,7 +110,8 @@ static const struct {
             {"torso", way_torso, {"body.safetensors", "body.run/state.safetensors"}},
             {"from a .pth", way_from, {NULL}},
             {"render", way_render, {NULL}},
-            {"convert", way_convert, {"there.pth", "back.safetensors"}}};
+            {"convert", way_convert, {"there.pth", "back.safetensors"}},
+            {"join", way_join, {NULL}}};
 
 static void expect_whole(ern_context *context, size_t way, size_t at) {
   char left[1024];
@@ -161,6 +172,19 @@ static void test_from(void **state) { (void)state, refuse_each(3, 5); }
 static void test_render(void **state) { (void)state, refuse_each(4, 12); }
 static void test_convert(void **state) { (void)state, refuse_each(5, 20); }
 
+static void test_join(void **state) { (void)state, refuse_each(6, 20); }
+
+static void make_video(const char *path) {
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  const ern_provenance made = ern_provenance_default(); /* which the whole takes over */
+  ern_video_writer *writer = NULL;
+  options.provenance = &made;
+  support_ok(data.context, ern_video_writer_open(data.context, path, &options, &writer));
+  for (int k = 0; k < 2; k++) support_ok(data.context, ern_video_writer_frame(writer, rgba));
+  support_ok(data.context, ern_video_writer_close(&writer));
+}
+
 static int prepare(void **state) {
   (void)state;
   static const char *const old[] = {"short", "body", "kept", "portrait"};
@@ -176,6 +200,8 @@ static int prepare(void **state) {
   support_ok(data.context, train(&data, &config, NULL));
   ern_model_free(&head);
   support_ok(data.context, ern_file_convert(data.context, "kept.safetensors", "kept.pth"));
+  make_video("one.mp4");
+  make_video("two.mp4");
   return 0;
 }
 
@@ -188,6 +214,7 @@ static int close_all(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),  cmocka_unit_test(test_resume),
                                      cmocka_unit_test(test_torso),  cmocka_unit_test(test_from),
-                                     cmocka_unit_test(test_render), cmocka_unit_test(test_convert)};
+                                     cmocka_unit_test(test_render), cmocka_unit_test(test_convert),
+                                     cmocka_unit_test(test_join)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

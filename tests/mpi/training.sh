@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Training on several processes: the same model for 1, 2 and 4 of them; another number of them after a resume; a process
-# that dies; what cannot be shared. Usage: training.sh ERNERF SOURCE FOLDER
+# Training on several processes: the same model for 1, 2 and 4 of them; another number of them after a resume; by the
+# clock; a process that dies; what cannot be shared. Usage: training.sh ERNERF SOURCE FOLDER
 ernerf=$1 source=$2 folder=$3
 . "$source/tests/mpi/common.sh"
 ln -s "$source/data/tiny" clip
@@ -26,6 +26,27 @@ on 2 -o some.safetensors --iters 4 --resume
 on 0 -o alone.safetensors --iters 2 $some --step-parts 4
 on 0 -o alone.safetensors --iters 4 --resume
 same some.safetensors alone.safetensors
+
+# factors of bf16, where the processor has them
+bf16="--iters 3 --rays 256 --levels 4 --validate-frames 1 --precision bf16"
+if on 0 -o bf16_0.safetensors $bf16 --step-parts 4 > /dev/null; then
+  on 2 -o bf16_2.safetensors $bf16
+  same bf16_0.safetensors bf16_2.safetensors
+else
+  grep -q "bf16 needs" log.txt || fail "$(cat log.txt)"
+fi
+
+# by the clock of rank 0; stopped in the head, and gone on with on more processes
+timed="--rays 64 --levels 2 --validate-frames 1"
+rm log.txt
+on 2 -o "$folder/timed.safetensors" --time 60s $timed > /dev/null &
+await 60 grep -qs "% " log.txt
+kill "$(process 0 timed)"
+wait $! && fail "a training that was stopped was no error"
+grep -q " is saved" log.txt || fail "it does not say that it is stopped: $(cat log.txt)"
+on 4 -o "$folder/timed.safetensors" --time 2s $timed --resume
+grep -q "the torso under .*timed.head.safetensors" log.txt || fail "no torso after the head: $(cat log.txt)"
+[ -e timed.safetensors ] || fail "there is no portrait"
 
 # a process that is killed: words, and what was saved is whole and goes on as if nothing had happened
 long="--iters 40 --rays 256 --levels 4 --save-every 2 --validate-every 0 --validate-frames 1 --quiet"

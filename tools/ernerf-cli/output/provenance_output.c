@@ -7,7 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { SHORT_HASH = 32 /* letters of a hash within the id */, MOST_BYTES = 1 << 20 };
+enum { SHORT_HASH = 32 /* letters of a hash within the id */, MOST_BYTES = 1 << 24 };
 
 void provenance_options(struct provenance *provenance, struct option options[PROVENANCE_OPTIONS]) {
   const struct option rows[] = {
@@ -18,16 +18,27 @@ void provenance_options(struct provenance *provenance, struct option options[PRO
   ARGS_FILL(options, rows, PROVENANCE_OPTIONS);
 }
 
-/* Whether the file is one that this program wrote: it stays behind where only its video was deleted. */
-static bool is_own(const char *path) {
+static json_t *read_own(const char *path) {
   struct stat file;
-  if (stat(path, &file) != 0 || !S_ISREG(file.st_mode) || file.st_size > MOST_BYTES) return false;
+  if (stat(path, &file) != 0 || !S_ISREG(file.st_mode) || file.st_size > MOST_BYTES) return NULL;
   json_t *about = json_load_file(path, JSON_REJECT_DUPLICATES, NULL);
   const char *maker = json_string_value(json_object_get(about, "made_by"));
-  const bool own =
-      maker != NULL && strcmp(maker, "ernerf") == 0 && json_object_get(about, "digital_source_type") != NULL;
+  if (maker != NULL && strcmp(maker, "ernerf") == 0 && json_object_get(about, "digital_source_type") != NULL)
+    return about;
   json_decref(about);
-  return own;
+  return NULL;
+}
+
+/* Whether the file is one that this program wrote: it stays behind where only its video was deleted. */
+static bool is_own(const char *path) {
+  json_t *about = read_own(path);
+  json_decref(about);
+  return about != NULL;
+}
+
+json_t *provenance_read(const char *output) {
+  char path[4096 + 32];
+  return snprintf(path, sizeof path, "%s.provenance.json", output) < (int)sizeof path ? read_own(path) : NULL;
 }
 
 /* Of numbered pictures one for all: "all" in the place of their number. */
@@ -78,6 +89,57 @@ int provenance_learn(struct provenance *provenance, struct session *session, con
     session_warn(session, "%s: does not say that the person has agreed; `train --consent TEXT` makes a model say it",
                  portrait->model_path);
   return 0;
+}
+
+/* What all segments say alike: an object. */
+static json_t *said_by_all(const json_t *says) {
+  static const char *const own[] = {"output", "version", "first_frame", "frames", "sound", "sound_file"}; /* of one */
+  json_t *first = json_array_get(says, 0), *alike = json_is_object(first) ? json_copy(first) : json_object(), *value;
+  const char *name;
+  void *next;
+  for (size_t i = 0; i < sizeof own / sizeof *own; i++) (void)json_object_del(alike, own[i]);
+  for (size_t k = 1; k < json_array_size(says); k++) {
+    const json_t *other = json_array_get(says, k);
+    json_object_foreach_safe(alike, next, name, value) {
+      if (!json_equal(json_object_get(other, name), value)) (void)json_object_del(alike, name);
+    }
+  }
+  return alike;
+}
+
+/* Name and hash of a segment, and what it says that not all say alike, but for the name that it had. */
+static json_t *segment_json(struct session *session, const char *path, json_t *says, const json_t *alike) {
+  char hex[65];
+  const char *name;
+  json_t *value, *segment = file_json(session, path, hex);
+  bool whole = segment != NULL;
+  json_object_foreach(says, name, value) {
+    const bool told = json_object_get(alike, name) != NULL || json_object_get(segment, name) != NULL;
+    if (whole && !told && strcmp(name, "output") != 0) whole = json_object_set(segment, name, value) == 0;
+  }
+  if (whole) return segment;
+  json_decref(segment);
+  return NULL;
+}
+
+int provenance_join(struct provenance *provenance, struct session *session, char *const *segments, const json_t *says,
+                    const char *sound) {
+  char hex[65];
+  if (provenance->off) return 0;
+  json_t *alike = said_by_all(says), *list = json_array();
+  json_t *heard = sound != NULL ? file_json(session, sound, hex) : json_null();
+  bool whole = alike != NULL && list != NULL && heard != NULL;
+  for (size_t k = 0; k < json_array_size(says) && whole; k++)
+    whole = json_array_append_new(list, segment_json(session, segments[k], json_array_get(says, k), alike)) == 0;
+  if (whole) /* no source type: not all say the same */
+    provenance->about = json_pack("{s:s, s:s, s:O?, s:b, s:O, s:O}", "made_by", "ernerf", "version", ern_version(),
+                                  "digital_source_type", json_object_get(alike, "digital_source_type"), "sound",
+                                  sound != NULL, "sound_file", heard, "segments", list);
+  whole = provenance->about != NULL && json_object_update_missing(provenance->about, alike) == 0;
+  json_decref(heard);
+  json_decref(alike);
+  json_decref(list);
+  return whole ? 0 : session_fail(session);
 }
 
 const ern_provenance *provenance_of(const struct provenance *provenance) {

@@ -33,6 +33,13 @@ const ern_provenance *provenance_of(const struct provenance *provenance);
 
 /* Writes the file beside the output, with the members of `more` too, which is taken. */
 int provenance_write(struct provenance *provenance, struct session *session, json_t *more);
+
+/* What the file beside an output holds; NULL: there is none that this program wrote. The caller owns it. */
+json_t *provenance_read(const char *output);
+/* In the place of provenance_learn, of an output that is joined of `segments`. says: an array with what provenance_read
+ * gave of each, null: nothing. sound: a file, NULL: none. */
+int provenance_join(struct provenance *provenance, struct session *session, char *const *segments, const json_t *says,
+                    const char *sound);
 void provenance_free(struct provenance *provenance);
 
 #endif

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "ernerf/media.h"
-#include "session/session.h"
+#include "output/provenance_output.h"
 #include "verbs.h"
 
 enum { OWN_OPTIONS = 3, PATH_BYTES = 4096 };
@@ -18,7 +18,9 @@ struct join_job {
   double start; /* seconds into the sound; below 0: as the first segment says */
   char **segments;
   size_t count;
+  json_t *says; /* [count] of the file beside each (provenance_read), null: there is none */
   ern_sound sound;
+  struct provenance provenance;
 };
 
 static int by_name(const void *left, const void *right) { return strcmp(*(char *const *)left, *(char *const *)right); }
@@ -49,20 +51,29 @@ static int list_segments(struct join_job *job) {
   return status;
 }
 
-/* What render has written beside a segment: its frames are [*first, *end). False: it has not. */
-static bool frames_of(const char *segment, json_int_t *first, json_int_t *end, double *rate) {
-  char path[PATH_BYTES + 32];
-  snprintf(path, sizeof path, "%s.provenance.json", segment);
-  json_t *about = json_load_file(path, JSON_REJECT_DUPLICATES, NULL);
+/* What the files beside the segments say. The whole has one too where a segment has one. */
+static int read_says(struct join_job *job) {
+  job->says = json_array();
+  job->provenance.off = true;
+  for (size_t k = 0; k < job->count; k++) {
+    json_t *says = provenance_read(job->segments[k]);
+    if (says != NULL) job->provenance.off = false;
+    if (json_array_append_new(job->says, says != NULL ? says : json_null()) != 0)
+      return session_fail_with(&job->session, "no memory");
+  }
+  return 0;
+}
+
+/* By what render has written beside a segment its frames are [*first, *end). False: it has not. */
+static bool frames_of(const json_t *about, json_int_t *first, json_int_t *end, double *rate) {
   const json_t *from = json_object_get(about, "first_frame"), *count = json_object_get(about, "frames");
   const char *words = json_string_value(json_object_get(about, "rate"));
   double whole = 0, part = 1;
-  const bool known = json_is_integer(from) && json_is_integer(count) && words != NULL &&
-                     sscanf(words, "%lf/%lf", &whole, &part) >= 1 && whole > 0 && part > 0;
   *first = json_integer_value(from);
   *end = *first + json_integer_value(count);
+  const bool known = json_is_integer(from) && json_is_integer(count) && words != NULL &&
+                     sscanf(words, "%lf/%lf", &whole, &part) >= 1 && whole > 0 && part > 0;
   *rate = whole / part;
-  json_decref(about);
   return known;
 }
 
@@ -73,7 +84,7 @@ static int check_frames(struct join_job *job) {
   bool known = false;
   for (size_t k = 0; k < job->count; k++, before = end) {
     const bool was_known = known;
-    known = frames_of(job->segments[k], &first, &end, &rate);
+    known = frames_of(json_array_get(job->says, k), &first, &end, &rate);
     if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
     if (!known)
       session_note(&job->session, "%s: no file beside it says which frames it has; it is taken to follow",
@@ -85,18 +96,36 @@ static int check_frames(struct join_job *job) {
   return 0;
 }
 
+/* Of the whole, beside what the files beside the segments say. */
+static json_t *about_output(const struct join_job *job) {
+  const char *slash = strrchr(job->out, '/');
+  json_int_t first = 0, end = 0, frames = 0, begin = 0;
+  double rate = 0;
+  bool known = true;
+  for (size_t k = 0; k < job->count; k++, frames += end - first) {
+    known &= frames_of(json_array_get(job->says, k), &first, &end, &rate);
+    if (k == 0) begin = first;
+  }
+  return json_pack("{s:o, s:o, s:o}", "output", session_text(slash != NULL ? slash + 1 : job->out), "first_frame",
+                   known ? json_integer(begin) : json_null(), "frames", known ? json_integer(frames) : json_null());
+}
+
 static int join(struct join_job *job) {
   struct session *session = &job->session;
   int status = session_check_output(session, job->out);
   if (status == 0) status = list_segments(job);
   for (size_t k = 0; k < job->count && status == 0; k++) status = session_keep(session, job->segments[k], job->out);
+  if (status == 0) status = read_says(job);
+  if (status == 0) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = check_frames(job);
   if (status == 0 && job->wav != NULL && ern_sound_read(session->context, job->wav, &job->sound) != ERN_OK)
     status = session_fail(session);
+  if (status == 0) status = provenance_join(&job->provenance, session, job->segments, job->says, job->wav);
   if (status != 0) return status;
   if (ern_video_join(session->context, job->out, (const char *const *)job->segments, job->count,
                      job->wav != NULL ? &job->sound : NULL, job->start) != ERN_OK)
     return session_fail(session);
+  if (provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   session_note(session, "%s: %zu videos of %s, %s", job->out, job->count, job->folder,
                job->wav != NULL ? "with one sound over all of them" : "without sound; --wav gives it one");
   return session_report(
@@ -144,6 +173,8 @@ int cmd_join(int argc, char **argv) {
   status = join(&job);
   for (size_t k = 0; k < job.count; k++) free(job.segments[k]);
   free(job.segments);
+  json_decref(job.says);
+  provenance_free(&job.provenance);
   ern_sound_free(job.session.context, &job.sound);
   session_close(&job.session);
   return status;
