@@ -18,8 +18,8 @@ struct made {
   ern_dataset data;
   float speech[WINDOWS * 16 * WIDTH];
   uint8_t background[SIDE * SIDE * 3], truth[FRAMES][SIDE * SIDE * 3], torso[FRAMES][SIDE * SIDE * 4];
-  ern_box lips, lower_face; /* of every frame */
-  float poison;             /* what the eye value of every frame becomes where it is not 0 */
+  ern_box lips, lower_face, eyes; /* of every frame */
+  float poison;                   /* what the eye value of every frame becomes where it is not 0 */
 };
 
 static inline ern_status made_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
@@ -32,7 +32,8 @@ static inline ern_status made_frame(void *user, int split, size_t index, ern_dat
                                .has_face = true,
                                .face = {4, 16, 4, 16},
                                .lips = m->lips,
-                               .lower_face = m->lower_face};
+                               .lower_face = m->lower_face,
+                               .eyes = m->eyes};
   return ERN_OK;
 }
 

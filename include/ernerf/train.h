@@ -27,12 +27,14 @@ typedef struct ern_dataset_frame {
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
   ern_box lips; /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
+  ern_box eyes; /* likewise, of both eyes with their lids; used where the dataset has eye values */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face, the others anywhere (docs/maths.md) */
+  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face, 10 around the eyes where the dataset has eye
+                               values, the others anywhere; frames with shut eyes more often (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 

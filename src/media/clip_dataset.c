@@ -27,6 +27,10 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
   out->lower_face.top = (int)from->landmarks[33][1]; /* the base of the nose */
   out->lips = box_of(from->landmarks, 48, 68);
+  out->eyes = box_of(from->landmarks, 36, 48);
+  const int lids = (out->eyes.right - out->eyes.left) / 8; /* above and below: an eye is a third of the box wide */
+  out->eyes.top -= lids;
+  out->eyes.bottom += lids;
   return ERN_OK;
 }
 

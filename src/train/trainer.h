@@ -8,8 +8,11 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
-/* Share of a head's rays that are drawn in the lower face, found by trying (docs/history-training.md). */
+/* Shares of a head's rays that are drawn in the lower face and around the eyes, and of its frames that are drawn among
+ * those with shut eyes, found by trying (docs/history-training.md, docs/history-occupancy.md). */
 #define ERN_LOWER_FACE_SHARE 0.3f
+#define ERN_EYES_SHARE 0.1f
+#define ERN_BLINK_SHARE 0.1f
 
 enum {
   ERN_REFRESH_EVERY = 16,      /* steps between occupancy refreshes, as published */
@@ -91,6 +94,7 @@ struct ern_trainer {
   bool bf16; /* products of bf16 (config.precision) */
 
   struct ern_view *views;          /* [training frames], as the clip has them */
+  size_t *blinks, blink_count;     /* training frames with shut eyes; none where every frame is drawn alike */
   struct ern_trainer_poses *poses; /* NULL: they stay as they are */
   uint64_t step, ema_updates;
   uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */

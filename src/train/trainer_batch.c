@@ -79,15 +79,20 @@ fail:
 
 enum { MOST_TILES = 4096 /* of a picture */, LEAST_TILE = 16 /* pixels a side */ };
 
+/* What the picture has of a box in which rays are drawn with a share of their own; 0 wide: nothing. */
+struct region {
+  uint32_t left, top, width, height;
+};
+
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
   size_t first, rays;           /* of those of the step */
   const uint8_t *truth, *torso; /* torso NULL: none */
   const ern_dataset_frame *about;
-  uint32_t left, top, width, height; /* of the lower face; 0 wide: rays go anywhere alike */
-  uint32_t side, across, tiles;      /* of a tile; tiles a row, in all */
-  int32_t *pixel;                    /* [rays], as drawn */
+  struct region lower_face, eyes;
+  uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
+  int32_t *pixel;               /* [rays], as drawn */
   float *jitter;
   int32_t *place;  /* [tiles][ERN_SHARDS]: rays of a tile that a shard drew, then where they go */
   float part[256]; /* n/255 */
@@ -105,25 +110,30 @@ static uint32_t tile_of(const struct draw *draw, int32_t pixel) {
   return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
 }
 
-/* What the picture has of the lower face. */
-static void find_lower_face(struct draw *draw) {
-  const ern_trainer *t = draw->t;
-  const ern_box *box = &draw->about->lower_face;
+static struct region region_of(const ern_trainer *t, const ern_box *box) {
   const int left = box->left > 0 ? box->left : 0, right = box->right < t->data.width ? box->right : t->data.width;
   const int top = box->top > 0 ? box->top : 0, bottom = box->bottom < t->data.height ? box->bottom : t->data.height;
-  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || left >= right || top >= bottom) return;
-  draw->left = (uint32_t)left;
-  draw->top = (uint32_t)top;
-  draw->width = (uint32_t)(right - left);
-  draw->height = (uint32_t)(bottom - top);
+  if (left >= right || top >= bottom) return (struct region){0};
+  return (struct region){(uint32_t)left, (uint32_t)top, (uint32_t)(right - left), (uint32_t)(bottom - top)};
 }
 
+static void find_regions(struct draw *draw) {
+  const ern_trainer *t = draw->t;
+  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return;
+  draw->lower_face = region_of(t, &draw->about->lower_face);
+  if (t->data.has_eye) draw->eyes = region_of(t, &draw->about->eyes);
+}
+
+/* word[2] decides between the regions, so that a region that is not there leaves the others' rays as they are. */
 static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
-  if (draw->width == 0 || ern_uniform(random->word[2]) >= ERN_LOWER_FACE_SHARE)
-    return (int32_t)ern_below(random->word[0], width * height);
-  const uint32_t at = ern_below(random->word[0], draw->width * draw->height);
-  return (int32_t)((draw->top + at / draw->width) * width + draw->left + at % draw->width);
+  const float at = ern_uniform(random->word[2]);
+  const struct region *in = at < ERN_LOWER_FACE_SHARE  ? &draw->lower_face
+                            : at >= 1 - ERN_EYES_SHARE ? &draw->eyes
+                                                       : NULL;
+  if (in == NULL || in->width == 0) return (int32_t)ern_below(random->word[0], width * height);
+  const uint32_t place = ern_below(random->word[0], in->width * in->height);
+  return (int32_t)((in->top + place / in->width) * width + in->left + place % in->width);
 }
 
 static void draw_task(void *user, size_t shard, int worker) {
@@ -255,7 +265,10 @@ fail:
 }
 
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) {
-  return ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME).word[0]);
+  const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
+  if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
+    return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
+  return ern_trainer_pick(t, random.word[0]);
 }
 
 ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
@@ -276,7 +289,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
-  find_lower_face(&draw);
+  find_regions(&draw);
   if (batch->patches > 0)
     draw_patches(&draw, first, count);
   else

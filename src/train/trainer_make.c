@@ -364,12 +364,28 @@ fail:
   return status;
 }
 
+/* Frames with shut eyes are a few in a hundred: too few of the frames that a short training sees. */
+static ern_status find_blinks(ern_trainer *t) {
+  const size_t frames = t->config.data_end - t->config.data_begin;
+  ern_status status = ERN_OK;
+  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->data.has_eye) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, frames, &t->blinks));
+  for (size_t i = t->config.data_begin; i < t->config.data_end; i++) {
+    ern_dataset_frame about;
+    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
+    if (about.eye >= 0.5f) t->blinks[t->blink_count++] = i;
+  }
+fail:
+  return status;
+}
+
 static ern_status take_host(ern_trainer *t) {
   const size_t rays = (size_t)t->config.rays;
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
   ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
+  ERN_TRY(find_blinks(t));
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
   ERN_TRY(ERN_NEW(t->context, 9 * rays, &t->host_rows));
@@ -544,6 +560,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_trainer_poses_free(t);
   ern_trainer_parts_free(t);
   ern_release(t->context, t->views);
+  ern_release(t->context, t->blinks);
   ern_release(t->context, t->host_pixels);
   ern_release(t->context, t->host_rows);
   ern_release(t->context, t->host_windows);

@@ -69,6 +69,41 @@ static void test_share_of_the_lower_face(void **state) {
   }
 }
 
+/* Eyes have a share of their own beside the lower face's, where the clip has eye values. */
+static void test_share_of_the_eyes(void **state) {
+  (void)state;
+  static const ern_box cases[] = {{4, 6, 3, 17}, {-5, 30, -4, 26}, {0, 1, 0, 1}, {INT_MIN, INT_MAX, INT_MIN, INT_MAX}};
+  static int count[PIXELS], without[PIXELS];
+  made.lower_face = (ern_box){0, 0, 0, 0};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    made.eyes = cases[i];
+    count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
+    expect_counts(count, made.eyes, (double)ERN_EYES_SHARE);
+  }
+  count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, without);
+  made.data.has_eye = false;
+  count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
+  made.data.has_eye = true;
+  assert_memory_equal(count, without, sizeof count);
+
+  /* below the eyes the lower face has what it has without them */
+  made.eyes = (ern_box){0, 0, 0, 0};
+  made.lower_face = (ern_box){10, 18, 4, 16};
+  count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, without);
+  made.eyes = (ern_box){4, 6, 3, 17};
+  count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
+  made.eyes = (ern_box){0, 0, 0, 0};
+  const double eyes = (double)ERN_EYES_SHARE / (2 * 14), face = (double)ERN_LOWER_FACE_SHARE / (8 * 12);
+  const double any = (1 - (double)ERN_EYES_SHARE - (double)ERN_LOWER_FACE_SHARE) / PIXELS;
+  for (int pixel = 0; pixel < PIXELS; pixel++) {
+    const bool seen = is_in((ern_box){4, 6, 3, 17}, pixel), heard = is_in(made.lower_face, pixel);
+    const double expected = RAYS * (any + (seen ? eyes : 0) + (heard ? face : 0));
+    if (fabs(count[pixel] - expected) > 6 * sqrt(expected) + 1)
+      fail_msg("pixel %d: %d rays, expected %.1f", pixel, count[pixel], expected);
+    assert_true(seen || count[pixel] <= without[pixel]);
+  }
+}
+
 /* A lower face that is not known, or without a pixel: the very rays of uniform sampling, which are those of the counter
  * of random numbers. */
 static void test_no_face_in_the_frame(void **state) {
@@ -111,6 +146,59 @@ static void test_uniform_and_torso(void **state) {
   count_rays(ERN_RAY_SAMPLING_REGIONS, head, count);
   assert_memory_equal(count, uniform, sizeof count);
   ern_model_free(&head);
+}
+
+/* ---- frames with shut eyes ----------------------------------------------------------------------------------------
+ */
+
+enum { DRAWS = 1 << 16 };
+
+/* count[frame]: how often a step draws it. */
+static void count_frames(ern_ray_sampling sampling, const ern_dataset *data, int count[FRAMES]) {
+  ern_train_config config = small_config(1, NULL);
+  ern_trainer *trainer = NULL;
+  config.ray_sampling = sampling;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, data, &config));
+  memset(count, 0, FRAMES * sizeof *count);
+  for (trainer->step = 0; trainer->step < DRAWS; trainer->step++) count[ern_trainer_step_frame(trainer, 0)]++;
+  ern_trainer_free(&trainer);
+}
+
+static float eyes_of_all; /* NaN: eyes of the made clip, 0, 0.2, 0.4, 0.6 */
+static ern_status frame_with_eyes(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const ern_status status = made_frame(user, split, index, frame);
+  if (!isnan(eyes_of_all)) frame->eye = eyes_of_all;
+  return status;
+}
+
+/* The last frame's eyes are shut: it is drawn so much more often. Where no eye is shut, or all are, each frame is as
+ * likely as another; and so it is with uniform rays. */
+static void test_frames_with_shut_eyes(void **state) {
+  (void)state;
+  const float cases[] = {NAN, 0.49f, 1};
+  ern_dataset data = made.data;
+  data.frame = frame_with_eyes;
+  for (size_t i = 0; i < 3; i++) {
+    int count[FRAMES];
+    eyes_of_all = cases[i];
+    const double share = i == 0 ? (double)ERN_BLINK_SHARE : 0;
+    count_frames(ERN_RAY_SAMPLING_REGIONS, &data, count);
+    for (int f = 0; f < FRAMES; f++) {
+      const double chance = (1 - share) / FRAMES + (f == FRAMES - 1 ? share : 0), expected = DRAWS * chance;
+      if (fabs(count[f] - expected) > 6 * sqrt(expected))
+        fail_msg("frame %d: %d, expected %.1f", f, count[f], expected);
+    }
+  }
+  int published[FRAMES] = {0}, count[FRAMES];
+  const uint64_t seed = small_config(1, NULL).seed;
+  eyes_of_all = NAN;
+  for (uint64_t step = 0; step < DRAWS; step++)
+    published[ern_below(ern_random_at(seed, step, 0, ERN_RNG_FRAME).word[0], FRAMES)]++;
+  count_frames(ERN_RAY_SAMPLING_UNIFORM, &data, count);
+  assert_memory_equal(count, published, sizeof count);
+  data.has_eye = false;
+  count_frames(ERN_RAY_SAMPLING_REGIONS, &data, count);
+  assert_memory_equal(count, published, sizeof count);
 }
 
 /* ---- several frames a step --------------------------------------------------------------------------------------- */
@@ -191,8 +279,9 @@ static void test_resumed_parts(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_share_of_the_lower_face), cmocka_unit_test(test_no_face_in_the_frame),
-      cmocka_unit_test(test_uniform_and_torso),       cmocka_unit_test(test_parts_of_one_frame),
+      cmocka_unit_test(test_share_of_the_lower_face), cmocka_unit_test(test_share_of_the_eyes),
+      cmocka_unit_test(test_no_face_in_the_frame),    cmocka_unit_test(test_uniform_and_torso),
+      cmocka_unit_test(test_parts_of_one_frame),      cmocka_unit_test(test_frames_with_shut_eyes),
       cmocka_unit_test(test_frames_of_a_step),        cmocka_unit_test(test_resumed_parts)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }
