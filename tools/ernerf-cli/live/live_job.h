@@ -9,7 +9,7 @@
 #include "live/live_sound.h"
 #include "output/label.h"
 #include "output/provenance_output.h"
-#include "output/watermark.h"
+#include "output/watermark_output.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/portrait.h"

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 #include "ernerf/media.h"
-#include "output/watermark.h"
+#include "output/watermark_output.h"
 #include "session/session.h"
 #include "verbs.h"
 

@@ -10,7 +10,7 @@
 #include "output/progress.h"
 #include "output/provenance_output.h"
 #include "output/sink.h"
-#include "output/watermark.h"
+#include "output/watermark_output.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/frame_reuse.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "output/watermark.h"
+#include "output/watermark_output.h"
 
 #include <stdlib.h>
 #include <string.h>
