@@ -238,14 +238,14 @@ ERN_API void ern_video_reader_free(ern_video_reader **reader);
 enum { ERN_WATERMARK_SIDE = 128, ERN_WATERMARK_KEY_BYTES = 256 };
 #define ERN_WATERMARK_FALSE_POSITIVE 1e-6
 
+/* The pattern of a key for frames of one size. Any number of threads may use one at the same time. */
 typedef struct ern_watermark ern_watermark;
 
 /* key: 1 to ERN_WATERMARK_KEY_BYTES - 1 bytes, else ERN_E_ARGUMENT. width, height: of the frames, pixels, at least
  * ERN_WATERMARK_SIDE, at most ERN_IMAGE_MAX_SIDE, else ERN_E_SHAPE. On success the caller owns *watermark. */
 ERN_API ERN_NODISCARD ern_status ern_watermark_open(ern_context *context, const char *key, int width, int height,
                                                     ern_watermark **watermark);
-/* Adds the pattern (RMS 1.2 of 255) to red, green and blue of rgba: [height][width][4]; alpha stays. Any number of
- * threads may use one watermark. */
+/* Adds the pattern (RMS 1.2 of 255) to red, green and blue of rgba: [height][width][4]; alpha stays. */
 ERN_API ERN_NODISCARD ern_status ern_watermark_put(const ern_watermark *watermark, uint8_t *rgba);
 ERN_API void ern_watermark_free(ern_watermark **watermark);
 
