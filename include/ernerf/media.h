@@ -231,6 +231,44 @@ ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
+/* ---- a watermark --------------------------------------------------------------------------------------------------
+ */
+
+/* A pattern over the pixels of a video that who knows its key finds again (docs/watermark.md): a sum of waves in the
+ * plane, 24 to 64 in the length of the shorter side, whose phases the key decides. It is the same in each frame, and
+ * the same bytes on each machine. ERN_WATERMARK_SIDE: pixels; no frame with a shorter side is marked.
+ * ERN_WATERMARK_KEY_BYTES: of a key, with the 0 that ends it. */
+enum { ERN_WATERMARK_SIDE = 128, ERN_WATERMARK_KEY_BYTES = 256 };
+#define ERN_WATERMARK_FALSE_POSITIVE 1e-6
+
+/* The pattern of a key for frames of one size. Any number of threads may use one at the same time. */
+typedef struct ern_watermark ern_watermark;
+
+/* key: 1 to ERN_WATERMARK_KEY_BYTES - 1 bytes, else ERN_E_ARGUMENT. width, height: of the frames, pixels, at least
+ * ERN_WATERMARK_SIDE, at most ERN_IMAGE_MAX_SIDE, else ERN_E_SHAPE. On success the caller owns *watermark. */
+ERN_API ERN_NODISCARD ern_status ern_watermark_open(ern_context *context, const char *key, int width, int height,
+                                                    ern_watermark **watermark);
+/* Adds the pattern (RMS 1.2 of 255) to red, green and blue of rgba: [height][width][4]; alpha stays. */
+ERN_API ERN_NODISCARD ern_status ern_watermark_put(const ern_watermark *watermark, uint8_t *rgba);
+ERN_API void ern_watermark_free(ern_watermark **watermark);
+
+/* Searches frames of a video for the watermark of a key. One thread at a time uses a detector. */
+typedef struct ern_watermark_detector ern_watermark_detector;
+ERN_API ERN_NODISCARD ern_status ern_watermark_detector_open(ern_context *context, const char *key,
+                                                             ern_watermark_detector **detector);
+/* The next frame: RGB, all of one size, at least 64 pixels a side, else ERN_E_SHAPE; at most 2^24 frames, else
+ * ERN_E_STATE. */
+ERN_API ERN_NODISCARD ern_status ern_watermark_detector_frame(ern_watermark_detector *detector, const ern_image *frame);
+/* Searches the mean of the frames since the detector was opened, or since the last search, at all offsets and at scales
+ * from 0.80 to 1.25. *score: the greatest correlation, in standard deviations of that of a wrong key at one offset and
+ * scale; 0 where the frames are blank. *false_positive: a bound, 0 to 1, on the probability that a wrong key scores as
+ * much, whatever the frames show; the watermark is taken as found up to ERN_WATERMARK_FALSE_POSITIVE. *scale: the
+ * shorter side of the frames that were marked, over that of these frames (above 1: they are cropped). ERN_E_STATE:
+ * there were no frames. */
+ERN_API ERN_NODISCARD ern_status ern_watermark_detector_search(ern_watermark_detector *detector, double *score,
+                                                               double *false_positive, double *scale);
+ERN_API void ern_watermark_detector_free(ern_watermark_detector **detector);
+
 /* ---- a preprocessed clip ----------------------------------------------------------------------------------------- */
 
 /* A part of a clip. */

@@ -295,6 +295,68 @@ CHECK(ern_video_reader_free) {
   ern_video_reader_free(&none);
 }
 
+/* ---- a watermark ------------------------------------------------------------------------------------------------- */
+
+CHECK(ern_watermark_open) {
+  ern_watermark *watermark = (ern_watermark *)(void *)&w;
+  REFUSED_ALONE(ern_watermark_open(NULL, "key", 128, 128, &watermark));
+  assert_null(watermark);
+  REFUSED(w.context, "key is NULL", ern_watermark_open(w.context, NULL, 128, 128, &watermark));
+  REFUSED(w.context, "watermark is NULL", ern_watermark_open(w.context, "key", 128, 128, NULL));
+  assert_int_equal(ern_watermark_open(w.context, "key", 128, -1, &watermark), ERN_E_SHAPE);
+  assert_null(watermark);
+}
+CHECK(ern_watermark_put) {
+  ern_watermark *watermark = NULL;
+  REFUSED_ALONE(ern_watermark_put(NULL, pixels));
+  support_ok(w.context, ern_watermark_open(w.context, "key", 128, 128, &watermark));
+  REFUSED(w.context, "ern_watermark_put: rgba is NULL", ern_watermark_put(watermark, NULL));
+  ern_watermark_free(&watermark);
+  assert_null(watermark);
+}
+CHECK(ern_watermark_free) {
+  ern_watermark *none = NULL;
+  ern_watermark_free(NULL);
+  ern_watermark_free(&none);
+}
+CHECK(ern_watermark_detector_open) {
+  ern_watermark_detector *detector = (ern_watermark_detector *)(void *)&w;
+  REFUSED_ALONE(ern_watermark_detector_open(NULL, "key", &detector));
+  assert_null(detector);
+  REFUSED(w.context, "key is NULL", ern_watermark_detector_open(w.context, NULL, &detector));
+  REFUSED(w.context, "detector is NULL", ern_watermark_detector_open(w.context, "key", NULL));
+  REFUSED(w.context, "0 bytes", ern_watermark_detector_open(w.context, "", &detector));
+}
+CHECK(ern_watermark_detector_frame) {
+  const ern_image small = picture();
+  ern_image none = picture();
+  ern_watermark_detector *detector = NULL;
+  REFUSED_ALONE(ern_watermark_detector_frame(NULL, &small));
+  support_ok(w.context, ern_watermark_detector_open(w.context, "key", &detector));
+  REFUSED(w.context, "frame is NULL", ern_watermark_detector_frame(detector, NULL));
+  assert_int_equal(ern_watermark_detector_frame(detector, &small), ERN_E_SHAPE);
+  none.data = NULL;
+  REFUSED(w.context, "empty", ern_watermark_detector_frame(detector, &none));
+  ern_watermark_detector_free(&detector);
+}
+CHECK(ern_watermark_detector_search) {
+  ern_watermark_detector *detector = NULL;
+  double a, b, c;
+  REFUSED_ALONE(ern_watermark_detector_search(NULL, &a, &b, &c));
+  support_ok(w.context, ern_watermark_detector_open(w.context, "key", &detector));
+  REFUSED(w.context, "score is NULL", ern_watermark_detector_search(detector, NULL, &b, &c));
+  REFUSED(w.context, "false_positive is NULL", ern_watermark_detector_search(detector, &a, NULL, &c));
+  REFUSED(w.context, "scale is NULL", ern_watermark_detector_search(detector, &a, &b, NULL));
+  assert_int_equal(ern_watermark_detector_search(detector, &a, &b, &c), ERN_E_STATE);
+  assert_true(a == 0 && b == 1 && c == 1);
+  ern_watermark_detector_free(&detector);
+}
+CHECK(ern_watermark_detector_free) {
+  ern_watermark_detector *none = NULL;
+  ern_watermark_detector_free(NULL);
+  ern_watermark_detector_free(&none);
+}
+
 /* ---- clips ------------------------------------------------------------------------------------------------------- */
 
 static void say_line(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
@@ -448,6 +510,13 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_reader_info_sized),
                                                ROW(ern_video_reader_frame),
                                                ROW(ern_video_reader_free),
+                                               ROW(ern_watermark_open),
+                                               ROW(ern_watermark_put),
+                                               ROW(ern_watermark_free),
+                                               ROW(ern_watermark_detector_open),
+                                               ROW(ern_watermark_detector_frame),
+                                               ROW(ern_watermark_detector_search),
+                                               ROW(ern_watermark_detector_free),
                                                ROW(ern_clip_options_default),
                                                ROW(ern_clip_open),
                                                ROW(ern_clip_free),

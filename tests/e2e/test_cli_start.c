@@ -45,8 +45,9 @@ static void refuse_media(int status, const char *line) {
 }
 
 static void test_help(void **state) {
-  static const char *const verbs[] = {"prepare", "train",    "render", "live",  "eval",     "compare", "check", "info",
-                                      "convert", "features", "synth",  "bench", "tradeoff", "soak",    "ablate"};
+  static const char *const verbs[] = {"prepare",  "train", "render",  "live",     "eval",  "compare",
+                                      "check",    "info",  "convert", "features", "synth", "bench",
+                                      "tradeoff", "soak",  "ablate",  "join",     "detect"};
   char line[64];
   (void)state;
   refuse_media(0, "--version");

@@ -19,6 +19,7 @@ static const struct verb verbs[] = {
     {"train", "learn a head, or the torso under it, from a clip", cmd_train},
     {"render", "a model, speech and head poses to a video or pictures", cmd_render},
     {"join", "videos of successive frames to one, without coding them anew", cmd_join},
+    {"detect", "whether a video has the watermark of a key", cmd_detect},
     {"live", "sound as it comes, to a person who says it, as a stream", cmd_live},
     {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
     {"compare", "two portraits on the same frames, side by side: figures, pictures, a video, a page", cmd_compare},

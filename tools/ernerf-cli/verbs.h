@@ -12,6 +12,7 @@ int cmd_prepare(int argc, char **argv);
 int cmd_train(int argc, char **argv);
 int cmd_render(int argc, char **argv);
 int cmd_join(int argc, char **argv);
+int cmd_detect(int argc, char **argv);
 int cmd_live(int argc, char **argv);
 int cmd_eval(int argc, char **argv);
 int cmd_compare(int argc, char **argv);

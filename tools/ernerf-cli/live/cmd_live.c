@@ -169,6 +169,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0 && job->as_fast && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
   if (status < 0) status = label_check(&job->label, args);
+  if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = rate_control_check(&job->rate_control, args);
   if (status < 0 && strcmp(job->output.url, "-") == 0 && session_json_on_stdout(&job->session))
@@ -270,6 +271,7 @@ static int open_all(struct live_job *job, const struct args *args) {
     status = provenance_learn(&job->provenance, session, &job->portrait, NULL, false);
   job->output.provenance = provenance_of(&job->provenance);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
+  if (status == 0) status = watermark_make(&job->watermark, session, job->size.width, job->size.height);
   if (status == 0) status = live_control_start(&job->steering, session);
   if (status == 0) status = live_output_open(&job->output, session, job->size, job->rate, SOUND_RATE, 1);
   if (status == 0) status = live_sound_start(&job->sound, session, job->live, SOUND_RATE, 1);
@@ -323,6 +325,7 @@ static void close_all(struct live_job *job) {
   live_output_free(&job->output);
   provenance_free(&job->provenance);
   label_free(&job->label);
+  watermark_free(&job->watermark);
   ern_live_free(&job->live);
   silence_pose_free(&job->silence_pose);
   rate_control_close(&job->rate_control);
@@ -337,7 +340,8 @@ static void close_all(struct live_job *job) {
 
 int cmd_live(int argc, char **argv) {
   struct live_job *job = calloc(1, sizeof *job);
-  struct option in[IN_OPTIONS], out[OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS],
+  struct option in[IN_OPTIONS],
+      out[OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS],
       shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
       common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   if (job == NULL) {
@@ -357,7 +361,7 @@ int cmd_live(int argc, char **argv) {
       .word_count = 1,
       .groups = {{"What comes in:", in, IN_OPTIONS},
                  {"What goes out, and how fast:", out,
-                  OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
+                  OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
@@ -372,6 +376,7 @@ int cmd_live(int argc, char **argv) {
   rate_control_options(&job->rate_control, out + OUT_OPTIONS);
   provenance_options(&job->provenance, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS);
   label_options(&job->label, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS);
+  watermark_options(&job->watermark, out + OUT_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS);
   session_compute_options(&job->session, common);
   session_output_options(&job->session, common + SESSION_COMPUTE_OPTIONS);
   job->sound.voice = "en";

@@ -9,6 +9,7 @@
 #include "live/live_sound.h"
 #include "output/label.h"
 #include "output/provenance_output.h"
+#include "output/watermark_output.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/portrait.h"
@@ -31,6 +32,7 @@ struct live_job {
   struct silence_pose silence_pose;
   struct provenance provenance;
   struct label label;
+  struct watermark watermark;
   /* from the command line */
   struct live_sound sound;
   struct live_output output;

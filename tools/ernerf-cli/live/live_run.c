@@ -105,6 +105,7 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   picture->due = job->as_fast ? session_seconds() : due_of(job);
   memcpy(picture->sound, frame->sound, frame->samples * (size_t)job->sound.channels * sizeof(float));
   if (!picture->repeat && draw(job, frame, picture->rgba) != 0) return EXIT_FAILURE;
+  if (!picture->repeat && watermark_put(&job->watermark, &job->session, picture->rgba) != 0) return EXIT_FAILURE;
   if (!picture->repeat) label_put(&job->label, frame->seconds, picture->rgba, job->size.width);
   job->repeated += picture->repeat;
   live_output_put(&job->output);

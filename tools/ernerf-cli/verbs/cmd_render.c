@@ -10,6 +10,7 @@
 #include "output/progress.h"
 #include "output/provenance_output.h"
 #include "output/sink.h"
+#include "output/watermark_output.h"
 #include "session/background.h"
 #include "session/control.h"
 #include "session/frame_reuse.h"
@@ -33,6 +34,7 @@ struct render_job {
   struct frame_reuse frame_reuse;
   struct provenance provenance;
   struct label label;
+  struct watermark watermark;
   /* from the command line */
   const char *poses, *audio, *wav, *background_file, *out;
   struct dimensions size;
@@ -131,8 +133,9 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0 && !sink_has_sound(&job->sink))
     status = args_forbid(args, "wav", "is for a video with sound, and this output has none");
   if (status < 0) status = label_check(&job->label, args);
+  if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0 && job->sink.kind == SINK_EXR)
-    status = args_forbid(args, "label", "is drawn on pictures of 8 bits, and these are data to go on from");
+    status = args_forbid(args, "label watermark", "is drawn on pictures of 8 bits, and these are data to go on from");
   if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "is about another --size");
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = frame_reuse_check(args);
@@ -327,6 +330,7 @@ static int draw(struct render_job *job, size_t k) {
   if (is_behind(job) && background_next_torso(&job->background, &job->session, &torso) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
   if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
+  if (output.rgba != NULL && watermark_put(&job->watermark, &job->session, output.rgba) != 0) return EXIT_FAILURE;
   if (output.rgba != NULL) label_put(&job->label, (double)k / rate_value(job->rate), output.rgba, job->size.width);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);
   job->stages.audio += times.audio;
@@ -372,6 +376,7 @@ static int open_all(struct render_job *job, const struct args *args) {
     status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);
   if (status == 0) status = learn_provenance(job);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
+  if (status == 0) status = watermark_make(&job->watermark, session, job->size.width, job->size.height);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start, provenance_of(&job->provenance));
@@ -466,6 +471,7 @@ static void close_all(struct render_job *job) {
   sink_free(&job->sink);
   provenance_free(&job->provenance);
   label_free(&job->label);
+  watermark_free(&job->watermark);
   silence_pose_free(&job->silence_pose);
   free(job->windows);
   free(job->look);
@@ -480,7 +486,7 @@ static void close_all(struct render_job *job) {
 
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
-  struct option own[OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS],
+  struct option own[OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS],
       shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
       pace[RATE_CONTROL_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
@@ -500,7 +506,8 @@ int cmd_render(int argc, char **argv) {
       .public_names = true,
       .words = words,
       .word_count = 1,
-      .groups = {{"What is drawn, and where to:", own, OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS},
+      .groups = {{"What is drawn, and where to:", own,
+                  OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
                  {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
@@ -509,6 +516,7 @@ int cmd_render(int argc, char **argv) {
   sink_options(&job.sink, own + OWN_OPTIONS);
   provenance_options(&job.provenance, own + OWN_OPTIONS + SINK_OPTIONS);
   label_options(&job.label, own + OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS);
+  watermark_options(&job.watermark, own + OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS);
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job.control, control);
   silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);
