@@ -231,14 +231,14 @@ ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
-/* ---- a watermark --------------------------------------------------------------------------------------------------
- */
+/* ---- a watermark ------------------------------------------------------------------------------------------------- */
 
 /* A pattern over the pixels of a video that who knows its key finds again (docs/watermark.md): a sum of waves in the
  * plane, 24 to 64 in the length of the shorter side, whose phases the key decides. It is the same in each frame, and
  * the same bytes on each machine. ERN_WATERMARK_SIDE: pixels; no frame with a shorter side is marked.
  * ERN_WATERMARK_KEY_BYTES: of a key, with the 0 that ends it. */
 enum { ERN_WATERMARK_SIDE = 128, ERN_WATERMARK_KEY_BYTES = 256 };
+/* Up to this bound on the probability of a false positive `ernerf detect` takes a watermark as found. */
 #define ERN_WATERMARK_FALSE_POSITIVE 1e-6
 
 /* The pattern of a key for frames of one size. Any number of threads may use one at the same time. */

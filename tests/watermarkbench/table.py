@@ -109,7 +109,8 @@ def print_tables(lines):
     print("\n| clip | keys, scale 1 | found at 1e-6, 1e-4, 1e-2 | greatest score | keys, all scales | found | greatest score |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for x in wrong:
-        print(f"| {x['clip']} | {x['keys']} | {x['above']} | {x['most']:.2f} | {x['full']} | {x['above_full']} | {x['most_full']:.2f} |")
+        above, full = (", ".join(map(str, x[name])) for name in ("above", "above_full"))
+        print(f"| {x['clip']} | {x['keys']} | {above} | {x['most']:.2f} | {x['full']} | {full} | {x['most_full']:.2f} |")
 
 
 def main(words):
