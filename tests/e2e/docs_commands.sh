@@ -18,6 +18,7 @@ cp truth/aud.wav speech.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
 head -c 64044 truth/aud.wav | tail -c 64000 > microphone.s16
 printf 'say hello\neyes 0.3\n' > lines
+echo 'Good evening, and welcome.' > speech.txt
 
 # option NAME VALUE: gives the option this value in `line`, in the place of the one it has or at its end.
 option() {
