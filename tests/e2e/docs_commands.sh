@@ -17,6 +17,7 @@ mv person.mp4 VIDEO
 cp truth/aud.wav speech.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
 head -c 64044 truth/aud.wav | tail -c 64000 > microphone.s16
+mkdir parts
 printf 'say hello\neyes 0.3\n' > lines
 echo 'Good evening, and welcome.' > speech.txt
 
@@ -96,7 +97,7 @@ while IFS= read -r line; do
   fi
   read -r _ verb _ <<<"$line"
   [ "$verb" = info ] || [ "$verb" = check ] || shortened "$verb"
-  words=($line)
+  mapfile -t words < <(xargs -n 1 printf '%s\n' <<< "$line") # quoted words keep their blanks
   if ! "$ernerf" "${words[@]:1}" > out.log 2>&1; then
     tail -n 5 out.log
     echo "FAIL: $line"
