@@ -39,10 +39,10 @@ grep -q "^broken .*failed in train:ernerf train: " table.txt || fail "the table 
 grep -q "3 people, 1 failed" table.txt || fail "the table does not count"
 
 # by the clock: stopped while it learns the head, the same command goes on
-late() { bash "$scripts/person.sh" people/anna late --time "$1" --rays 64 --levels 2 --validate-frames 1 --threads 1; }
+late() { bash "$scripts/person.sh" people/anna "$folder/late" --time "$1" --rays 64 --levels 2 --validate-frames 1 --threads 1; }
 late 10m 2> /dev/null &
 for _ in $(seq 300); do [ ! -s late/anna/head.head.run/log.jsonl ] || break; sleep 0.1; done
-pkill -INT -f "train .* -o late/anna/head.safetensors" || fail "no training by the clock to stop"
+pkill -INT -f "train .* -o $folder/late/anna/head.safetensors" || fail "no training by the clock to stop"
 wait $!
 grep -q "^train" late/anna/failed.txt || fail "the training was not stopped"
 [ -e late/anna/head.head.run/state.safetensors ] || fail "the stop saved no head"

@@ -25,13 +25,15 @@ static int close_clip(void **state) {
 static void count_rays(ern_ray_sampling sampling, const ern_model *head, int count[PIXELS]) {
   ern_train_config config = small_config(1, NULL);
   ern_trainer *trainer = NULL;
-  ern_train_report report;
+  struct ern_batch batch;
   config.rays = RAYS;
   config.ray_sampling = sampling;
   config.torso = head != NULL;
   config.head = head;
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
-  support_ok(made.context, ern_trainer_step(trainer, &report));
+  const struct ern_arena_mark mark = ern_arena_mark(trainer->stream);
+  support_ok(made.context, ern_trainer_batch(trainer, 0, &batch));
+  ern_arena_release(trainer->stream, mark);
   memset(count, 0, PIXELS * sizeof *count);
   for (int i = 0; i < RAYS; i++) {
     assert_in_range(trainer->host_pixels[i], 0, PIXELS - 1);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * ernerf detect: whether a video has the watermark of a key. */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "ernerf/media.h"
@@ -97,8 +98,9 @@ static int detect(struct detect_job *job) {
   double false_positive;
   const struct window *window = best(job, &false_positive);
   const bool found = false_positive <= ERN_WATERMARK_FALSE_POSITIVE;
-  session_note(session, "%s: the watermark of this key is %s: score %.1f at scale %.3f, %zu frames from %.2f s on",
-               job->video, found ? "found" : "not found", window->score, window->scale, window->frames, window->begin);
+  if (!session_json_on_stdout(session))
+    printf("%s: the watermark of this key is %s: score %.1f at scale %.3f, %zu frames from %.2f s on\n", job->video,
+           found ? "found" : "not found", window->score, window->scale, window->frames, window->begin);
   session_note(session, "a wrong key scores as much with a probability of at most %.2g; found is up to %.0e",
                false_positive, ERN_WATERMARK_FALSE_POSITIVE);
   const int status = session_report(session, report(job, found, window, false_positive));
@@ -117,16 +119,17 @@ int cmd_detect(int argc, char **argv) {
        .high = 1e6,
        .help = "searches each part of that length, as 10s, for videos of which only a part has it (default all of the "
                "video at once)"}};
-  struct args args = {.verb = "detect",
-                      .summary = "Says whether a video has the watermark that `render --watermark KEY` puts on frames.",
-                      .usage = "detect VIDEO --watermark KEY [--window SECONDS] [--json FILE]",
-                      .notes =
-                          "Exit status: 0 found, 1 not found or failed (standard error says which), 2 wrong usage.\n"
-                          "docs/watermark.md: what it survives, and how often a wrong key is found.",
-                      .words = words,
-                      .word_count = 1,
-                      .groups = {{"What is searched:", own, WATERMARK_OPTIONS + OWN_OPTIONS},
-                                 {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
+  struct args args = {
+      .verb = "detect",
+      .summary = "Says whether a video has the watermark that `render --watermark KEY` puts on frames.",
+      .usage = "detect VIDEO --watermark KEY [--window SECONDS] [--json FILE]",
+      .notes =
+          "Exit status: 0 found, 1 not found or failed (an error is told on standard error), 2 wrong usage.\n"
+          "docs/watermark.md: what it survives, and how often a wrong key is found.",
+      .words = words,
+      .word_count = 1,
+      .groups = {{"What is searched:", own, WATERMARK_OPTIONS + OWN_OPTIONS},
+                 {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   watermark_options(&job.watermark, own);
   own[0].help = "the key that it was put on with";
   ARGS_FILL(own + WATERMARK_OPTIONS, rows, OWN_OPTIONS);

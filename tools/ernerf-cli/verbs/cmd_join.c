@@ -68,11 +68,14 @@ static int read_says(struct join_job *job) {
 static bool frames_of(const json_t *about, json_int_t *first, json_int_t *end, double *rate) {
   const json_t *from = json_object_get(about, "first_frame"), *count = json_object_get(about, "frames");
   const char *words = json_string_value(json_object_get(about, "rate"));
+  const json_int_t most = 1000000000; /* the file may say anything, and places and counts are added up */
   double whole = 0, part = 1;
   *first = json_integer_value(from);
-  *end = *first + json_integer_value(count);
-  const bool known = json_is_integer(from) && json_is_integer(count) && words != NULL &&
+  *end = *first;
+  const bool known = json_is_integer(from) && json_is_integer(count) && *first >= 0 && *first <= most &&
+                     json_integer_value(count) >= 0 && json_integer_value(count) <= most && words != NULL &&
                      sscanf(words, "%lf/%lf", &whole, &part) >= 1 && whole > 0 && part > 0;
+  if (known) *end += json_integer_value(count);
   *rate = whole / part;
   return known;
 }
