@@ -311,6 +311,7 @@ typedef struct ern_clip_info {
   const char *speech;         /* kind of the features (speech.h); "": not known */
   bool hears_sound;           /* the features were made of a sound */
   const char *speech_network; /* ern_speech_network_description() of what made them; "": no network did */
+  bool has_parsing;           /* parsing is there, which must then have ID.png of each frame */
 } ern_clip_info;
 
 /* Plain data, may grow: it is the clip's. */
@@ -321,8 +322,8 @@ typedef struct ern_clip_frame {
   float landmarks[68][2]; /* x right, y down from the top left corner, pixels; order of 300-W */
 } ern_clip_frame;
 
-/* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_measure, and a trainer on its dataset. Any
- * number of threads may look at the rest. */
+/* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_head, ern_clip_measure, and a trainer on its
+ * dataset. Any number of threads may look at the rest. */
 typedef struct ern_clip ern_clip;
 
 /* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error;
@@ -355,6 +356,10 @@ ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split 
  * each time. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
+/* Which pixels of a frame are the head's (blue in parsing): `head` of one channel, 255 the head, 0 none of it, 128
+ * where a square of 2 e + 1 pixels around the pixel has both, e = width/256, rounded, at least 1. data NULL where the
+ * clip has no parsing. The image belongs to the clip, and is valid and kept in memory as those of ern_clip_pixels. */
+ERN_API ERN_NODISCARD ern_status ern_clip_head(ern_clip *clip, ern_split split, size_t index, ern_image *head);
 
 /* The clip as the trainer takes it. The clip must outlive the dataset. */
 ERN_API void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes);

@@ -71,6 +71,10 @@ typedef struct ern_dataset {
                          A torso keeps the kind of its head, and its network */
   const char *speech_network; /* description of the network that made the features (ern_model_info.speech_network); ""
                                  or NULL: none did */
+  /* NULL: it is not known which pixels are the head's. Else head [height][width] of a frame of split 0: 255 the head,
+   * 0 none of it, any other value: not known; NULL: all are not known. The callback's memory, valid until its next
+   * call. */
+  ern_status (*head)(void *user, int split, size_t index, const uint8_t **head);
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
@@ -222,6 +226,10 @@ typedef struct ern_train_config {
                                            0 alone resumes, reads `from`, validates, saves and calls hooks, and the
                                            others get its state; their `output`, `resume`, `from` and `torso_output`
                                            are ignored */
+  bool head_random_background; /* true (default): where ern_dataset.head tells the head from the rest, a ray of a
+                                  coarse step has a random colour behind the head, and outside of the head also as its
+                                  truth, so that the head's opacity is learnt; false: the clip's background, as
+                                  published */
 } ern_train_config;
 
 /* The defaults. */
@@ -262,6 +270,7 @@ typedef struct ern_train_state {
   double fine_share;  /* ern_train_config.fine_share */
   float prune_share;  /* likewise; 0 where a state of an earlier version does not say it */
   int step_parts;     /* 1 where a state of an earlier version does not say it */
+  bool head_random_background; /* as of ern_train_config; false where a state of an earlier version does not say it */
 } ern_train_state;
 /* Describes the newest intact state in X.run, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses another one. Changes and locks nothing. ERN_E_MISSING: there

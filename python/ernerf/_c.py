@@ -175,7 +175,7 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
                 ("width", c_int), ("height", c_int), ("scale", c_float), ("has_eye", c_bool), ("has_torso", c_bool),
                 ("features", POINTER(Features)), ("background", POINTER(c_uint8)), ("frame", c_void_p),
                 ("pixels", c_void_p), ("identity", c_char_p), ("copies", POINTER(Features)), ("copy_count", c_size_t),
-                ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p)]
+                ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p), ("head", c_void_p)]
 
 
 class TrainConfig(Structure):
@@ -191,7 +191,8 @@ class TrainConfig(Structure):
                 ("seconds", c_double), ("refine_poses", c_bool), ("torso_output", c_char_p),
                 ("frames_per_step", c_int), ("fine_steps", c_uint64), ("fine_share", c_double), ("patch_size", c_int),
                 ("fine_weight", c_float), ("fine_lips_weight", c_float), ("fine_loss", c_void_p),
-                ("consent", c_char_p), ("prune_share", c_float), ("step_parts", c_int), ("communicator", c_void_p)]
+                ("consent", c_char_p), ("prune_share", c_float), ("step_parts", c_int), ("communicator", c_void_p),
+                ("head_random_background", c_bool)]
 
 
 class TrainReport(Structure):
@@ -221,7 +222,7 @@ class ClipInfo(Structure):
     _fields_ = [("width", c_int), ("height", c_int), ("focal", c_double), ("cx", c_double), ("cy", c_double),
                 ("frames", c_size_t * 2), ("features_file", c_char_p), ("has_blink", c_bool), ("has_torso", c_bool),
                 ("has_sound", c_bool), ("has_landmarks", c_bool), ("identity", c_char * 65), ("speech", c_char_p),
-                ("hears_sound", c_bool), ("speech_network", c_char_p)]
+                ("hears_sound", c_bool), ("speech_network", c_char_p), ("has_parsing", c_bool)]
 
 
 class ClipFrame(Structure):
@@ -277,6 +278,7 @@ MEDIA = {
     "ern_clip_features": (POINTER(Features), OBJECT),
     "ern_clip_background": (POINTER(Image), OBJECT),
     "ern_clip_frame_at": (POINTER(ClipFrame), OBJECT, ENUM, c_size_t),
+    "ern_clip_head": (Status, OBJECT, ENUM, c_size_t, POINTER(Image)),
     "ern_clip_pixels": (Status, OBJECT, ENUM, c_size_t, POINTER(Image), POINTER(Image)),
     "ern_clip_dataset_sized": (None, OBJECT, POINTER(Dataset), c_size_t),
     "ern_speech_features": (Status, OBJECT, c_char_p, c_float, POINTER(Features)),

@@ -45,7 +45,7 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   *text = NULL;
   json_t *training = json_pack(
       "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:b, s:i, s:f, s:s, s:f, "
-      "s:b}",
+      "s:b, s:b}",
       "iters", (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
       "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
       (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
@@ -53,7 +53,7 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
       "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
       c->torso_gamma, "torso_random_background", c->torso_random_background, "frames_per_step", c->frames_per_step,
       "fine_share", c->fine_share, "fine_loss", ern_trainer_fine_name(t), "prune_share", (double)c->prune_share,
-      "pruned", t->pruned);
+      "pruned", t->pruned, "head_random_background", c->head_random_background);
   if (training != NULL && t->fine_from != UINT64_MAX) {
     json_t *fine = json_pack("{s:I, s:i, s:f, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size,
                              "weight", (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight);
@@ -171,6 +171,8 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   if (!read_later_flag(json_object_get(root, "torso_gamma"), &about->torso_gamma)) return "torso_gamma";
   if (!read_later_flag(json_object_get(root, "torso_random_background"), &about->torso_random_background))
     return "torso_random_background";
+  if (!read_later_flag(json_object_get(root, "head_random_background"), &about->head_random_background))
+    return "head_random_background";
   const json_t *frames = json_object_get(root, "frames_per_step"); /* not there: an earlier version's */
   if (frames != NULL && !whole_in(frames, 1, ERN_FRAMES_PER_STEP_MOST)) return "frames_per_step";
   about->frames_per_step = frames != NULL ? (int)json_integer_value(frames) : 1;
@@ -334,6 +336,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"refresh_every", count(about->refresh_every), count(c->refresh_every)},
       {"torso_random_background", count(about->torso_random_background),
        count(c->torso ? c->torso_random_background : about->torso_random_background)},
+      {"head_random_background", count(about->head_random_background),
+       count(c->torso ? about->head_random_background : c->head_random_background)},
       {"frames_per_step", count((uint64_t)about->frames_per_step), count((uint64_t)c->frames_per_step)},
       {"step_parts", count((uint64_t)about->step_parts), count((uint64_t)c->step_parts)},
       {"fine_share", number((float)about->fine_share), number((float)c->fine_share)},

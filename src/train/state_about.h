@@ -22,6 +22,7 @@ struct ern_state_about {
   bool refine_poses;
   bool torso_gamma;             /* config.torso_gamma; of a head what its torso is to have */
   bool torso_random_background; /* likewise */
+  bool head_random_background;  /* likewise */
   int frames_per_step, step_parts;
   uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next four are 0 */
   int patch_size;

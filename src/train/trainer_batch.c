@@ -89,6 +89,7 @@ struct draw {
   ern_trainer *t;
   size_t first, rays;           /* of those of the step */
   const uint8_t *truth, *torso; /* torso NULL: none */
+  const uint8_t *head;          /* as of ern_dataset.head; NULL: the clip's background lies behind the head */
   const ern_dataset_frame *about;
   struct region lower_face, eyes;
   uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
@@ -155,8 +156,8 @@ static bool lies_in(ern_box box, int row, int column) {
 }
 
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. Over one background alone any opacity of the torso has a colour that gives the truth; over a random one
- * only the true opacity does. */
+ * to become. Over one background alone any opacity has a colour that gives the truth; over a random one only the true
+ * opacity does. Whether that is 0 or 1 is known of a torso by its image, of a head by draw->head. */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;
@@ -164,14 +165,17 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const size_t rays = draw->rays, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
-  const bool any = t->config.torso && t->config.torso_random_background;
+  const uint8_t of_head = draw->head != NULL ? draw->head[pixel] : 128;
+  const bool any = t->config.torso ? t->config.torso_random_background : of_head == 0 || of_head == 255;
   struct ern_random colour = {{0}};
   if (any) colour = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
-    const float back = any ? ern_uniform(colour.word[c]) : part[t->data.background[3 * pixel + c]];
+    const float random = ern_uniform(colour.word[c]), clip = part[t->data.background[3 * pixel + c]];
+    const float back = any && t->config.torso ? random : clip;
     const float over = draw->torso != NULL ? part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha) : back;
-    t->host_rows[c * rays + i] = t->config.torso ? over : part[draw->truth[3 * pixel + c]];
-    t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : over;
+    const float behind_head = any ? random : over;
+    t->host_rows[c * rays + i] = t->config.torso ? over : of_head == 0 ? behind_head : part[draw->truth[3 * pixel + c]];
+    t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : behind_head;
   }
   t->host_rows[6 * rays + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
                                        column >= about->face.left && column < about->face.right
@@ -287,6 +291,8 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
                               .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
+  if (!t->config.torso && t->config.head_random_background && batch->patches == 0)
+    ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_regions(&draw);

@@ -49,3 +49,12 @@ ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, con
   return ern_fail(t->context, ERN_E_ARGUMENT, "train: the dataset's `pixels` gives no truth for %s frame %zu",
                   name_of(split), frame);
 }
+
+ern_status ern_trainer_head(const ern_trainer *t, size_t frame, const uint8_t **head) {
+  char before[ERN_ERROR_BYTES];
+  ern_error_keep(t->context, before);
+  *head = NULL;
+  if (t->data.head == NULL) return ERN_OK;
+  const ern_status status = t->data.head(t->data.user, 0, frame, head);
+  return status == ERN_OK ? ERN_OK : answered(t, status, "head", 0, frame, before);
+}

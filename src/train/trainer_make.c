@@ -31,6 +31,7 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .dt_gamma = 1.0f / 256,
                                 .bound = 1,
                                 .torso_random_background = true,
+                                .head_random_background = true,
                                 .torso_shrink = 0.8f,
                                 .audio_pad = ERN_AUDIO_PAD_EDGE,
                                 .save_every = 1000,

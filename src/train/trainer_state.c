@@ -451,6 +451,7 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                          .refine_poses = about->refine_poses,
                          .torso_gamma = about->torso_gamma,
                          .torso_random_background = about->torso_random_background,
+                         .head_random_background = about->head_random_background,
                          .frames_per_step = about->frames_per_step,
                          .step_parts = about->step_parts,
                          .fine_steps = about->fine_from < about->iters ? about->iters - about->fine_from : 0,

@@ -81,6 +81,7 @@ static ern_status check_same_numbers(ern_trainer *t) {
              {"bound", (double)c->bound},
              {"torso_shrink", (double)c->torso_shrink},
              {"torso_random_background", c->torso_random_background},
+             {"head_random_background", c->head_random_background},
              {"audio_pad", c->audio_pad},
              {"precision", c->precision},
              {"refine_poses", c->refine_poses},

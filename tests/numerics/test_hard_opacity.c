@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What a torso is learnt over (docs/numerics-whole.md): random colours, which leave one opacity alone, or the clip's
- * background. */
+ * What head and torso are learnt over (docs/numerics-whole.md): random colours, which leave one opacity alone, or the
+ * clip's background. */
 #include "made_clip.h"
 #include "train/trainer.h"
 
@@ -133,8 +133,148 @@ static void test_torso_in_the_colour_of_its_background(void **state) {
   assert_true(clip > 4 * random);
 }
 
+/* ---- a head ------------------------------------------------------------------------------------------------------ */
+
+static uint8_t head_pixels[PIXELS];
+static bool head_known;
+static ern_status head_answer;
+static ern_status give_head(void *user, int split, size_t index, const uint8_t **pixels) {
+  (void)user, (void)index;
+  assert_int_equal(split, 0);
+  *pixels = head_known ? head_pixels : NULL;
+  return head_answer;
+}
+
+static ern_trainer *head_trainer(const ern_dataset *data, bool over_random, int rays, uint64_t iters) {
+  ern_train_config config = small_config(iters, NULL);
+  ern_trainer *trainer = NULL;
+  config.rays = rays;
+  config.head_random_background = over_random;
+  support_ok(made.context, ern_trainer_create(&trainer, made.backend, data, &config));
+  return trainer;
+}
+
+/* rows: those of one batch, of which batch 0 of step 0 has frame 0 alone. */
+static void batch_rows(const ern_dataset *data, bool over_random, float rows[6 * RAYS], int32_t pixels[RAYS]) {
+  ern_trainer *trainer = head_trainer(data, over_random, RAYS, 1);
+  struct ern_batch batch;
+  const struct ern_arena_mark mark = ern_arena_mark(trainer->stream);
+  support_ok(made.context, ern_trainer_batch(trainer, 0, &batch));
+  ern_arena_release(trainer->stream, mark);
+  memcpy(rows, trainer->host_rows, 6 * RAYS * sizeof *rows);
+  memcpy(pixels, trainer->host_pixels, RAYS * sizeof *pixels);
+  ern_trainer_free(&trainer);
+}
+
+/* Of the head a pixel keeps its truth, over a colour of its own; beside it the truth is that colour; where neither is
+ * known, all is as over the clip's background. */
+static void test_colours_behind_a_head(void **state) {
+  (void)state;
+  static float clip[6 * RAYS], random[6 * RAYS], unknown[6 * RAYS];
+  static int32_t pixels[RAYS], same[RAYS];
+  ern_dataset data = made.data;
+  data.frames[0] = 1;
+  data.head = give_head;
+  head_known = true;
+  for (int i = 0; i < PIXELS; i++) head_pixels[i] = (uint8_t[]){0, 255, 128, 1, 254}[i % 5];
+  batch_rows(&data, false, clip, pixels);
+  batch_rows(&data, true, random, same);
+  assert_memory_equal(pixels, same, sizeof pixels);
+  size_t equal = 0;
+  for (size_t i = 0; i < RAYS; i++) {
+    const uint8_t of_head = head_pixels[pixels[i]];
+    for (size_t c = 0; c < 3; c++) {
+      const float truth = random[c * RAYS + i], behind = random[(3 + c) * RAYS + i];
+      assert_true(behind >= 0 && behind <= 1);
+      assert_true(truth == (of_head == 0 ? behind : clip[c * RAYS + i]));
+      if (of_head > 0 && of_head < 255)
+        assert_true(behind == clip[(3 + c) * RAYS + i]);
+      else
+        equal += behind == clip[(3 + c) * RAYS + i];
+    }
+  }
+  assert_in_range(equal, 0, 3 * RAYS / 100); /* a random colour hardly ever is the clip's */
+
+  head_known = false;
+  batch_rows(&data, true, unknown, same);
+  assert_memory_equal(unknown, clip, sizeof clip);
+  data.head = NULL;
+  batch_rows(&data, true, unknown, same);
+  assert_memory_equal(unknown, clip, sizeof clip);
+}
+
+static void test_head_that_cannot_be_told(void **state) {
+  (void)state;
+  ern_train_report report;
+  ern_dataset data = made.data;
+  data.head = give_head;
+  head_answer = ERN_E_IO;
+  ern_trainer *trainer = head_trainer(&data, true, RAYS, 1);
+  support_expect(made.context, ern_trainer_step(trainer, &report), ERN_E_IO, "`head` answered", "training frame", NULL);
+  ern_trainer_free(&trainer);
+  head_answer = ERN_OK;
+}
+
+/* Mean opacity in the middle of the picture and beside it, after a training. */
+static void opacity_of_head(bool over_random, double *inside, double *outside) {
+  enum { STEPS = 800, FEW = 64 };
+  ern_train_report report;
+  ern_dataset data = made.data;
+  ern_model *model = NULL;
+  ern_renderer *renderer = NULL;
+  ern_dataset_frame about;
+  float windows[8 * 16 * WIDTH] = {0}, opacity[PIXELS];
+  double count[2] = {0}, sum[2] = {0};
+  data.head = give_head;
+  data.has_torso = false;
+  data.frames[0] = 1; /* a square in one view is a body; in several it need not be */
+  ern_trainer *trainer = head_trainer(&data, over_random, FEW, STEPS);
+  for (int k = 0; k < STEPS; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
+  support_ok(made.context, ern_trainer_model(trainer, &model));
+  support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
+  support_ok(made.context, made_frame(&made, 0, 0, &about));
+  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = windows,
+                           .window_length = 16,
+                           .individual = 0};
+  ern_camera_pose(input.camera.pose, about.matrix, data.scale);
+  const ern_frame_output output = {.opacity = opacity};
+  support_ok(made.context, ern_renderer_frame(renderer, &input, &output, NULL));
+  for (int i = 0; i < PIXELS; i++) {
+    count[head_pixels[i] == 255]++;
+    sum[head_pixels[i] == 255] += (double)opacity[i];
+  }
+  *outside = sum[0] / count[0];
+  *inside = sum[1] / count[1];
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+}
+
+/* A head of the colour of its background, in a square of the picture. */
+static void test_head_in_the_colour_of_its_background(void **state) {
+  (void)state;
+  double inside[2], outside[2];
+  head_known = true;
+  for (int i = 0; i < PIXELS; i++) {
+    const int row = i / SIDE, column = i % SIDE;
+    head_pixels[i] = row >= 6 && row < 14 && column >= 6 && column < 14 ? 255 : 0;
+    for (int c = 0; c < 3; c++) {
+      made.background[3 * i + c] = 128;
+      for (int f = 0; f < FRAMES; f++) made.truth[f][3 * i + c] = 128;
+    }
+  }
+  for (int k = 0; k < 2; k++) opacity_of_head(k == 1, &inside[k], &outside[k]);
+  print_message("opacity of the head, beside it: %.3f, %.3f over random colours, %.3f, %.3f over the background\n",
+                inside[1], outside[1], inside[0], outside[0]);
+  assert_true(inside[1] > 0.5 && outside[1] < 0.05);
+  assert_true(inside[0] - outside[0] < 0.5 * (inside[1] - outside[1]));
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colours_of_the_rays),
-                                     cmocka_unit_test(test_torso_in_the_colour_of_its_background)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_colours_of_the_rays), cmocka_unit_test(test_torso_in_the_colour_of_its_background),
+      cmocka_unit_test(test_colours_behind_a_head), cmocka_unit_test(test_head_that_cannot_be_told),
+      cmocka_unit_test(test_head_in_the_colour_of_its_background)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }

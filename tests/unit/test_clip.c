@@ -109,7 +109,7 @@ static void test_open(void **state) {
   assert_int_equal(info.frames[ERN_SPLIT_TRAIN], TRAIN);
   assert_int_equal(info.frames[ERN_SPLIT_VAL], VAL);
   assert_string_equal(info.features_file, "aud_ds.npy");
-  assert_true(info.has_blink && info.has_torso && info.has_sound && info.has_landmarks);
+  assert_true(info.has_blink && info.has_torso && info.has_sound && info.has_landmarks && !info.has_parsing);
 
   /* identity: SHA-256 of transforms_train.json, then bc.jpg */
   uint8_t *first = NULL, *second = NULL, both[65536];

@@ -47,6 +47,7 @@ static void choose_head(struct soak_dice *dice, struct soak_round *round) {
   config->no_view = soak_below(dice, 3) == 0;
   if (soak_below(dice, 3) == 0) config->codes = 0;
   config->bound = (float)magnitude(dice, 0.3, 4);
+  config->head_random_background = coin(dice);
 }
 
 /* How many steps, and how often all cells are looked at, which costs as much as a hundred steps of few rays; of `mlp`,
@@ -142,6 +143,11 @@ static ern_status bent_pixels(void *user, int split, size_t index, const uint8_t
   return status;
 }
 
+static ern_status bent_head(void *user, int split, size_t index, const uint8_t **head) {
+  const struct soak_data *data = user;
+  return data->clip.head(data->clip.user, split, index, head);
+}
+
 static void paint(uint8_t *truth, size_t bytes, const struct soak_round *round) {
   struct soak_dice dice = {round->config.seed};
   if (round->pixels != SOAK_PIXELS_NOISE) memset(truth, round->pixels == SOAK_PIXELS_WHITE ? 255 : 0, bytes);
@@ -163,6 +169,7 @@ void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soa
   data->bent.features = &data->features;
   data->bent.frame = bent_frame;
   data->bent.pixels = bent_pixels;
+  if (clip->head != NULL) data->bent.head = bent_head;
   data->bent.has_eye = round->eye;
   if (!round->config.torso) data->bent.has_torso = round->layer;
 }

@@ -42,10 +42,11 @@ static int check_usage(struct train_job *job, const struct args *args) {
     status = args_forbid(args, "torso-gamma torso_shrink torso-background",
                          "is about the torso, so it needs --torso or --time");
   if (status < 0 && config->torso)
-    status = args_forbid(args,
-                         "levels bound ind_num effects backbone attention eye-attention ray-sampling refine-poses "
-                         "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_COPIES_NAMES,
-                         "is the head's, and --torso leaves the head alone");
+    status = args_forbid(
+        args,
+        "levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
+        "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_COPIES_NAMES,
+        "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
@@ -112,6 +113,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refresh-every")) config->refresh_every = 16;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
   if (!args_given(args, "torso-background")) config->torso_random_background = false;
+  if (!args_given(args, "head-background")) config->head_random_background = false;
 }
 
 /* What a time is best spent on (docs/history-training.md), where no option says it. */
@@ -154,6 +156,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
+  if (args_given(args, "head-background")) config->head_random_background = job->head_background == 0;
   if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
   fine_stage_choose(&job->fine, args, job->has_state, config);
   if (job->paper) follow_paper(args, config);

@@ -36,6 +36,7 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
   if (!args_given(args, "rays") && state->rays > 0) config->rays = state->rays;
   if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso_gamma || (state->torso && model->has_gamma);
   if (!state->has_settings) return;
+  if (!args_given(args, "head-background")) config->head_random_background = state->head_random_background;
   if (!args_given(args, "torso-background")) config->torso_random_background = state->torso_random_background;
   if (!args_given(args, "iters")) config->iters = state->iters;
   if (!args_given(args, "iters") && !args_given(args, "time")) config->seconds = state->budget;

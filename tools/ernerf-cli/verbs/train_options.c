@@ -38,6 +38,12 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_FLAG,
        .target = &config->torso_gamma,
        .help = "the paper's trained scale of the torso's key points"},
+      {.name = "head-background",
+       .kind = OPTION_CHOICE,
+       .target = &job->head_background,
+       .choices = "random|clip",
+       .help = "what the head is learnt over, where the clip has parsing: a random colour for each ray, so that it has "
+               "no pieces of the clip's background, or that background as published (default random)"},
       {.name = "torso-background",
        .kind = OPTION_CHOICE,
        .target = &job->torso_background,

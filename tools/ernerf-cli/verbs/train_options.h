@@ -16,7 +16,7 @@
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 23,
+  TRAIN_GOAL_OPTIONS = 24,
   TRAIN_NUMBER_OPTIONS = 28,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
 };
@@ -42,7 +42,7 @@ struct train_job {
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
-  int audio_pad, backbone, attention, eye_attention, precision, ray_sampling,
+  int audio_pad, backbone, attention, eye_attention, precision, ray_sampling, head_background,
       torso_background; /* places among the words of their options */
   struct fine_stage fine;
   ern_model_info from;   /* of --from, or of the state that is resumed */

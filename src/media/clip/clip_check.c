@@ -11,7 +11,7 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "io/landmarks.h"
-#include "media/clip.h"
+#include "media/clip/clip.h"
 
 enum { SENTENCE_BYTES = 2560, REASON_BYTES = 2048, THERE = 1, OPTIONAL = 0, NEEDED = -1 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * A preprocessed clip: all its files checked when it is opened, its pixels read when they are asked for. */
-#include "media/clip.h"
+#include "media/clip/clip.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -19,7 +19,7 @@ enum { TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
  */
 struct pictures {
   ern_clip_part part;
-  int channels;
+  int channels;      /* as kept; parsing is read in 3 */
   uint8_t **kept[2]; /* [split][frame], NULL: not in memory */
   ern_image last;
 };
@@ -35,7 +35,7 @@ struct ern_clip {
   char *speech_kind, *speech_network; /* of the network that made them; NULL: none did */
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
-  struct pictures truth, torso;
+  struct pictures truth, torso, head;
   uint64_t budget, used; /* bytes of kept pictures */
 };
 
@@ -179,6 +179,7 @@ static ern_status open_frame(const ern_clip *clip, ern_clip_frame *frame, const 
   }
   ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
   if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
+  if (clip->info.has_parsing) ERN_TRY(check_picture(clip, ERN_PART_PARSING, frame->pose.img_id));
   if (clip->info.has_landmarks) {
     ERN_TRY(ern_clip_part_path(clip->context, clip->folder, ERN_PART_LANDMARKS, frame->pose.img_id, &path));
     ERN_TRY(ern_landmarks_read(clip->context, path, frame->landmarks));
@@ -194,6 +195,7 @@ static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_lis
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->frames[split]));
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->truth.kept[split]));
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->torso.kept[split]));
+  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->head.kept[split]));
   clip->info.frames[split] = list->count;
   const int64_t windows = (int64_t)clip->features.windows;
   for (size_t i = 0; i < list->count; i++) {
@@ -211,6 +213,7 @@ static ern_status find_optional(ern_clip *clip) {
   ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_TORSO), &clip->info.has_torso));
   ERN_TRY(
       ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_LANDMARKS), &clip->info.has_landmarks));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_PARSING), &clip->info.has_parsing));
   ERN_TRY(ern_clip_has(clip->context, clip->folder, "aud.wav", &clip->info.has_sound));
 fail:
   return status;
@@ -274,6 +277,7 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   made->budget = chosen.memory_bytes != 0 ? chosen.memory_bytes : half_of_memory();
   made->truth = (struct pictures){.part = ERN_PART_TRUTH, .channels = 3};
   made->torso = (struct pictures){.part = ERN_PART_TORSO, .channels = 4};
+  made->head = (struct pictures){.part = ERN_PART_PARSING, .channels = 1};
   ERN_TRY(ern_string_copy(context, folder, &made->folder));
   ERN_TRY(open_parts(made, &chosen));
   made->info.features_file = made->features_file;
@@ -300,6 +304,7 @@ void ern_clip_free(ern_clip **clip) {
   *clip = NULL;
   free_pictures(dying, &dying->truth);
   free_pictures(dying, &dying->torso);
+  free_pictures(dying, &dying->head);
   ern_image_free(dying->context, &dying->background);
   forget_copies(dying);
   ern_release(dying->context, dying->speech_path);
@@ -385,12 +390,14 @@ static ern_status get_picture(ern_clip *clip, struct pictures *pictures, ern_spl
   if (*kept == NULL) {
     ern_image_free(context, &pictures->last);
     ERN_TRY(ern_clip_part_path(context, clip->folder, pictures->part, clip->frames[split][index].pose.img_id, &path));
-    ERN_TRY(ern_image_read(context, path, pictures->channels, &pictures->last));
+    ERN_TRY(
+        ern_image_read(context, path, pictures->part == ERN_PART_PARSING ? 3 : pictures->channels, &pictures->last));
     if (pictures->last.width != width || pictures->last.height != height) {
       ERN_TRY(ern_fail(context, ERN_E_SHAPE,
                        "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path,
                        pictures->last.width, pictures->last.height, width, height));
     }
+    if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, &pictures->last));
   }
   if (*kept == NULL && clip->budget - clip->used >= bytes) {
     *kept = pictures->last.data;
@@ -404,19 +411,33 @@ fail:
   return status;
 }
 
+static ern_status check_frame(const ern_clip *clip, ern_split split, size_t index) {
+  if (has_frame(clip, split, index)) return ERN_OK;
+  return ern_fail(clip->context, ERN_E_ARGUMENT, "%s: frame %zu of split %d was asked for, it has %zu", clip->folder,
+                  index, (int)split, split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL ? clip->info.frames[split] : 0);
+}
+
 ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth, ern_image *torso) {
   ERN_PLAIN_FLOATS;
   ern_status status = ERN_OK;
   if (truth != NULL) *truth = (ern_image){0};
   if (torso != NULL) *torso = (ern_image){0};
   ERN_NEED(NULL, clip);
-  if (!has_frame(clip, split, index)) {
-    return ern_fail(clip->context, ERN_E_ARGUMENT, "%s: frame %zu of split %d was asked for, it has %zu", clip->folder,
-                    index, (int)split,
-                    split == ERN_SPLIT_TRAIN || split == ERN_SPLIT_VAL ? clip->info.frames[split] : 0);
-  }
+  ERN_TRY(check_frame(clip, split, index));
   if (truth != NULL) ERN_TRY(get_picture(clip, &clip->truth, split, index, truth));
   if (torso != NULL && clip->info.has_torso) ERN_TRY(get_picture(clip, &clip->torso, split, index, torso));
+fail:
+  return status;
+}
+
+ern_status ern_clip_head(ern_clip *clip, ern_split split, size_t index, ern_image *head) {
+  ERN_PLAIN_FLOATS;
+  ern_status status = ERN_OK;
+  if (head != NULL) *head = (ern_image){0};
+  ERN_NEED(NULL, clip);
+  ERN_NEED(clip->context, head);
+  ERN_TRY(check_frame(clip, split, index));
+  if (clip->info.has_parsing) ERN_TRY(get_picture(clip, &clip->head, split, index, head));
 fail:
   return status;
 }

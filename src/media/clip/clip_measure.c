@@ -6,7 +6,7 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "core/sized.h"
-#include "media/clip.h"
+#include "media/clip/clip.h"
 
 enum { LOOKED_MOST = 48, POSE_TERMS = 4 };
 

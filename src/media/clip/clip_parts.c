@@ -9,13 +9,17 @@
 #include "io/csv.h"
 #include "io/file.h"
 #include "io/json.h"
-#include "media/clip.h"
+#include "media/clip/clip.h"
 
-static const char *const part_folders[] = {
-    [ERN_PART_TRUTH] = "gt_imgs", [ERN_PART_TORSO] = "torso_imgs", [ERN_PART_LANDMARKS] = "ori_imgs"};
+static const char *const part_folders[] = {[ERN_PART_TRUTH] = "gt_imgs",
+                                           [ERN_PART_TORSO] = "torso_imgs",
+                                           [ERN_PART_LANDMARKS] = "ori_imgs",
+                                           [ERN_PART_PARSING] = "parsing"};
 /* Extensions looked for, in order. */
-static const char *const part_endings[][3] = {
-    [ERN_PART_TRUTH] = {"jpg", "png", "jpeg"}, [ERN_PART_TORSO] = {"png"}, [ERN_PART_LANDMARKS] = {"lms"}};
+static const char *const part_endings[][3] = {[ERN_PART_TRUTH] = {"jpg", "png", "jpeg"},
+                                              [ERN_PART_TORSO] = {"png"},
+                                              [ERN_PART_LANDMARKS] = {"lms"},
+                                              [ERN_PART_PARSING] = {"png"}};
 
 const char *ern_clip_part_folder(ern_clip_part part) { return part_folders[part]; }
 

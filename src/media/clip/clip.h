@@ -7,8 +7,8 @@
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
 
-/* A frame's files: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms. */
-typedef enum ern_clip_part { ERN_PART_TRUTH, ERN_PART_TORSO, ERN_PART_LANDMARKS } ern_clip_part;
+/* A frame's files: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms, parsing/ID.png. */
+typedef enum ern_clip_part { ERN_PART_TRUTH, ERN_PART_TORSO, ERN_PART_LANDMARKS, ERN_PART_PARSING } ern_clip_part;
 const char *ern_clip_part_folder(ern_clip_part part); /* "gt_imgs" */
 
 /* *there = whether FOLDER/NAME exists. */
@@ -42,6 +42,11 @@ ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char
  * there is no au.csv. */
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
+
+/* Values of ern_clip_head(). */
+enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
+/* RGB of parsing/ID.png -> those values, one channel; *image keeps its size. */
+ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, ern_image *image);
 
 /* What an open clip was opened with, and its sound (ERN_E_MISSING where there is none; ern_sound_free). */
 ern_context *ern_clip_context(const ern_clip *clip);

@@ -42,6 +42,13 @@ static ern_status pixels(void *user, int split, size_t index, const uint8_t **tr
   return status;
 }
 
+static ern_status head(void *user, int split, size_t index, const uint8_t **head) {
+  ern_image image = {0};
+  const ern_status status = ern_clip_head(user, (ern_split)split, index, &image);
+  *head = image.data;
+  return status;
+}
+
 static ern_dataset dataset_of(ern_clip *clip) {
   ern_clip_info info;
   ern_clip_describe(clip, &info);
@@ -62,6 +69,7 @@ static ern_dataset dataset_of(ern_clip *clip) {
                                       .pixels = pixels,
                                       .speech = info.speech,
                                       .speech_network = info.speech_network};
+  if (info.has_parsing) dataset.head = head;
   dataset.copies = ern_clip_speech_copies(clip, &dataset.copy_count);
   dataset.copy_share = dataset.copy_count > 0 ? 0.5f : 0;
   return dataset;

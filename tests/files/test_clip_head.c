@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: MIT
+ * Which pixels of a frame are the head's: parsing against its definition, and as a clip gives it. */
+#include <stdio.h>
+#include <unistd.h>
+
+#include "core/memory.h"
+#include "core/rng.h"
+#include "ernerf-lab/synth.h"
+#include "io/file.h"
+#include "media/clip/clip.h"
+#include "support.h"
+
+static const uint8_t head_colour[3] = {0, 0, 255};
+
+/* The definition: whole where all pixels of the square have the head's colour, nothing where none has. */
+static uint8_t expected_at(const uint8_t *rgb, int width, int height, int row, int column, int edge) {
+  int heads = 0, all = 0;
+  for (int y = row - edge; y <= row + edge; y++)
+    for (int x = column - edge; x <= column + edge; x++) {
+      if (y < 0 || y >= height || x < 0 || x >= width) continue;
+      all++;
+      heads += memcmp(rgb + 3 * (y * width + x), head_colour, 3) == 0;
+    }
+  return heads == 0 ? 0 : heads == all ? ERN_HEAD_WHOLE : ERN_HEAD_UNSURE;
+}
+
+/* `share` of 100 pixels have the head's colour, the others white, green, red and black. */
+static void fill(ern_image *image, unsigned share, uint64_t seed) {
+  static const uint8_t others[4][3] = {{255, 255, 255}, {0, 255, 0}, {255, 0, 0}, {0, 0, 0}};
+  for (size_t i = 0; i < (size_t)image->width * (size_t)image->height; i++) {
+    const struct ern_random random = ern_random_at(seed, 0, (uint32_t)i, ERN_RNG_PIXEL);
+    memcpy(image->data + 3 * i, ern_below(random.word[0], 100) < share ? head_colour : others[random.word[1] % 4], 3);
+  }
+}
+
+static void test_edges(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  const struct {
+    int width, height, edge;
+  } sizes[] = {{1, 1, 1}, {2, 1, 1}, {1, 7, 1}, {24, 16, 1}, {383, 5, 1}, {384, 9, 2}, {512, 4, 2}, {1200, 3, 5}};
+  const unsigned shares[] = {0, 3, 90, 99, 100};
+  for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++)
+    for (size_t s = 0; s < 5; s++) {
+      const int width = sizes[k].width, height = sizes[k].height;
+      const size_t pixels = (size_t)width * (size_t)height;
+      ern_image image = {.width = width, .height = height, .channels = 3};
+      uint8_t *rgb = malloc(3 * pixels);
+      support_ok(context, ERN_NEW(context, 3 * pixels, &image.data));
+      fill(&image, shares[s], k + 1);
+      memcpy(rgb, image.data, 3 * pixels);
+      support_ok(context, ern_clip_head_of_parsing(context, &image));
+      assert_true(image.width == width && image.height == height && image.channels == 1);
+      for (int i = 0; i < width * height; i++)
+        assert_int_equal(image.data[i], expected_at(rgb, width, height, i / width, i % width, sizes[k].edge));
+      ern_image_free(context, &image);
+      free(rgb);
+    }
+  ern_context_free(&context);
+}
+
+enum { SIDE = 64 };
+
+/* Frame i has the head in rows [8, 40) and columns [10, 30 + i). */
+static void write_parsing(ern_context *context, int frame, int width) {
+  static uint8_t rgb[3 * (SIDE + 1) * SIDE];
+  char path[64];
+  const ern_image image = {.width = width, .height = SIDE, .channels = 3, .data = rgb};
+  for (int i = 0; i < width * SIDE; i++) {
+    const int row = i / width, column = i % width;
+    const bool head = row >= 8 && row < 40 && column >= 10 && column < 30 + frame;
+    memset(rgb + 3 * i, 255, 3);
+    if (head) memcpy(rgb + 3 * i, head_colour, 3);
+  }
+  snprintf(path, sizeof path, "head/parsing/%d.png", frame);
+  support_ok(context, ern_image_write(context, path, &image, 100));
+}
+
+static void expect_head(ern_context *context, ern_clip *clip, ern_split split, size_t index) {
+  ern_image head;
+  const int frame = (int)ern_clip_frame_at(clip, split, index)->pose.img_id;
+  support_ok(context, ern_clip_head(clip, split, index, &head));
+  assert_true(head.width == SIDE && head.height == SIDE && head.channels == 1);
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    const int row = i / SIDE, column = i % SIDE;
+    const bool whole = row >= 9 && row < 39 && column >= 11 && column < 29 + frame;
+    const bool near = row >= 7 && row < 41 && column >= 9 && column < 31 + frame;
+    assert_int_equal(head.data[i], whole ? ERN_HEAD_WHOLE : near ? ERN_HEAD_UNSURE : 0);
+  }
+}
+
+static void test_clip_with_parsing(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_synth_options synth = ern_synth_options_default();
+  ern_clip *clip = NULL;
+  ern_clip_info info;
+  ern_dataset data;
+  ern_image head;
+  synth.size = SIDE;
+  synth.frames = 12;
+  support_clear("head");
+  support_ok(context, ern_synth_write(context, "head", &synth));
+  support_ok(context, ern_clip_open(context, "head", NULL, &clip));
+  ern_clip_describe(clip, &info);
+  assert_false(info.has_parsing);
+  support_ok(context, ern_clip_head(clip, ERN_SPLIT_TRAIN, 0, &head));
+  assert_null(head.data);
+  ern_clip_dataset(clip, &data);
+  assert_true(data.head == NULL);
+  ern_clip_free(&clip);
+
+  support_ok(context, ern_folder_make(context, "head/parsing"));
+  for (int i = 0; i < synth.frames; i++) write_parsing(context, i, SIDE);
+  for (uint64_t bytes = 0; bytes < 2; bytes++) { /* all are kept; none is */
+    ern_clip_options options = ern_clip_options_default();
+    options.memory_bytes = bytes;
+    support_ok(context, ern_clip_open(context, "head", &options, &clip));
+    ern_clip_describe(clip, &info);
+    assert_true(info.has_parsing);
+    for (int round = 0; round < 2; round++)
+      for (int split = 0; split < 2; split++)
+        for (size_t i = 0; i < info.frames[split]; i++) expect_head(context, clip, (ern_split)split, i);
+    ern_clip_dataset(clip, &data);
+    assert_true(data.head != NULL);
+    ern_clip_free(&clip);
+  }
+  write_parsing(context, 2, SIDE + 1);
+  support_expect(context, ern_clip_open(context, "head", NULL, &clip), ERN_E_SHAPE, "head/parsing/2.png",
+                 "size is 65 x 64, expected 64 x 64", NULL);
+  assert_int_equal(unlink("head/parsing/2.png"), 0);
+  support_expect(context, ern_clip_open(context, "head", NULL, &clip), ERN_E_MISSING, "head/parsing/2.png", "img_id 2",
+                 NULL);
+  support_clear("head");
+  ern_context_free(&context);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_edges), cmocka_unit_test(test_clip_with_parsing)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
