@@ -2,14 +2,15 @@
  * Sums in a fixed order, and what else a training asks of the other processes, over MPI 3.
  *
  * A sum halves what each process has at every level of the tree, then hands the halves back (Rabenseifner 2004,
- * "Optimization of Collective Reduction Operations"): a process sends 2 (size - 1)/size of the values. MPI_Allreduce
- * would be free to choose the order. Nothing blocks in MPI: waits poll, so that they leave the processor to others and
- * can be given up. */
+ * "Optimization of Collective Reduction Operations"): a process sends 2 (size - 1)/size of the values, without those
+ * that are 0. MPI_Allreduce would be free to choose the order. Nothing blocks in MPI: waits poll, so that they leave
+ * the processor to others and can be given up. */
 #include "mpi/mpi_world.h"
 
 #include <limits.h>
 #include <mpi.h>
 #include <sched.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,8 +25,8 @@ struct own {
   bool (*interrupted)(void);
   bool given_up; /* a message may still be under way */
   int rank, size;
-  float *values; /* [value_count]: what another process sent */
-  size_t value_count;
+  unsigned char *out, *in; /* [room]: packed values that this process sends, and that another one sent */
+  size_t room;
   double *figures;
   size_t figure_count;
 };
@@ -69,21 +70,76 @@ static ern_status wait_for(struct own *own, int count, MPI_Request *requests, co
   }
 }
 
+/* ---- values without zeros ---------------------------------------------------------------------------------------- */
+
+/* Of each GROUP values a word of bits, bit j for value j, and the values whose bit is set: those that are not +0. A
+ * step reaches a third of a table (docs/scaling.md), and what is left out is added as +0, so that no bit of a sum
+ * differs. */
+enum { GROUP = 64 };
+
+/* Bytes of `count` values at most, with room to read one value more. */
+static size_t packed_most(size_t count) { return (count + 1) * sizeof(float) + (count / GROUP + 1) * sizeof(uint64_t); }
+
+/* Returns the number of bytes. */
+static size_t pack(unsigned char *to, const float *values, size_t count) {
+  unsigned char *const begin = to;
+  for (size_t i = 0; i < count; i += GROUP) {
+    const size_t n = count - i < GROUP ? count - i : GROUP;
+    uint64_t there = 0;
+    float kept[GROUP];
+    size_t k = 0;
+    for (size_t j = 0; j < n; j++) {
+      uint32_t bits;
+      memcpy(&bits, values + i + j, sizeof bits);
+      kept[k] = values[i + j];
+      there |= (uint64_t)(bits != 0) << j;
+      k += bits != 0;
+    }
+    memcpy(to, &there, sizeof there);
+    memcpy(to + sizeof there, kept, k * sizeof *kept);
+    to += sizeof there + k * sizeof *kept;
+  }
+  return (size_t)(to - begin);
+}
+
+/* add: to what is there, else in its place. */
+static void unpack(float *to, const unsigned char *from, size_t count, bool add) {
+  for (size_t i = 0; i < count; i += GROUP) {
+    const size_t n = count - i < GROUP ? count - i : GROUP;
+    uint64_t there;
+    memcpy(&there, from, sizeof there);
+    from += sizeof there;
+    for (size_t j = 0; j < n; j++) {
+      const bool is = (there >> j & 1) != 0;
+      float value;
+      memcpy(&value, from, sizeof value);
+      value = is ? value : 0;
+      from += is ? sizeof value : 0;
+      to[i + j] = add ? to[i + j] + value : value;
+    }
+  }
+}
+
 /* ---- the sum ----------------------------------------------------------------------------------------------------- */
 
 static ern_status make_room(struct own *own, size_t values, size_t figures, char words[ERN_COMMUNICATOR_WORDS]) {
-  if (values > INT_MAX || figures > INT_MAX) {
-    snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: %zu values, expected at most %d", values, INT_MAX);
+  const size_t bytes = packed_most(values);
+  if (values > INT_MAX / 8 || figures > INT_MAX) {
+    snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: %zu values, expected at most %d", values, INT_MAX / 8);
     return ERN_E_UNSUPPORTED;
   }
-  float *more_values = own->value_count < values ? realloc(own->values, values * sizeof *own->values) : own->values;
-  if (more_values != NULL && own->value_count < values) own->value_count = values;
-  if (more_values != NULL) own->values = more_values;
+  if (own->room < bytes) {
+    free(own->out);
+    free(own->in);
+    own->out = malloc(bytes);
+    own->in = malloc(bytes);
+    own->room = own->out != NULL && own->in != NULL ? bytes : 0;
+  }
   double *more_figures =
       own->figure_count < figures ? realloc(own->figures, figures * sizeof *own->figures) : own->figures;
   if (more_figures != NULL && own->figure_count < figures) own->figure_count = figures;
   if (more_figures != NULL) own->figures = more_figures;
-  if (own->value_count >= values && own->figure_count >= figures) return ERN_OK;
+  if (own->room >= bytes && own->figure_count >= figures) return ERN_OK;
   snprintf(words, ERN_COMMUNICATOR_WORDS, "no memory for %zu values of another process", values);
   return ERN_E_NO_MEMORY;
 }
@@ -92,20 +148,25 @@ struct half {
   size_t begin, count;
 };
 
-/* Sends `out` of the values and receives into `to`; figures both ways where figure_count > 0. */
-static ern_status exchange(struct own *own, int partner, const float *out, size_t out_count, float *to, size_t to_count,
+/* Sends `sent` of the values and receives `back` of another process, as `add` says; figures both ways where
+ * figure_count > 0. */
+static ern_status exchange(struct own *own, int partner, float *values, struct half sent, struct half back, bool add,
                            double *figures, size_t figure_count, char words[ERN_COMMUNICATOR_WORDS]) {
   MPI_Request requests[MOST_REQUESTS];
-  int count = 0, code = MPI_Irecv(to, (int)to_count, MPI_FLOAT, partner, VALUES_TAG, own->all, &requests[count++]);
+  int count = 0, code = MPI_Irecv(own->in, (int)packed_most(back.count), MPI_BYTE, partner, VALUES_TAG, own->all,
+                                  &requests[count++]);
   if (code == MPI_SUCCESS && figure_count > 0)
     code = MPI_Irecv(own->figures, (int)figure_count, MPI_DOUBLE, partner, FIGURES_TAG, own->all, &requests[count++]);
   if (code == MPI_SUCCESS && figure_count > 0)
     code = MPI_Isend(figures, (int)figure_count, MPI_DOUBLE, partner, FIGURES_TAG, own->all, &requests[count++]);
   if (code == MPI_SUCCESS)
-    code = MPI_Isend(out, (int)out_count, MPI_FLOAT, partner, VALUES_TAG, own->all, &requests[count++]);
+    code = MPI_Isend(own->out, (int)pack(own->out, values + sent.begin, sent.count), MPI_BYTE, partner, VALUES_TAG,
+                     own->all, &requests[count++]);
   if (code != MPI_SUCCESS) own->given_up = true;
-  return code == MPI_SUCCESS ? wait_for(own, count, requests, "the sum of a step", words)
-                             : fail("the sum of a step", code, words);
+  const ern_status status = code == MPI_SUCCESS ? wait_for(own, count, requests, "the sum of a step", words)
+                                                : fail("the sum of a step", code, words);
+  if (status == ERN_OK) unpack(values + back.begin, own->in, back.count, add);
+  return status;
 }
 
 /* a + b is b + a to the bit, so that each element is summed as the tree says wherever it is summed. */
@@ -121,15 +182,12 @@ static ern_status sum(void *user, float *values, size_t count, double *figures, 
     const bool upper = (own->rank & apart) != 0;
     mine = upper ? high : low;
     sent[level] = upper ? low : high;
-    status = exchange(own, own->rank ^ apart, values + sent[level].begin, sent[level].count, own->values, mine.count,
-                      figures, figure_count, words);
-    for (size_t i = 0; status == ERN_OK && i < mine.count; i++) values[mine.begin + i] += own->values[i];
+    status = exchange(own, own->rank ^ apart, values, sent[level], mine, true, figures, figure_count, words);
     for (size_t i = 0; status == ERN_OK && i < figure_count; i++) figures[i] += own->figures[i];
   }
   for (int apart = own->size / 2; apart > 0 && status == ERN_OK; apart /= 2) {
     const struct half *back = &sent[--level];
-    status = exchange(own, own->rank ^ apart, values + mine.begin, mine.count, values + back->begin, back->count, NULL,
-                      0, words);
+    status = exchange(own, own->rank ^ apart, values, mine, *back, false, NULL, 0, words);
     mine = (struct half){back->begin < mine.begin ? back->begin : mine.begin, mine.count + back->count};
   }
   return status;
@@ -227,7 +285,8 @@ static void close_world(struct ern_mpi_world *world, int exit_status) {
   (void)MPI_Comm_free(&own->all);
   (void)MPI_Comm_free(&own->leaving);
   (void)MPI_Finalize();
-  free(own->values);
+  free(own->out);
+  free(own->in);
   free(own->figures);
   free(own);
   *world = (struct ern_mpi_world){.place = 0};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Seconds of sums of a step by libernerf-mpi, and the processor's: link_sums VALUES SUMS, under mpirun. */
+ * Seconds of sums of a step by libernerf-mpi, and the processor's: link_sums VALUES SUMS SHARE, under mpirun; SHARE of
+ * the values are not 0. */
 #include <mpi.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,13 +26,17 @@ int main(int argc, char **argv) {
   static double figures[FIGURES];
   char words[ERN_COMMUNICATOR_WORDS] = "";
   struct ern_mpi_world world;
-  const int sums = argc == 3 ? atoi(argv[2]) : 0;
-  const size_t count = argc == 3 ? (size_t)atol(argv[1]) : 0;
+  const int sums = argc == 4 ? atoi(argv[2]) : 0;
+  const size_t count = argc == 4 ? (size_t)atol(argv[1]) : 0;
   float *values = calloc(count + 1, sizeof *values);
   double *times = calloc((size_t)sums + 1, sizeof *times);
   if (values == NULL || times == NULL || sums <= 0 || ern_mpi.open(&world, NULL, words) != ERN_OK) {
-    fprintf(stderr, "link_sums: usage: link_sums VALUES SUMS; %s\n", words);
+    fprintf(stderr, "link_sums: usage: link_sums VALUES SUMS SHARE; %s\n", words);
     return 1;
+  }
+  for (uint32_t i = 0, random = 1; i < count; i++) {
+    random = random * 1664525u + 1013904223u;
+    values[i] = (random >> 8) < atof(argv[3]) * 16777216 ? 1 : 0;
   }
   const ern_communicator *together = &world.communicator;
   const double before = processor();

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: MIT
 # How long one sum of a step takes over a link (docs/scaling.md, "Links"): two processes of MPICH in two network
 # namespaces, which link_relay joins by a link of GBIT gigabits a second and MS milliseconds one way. A measurement, not
-# a test. Needs root, MPICH, iproute2 and /dev/net/tun. Usage: links.sh GBIT MS [VALUES [SUMS]]
+# a test. Needs root, MPICH, iproute2 and /dev/net/tun. Usage: links.sh GBIT MS [VALUES [SUMS [SHARE]]]; SHARE of the
+# values are not 0.
 set -euo pipefail
 source=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 if [ "${1-}" = rank ]; then # in the namespace of this rank
   shift
   exec nsenter --net --mount --target $((PMI_RANK == 0 ? FIRST_SPACE : SECOND_SPACE)) "$@"
 fi
-gbit=$1 ms=$2 values=${3-634221} sums=${4-25}
+gbit=$1 ms=$2 values=${3-634221} sums=${4-25} share=${5-0.33}
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2> /dev/null; rm -rf "$folder"' EXIT
 cc -std=c17 -O2 -Wall -Wextra -o "$folder/link_relay" "$source/tests/mpi/link_relay.c" -pthread
@@ -39,5 +40,5 @@ for process in $FIRST_SPACE $SECOND_SPACE; do
 done
 # TCP and nothing else, also between processes of one machine
 export UCX_TLS=tcp,self UCX_NET_DEVICES=tun0 FI_PROVIDER=tcp MPIR_CVAR_NOLOCAL=1
-said=$(mpirun.mpich -n 2 bash "${BASH_SOURCE[0]}" rank "$folder/link_sums" "$values" "$sums")
+said=$(mpirun.mpich -n 2 bash "${BASH_SOURCE[0]}" rank "$folder/link_sums" "$values" "$sums" "$share")
 echo "$gbit Gbit/s, $ms ms: $said"
