@@ -12,6 +12,7 @@
  * those with shut eyes, found by trying (docs/history-training.md, docs/history-occupancy.md). */
 #define ERN_LOWER_FACE_SHARE 0.3f
 #define ERN_EYES_SHARE 0.1f
+#define ERN_SILHOUETTE_SHARE 0.1f
 #define ERN_BLINK_SHARE 0.1f
 
 enum {

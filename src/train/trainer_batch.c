@@ -89,9 +89,10 @@ struct draw {
   ern_trainer *t;
   size_t first, rays;           /* of those of the step */
   const uint8_t *truth, *torso; /* torso NULL: none */
-  const uint8_t *head;          /* as of ern_dataset.head; NULL: the clip's background lies behind the head */
+  const uint8_t *head;          /* as of ern_dataset.head; NULL: not known, or not asked for */
   const ern_dataset_frame *about;
   struct region lower_face, eyes;
+  uint32_t *silhouette; /* [height + 1]: its pixels, those of `head` that are not known, above a row; NULL: none */
   uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
   int32_t *pixel;               /* [rays], as drawn */
   float *jitter;
@@ -125,10 +126,48 @@ static void find_regions(struct draw *draw) {
   if (t->data.has_eye) draw->eyes = region_of(t, &draw->about->eyes);
 }
 
+static bool is_known(uint8_t of_head) { return of_head == 0 || of_head == 255; }
+
+static ern_status find_silhouette(struct draw *draw) {
+  const ern_trainer *t = draw->t;
+  const size_t width = (size_t)t->data.width, height = (size_t)t->data.height;
+  ern_status status = ERN_OK;
+  if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->silhouette));
+  for (size_t row = 0; row < height; row++) {
+    const uint8_t *head = draw->head + row * width;
+    uint32_t count = 0;
+    for (size_t column = 0; column < width; column++) count += !is_known(head[column]);
+    draw->silhouette[row + 1] = draw->silhouette[row] + count;
+  }
+fail:
+  return status;
+}
+
+/* Pixel `place` of the silhouette, in the order of the picture. */
+static int32_t silhouette_pixel(const struct draw *draw, uint32_t place) {
+  const uint32_t width = (uint32_t)draw->t->data.width;
+  uint32_t row = 0, end = (uint32_t)draw->t->data.height;
+  while (end - row > 1) {
+    const uint32_t middle = row + (end - row) / 2;
+    if (draw->silhouette[middle] <= place)
+      row = middle;
+    else
+      end = middle;
+  }
+  const uint8_t *head = draw->head + (size_t)row * width;
+  uint32_t left = place - draw->silhouette[row], column = 0;
+  while (is_known(head[column]) || left-- > 0) column++;
+  return (int32_t)(row * width + column);
+}
+
 /* word[2] decides between the regions, so that a region that is not there leaves the others' rays as they are. */
 static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
   const float at = ern_uniform(random->word[2]);
+  const float silhouette_from = 1 - ERN_EYES_SHARE - ERN_SILHOUETTE_SHARE;
+  if (draw->silhouette != NULL && draw->silhouette[height] > 0 && at >= silhouette_from && at < 1 - ERN_EYES_SHARE)
+    return silhouette_pixel(draw, ern_below(random->word[0], draw->silhouette[height]));
   const struct region *in = at < ERN_LOWER_FACE_SHARE  ? &draw->lower_face
                             : at >= 1 - ERN_EYES_SHARE ? &draw->eyes
                                                        : NULL;
@@ -166,7 +205,8 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
   const uint8_t of_head = draw->head != NULL ? draw->head[pixel] : 128;
-  const bool any = t->config.torso ? t->config.torso_random_background : of_head == 0 || of_head == 255;
+  const bool any =
+      t->config.torso ? t->config.torso_random_background : t->config.head_random_background && is_known(of_head);
   struct ern_random colour = {{0}};
   if (any) colour = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
@@ -174,7 +214,9 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
     const float back = any && t->config.torso ? random : clip;
     const float over = draw->torso != NULL ? part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha) : back;
     const float behind_head = any ? random : over;
-    t->host_rows[c * rays + i] = t->config.torso ? over : of_head == 0 ? behind_head : part[draw->truth[3 * pixel + c]];
+    t->host_rows[c * rays + i] = t->config.torso       ? over
+                                 : any && of_head == 0 ? behind_head
+                                                       : part[draw->truth[3 * pixel + c]];
     t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : behind_head;
   }
   t->host_rows[6 * rays + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
@@ -291,11 +333,13 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
                               .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
-  if (!t->config.torso && t->config.head_random_background && batch->patches == 0)
+  if (!t->config.torso && batch->patches == 0 &&
+      (t->config.head_random_background || t->config.ray_sampling == ERN_RAY_SAMPLING_REGIONS))
     ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_regions(&draw);
+  ERN_TRY(find_silhouette(&draw));
   if (batch->patches > 0)
     draw_patches(&draw, first, count);
   else
@@ -303,5 +347,6 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   ERN_TRY(upload(t, batch));
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, frame, &batch->windows));
 fail:
+  ern_release(t->context, draw.silhouette);
   return status;
 }

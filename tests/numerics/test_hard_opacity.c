@@ -149,6 +149,7 @@ static ern_trainer *head_trainer(const ern_dataset *data, bool over_random, int 
   ern_train_config config = small_config(iters, NULL);
   ern_trainer *trainer = NULL;
   config.rays = rays;
+  config.ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
   config.head_random_background = over_random;
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, data, &config));
   return trainer;

@@ -106,6 +106,52 @@ static void test_share_of_the_eyes(void **state) {
   }
 }
 
+static uint8_t head_pixels[PIXELS];
+static ern_status give_head(void *user, int split, size_t index, const uint8_t **head) {
+  (void)user, (void)split, (void)index;
+  *head = head_pixels;
+  return ERN_OK;
+}
+
+/* Pixels of a head's edge, of which neither 0 nor 255 is told, have a share of their own beside those of lower face and
+ * eyes. Without such a pixel the rays are those without a head. */
+static void test_share_of_the_silhouette(void **state) {
+  (void)state;
+  static int count[PIXELS], without[PIXELS];
+  const ern_box face = {8, 18, 4, 16}, eyes = {4, 6, 3, 17};
+  made.lower_face = face;
+  made.eyes = eyes;
+  count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, without);
+  made.data.head = give_head;
+  for (int kind = 0; kind < 6; kind++) { /* none, all, the first, the last, a row and a column, every seventh */
+    double edges = 0;
+    for (int i = 0; i < PIXELS; i++) {
+      const bool edge[] = {false, true, i == 0, i == PIXELS - 1, i / SIDE == 3 || i % SIDE == 19, i % 7 == 0};
+      head_pixels[i] = edge[kind] ? (uint8_t)(1 + i % 254) : i % 2 == 0 ? 255 : 0;
+      edges += edge[kind];
+    }
+    count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
+    if (kind == 0) assert_memory_equal(count, without, sizeof count);
+    const double silhouette = edges > 0 ? (double)ERN_SILHOUETTE_SHARE : 0;
+    const double any = 1 - (double)ERN_LOWER_FACE_SHARE - (double)ERN_EYES_SHARE - silhouette;
+    for (int i = 0; i < PIXELS; i++) {
+      const bool edge = head_pixels[i] != 0 && head_pixels[i] != 255;
+      const double expected =
+          RAYS * (any / PIXELS + (is_in(face, i) ? (double)ERN_LOWER_FACE_SHARE / (10 * 12) : 0) +
+                  (is_in(eyes, i) ? (double)ERN_EYES_SHARE / (2 * 14) : 0) + (edge ? silhouette / edges : 0));
+      if (fabs(count[i] - expected) > 6 * sqrt(expected) + 1)
+        fail_msg("kind %d, pixel %d: %d rays, expected %.1f", kind, i, count[i], expected);
+    }
+  }
+  made.lower_face = made.eyes = (ern_box){0, 0, 0, 0};
+  made.data.head = NULL;
+  count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, without);
+  made.data.head = give_head;
+  count_rays(ERN_RAY_SAMPLING_UNIFORM, NULL, count);
+  assert_memory_equal(count, without, sizeof count);
+  made.data.head = NULL;
+}
+
 /* A lower face that is not known, or without a pixel: the very rays of uniform sampling, which are those of the counter
  * of random numbers. */
 static void test_no_face_in_the_frame(void **state) {
@@ -280,10 +326,14 @@ static void test_resumed_parts(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_share_of_the_lower_face), cmocka_unit_test(test_share_of_the_eyes),
-      cmocka_unit_test(test_no_face_in_the_frame),    cmocka_unit_test(test_uniform_and_torso),
-      cmocka_unit_test(test_parts_of_one_frame),      cmocka_unit_test(test_frames_with_shut_eyes),
-      cmocka_unit_test(test_frames_of_a_step),        cmocka_unit_test(test_resumed_parts)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_share_of_the_lower_face),
+                                     cmocka_unit_test(test_share_of_the_eyes),
+                                     cmocka_unit_test(test_share_of_the_silhouette),
+                                     cmocka_unit_test(test_no_face_in_the_frame),
+                                     cmocka_unit_test(test_uniform_and_torso),
+                                     cmocka_unit_test(test_parts_of_one_frame),
+                                     cmocka_unit_test(test_frames_with_shut_eyes),
+                                     cmocka_unit_test(test_frames_of_a_step),
+                                     cmocka_unit_test(test_resumed_parts)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }
