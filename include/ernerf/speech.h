@@ -12,90 +12,105 @@
 extern "C" {
 #endif
 
-/* The kind that is built in: 13 mel-frequency cepstral coefficients a row, 50 rows a second, relative to how loud the
- * speech has been so far (docs/speech.md). Values are about -3 to 3. */
+/* The built-in kind of features: 13 mel-frequency cepstral coefficients a row, 50 rows a second. The power of a row is
+ * divided by a level, the largest power of the rows so far; the level decays with a time constant of 10 s
+ * (docs/speech.md, "cepstra-1"). Values have no unit and are about -3 to 3. Models that were trained on this kind have
+ * the name in ern_model_info.speech; ern_clip_options.asr_model calls the kind "cepstra". */
 #define ERN_SPEECH_CEPSTRA "cepstra-1"
-enum { ERN_SPEECH_WIDTH = 13 };
+enum { ERN_SPEECH_WIDTH = 13 }; /* coefficients a row */
 
-/* Sound as it comes, to rows of features. One thread at a time uses a stream. */
+/* Computes rows of built-in features from sound that comes in piece by piece. One thread at a time uses a stream. */
 typedef struct ern_speech_stream ern_speech_stream;
 
-/* rate: samples a second, 1000..384000; channels: 1..8, their mean is heard. warp: 0.5..2, 1 for the sound as it is;
- * the centre frequencies of the mel filters are multiplied by it, as for a speaker with a vocal tract of another
- * length. */
+/* rate: samples a second, 1000..384000. channels: 1..8; the features are computed from their mean. warp: 0.5..2, 1 for
+ * the sound as it is. The centre frequencies of the mel filters are multiplied by warp, which imitates a speaker with a
+ * vocal tract of another length. On success the caller owns *stream. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
                                                         ern_speech_stream **stream);
 ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
 
-/* samples: [frames][channels], full scale is 1. How the sound is cut into calls does not change a bit of the rows. What
- * is not finite is ERN_E_NONFINITE, beyond 1e6 ERN_E_FORMAT, with its time; the sound before it counts. */
+/* samples: [frames][channels], full scale is 1. How the sound is divided among calls does not change a bit of the rows.
+ * A frame whose mean over the channels is not finite is ERN_E_NONFINITE, one whose mean is beyond 1e6 ERN_E_FORMAT; the
+ * error text has its time. The frames before it have then been taken, and further sound can be pushed. After
+ * ERN_E_NO_MEMORY or ERN_E_MEDIA rows are missing, and every later push or end is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames);
 
-/* The sound ends: makes the last rows, as if silence followed. Nothing can be pushed any more. Where a push or an end
- * has failed for want of memory rows are missing, and every call that follows is ERN_E_STATE. */
+/* Ends the sound: computes the last rows, as if silence followed. Every later push is ERN_E_STATE, and a second end
+ * does nothing. After ERN_E_NO_MEMORY or ERN_E_MEDIA it is as after a push. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream);
 
-/* Takes up to `count` rows out, rows[count][ERN_SPEECH_WIDTH]; returns how many. Row r is about the sound from 0.02 r
- * to 0.02 (r + 1) seconds, of which it hears 2.5 ms more on either side: it is there once 33 ms of sound after its
- * beginning, and what the resampler holds (under 20 ms), have been pushed. 0 where a pointer is NULL. */
+/* Moves up to `count` rows, the oldest first, into rows[count][ERN_SPEECH_WIDTH], and returns their number; 0 where a
+ * pointer is NULL. Row r belongs to the sound from 0.02 r to 0.02 (r + 1) seconds. It is computed from that sound and
+ * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, and less
+ * than 20 ms more that the resampler delays. */
 ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
 
-/* The features of a sound file, anything that FFmpeg reads, up to 4 hours: a window for each 1/25 s that has begun,
- * [windows][16][13]. Window t holds the rows 2t-8 .. 2t+7; past the ends it holds the nearest row. On success the
- * caller owns *features (ern_features_free). */
+/* Computes the built-in features of a sound file: [windows][16][13]. FFmpeg reads the file; the sound has 1000 samples
+ * a second at least and lasts 4 hours at most, else ERN_E_SHAPE. There is one window for each 1/25 s of sound, also for
+ * an incomplete last one. Window t holds the rows 2t-8 .. 2t+7; a row before the first or after the last one is
+ * replaced by the nearest. warp: as in ern_speech_stream_open. On success the caller owns *features
+ * (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const char *path, float warp,
                                                      ern_features *features);
 
-/* The kind that features of this width are: "deepspeech" (29), "esperanto" (44: wav2vec2 by the
- * public script), "hubert" (1024), or "" for others. A literal. */
+/* Guesses the kind of features from their width: 29 "deepspeech", 44 "esperanto" (wav2vec2 for the language Esperanto,
+ * which the public script uses), 1024 "hubert". "" for any other width, also for ERN_SPEECH_WIDTH, which features of
+ * other programs have too. The result is a string literal. */
 ERN_API const char *ern_speech_kind(const ern_features *features);
 
-/* Features out of a .npy file, or out of the sound in any other file; the content decides. kind: what a model asks for
- * (ern_model_info.speech), "" for one that is not known; NULL: any. ERN_E_UNSUPPORTED: a sound, and a kind that is not
- * built in, which needs its network. Whether a file of features fits a model, ern_renderer_accepts tells. On success
- * the caller owns *features (ern_features_free).
- */
+/* Reads the features in a .npy file, or computes the built-in features of a sound file. ern_speech_is_sound decides
+ * which of the two the file is. kind: the kind that the model needs (ern_model_info.speech, which is "" where it is not
+ * known); NULL: any. A sound is ERN_E_UNSUPPORTED unless kind is NULL or ERN_SPEECH_CEPSTRA, as every other kind needs
+ * its network. Of a .npy file kind is not checked: ern_renderer_accepts says whether its features fit a model. On
+ * success the caller owns *features (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const char *path, const char *kind,
                                                  ern_features *features);
 
-/* Whether the file is to be heard and does not hold features: its name does not end in .npy, nor does its content begin
- * like such a file. */
+/* Whether a file is taken for sound, not for features. It holds features if its name ends in ".npy" or its content
+ * begins as a .npy file does. true also for NULL and for a file that cannot be read. */
 ERN_API bool ern_speech_is_sound(const char *path);
 
 /* ---- networks ---------------------------------------------------------------------------------------------------- */
 
-/* A network that makes speech features of a wave: an ONNX file, and a description of what it needs (docs/speech.md,
- * "Networks"). OpenCV's DNN module computes it, in a library of its own, libernerf-vision, which is loaded when a
- * network is opened. One thread at a time uses a network; OpenCV's level of logging, which is the process's, is off
- * meanwhile. */
+/* A network that computes speech features from a wave: an ONNX file, and a description of its input and output
+ * (docs/speech.md, "Networks"). The library libernerf-vision computes it, with OpenCV's DNN module; it is loaded when a
+ * network is opened. One thread at a time uses a network. OpenCV has one log level for the process: a call that opens
+ * or computes a network sets it to silent, and restores it at its end. */
 typedef struct ern_speech_network ern_speech_network;
 
-/* path: the ONNX file. description: a JSON object as text (it begins with '{'), such as ern_speech_preset() gives and
- * ern_model_info.speech_network holds, or the name of a file that holds one; NULL: the file of the network's name that
- * ends in .json. ERN_E_FORMAT, ERN_E_SHAPE, ERN_E_MISSING: file or description is not what it should be, or they do not
- * belong together; ERN_E_MISMATCH: the description has the SHA-256 of another file; ERN_E_UNSUPPORTED: OpenCV does not
- * take the network, or libernerf-vision cannot be loaded. On success the caller owns *network. */
+/* path: the ONNX file. description: a JSON object as text, which begins with '{', such as ern_speech_preset() returns
+ * and ern_model_info.speech_network holds; or the name of a file with such an object; NULL: the file NAME.json beside
+ * NAME.onnx. ERN_E_FORMAT, ERN_E_SHAPE, ERN_E_MISSING: the file or the description is missing or wrong, or the network
+ * has another input or output than described. ERN_E_MISMATCH: the description has the SHA-256 of another file.
+ * ERN_E_UNSUPPORTED: OpenCV does not support the network, or libernerf-vision cannot be loaded. On success the caller
+ * owns *network. */
 ERN_API ERN_NODISCARD ern_status ern_speech_network_open(ern_context *context, const char *path,
                                                          const char *description, ern_speech_network **network);
 ERN_API void ern_speech_network_free(ern_speech_network **network); /* accepts NULL and a pointer to NULL */
 
-/* The kind of its features, such as "esperanto"; and its description with the SHA-256 of its file: JSON in a line of at
- * most 511 bytes, with which the same features can be made again. They live as long as the network; "" without one. */
+/* The kind of its features, such as "esperanto", and its description: one line of JSON, at most 511 bytes. The
+ * description has the SHA-256 of the ONNX file, so it identifies the network that made features. Both texts are valid
+ * until the network is freed; "" for NULL. */
 ERN_API const char *ern_speech_network_kind(const ern_speech_network *network);
 ERN_API const char *ern_speech_network_description(const ern_speech_network *network);
 
-/* The description "esperanto" (wav2vec2, 44 wide) or "hubert" (1024 wide), by the public scripts; NULL: there is none
- * of that name. A literal. */
+/* The description of the network of a public script: name "esperanto" (wav2vec2, 44 numbers a row) or "hubert" (1024).
+ * NULL for any other name. The result is a string literal. */
 ERN_API const char *ern_speech_preset(const char *name);
 
-/* From now on `watch` (NULL: nothing) is called before each piece of a sound with the number of pieces done, and of
- * all, and at the end; anything but 0 before a piece ends the work with ERN_E_CANCELLED. */
+/* Sets a callback of ern_speech_network_features; NULL: none (default). That function cuts the sound into pieces of the
+ * length that the network takes. It calls `watch`, on the calling thread, before each piece, and once after the last,
+ * with the number of pieces done and the number of all. If `watch` returns anything but 0 before a piece, the function
+ * ends with ERN_E_CANCELLED. user: handed to `watch`. */
 ERN_API void ern_speech_network_watch(ern_speech_network *network, int (*watch)(void *user, size_t done, size_t pieces),
                                       void *user);
 
-/* The features of a sound file, anything that FFmpeg reads, up to 4 hours: [windows][16 or 2][width]. The memory is
- * that of the wave, the rows and the windows. ERN_E_SHAPE: the sound is too short for a window, or the network's output
- * is not as described; ERN_E_NONFINITE: it has a NaN. On success the caller owns *features (ern_features_free). */
+/* Computes the features of a sound file: [windows][16 or 2][width], with `window_rows` and `width` of the description.
+ * FFmpeg reads the file; the sound lasts 4 hours at most. The whole wave, its rows and its windows are in memory at the
+ * same time. ERN_E_SHAPE: the sound is too long, or too short for one window, or the network's output has another shape
+ * than described. ERN_E_NONFINITE, ERN_E_FORMAT: the sound or the output has a NaN, an infinity, or a number beyond 1e6
+ * (sound) or 1e30 (output). ERN_E_ARGUMENT: the file holds features. On success the caller owns *features
+ * (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_network_features(ern_speech_network *network, const char *path,
                                                              ern_features *features);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-media: sound from files, pipes, addresses and devices that FFmpeg opens, while it comes in; streams of
- * pictures and sound to files, pipes and addresses. base.h defines the terms "plain data", "may grow" and "how files
- * are written", and what all functions do with NULL and after errors. */
+ * libernerf-media: reads sound while it comes in, from files, pipes, addresses and devices that FFmpeg opens; writes
+ * streams of pictures and sound to files, pipes and addresses. base.h defines the terms "plain data", "may grow" and
+ * "how files are written", and what all functions do with NULL and after errors. */
 #ifndef ERNERF_STREAM_H
 #define ERNERF_STREAM_H
 
@@ -18,14 +18,15 @@ extern "C" {
 /* Plain data, may grow. */
 typedef struct ern_sound_reader_options {
   uint32_t cookie, size;            /* set by ern_sound_reader_options_default() */
-  int rate, channels;               /* of what is read, 1000..384000 samples a second and 1..8; default 48000, 1 (the
-                                       mean of all channels). Resampled where the input has others */
-  const char *format;               /* FFmpeg's name of the input's format, such as "s16le", read during the call alone;
-                                       NULL (default): found out */
-  int format_rate, format_channels; /* of samples without a header, in the same ranges; default 16000, 1 */
-  int (*stop)(void *user);          /* called on the calling thread, about ten times a second, while a call waits; where
-                                       it returns anything but 0 the call ends with ERN_E_CANCELLED; NULL (default):
-                                       none */
+  int rate, channels;               /* of the samples that ern_sound_reader_read returns: 1000..384000 a second, 1..8
+                                       channels; default 48000, 1. An input with another rate is resampled, and one with
+                                       other channels mixed: one channel is the mean of all */
+  const char *format;               /* FFmpeg's name of the input's format, such as "s16le"; read by
+                                       ern_sound_reader_open alone. NULL (default): FFmpeg detects the format */
+  int format_rate, format_channels; /* of an input without a header, such as "s16le", in the same ranges; default 16000,
+                                       1; others state their own */
+  int (*stop)(void *user);          /* called on the calling thread, about ten times a second, while a call waits.
+                                       Anything but 0 ends that call with ERN_E_CANCELLED. NULL (default): none */
   void *user;                       /* handed to `stop` */
 } ern_sound_reader_options;
 
@@ -37,29 +38,30 @@ static inline ern_sound_reader_options ern_sound_reader_options_default(void) {
   return options;
 }
 
-/* Whether a url is "DEVICE:NAME": it has a colon that is not its first character, and no "/". A file of such a name is
- * opened as "./NAME". Any thread. false for NULL. */
+/* Whether ern_sound_reader_open takes a url for a device, "DEVICE:NAME": it has a colon that is not its first
+ * character, and no "/". To open a file with such a name, write "./" before the name. Any thread. false for NULL. */
 ERN_API bool ern_sound_reader_is_device(const char *url);
 
-/* One thread at a time uses a reader. */
+/* An input that is being read. One thread at a time uses a reader. */
 typedef struct ern_sound_reader ern_sound_reader;
 
 /* url: a file or FIFO by its name; "-", standard input; an address ("http://", "rtsp://", "udp://" ...); or
- * "DEVICE:NAME" of libavdevice, which is loaded for it, such as "alsa:hw:0" and "pulse:default". Playlists and other
- * files that name files or addresses are refused, unless options.format names theirs. ERN_E_MISSING: no such file;
- * ERN_E_IO: the system refused, or nobody answers; ERN_E_FORMAT: there is no sound in it; ERN_E_UNSUPPORTED: no such
- * format, decoder or device here; ERN_E_CANCELLED: `stop`. options NULL: the defaults. On success the caller owns
- * *reader. */
+ * "DEVICE:NAME", such as "alsa:hw:0" and "pulse:default", for which libavdevice is loaded. A playlist, or another file
+ * that names files or addresses, is refused unless options.format names its format. options NULL: the defaults.
+ * ERN_E_MISSING: no such file. ERN_E_IO: the system refused, or no server answers. ERN_E_FORMAT: there is no sound in
+ * it. ERN_E_UNSUPPORTED: this system has no such format, decoder or device. ERN_E_CANCELLED: `stop` ended the
+ * call. On success the caller owns *reader. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_open(ern_context *context, const char *url,
                                                        const ern_sound_reader_options *options,
                                                        ern_sound_reader **reader);
 ERN_API void ern_sound_reader_free(ern_sound_reader **reader); /* accepts NULL and a pointer to NULL */
 
-/* samples[*frames][channels], full scale is 1; *frames <= capacity (>= 1). Blocks until one frame of samples is there;
- * FFmpeg hands sound on in packets, so that may last a whole packet (samples without a header: 1024 or less, WAV:
- * 1024 bytes or less). *frames is 0 where the sound has ended, and again in later calls. ERN_E_NONFINITE: a sample is
- * not finite; ERN_E_FORMAT, ERN_E_MEDIA: damaged or cut; ERN_E_IO: the system failed; ERN_E_SHAPE: more than 384,000
- * samples a second or 8 channels; ERN_E_CANCELLED: `stop`. */
+/* samples: [*frames][channels], full scale is 1; the caller's memory, with room for `capacity` frames (>= 1). A frame
+ * is one sample of each channel. The call blocks until it has at least one frame. FFmpeg returns sound in packets, so
+ * it may wait for a whole packet: at most 1024 frames of an input without a header, at most 1024 bytes of WAV. *frames
+ * is 0 when the sound has ended, and in every later call. ERN_E_NONFINITE: a sample is not finite. ERN_E_FORMAT,
+ * ERN_E_MEDIA: the input is damaged or cut off. ERN_E_IO: the system failed. ERN_E_SHAPE: the input has more than
+ * 384,000 samples a second or 8 channels. ERN_E_CANCELLED: `stop` ended the call. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_read(ern_sound_reader *reader, float *samples, size_t capacity,
                                                        size_t *frames);
 
@@ -68,15 +70,16 @@ ERN_API ERN_NODISCARD ern_status ern_sound_reader_read(ern_sound_reader *reader,
 /* Plain data, may grow. */
 typedef struct ern_stream_options {
   uint32_t cookie, size; /* set by ern_stream_options_default() */
-  int width, height;     /* of the pictures, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or column,
-                            but in "raw" */
-  int rate_numerator, rate_denominator; /* pictures a second, each 1..1000000; default 25, 1 */
-  int sound_rate, sound_channels;       /* 0, 0 (default): silent; else 1..384000 samples a second, 1..8 */
-  int crf;                              /* quality of H.264, 0 (best)..51, default 18; other codings ignore it */
-  const char *format; /* "y4m" (4:2:0, without sound), "nut" (4:2:0 and 16-bit samples), "mpegts", "flv", "mp4" and
-                         "matroska" (H.264, AAC), "raw" (RGBA8, without sound). NULL (default): .mp4, http:// mp4; .mkv
-                         matroska; .ts, udp://, srt:// mpegts; .flv, rtmp:// flv; .nut, tcp:// nut; .y4m y4m; .rgba raw;
-                         any other url, also "-", is ERN_E_UNSUPPORTED */
+  int width, height;     /* of the pictures in pixels, 1..ERN_IMAGE_MAX_SIDE. Except in "raw", an odd size is padded by
+                            a repeated row or column */
+  int rate_numerator, rate_denominator; /* numerator/denominator pictures a second, each 1..1000000; default 25, 1 */
+  int sound_rate, sound_channels;       /* 0, 0 (default): no sound; else 1..384000 samples a second, 1..8 channels */
+  int crf;            /* quality of H.264, 0 (best)..51, default 18; "y4m", "nut" and "raw" ignore it */
+  const char *format; /* "mp4", "matroska", "mpegts", "flv": H.264 and AAC. "nut": uncompressed 4:2:0 and 16-bit
+                         samples. "y4m": uncompressed 4:2:0, without sound. "raw": RGBA, 8 bits, without sound or
+                         header. NULL (default): by the url; mp4 for .mp4 and http://, matroska for .mkv, mpegts for
+                         .ts, udp:// and srt://, flv for .flv and rtmp://, nut for .nut and tcp://, y4m for .y4m, raw
+                         for .rgba; any other url, also "-", is then ERN_E_UNSUPPORTED */
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user);          /* as in ern_sound_reader_options, while a call waits for the stream's reader */
@@ -93,29 +96,36 @@ static inline ern_stream_options ern_stream_options_default(int width, int heigh
   return options;
 }
 
-/* Picture k is shown at exactly k / rate seconds, and sample k of the sound is heard at exactly k / sound_rate. The
- * caller gives picture k the samples from floor(k sound_rate / rate) to before floor((k + 1) sound_rate / rate), as
- * ern_live_frame has them; the writer does not check that. It writes as fast as it is called. One thread at a time uses
- * a writer. */
+/* A stream that is being written. Let rate be rate_numerator / rate_denominator. Picture k is shown at exactly k / rate
+ * seconds, and sample k of each channel is heard at exactly k / sound_rate seconds; both count from 0. The caller hands
+ * over picture k together with the samples floor(k sound_rate / rate) to floor((k + 1) sound_rate / rate) - 1, which
+ * ern_live_frame has. The writer does not check that. It does not wait for the clock either: it writes as fast as it is
+ * called. One thread at a time uses a writer. */
 typedef struct ern_stream_writer ern_stream_writer;
 
-/* url: "-", standard output; a FIFO or device by its name, which is written to; another name, a file: it is put at its
- * place by ern_stream_writer_close (base.h, "How files are written"); an address ("rtmp://", "udp://", "tcp://" ...);
- * or "http://HOST:PORT/PATH", where the call waits for one reader, such as a browser, and serves it. A program that
- * writes to pipes or addresses must ignore SIGPIPE, which else ends it when the reader leaves. On success the caller
- * owns *writer. */
+/* url: one of
+ * - "-": standard output;
+ * - the name of an existing FIFO or device;
+ * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
+ * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...);
+ * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one reader, such as a browser.
+ *
+ * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the reader leaves.
+ * ERN_E_UNSUPPORTED: no such format, or none follows from the url. ERN_E_IO: the system or the server refused.
+ * ERN_E_CANCELLED: `stop` ended the call. On success the caller owns *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
                                                         const ern_stream_options *options, ern_stream_writer **writer);
-/* rgba: [height][width][4], alpha is ignored (but "raw" keeps it); NULL: the last picture again, before the first one
- * black ("raw": zeros). samples: [frames][sound_channels], full scale is 1; NULL with frames 0; ignored where the
- * stream has no sound. ERN_E_IO: the reader has left, or the disk is full; ERN_E_CANCELLED: `stop`. After an error
- * every later call, close too, fails with the same status. */
+/* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture
+ * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], full scale is 1; may be
+ * NULL where frames is 0; ignored where the stream has no sound. ERN_E_IO: the reader has left, or the disk is full.
+ * ERN_E_CANCELLED: `stop` ended the call. After an error other than ERN_E_ARGUMENT every later call fails
+ * with the same status, ern_stream_writer_close too. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
-/* Ends the stream and frees the writer, also on failure. A file without a picture is not made, with ERN_E_STATE ("raw":
- * an empty file). */
+/* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on
+ * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_close(ern_stream_writer **writer);
-/* Frees the writer and removes a file that it has begun; accepts NULL and a pointer to NULL. */
+/* Frees the writer without an end of the stream, and removes the temporary file; accepts NULL and a pointer to NULL. */
 ERN_API void ern_stream_writer_abandon(ern_stream_writer **writer);
 
 #ifdef __cplusplus

@@ -15,11 +15,14 @@ Objects may be closed in any order and any number of times: by close(), by `with
 them. An object's memory is freed once all that was made from it is closed too; an array that shows its memory counts.
 No other thread may be in a call on an object that is closed.
 """
+import contextlib
 import ctypes
 import json
 import operator
 import os
+import signal
 import tempfile
+import threading
 from collections import namedtuple
 from types import SimpleNamespace
 
@@ -131,6 +134,21 @@ def _described(describe, handle, kind):
     struct = kind()
     describe(handle, ctypes.byref(struct), ctypes.sizeof(struct))
     return _values(struct)
+
+
+@contextlib.contextmanager
+def _interrupts(raised):
+    """Within it Ctrl-C appends a KeyboardInterrupt to `raised`. Python would raise it at the beginning of a callback, and
+    what a callback raises there ctypes prints and drops. A program's own handler of SIGINT stays."""
+    if (threading.current_thread() is not threading.main_thread()
+            or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: raised.append(KeyboardInterrupt()))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 # ---- objects ---------------------------------------------------------------------------------------------------------
@@ -465,22 +483,25 @@ class Trainer(_Object):
     def run(self, progress=None):
         """Steps until all are done, validating and saving as configured.
 
-        progress: called now and then with a report; where it answers anything but 0, False or None, or raises, the
-        training saves and stops. run() then raises Error with Status.E_CANCELLED, or what progress raised.
+        progress: called about twice a second with a report; if it returns anything but 0, False or None, or raises, the
+        training saves and stops. run() then raises Error with Status.E_CANCELLED, or what progress raised. After
+        Ctrl-C, in the main thread, the training saves and stops too, and run() raises KeyboardInterrupt.
         """
         raised = []
 
         def hook(_, report):
             try:
-                return bool(progress and progress(_values(report[0])))
-            except BaseException as error:  # also Ctrl-C
+                stop = progress and progress(_values(report[0]))
+                return bool(raised or stop)
+            except BaseException as error:
                 raised.append(error)
                 return 1
 
         hooks = _c.TrainHooks(progress=_c.PROGRESS(hook))
         try:
-            self._context._call(self._context._engine.ern_trainer_run_sized, self._handle, ctypes.byref(hooks),
-                                ctypes.sizeof(hooks))
+            with _interrupts(raised):
+                self._context._call(self._context._engine.ern_trainer_run_sized, self._handle, ctypes.byref(hooks),
+                                    ctypes.sizeof(hooks))
         except Error:
             if not raised:
                 raise

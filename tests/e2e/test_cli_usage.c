@@ -231,9 +231,9 @@ static void test_public_options(void **state) {
                                            {"--W 450", "--size WxH"},
                                            {"--emb", "vectors"},
                                            {"--part", "--frames A:B"},
-                                           {"--part2", "--frames A:B"},
-                                           {"--asr", "--audio FILE.npy"},
-                                           {"--asr_play", "--audio FILE.npy"},
+                                           {"--part2", "--data_range 0:375"},
+                                           {"--asr", "ernerf live"},
+                                           {"--asr_play", "ernerf live"},
                                            {"-l 10", "--audio FILE.npy"},
                                            {"-m8", "unknown option -m8"}};
   static const char *const public_verbs[] = {"train clip -o x.safetensors", "render m.safetensors --clip clip -o x.mp4",

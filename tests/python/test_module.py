@@ -7,6 +7,7 @@ import ctypes
 import gc
 import json
 import os
+import signal
 import threading
 import unittest
 
@@ -158,6 +159,22 @@ class Module(unittest.TestCase):
         self.assertTrue(torso.model().info.has_torso)
 
     # ---- closing ----
+
+    def test_interrupted_training(self):
+        """Ctrl-C while the library computes."""
+        clip = ernerf.Clip(self.context, "clip")
+        interrupt = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
+
+        def begin(_):
+            if interrupt.ident is None:
+                interrupt.start()
+
+        with ernerf.Trainer(self.backend, clip, output="interrupted.safetensors", iters=10**6, **OPTIONS) as trainer:
+            with self.assertRaises(KeyboardInterrupt):
+                trainer.run(begin)
+            self.assertLess(trainer.report.step, 10**6)
+        self.assertTrue(os.path.exists("interrupted.safetensors"))
+        self.assertIs(signal.getsignal(signal.SIGINT), signal.default_int_handler)
 
     def test_close(self):
         with ernerf.Context() as context:

@@ -14,7 +14,7 @@
 #define WINDOW \
   "belongs to the public program's window, which this one does not have: `ernerf render -o out.mp4` draws a video"
 #define SPEECH \
-  "belongs to live speech recognition, which this program does not have: --audio FILE.npy takes finished features"
+  "belongs to speech as it comes, which `ernerf live` takes; --audio FILE takes a sound or its features (.npy)"
 
 static const struct {
   const char *name, *answer;
@@ -61,9 +61,10 @@ static const struct {
     {"ind_dim", FIXED " (4)"},
     {"ind_dim_torso", FIXED " (8)"},
     {"amb_dim", FIXED " (2)"},
-    {"part", "is `--data_range A:B` of `ernerf train` and `--frames A:B` of `ernerf render` here"},
-    {"part2", "is `--data_range A:B` of `ernerf train` and `--frames A:B` of `ernerf render` here"},
-    {"train_camera", "is not there: poses are trained as they are; a refinement in a .pth is followed"},
+    {"part", "(every tenth frame) is not there; --data_range A:B of `ernerf train` takes a range of frames"},
+    {"part2", "is `--data_range 0:375` of `ernerf train` here"},
+    {"train_camera",
+     "is `--refine-poses` of `ernerf train` here, the default with --time; a refinement in a .pth is followed"},
     {"asr", SPEECH},
     {"asr_wav", SPEECH},
     {"asr_play", SPEECH},
