@@ -230,11 +230,11 @@ static void test_public_options(void **state) {
                                            {"-W 450", "--size WxH"},
                                            {"--W 450", "--size WxH"},
                                            {"--emb", "vectors"},
-                                           {"--part", "--frames A:B"},
+                                           {"--part", "--data_range A:B"},
                                            {"--part2", "--data_range 0:375"},
                                            {"--asr", "ernerf live"},
                                            {"--asr_play", "ernerf live"},
-                                           {"-l 10", "--audio FILE.npy"},
+                                           {"-l 10", "ernerf live"},
                                            {"-m8", "unknown option -m8"}};
   static const char *const public_verbs[] = {"train clip -o x.safetensors", "render m.safetensors --clip clip -o x.mp4",
                                              "eval m.safetensors clip"};
