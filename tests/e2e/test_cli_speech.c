@@ -104,11 +104,18 @@ static void test_others(void **state) {
 static void test_mouth(void **state) {
   (void)state;
   cli_run(&cli, "eval m.safetensors clip --split train --json mouth.json");
-  cli_expect_out(&cli, 0, "mouth: ", "of its motion, correlation", NULL);
+  cli_expect_out(&cli, 0, "mouth: ", "of its motion, correlation", "eyes, open: PSNR", NULL);
   json_t *report = cli_json(&cli, "mouth.json");
   const json_t *measures = json_object_get(report, "measures"), *mouth = json_object_get(measures, "mouth_motion");
   const double sharp = json_real_value(json_object_get(measures, "sharpness_head"));
   assert_true(sharp > 0 && sharp < 2 && json_real_value(json_object_get(measures, "seam")) > 0);
+  const json_t *eyes = json_object_get(measures, "eyes");
+  const json_int_t open = json_integer_value(json_object_get(eyes, "open"));
+  const json_int_t shut = json_integer_value(json_object_get(eyes, "shut"));
+  assert_int_equal(open + shut, (json_int_t)json_array_size(json_object_get(report, "frames")));
+  assert_true(open > 0 && json_real_value(json_object_get(eyes, "psnr_open")) > 5);
+  assert_true(shut > 0 ? json_real_value(json_object_get(eyes, "psnr_shut")) > 5
+                       : json_is_null(json_object_get(eyes, "psnr_shut")));
   assert_true(json_real_value(json_object_get(mouth, "explained")) < 1);
   assert_true(json_real_value(json_object_get(mouth, "amplitude")) > 0);
   assert_true(json_real_value(json_object_get(report, "samples_per_frame")) > 1);

@@ -16,6 +16,8 @@ struct measures {
   double head_truth, head_rendered, mouth_truth, mouth_rendered; /* gradient energies of the regions */
   double neck;                                                   /* sum of squared differences of grey in the band */
   size_t neck_pixels;
+  double eyes[2]; /* sums of PSNR in dB of the eyes: open, and shut: an eye value of 0.5 or more */
+  size_t eye_frames[2];
   struct tremble tremble;
   ern_context *flow; /* computes the optical flow for `tremble`; NULL: it is not wanted, or cannot be had */
 };
@@ -24,6 +26,8 @@ struct measures {
 struct measures_figures {
   struct mouth_figures mouth;
   double sharpness_head, sharpness_mouth; /* gradient energy over the truth's */
+  double eyes[2];                         /* mean PSNR in dB of the eyes, open and shut */
+  size_t eye_frames[2];                   /* that these are of */
   double seam;                            /* root mean square of the band's differences, of 255 */
   double tremble;                         /* unevenness of the face's motion over the truth's */
 };
