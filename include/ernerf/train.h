@@ -34,8 +34,8 @@ typedef struct ern_dataset_frame {
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
   ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face, 10 around the eyes where the dataset has eye
-                               values, 10 in the pixels of which ern_dataset.head neither says 0 nor 255, the others
-                               anywhere; frames with shut eyes more often (docs/maths.md) */
+                               values, where ern_dataset.head tells 20 in the head and 10 in its pixels that are not
+                               known, the others anywhere; frames with shut eyes more often (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 

@@ -13,6 +13,7 @@
 #define ERN_LOWER_FACE_SHARE 0.3f
 #define ERN_EYES_SHARE 0.1f
 #define ERN_SILHOUETTE_SHARE 0.1f
+#define ERN_HEAD_SHARE 0.2f
 #define ERN_BLINK_SHARE 0.1f
 
 enum {

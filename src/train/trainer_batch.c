@@ -84,6 +84,12 @@ struct region {
   uint32_t left, top, width, height;
 };
 
+/* The pixels of a frame whose value of draw->head `has` takes. */
+struct part {
+  bool (*has)(uint8_t of_head);
+  uint32_t *above; /* [height + 1]: how many lie above a row; NULL: not looked for */
+};
+
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
@@ -92,7 +98,7 @@ struct draw {
   const uint8_t *head;          /* as of ern_dataset.head; NULL: not known, or not asked for */
   const ern_dataset_frame *about;
   struct region lower_face, eyes;
-  uint32_t *silhouette; /* [height + 1]: its pixels, those of `head` that are not known, above a row; NULL: none */
+  struct part silhouette, whole_head;
   uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
   int32_t *pixel;               /* [rays], as drawn */
   float *jitter;
@@ -128,36 +134,48 @@ static void find_regions(struct draw *draw) {
 
 static bool is_known(uint8_t of_head) { return of_head == 0 || of_head == 255; }
 
-static ern_status find_silhouette(struct draw *draw) {
+static bool is_silhouette(uint8_t of_head) { return !is_known(of_head); }
+static bool is_head(uint8_t of_head) { return of_head != 0; }
+
+/* Sets part->above. */
+static ern_status find_part(const struct draw *draw, struct part *part) {
   const ern_trainer *t = draw->t;
   const size_t width = (size_t)t->data.width, height = (size_t)t->data.height;
   ern_status status = ERN_OK;
-  if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->silhouette));
+  ERN_TRY(ERN_NEW(t->context, height + 1, &part->above));
   for (size_t row = 0; row < height; row++) {
     const uint8_t *head = draw->head + row * width;
     uint32_t count = 0;
-    for (size_t column = 0; column < width; column++) count += !is_known(head[column]);
-    draw->silhouette[row + 1] = draw->silhouette[row] + count;
+    for (size_t column = 0; column < width; column++) count += part->has(head[column]);
+    part->above[row + 1] = part->above[row] + count;
   }
 fail:
   return status;
 }
 
-/* Pixel `place` of the silhouette, in the order of the picture. */
-static int32_t silhouette_pixel(const struct draw *draw, uint32_t place) {
+static ern_status find_parts(struct draw *draw) {
+  ern_status status = ERN_OK;
+  if (draw->head == NULL || draw->t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
+  ERN_TRY(find_part(draw, &draw->silhouette));
+  ERN_TRY(find_part(draw, &draw->whole_head));
+fail:
+  return status;
+}
+
+/* Pixel number `place` of the part, in the order of the picture. */
+static int32_t pixel_of_part(const struct draw *draw, const struct part *part, uint32_t place) {
   const uint32_t width = (uint32_t)draw->t->data.width;
   uint32_t row = 0, end = (uint32_t)draw->t->data.height;
   while (end - row > 1) {
     const uint32_t middle = row + (end - row) / 2;
-    if (draw->silhouette[middle] <= place)
+    if (part->above[middle] <= place)
       row = middle;
     else
       end = middle;
   }
   const uint8_t *head = draw->head + (size_t)row * width;
-  uint32_t left = place - draw->silhouette[row], column = 0;
-  while (is_known(head[column]) || left-- > 0) column++;
+  uint32_t left = place - part->above[row], column = 0;
+  while (!part->has(head[column]) || left-- > 0) column++;
   return (int32_t)(row * width + column);
 }
 
@@ -165,9 +183,13 @@ static int32_t silhouette_pixel(const struct draw *draw, uint32_t place) {
 static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
   const float at = ern_uniform(random->word[2]);
-  const float silhouette_from = 1 - ERN_EYES_SHARE - ERN_SILHOUETTE_SHARE;
-  if (draw->silhouette != NULL && draw->silhouette[height] > 0 && at >= silhouette_from && at < 1 - ERN_EYES_SHARE)
-    return silhouette_pixel(draw, ern_below(random->word[0], draw->silhouette[height]));
+  const float eyes = 1 - ERN_EYES_SHARE, silhouette = eyes - ERN_SILHOUETTE_SHARE;
+  const struct part *part = at >= eyes                          ? NULL
+                            : at >= silhouette                  ? &draw->silhouette
+                            : at >= silhouette - ERN_HEAD_SHARE ? &draw->whole_head
+                                                                : NULL;
+  if (part != NULL && part->above != NULL && part->above[height] > 0)
+    return pixel_of_part(draw, part, ern_below(random->word[0], part->above[height]));
   const struct region *in = at < ERN_LOWER_FACE_SHARE  ? &draw->lower_face
                             : at >= 1 - ERN_EYES_SHARE ? &draw->eyes
                                                        : NULL;
@@ -325,7 +347,12 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* that are dealt to the batches */
   const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
-  struct draw draw = {.t = t, .about = &about, .first = first * each, .rays = count * each};
+  struct draw draw = {.t = t,
+                      .about = &about,
+                      .first = first * each,
+                      .rays = count * each,
+                      .silhouette = {.has = is_silhouette},
+                      .whole_head = {.has = is_head}};
   ern_status status = ERN_OK;
   *batch = (struct ern_batch){.frame = ern_trainer_step_frame(t, frame),
                               .rays = draw.rays,
@@ -339,7 +366,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_regions(&draw);
-  ERN_TRY(find_silhouette(&draw));
+  ERN_TRY(find_parts(&draw));
   if (batch->patches > 0)
     draw_patches(&draw, first, count);
   else
@@ -347,6 +374,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   ERN_TRY(upload(t, batch));
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, frame, &batch->windows));
 fail:
-  ern_release(t->context, draw.silhouette);
+  ern_release(t->context, draw.silhouette.above);
+  ern_release(t->context, draw.whole_head.above);
   return status;
 }

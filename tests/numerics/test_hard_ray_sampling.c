@@ -113,9 +113,9 @@ static ern_status give_head(void *user, int split, size_t index, const uint8_t *
   return ERN_OK;
 }
 
-/* Pixels of a head's edge, of which neither 0 nor 255 is told, have a share of their own beside those of lower face and
- * eyes. Without such a pixel the rays are those without a head. */
-static void test_share_of_the_silhouette(void **state) {
+/* Pixels of a head, and of its edge, of which neither 0 nor 255 is told, have shares of their own beside those of lower
+ * face and eyes. Without such pixels the rays are those without a head. */
+static void test_shares_of_the_head(void **state) {
   (void)state;
   static int count[PIXELS], without[PIXELS];
   const ern_box face = {8, 18, 4, 16}, eyes = {4, 6, 3, 17};
@@ -123,22 +123,25 @@ static void test_share_of_the_silhouette(void **state) {
   made.eyes = eyes;
   count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, without);
   made.data.head = give_head;
-  for (int kind = 0; kind < 6; kind++) { /* none, all, the first, the last, a row and a column, every seventh */
-    double edges = 0;
+  for (int kind = 0; kind < 7; kind++) { /* nothing, all edge, all head, the first, the last, an L, every seventh */
+    double edges = 0, heads = 0;
     for (int i = 0; i < PIXELS; i++) {
-      const bool edge[] = {false, true, i == 0, i == PIXELS - 1, i / SIDE == 3 || i % SIDE == 19, i % 7 == 0};
-      head_pixels[i] = edge[kind] ? (uint8_t)(1 + i % 254) : i % 2 == 0 ? 255 : 0;
-      edges += edge[kind];
+      const bool there[] = {false, true, true, i == 0, i == PIXELS - 1, i / SIDE == 3 || i % SIDE == 19, i % 7 == 0};
+      head_pixels[i] = !there[kind] ? 0 : kind == 2 || (kind == 5 && i % 2 == 0) ? 255 : (uint8_t)(1 + i % 254);
+      edges += head_pixels[i] > 0 && head_pixels[i] < 255;
+      heads += head_pixels[i] > 0;
     }
     count_rays(ERN_RAY_SAMPLING_REGIONS, NULL, count);
     if (kind == 0) assert_memory_equal(count, without, sizeof count);
     const double silhouette = edges > 0 ? (double)ERN_SILHOUETTE_SHARE : 0;
-    const double any = 1 - (double)ERN_LOWER_FACE_SHARE - (double)ERN_EYES_SHARE - silhouette;
+    const double head = heads > 0 ? (double)ERN_HEAD_SHARE : 0;
+    const double any = 1 - (double)ERN_LOWER_FACE_SHARE - (double)ERN_EYES_SHARE - silhouette - head;
     for (int i = 0; i < PIXELS; i++) {
-      const bool edge = head_pixels[i] != 0 && head_pixels[i] != 255;
+      const uint8_t of_head = head_pixels[i];
       const double expected =
           RAYS * (any / PIXELS + (is_in(face, i) ? (double)ERN_LOWER_FACE_SHARE / (10 * 12) : 0) +
-                  (is_in(eyes, i) ? (double)ERN_EYES_SHARE / (2 * 14) : 0) + (edge ? silhouette / edges : 0));
+                  (is_in(eyes, i) ? (double)ERN_EYES_SHARE / (2 * 14) : 0) +
+                  (of_head > 0 && of_head < 255 ? silhouette / edges : 0) + (of_head > 0 ? head / heads : 0));
       if (fabs(count[i] - expected) > 6 * sqrt(expected) + 1)
         fail_msg("kind %d, pixel %d: %d rays, expected %.1f", kind, i, count[i], expected);
     }
@@ -328,7 +331,7 @@ static void test_resumed_parts(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_share_of_the_lower_face),
                                      cmocka_unit_test(test_share_of_the_eyes),
-                                     cmocka_unit_test(test_share_of_the_silhouette),
+                                     cmocka_unit_test(test_shares_of_the_head),
                                      cmocka_unit_test(test_no_face_in_the_frame),
                                      cmocka_unit_test(test_uniform_and_torso),
                                      cmocka_unit_test(test_parts_of_one_frame),
