@@ -31,11 +31,14 @@ live --audio clip/aud.wav -o a.mp4 --as-fast -y
 cmp a.json a.mp4.provenance.json || fail "the same work gives another .provenance.json"
 cmp -s -n $frame_bytes a.rgba <(tail -c $frame_bytes a.rgba) && fail "the last frame is the first"
 
-# by the clock: a file with pictures and sound; there already: refused; what is no sound: nothing is left
+# by the clock: a file with pictures and sound, without silence before it; one shorter than the look-ahead
 live --audio clip/aud.wav -o live.mp4 --json live.json
 [ -s live.mp4 ] || fail "no live.mp4"
-# 33 frames of sound; before it some of silence, where the clock's first frame is due before the sound has been read
-grep -qE '"written": (3[3-9]|4[0-9]),' live.json || fail "live.json: $(head -12 live.json)"
+grep -q '"frames": 33,' live.json || fail "live.json: $(head -12 live.json)"
+tail -c +45 clip/aud.wav | head -c $((5 * 1280)) > short.s16 # 5 frames of 40 ms
+live --audio short.s16 --audio-format s16le -o short.mp4 --json short.json
+grep -q '"frames": 5,' short.json || fail "short.json: $(head -12 short.json)"
+# there already: refused; what is no sound: nothing is left
 live --audio clip/aud.wav -o live.mp4 2> err.txt && fail "live.mp4 was replaced"
 refused 1 1 "is there already"
 head -c 9000 /dev/urandom > noise.bin

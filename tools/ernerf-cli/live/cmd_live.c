@@ -28,7 +28,8 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->sound.url,
        .choices = "INPUT",
        .help = "the sound: a file, - for standard input, an address, or DEVICE:NAME of FFmpeg such as pulse:default or "
-               "alsa:hw:0; without it the person rests, and speaks what --control says"},
+               "alsa:hw:0; the first frame waits for the sound of a file; without --audio the person rests, and speaks "
+               "what --control says"},
       {.name = "audio-format",
        .kind = OPTION_TEXT,
        .target = &job->sound.format,

@@ -126,9 +126,16 @@ static void steer(struct live_job *job) {
   free(trouble);
 }
 
+/* The sound without which the first frame would get silence: its look-ahead, and its own (ern_live_options). */
+static unsigned long long first_samples(const struct live_job *job) {
+  const double seconds = fmax((job->look_ahead + 1) / (double)RATE_CLIP, 1 / rate_value(job->rate));
+  return (unsigned long long)ceil(seconds * job->sound.rate);
+}
+
 int live_run(struct live_job *job) {
   const double period = 1 / rate_value(job->rate);
   const uint64_t most = job->seconds > 0 ? (uint64_t)ceil(job->seconds * rate_value(job->rate)) : UINT64_MAX;
+  live_sound_await(&job->sound, first_samples(job));
   job->began = session_seconds();
   for (bool ended = false; !ended && !session_interrupted() && !job->quits && job->frames < most;) {
     const ern_live_frame *frame = NULL;

@@ -6,7 +6,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { PIECE_MS = 20, TEXT_BYTES = 2048 };
@@ -116,12 +118,17 @@ static char *await_saying(struct live_sound *sound) {
   return saying;
 }
 
+static void end(struct live_sound *sound) {
+  if (ern_live_end(sound->live) != ERN_OK) remember_error(sound);
+}
+
 static void *read_sound(void *user) {
   struct live_sound *sound = user;
   if (sound->url != NULL) {
     const ern_status status = play(sound, sound->url, true);
-    atomic_store(&sound->over, true);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
+    if (!sound->stays) end(sound); /* before `over`, after which a frame that lacks sound gets silence */
+    atomic_store(&sound->over, true);
   }
   for (char *saying = NULL; sound->stays && (saying = await_saying(sound)) != NULL; free(saying)) {
     if (saying[0] == 't')
@@ -129,7 +136,7 @@ static void *read_sound(void *user) {
     else
       (void)play(sound, saying + 1, false);
   }
-  if (ern_live_end(sound->live) != ERN_OK) remember_error(sound);
+  end(sound);
   return NULL;
 }
 
@@ -148,6 +155,14 @@ int live_sound_start(struct live_sound *sound, struct session *session, ern_live
     return session_fail_with(session, "cannot start a thread that reads sound");
   sound->running = true;
   return 0;
+}
+
+void live_sound_await(const struct live_sound *sound, unsigned long long samples) {
+  const struct timespec pause = {0, 2000000};
+  struct stat there;
+  if (sound->url == NULL || stat(sound->url, &there) != 0 || !S_ISREG(there.st_mode)) return;
+  while (atomic_load(&sound->heard) < samples && !atomic_load(&sound->over) && !session_interrupted())
+    (void)nanosleep(&pause, NULL);
 }
 
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
@@ -192,7 +207,7 @@ void live_sound_stop(struct live_sound *sound) {
     sound->stop = true;
     (void)pthread_cond_broadcast(&sound->moved);
     (void)pthread_mutex_unlock(&sound->mutex);
-    if (ern_live_end(sound->live) != ERN_OK) remember_error(sound); /* a push that waits ends */
+    end(sound); /* a push that waits ends */
     (void)pthread_join(sound->thread, NULL);
     sound->running = false;
   }

@@ -39,6 +39,9 @@ struct live_sound {
 /* Starts the thread, which pushes sound of `rate` and `channels` into the session. Returns 0, or EXIT_FAILURE after a
  * message. */
 int live_sound_start(struct live_sound *sound, struct session *session, ern_live *live, int rate, int channels);
+/* A regular file of the command line: returns when so many samples have been pushed, it is over, or a signal came. Any
+ * other input: at once. */
+void live_sound_await(const struct live_sound *sound, unsigned long long samples);
 /* After what waits: a file, or a text (speaks); false where too much waits. */
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
 /* What is said and what waits is dropped; an input of the command line goes on after it. */
