@@ -347,13 +347,14 @@ typedef struct ern_train_hooks {
   ern_status (*validation)(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture, int width,
                            int height, const char *name);
   /* Each frame of a validation before that: its split and number in the dataset, the rendered frame rgb (0..1) and the
-   * truth (0..255), both RGB, [height][width][3]. An error it returns is passed on. */
+   * truth (0..255), both RGB, [height][width][3]. An error it returns is passed on; with ERN_E_CANCELLED the state is
+   * saved, also after the last step. */
   ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 
 /* Steps until config.iters, or until config.seconds are past, saving and validating on the way and at the end. Where a
  * validation fails, a save that is due at the same step is made before the error is returned, unless that is
- * ERN_E_NONFINITE or ERN_E_DEVICE. hooks NULL: none. */
+ * ERN_E_NONFINITE or ERN_E_DEVICE; after ERN_E_CANCELLED it is due at any step. hooks NULL: none. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {

@@ -13,8 +13,8 @@ static void rest(long milliseconds) {
 
 static int make_model(void **state) {
   (void)state;
-  static const char *const old[] = {"m.safetensors", "m.run",   "t.safetensors", "t.run",         "table",
-                                    "trade",         "cut.mp4", "clip",          "h.safetensors", "h.run"};
+  static const char *const old[] = {"m.safetensors", "m.run", "t.safetensors", "t.run", "table",         "trade",
+                                    "cut.mp4",       "clip",  "h.safetensors", "h.run", "v.safetensors", "v.run"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size 64 --frames 8 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -66,6 +66,18 @@ static void test_second(void **state) {
   cli_expect(&cli, 0, NULL);
   expect_none_begun(".");
   expect_none_begun("t.run");
+}
+
+/* Heard at a frame of the validation at the end, which may take long, though no step follows. */
+static void test_last_validation(void **state) {
+  (void)state;
+  start_and_stop("v.run/lock", SIGTERM, "train clip -o v.safetensors --iters 1 --rays 16 --levels 2");
+  cli_wait(&cli);
+  cli_expect(&cli, 128 + SIGTERM, "stopped after step 1 of 1; the state is saved", NULL);
+  assert_true(cli_there("v.run/state.safetensors") && cli_there("v.safetensors"));
+  cli_run(&cli, "train clip -o v.safetensors --iters 1 --rays 16 --levels 2 --resume --quiet");
+  cli_expect(&cli, 0, NULL);
+  expect_none_begun("v.run");
 }
 
 /* The second comes while a video is written: it has no file under its name, and the next render of the same name clears
@@ -132,6 +144,7 @@ static void test_tradeoff(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_second),
+                                     cmocka_unit_test(test_last_validation),
                                      cmocka_unit_test(test_second_of_a_video),
                                      cmocka_unit_test(test_end_of_the_terminal),
                                      cmocka_unit_test(test_nohup),

@@ -48,6 +48,36 @@ static void test_failed_validation_saves(void **state) {
   made_close(&m);
 }
 
+static ern_status stop_at_frame(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth) {
+  (void)user, (void)split, (void)frame, (void)rgb, (void)truth;
+  return ERN_E_CANCELLED;
+}
+
+/* Who stops within a validation has its step saved, though no save is due at it, and goes on from there. */
+static void test_stop_within_a_validation(void **state) {
+  (void)state;
+  struct made m;
+  ern_train_state saved;
+  ern_model_info info;
+  made_open(&m);
+  clear_run("halted"), clear_run("whole");
+  const ern_train_hooks hooks = {.validation_frame = stop_at_frame};
+  ern_train_config config = small_config(4, "halted.safetensors");
+  config.validate_every = 3;
+  config.save_every = 0;
+  support_expect(m.context, train(&m, &config, &hooks), ERN_E_CANCELLED, "step 3 is saved", NULL);
+  support_ok(m.context, ern_train_state_describe(m.context, "halted.safetensors", &saved, &info));
+  assert_int_equal(saved.step, 3);
+  config.resume = true;
+  support_ok(m.context, train(&m, &config, NULL));
+  train_to(&m, "whole.safetensors", 4, 2, 0);
+  expect_same("halted.safetensors", "whole.safetensors");
+  config.output = NULL; /* nowhere to save it */
+  config.resume = false;
+  support_expect(m.context, train(&m, &config, &hooks), ERN_E_CANCELLED, "`validation_frame`", "at step 3", NULL);
+  made_close(&m);
+}
+
 struct failing {
   struct made *made;
   int good; /* calls that are answered before one fails */
@@ -204,6 +234,7 @@ static void test_network(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
+                                     cmocka_unit_test(test_stop_within_a_validation),
                                      cmocka_unit_test(test_failed_picture_saves),
                                      cmocka_unit_test(test_another_folder),
                                      cmocka_unit_test(test_steps_in_a_callback),

@@ -188,7 +188,8 @@ static ern_status take_frame(void *user, int split, size_t frame, const float *r
   ern_clip_info info;
   ern_clip_describe(job->clip, &info);
   const ern_clip_frame *about = ern_clip_frame_at(job->clip, (ern_split)split, frame);
-  return measures_add(&job->now, about, info.width, info.height, truth, rgb) ? ERN_OK : ERN_E_NO_MEMORY;
+  if (!measures_add(&job->now, about, info.width, info.height, truth, rgb)) return ERN_E_NO_MEMORY;
+  return session_interrupted() ? ERN_E_CANCELLED : ERN_OK;
 }
 
 static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,

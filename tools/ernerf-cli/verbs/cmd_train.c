@@ -324,7 +324,8 @@ static int say_progress(void *user, const ern_train_report *report) {
 
 static ern_status take_frame(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth) {
   struct train_job *job = user;
-  return validations_frame(&job->validations, split, frame, rgb, truth);
+  const ern_status status = validations_frame(&job->validations, split, frame, rgb, truth);
+  return status == ERN_OK && session_interrupted() ? ERN_E_CANCELLED : status;
 }
 
 static ern_status take_validation(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
@@ -366,10 +367,13 @@ static int run(struct train_job *job) {
   const ern_status status = ern_trainer_run(job->trainer, &hooks);
   progress_end(&job->progress);
   if (status != ERN_OK && session->rank == 0) validations_take_back(&job->validations);
-  if (status == ERN_E_CANCELLED && session_interrupted())
+  if (status == ERN_E_CANCELLED && session_interrupted()) {
+    ern_train_report end; /* a step further than the last progress where a validation was stopped */
+    ern_trainer_describe(job->trainer, &end);
     return session_stop_with(session,
                              "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
-                             job->last.step, job->last.iters);
+                             end.step, end.iters);
+  }
   if (status != ERN_OK) return session_fail(session);
   progress_duration(job->last.seconds, spent);
   if (job->stepped)
