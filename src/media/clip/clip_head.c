@@ -29,7 +29,7 @@ static void sum_rows(const ern_image *parsing, int reach, uint8_t *sums) {
 }
 
 /* At the head's edge the camera mixed it with what lies behind, and a parsing is less sure. Measured with widths of
- * 256 and 512: 1 and 2 pixels (docs/history-training.md). */
+ * 256 and 512: 1 and 2 pixels (docs/history-occupancy.md). */
 static int edge_of(int width) {
   const int edge = (width + 128) / 256;
   return edge > 1 ? edge : 1;
