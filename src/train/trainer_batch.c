@@ -137,27 +137,23 @@ static bool is_known(uint8_t of_head) { return of_head == 0 || of_head == 255; }
 static bool is_silhouette(uint8_t of_head) { return !is_known(of_head); }
 static bool is_head(uint8_t of_head) { return of_head != 0; }
 
-/* Sets part->above. */
-static ern_status find_part(const struct draw *draw, struct part *part) {
+static ern_status find_parts(struct draw *draw) {
   const ern_trainer *t = draw->t;
   const size_t width = (size_t)t->data.width, height = (size_t)t->data.height;
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, height + 1, &part->above));
-  for (size_t row = 0; row < height; row++) {
+  if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->silhouette.above));
+  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->whole_head.above));
+  for (size_t row = 0; row < height; row++) { /* all pixels, each step: without a call for each */
     const uint8_t *head = draw->head + row * width;
-    uint32_t count = 0;
-    for (size_t column = 0; column < width; column++) count += part->has(head[column]);
-    part->above[row + 1] = part->above[row] + count;
+    uint32_t silhouette = 0, whole_head = 0;
+    for (size_t column = 0; column < width; column++) {
+      silhouette += is_silhouette(head[column]);
+      whole_head += is_head(head[column]);
+    }
+    draw->silhouette.above[row + 1] = draw->silhouette.above[row] + silhouette;
+    draw->whole_head.above[row + 1] = draw->whole_head.above[row] + whole_head;
   }
-fail:
-  return status;
-}
-
-static ern_status find_parts(struct draw *draw) {
-  ern_status status = ERN_OK;
-  if (draw->head == NULL || draw->t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
-  ERN_TRY(find_part(draw, &draw->silhouette));
-  ERN_TRY(find_part(draw, &draw->whole_head));
 fail:
   return status;
 }
