@@ -356,9 +356,11 @@ ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split 
  * each time. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
-/* Which pixels of a frame are the head's (blue in parsing): `head` of one channel, 255 the head, 0 none of it, 128
- * where a square of 2 e + 1 pixels around the pixel has both, e = width/256, rounded, at least 1. data NULL where the
- * clip has no parsing. The image belongs to the clip, and is valid and kept in memory as those of ern_clip_pixels. */
+/* Which pixels of a frame are the head's (blue in parsing). `head` has one channel: 255 the head, 0 none of it, 128
+ * not known. Not known is a pixel if a square of 2 e + 1 pixels around it has both, e = width/256, rounded, at least 1;
+ * and each pixel of a frame whose parsing has no head. data is NULL if the clip has no parsing. ERN_E_FORMAT: parsing
+ * has other colours (docs/prepare.md). The image belongs to the clip, and is valid as long as those of
+ * ern_clip_pixels. */
 ERN_API ERN_NODISCARD ern_status ern_clip_head(ern_clip *clip, ern_split split, size_t index, ern_image *head);
 
 /* The clip as the trainer takes it. The clip must outlive the dataset. */

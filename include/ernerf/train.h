@@ -33,9 +33,10 @@ typedef struct ern_dataset_frame {
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face, 10 around the eyes where the dataset has eye
-                               values, where ern_dataset.head tells 20 in the head and 10 in its pixels that are not
-                               known, the others anywhere; frames with shut eyes more often (docs/maths.md) */
+  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face; 10 around the eyes, if the dataset has eye
+                               values; 20 in pixels that ern_dataset.head does not give 0, and 10 in those that it gives
+                               neither 0 nor 255; the others anywhere. Frames with shut eyes are drawn more often
+                               (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
@@ -72,9 +73,9 @@ typedef struct ern_dataset {
                          A torso keeps the kind of its head, and its network */
   const char *speech_network; /* description of the network that made the features (ern_model_info.speech_network); ""
                                  or NULL: none did */
-  /* NULL: it is not known which pixels are the head's. Else head [height][width] of a frame of split 0: 255 the head,
-   * 0 none of it, any other value: not known; NULL: all are not known. The callback's memory, valid until its next
-   * call. */
+  /* Which pixels of a frame of split 0 are the head's: head [height][width], 255 the head, 0 none of it, any other
+   * value not known; head NULL: no pixel is known. The callback's memory, valid until its next call. The callback may
+   * be NULL: no pixel of any frame is known. */
   ern_status (*head)(void *user, int split, size_t index, const uint8_t **head);
 } ern_dataset;
 

@@ -153,7 +153,7 @@ void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
 
 /* trainer_data.c: what the dataset's callbacks give, looked at. Internal code calls these, never the callbacks. */
 ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
-/* *head as ern_dataset.head gives it for a training frame; NULL without it. */
+/* *head as ern_dataset.head gives it for a training frame; NULL without it, and where the training does not use it. */
 ERN_NODISCARD ern_status ern_trainer_head(const ern_trainer *t, size_t frame, const uint8_t **head);
 ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
                                             const uint8_t **torso); /* *torso NULL: none */

@@ -212,6 +212,13 @@ static bool lies_in(ern_box box, int row, int column) {
   return row >= box.top && row < box.bottom && column >= box.left && column < box.right;
 }
 
+/* Channel c of the torso image over `back`; `back` where there is no image. */
+static float over_torso(const struct draw *draw, size_t pixel, size_t c, float back) {
+  if (draw->torso == NULL) return back;
+  const float alpha = draw->part[draw->torso[4 * pixel + 3]];
+  return draw->part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha);
+}
+
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
  * to become. Over one background alone any opacity has a colour that gives the truth; over a random one only the true
  * opacity does. Whether that is 0 or 1 is known of a torso by its image, of a head by draw->head. */
@@ -221,7 +228,6 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const ern_dataset_frame *about = draw->about;
   const size_t rays = draw->rays, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
-  const float alpha = draw->torso != NULL ? part[draw->torso[4 * pixel + 3]] : 0;
   const uint8_t of_head = draw->head != NULL ? draw->head[pixel] : 128;
   const bool any =
       t->config.torso ? t->config.torso_random_background : t->config.head_random_background && is_known(of_head);
@@ -229,13 +235,14 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   if (any) colour = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
     const float random = ern_uniform(colour.word[c]), clip = part[t->data.background[3 * pixel + c]];
-    const float back = any && t->config.torso ? random : clip;
-    const float over = draw->torso != NULL ? part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha) : back;
-    const float behind_head = any ? random : over;
-    t->host_rows[c * rays + i] = t->config.torso       ? over
-                                 : any && of_head == 0 ? behind_head
-                                                       : part[draw->truth[3 * pixel + c]];
-    t->host_rows[(3 + c) * rays + i] = t->config.torso ? back : behind_head;
+    float *truth = &t->host_rows[c * rays + i], *behind = &t->host_rows[(3 + c) * rays + i];
+    if (t->config.torso) {
+      *behind = any ? random : clip;
+      *truth = over_torso(draw, pixel, c, *behind);
+    } else {
+      *behind = any ? random : over_torso(draw, pixel, c, clip);
+      *truth = any && of_head == 0 ? *behind : part[draw->truth[3 * pixel + c]];
+    }
   }
   t->host_rows[6 * rays + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
                                        column >= about->face.left && column < about->face.right
@@ -356,9 +363,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
                               .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
-  if (!t->config.torso && batch->patches == 0 &&
-      (t->config.head_random_background || t->config.ray_sampling == ERN_RAY_SAMPLING_REGIONS))
-    ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
+  if (batch->patches == 0) ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_regions(&draw);

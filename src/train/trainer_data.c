@@ -54,7 +54,8 @@ ern_status ern_trainer_head(const ern_trainer *t, size_t frame, const uint8_t **
   char before[ERN_ERROR_BYTES];
   ern_error_keep(t->context, before);
   *head = NULL;
-  if (t->data.head == NULL) return ERN_OK;
+  const bool used = t->config.head_random_background || t->config.ray_sampling == ERN_RAY_SAMPLING_REGIONS;
+  if (t->data.head == NULL || t->config.torso || !used) return ERN_OK;
   const ern_status status = t->data.head(t->data.user, 0, frame, head);
   return status == ERN_OK ? ERN_OK : answered(t, status, "head", 0, frame, before);
 }

@@ -382,11 +382,13 @@ fail:
 
 static ern_status take_host(ern_trainer *t) {
   const size_t rays = (size_t)t->config.rays;
+  const uint8_t *head = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
   ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
   ERN_TRY(find_blinks(t));
+  ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that a bad one is found now */
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
   ERN_TRY(ERN_NEW(t->context, 9 * rays, &t->host_rows));

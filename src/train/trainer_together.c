@@ -67,6 +67,7 @@ static ern_status check_same_numbers(ern_trainer *t) {
     const char *name;
     double value;
   } own[] = {{"number of parameters", (double)t->model->field.parameters},
+             {"ern_dataset.head", t->data.head != NULL},
              {"data_begin", (double)c->data_begin},
              {"data_end", (double)c->data_end},
              {"rays", c->rays},

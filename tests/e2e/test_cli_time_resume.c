@@ -93,6 +93,24 @@ static void test_torso_as_the_head(void **state) {
   cli_expect(&cli, 0, "were done before; a.head.safetensors", "done, a.safetensors", NULL);
 }
 
+/* What the head is learnt over is kept; random colours cannot be had without parsing. */
+static void test_background_of_the_head(void **state) {
+  (void)state;
+  clear("h");
+  cli_run(&cli, "train clip -o h.safetensors --iters 2 --head-background random");
+  cli_expect(&cli, 1, "clip/parsing: is missing, and --head-background random needs it", NULL);
+  assert_false(cli_there("h.run"));
+  cli_run(&cli, "train clip -o h.safetensors --iters 2 --rays 32 --levels 2 --validate-frames 1 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_true(said("h.run/state.safetensors", "head_random_background") == 1);
+  const char *more = "train clip -o h.safetensors --rays 32 --levels 2 --validate-frames 1 --quiet";
+  cli_run(&cli, "%s --iters 2 --head-background clip -y", more);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "%s --iters 3 --resume", more);
+  cli_expect(&cli, 0, NULL);
+  assert_true(said("h.run/state.safetensors", "head_random_background") == 0);
+}
+
 /* Options of the torso wait with the head, and are refused where there is no torso. */
 static void test_options_of_the_torso(void **state) {
   (void)state;
@@ -214,6 +232,7 @@ static void test_torso_has_no_place(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_torso_as_the_head),
+                                     cmocka_unit_test(test_background_of_the_head),
                                      cmocka_unit_test(test_options_of_the_torso),
                                      cmocka_unit_test(test_bf16),
                                      cmocka_unit_test(test_average),

@@ -84,16 +84,14 @@ static void test_colours_of_the_rays(void **state) {
   made.data.frames[0] = frames;
 }
 
-/* Mean distance of the layer's opacity from 1 where the torso is opaque and the head is not, after a training. */
-static double error_of_opacity(bool over_random) {
-  enum { STEPS = 300 };
+/* Takes the steps, and draws the first frame with the model that they gave. */
+static void train_and_draw(ern_trainer *trainer, int steps, const ern_frame_output *output) {
   ern_train_report report;
-  ern_trainer *trainer = torso_trainer(over_random, STEPS);
   ern_model *model = NULL;
   ern_renderer *renderer = NULL;
   ern_dataset_frame about;
-  float windows[8 * 16 * WIDTH] = {0}, alpha[PIXELS], opacity[PIXELS];
-  for (int k = 0; k < STEPS; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
+  float windows[8 * 16 * WIDTH] = {0};
+  for (int k = 0; k < steps; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
   support_ok(made.context, ern_trainer_model(trainer, &model));
   support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
   support_ok(made.context, made_frame(&made, 0, 0, &about));
@@ -102,8 +100,18 @@ static double error_of_opacity(bool over_random) {
                            .window_length = 16,
                            .individual = 0};
   ern_camera_pose(input.camera.pose, about.matrix, made.data.scale);
+  support_ok(made.context, ern_renderer_frame(renderer, &input, output, NULL));
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+}
+
+/* Mean distance of the layer's opacity from 1 where the torso is opaque and the head is not, after a training. */
+static double error_of_opacity(bool over_random) {
+  enum { STEPS = 300 };
+  ern_trainer *trainer = torso_trainer(over_random, STEPS);
+  float alpha[PIXELS], opacity[PIXELS];
   const ern_frame_output output = {.alpha = alpha, .opacity = opacity};
-  support_ok(made.context, ern_renderer_frame(renderer, &input, &output, NULL));
+  train_and_draw(trainer, STEPS, &output);
   double error = 0, weight = 0;
   for (int i = 0; i < PIXELS; i++) {
     if (made.torso[0][4 * i + 3] < 255) continue;
@@ -111,8 +119,6 @@ static double error_of_opacity(bool over_random) {
     weight += 1 - (double)opacity[i];
   }
   assert_true(weight > 1);
-  ern_renderer_free(&renderer);
-  ern_model_free(&model);
   ern_trainer_free(&trainer);
   return error / weight;
 }
@@ -209,46 +215,34 @@ static void test_head_that_cannot_be_told(void **state) {
   ern_train_report report;
   ern_dataset data = made.data;
   data.head = give_head;
-  head_answer = ERN_E_IO;
   ern_trainer *trainer = head_trainer(&data, true, RAYS, 1);
+  head_answer = ERN_E_IO;
   support_expect(made.context, ern_trainer_step(trainer, &report), ERN_E_IO, "`head` answered", "training frame", NULL);
   ern_trainer_free(&trainer);
+  const ern_train_config config = small_config(1, NULL); /* a trainer asks for one when it is made */
+  support_expect(made.context, ern_trainer_create(&trainer, made.backend, &data, &config), ERN_E_IO, "`head` answered",
+                 "training frame 0", NULL);
   head_answer = ERN_OK;
 }
 
 /* Mean opacity in the middle of the picture and beside it, after a training. */
 static void opacity_of_head(bool over_random, double *inside, double *outside) {
   enum { STEPS = 800, FEW = 64 };
-  ern_train_report report;
   ern_dataset data = made.data;
-  ern_model *model = NULL;
-  ern_renderer *renderer = NULL;
-  ern_dataset_frame about;
-  float windows[8 * 16 * WIDTH] = {0}, opacity[PIXELS];
+  float opacity[PIXELS];
   double count[2] = {0}, sum[2] = {0};
   data.head = give_head;
   data.has_torso = false;
   data.frames[0] = 1; /* a square in one view is a body; in several it need not be */
   ern_trainer *trainer = head_trainer(&data, over_random, FEW, STEPS);
-  for (int k = 0; k < STEPS; k++) support_ok(made.context, ern_trainer_step(trainer, &report));
-  support_ok(made.context, ern_trainer_model(trainer, &model));
-  support_ok(made.context, ern_renderer_create(&renderer, made.backend, model, NULL));
-  support_ok(made.context, made_frame(&made, 0, 0, &about));
-  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
-                           .windows = windows,
-                           .window_length = 16,
-                           .individual = 0};
-  ern_camera_pose(input.camera.pose, about.matrix, data.scale);
   const ern_frame_output output = {.opacity = opacity};
-  support_ok(made.context, ern_renderer_frame(renderer, &input, &output, NULL));
+  train_and_draw(trainer, STEPS, &output);
   for (int i = 0; i < PIXELS; i++) {
     count[head_pixels[i] == 255]++;
     sum[head_pixels[i] == 255] += (double)opacity[i];
   }
   *outside = sum[0] / count[0];
   *inside = sum[1] / count[1];
-  ern_renderer_free(&renderer);
-  ern_model_free(&model);
   ern_trainer_free(&trainer);
 }
 

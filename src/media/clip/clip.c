@@ -397,7 +397,7 @@ static ern_status get_picture(ern_clip *clip, struct pictures *pictures, ern_spl
                        "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path,
                        pictures->last.width, pictures->last.height, width, height));
     }
-    if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, &pictures->last));
+    if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, path, &pictures->last));
   }
   if (*kept == NULL && clip->budget - clip->used >= bytes) {
     *kept = pictures->last.data;

@@ -45,8 +45,9 @@ ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder
 
 /* Values of ern_clip_head(). */
 enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
-/* RGB of parsing/ID.png -> those values, one channel; *image keeps its size. */
-ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, ern_image *image);
+/* RGB of parsing/ID.png -> those values, one channel; *image keeps its size. ERN_E_FORMAT, which names path: other
+ * colours. */
+ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, const char *path, ern_image *image);
 
 /* What an open clip was opened with, and its sound (ERN_E_MISSING where there is none; ern_sound_free). */
 ern_context *ern_clip_context(const ern_clip *clip);

@@ -162,15 +162,19 @@ fail:
 }
 
 static void check_frames(struct report *report) {
-  static const char *const optional[2][2] = {
+  static const char *const optional[3][2] = {
       {"torso_imgs",
        "torso_imgs: missing. A head can be trained, over the plain background, but no torso; the step extract torso "
        "and ground truth (process.py, task 6) makes it."},
       {"ori_imgs",
        "ori_imgs: missing. Nothing tells the face from the rest in training, and eval gives no figures of head and "
-       "mouth; the step landmarks (process.py, task 7) makes its .lms files."}};
-  bool there[2] = {false, false};
-  for (int i = 0; i < 2; i++) {
+       "mouth; the step landmarks (process.py, task 7) makes its .lms files."},
+      {"parsing",
+       "parsing: missing. The head will be learnt over the clip's background alone, and may keep pieces of it; the "
+       "step "
+       "face parsing (process.py, task 4) makes it."}};
+  bool there[3] = {false, false, false};
+  for (int i = 0; i < 3; i++) {
     const ern_status status = ern_clip_has(report->context, report->folder, optional[i][0], &there[i]);
     if (status != ERN_OK) say_wrong(report, status, "");
   }
@@ -189,6 +193,11 @@ static void check_frames(struct report *report) {
     report->landmarks =
         check_files(report, ERN_PART_LANDMARKS, "the landmarks", "The step landmarks (process.py, task 7) makes them.");
   }
+  if (!there[2]) tell(report, OPTIONAL, "%s", optional[2][1]);
+  if (there[2] && report->poses)
+    check_files(report, ERN_PART_PARSING, "the head, neck and torso",
+                "The step face parsing (process.py, task 4) makes them; without the folder the head is learnt over the "
+                "clip's background alone.");
 }
 
 /* 13 numbers may be anybody's cepstra: only our own files are known by their name. */

@@ -1,10 +1,35 @@
 /* SPDX-License-Identifier: MIT
  * Which pixels of a frame are the head's, by parsing/ID.png. */
+#include <string.h>
+
 #include "core/memory.h"
 #include "media/clip/clip.h"
 
 /* AD-NeRF's colour of the head is 0, 0, 255. */
 static bool is_head(const uint8_t *rgb) { return rgb[0] < 128 && rgb[1] < 128 && rgb[2] >= 128; }
+
+static bool is_near(const uint8_t *rgb, const uint8_t colour[3]) {
+  for (int c = 0; c < 3; c++)
+    if (rgb[c] > colour[c] + 63 || rgb[c] < colour[c] - 63) return false;
+  return true;
+}
+
+/* A picture in other colours would be taken for one without a head. A scaled one has mixed colours along its edges. */
+static ern_status check_colours(ern_context *context, const char *path, const ern_image *parsing) {
+  static const uint8_t colours[4][3] = {{0, 0, 255}, {0, 255, 0}, {255, 0, 0}, {255, 255, 255}};
+  const size_t pixels = (size_t)parsing->width * (size_t)parsing->height;
+  size_t others = 0;
+  for (size_t i = 0; i < pixels; i++) {
+    bool known = false;
+    for (int k = 0; k < 4 && !known; k++) known = is_near(parsing->data + 3 * i, colours[k]);
+    others += !known;
+  }
+  if (others <= pixels / 20) return ERN_OK;
+  return ern_fail(context, ERN_E_FORMAT,
+                  "%s: %zu of %zu pixels have no colour of a parsing, expected head 0 0 255, neck 0 255 0, torso 255 0 "
+                  "0 and background 255 255 255",
+                  path, others, pixels);
+}
 
 /* Indices [begin, end) of 0..count-1 that are at most `reach` from `at`. */
 struct window {
@@ -35,11 +60,13 @@ static int edge_of(int width) {
   return edge > 1 ? edge : 1;
 }
 
-ern_status ern_clip_head_of_parsing(ern_context *context, ern_image *image) {
+ern_status ern_clip_head_of_parsing(ern_context *context, const char *path, ern_image *image) {
   const int width = image->width, height = image->height, reach = edge_of(width);
   const size_t stride = (size_t)width, pixels = stride * (size_t)height;
   ern_status status = ERN_OK;
   uint8_t *sums = NULL, *head = NULL;
+  bool any = false;
+  ERN_TRY(check_colours(context, path, image));
   ERN_TRY(ERN_NEW(context, pixels, &sums));
   ERN_TRY(ERN_NEW(context, pixels, &head));
   sum_rows(image, reach, sums);
@@ -50,9 +77,11 @@ ern_status ern_clip_head_of_parsing(ern_context *context, ern_image *image) {
       const int whole = (across.end - across.begin) * (down.end - down.begin);
       int sum = 0;
       for (int k = down.begin; k < down.end; k++) sum += sums[(size_t)k * stride + (size_t)x];
+      any = any || sum > 0;
       head[(size_t)y * stride + (size_t)x] = sum == 0 ? 0 : sum == whole ? ERN_HEAD_WHOLE : ERN_HEAD_UNSURE;
     }
   }
+  if (!any) memset(head, ERN_HEAD_UNSURE, pixels);
   ern_image_free(context, image);
   *image = (ern_image){.width = width, .height = height, .channels = 1, .data = head};
   head = NULL;

@@ -297,6 +297,9 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
   if (status != 0) return status;
   if ((status = choose_effects(job)) != 0) return status;
+  if (args_given(args, "head-background") && job->head_background == 0 && !job->clip_info.has_parsing)
+    return session_fail_with(session, "%s/parsing: is missing, and --head-background random needs it",
+                             job->source.path);
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->copies.share;
   take_effects(job, args, &dataset);
