@@ -171,8 +171,7 @@ static void check_frames(struct report *report) {
        "mouth; the step landmarks (process.py, task 7) makes its .lms files."},
       {"parsing",
        "parsing: missing. The head will be learnt over the clip's background alone, and may keep pieces of it; the "
-       "step "
-       "face parsing (process.py, task 4) makes it."}};
+       "step face parsing (process.py, task 4) makes it."}};
   bool there[3] = {false, false, false};
   for (int i = 0; i < 3; i++) {
     const ern_status status = ern_clip_has(report->context, report->folder, optional[i][0], &there[i]);
