@@ -56,7 +56,7 @@ timeout 30 sleep 30 <> stalled &
 sleeper=$!
 "$ernerf" live head.safetensors --clip clip --quiet --control wait.sock -o stalled --format raw 2> err.txt &
 program=$!
-for _ in $(seq 100); do [ -S wait.sock ] && break; sleep 0.1; done
+for _ in $(seq 600); do [ -S wait.sock ] && break; sleep 0.1; done
 sleep 1.5
 began=$(date +%s)
 kill -TERM $program
@@ -74,7 +74,7 @@ for format in raw mp4; do
   reader=$!
   "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format $format 2> err.txt &
   program=$!
-  for _ in $(seq 100); do [ -s taken.$format ] && break; sleep 0.1; done
+  for _ in $(seq 600); do [ -s taken.$format ] && break; sleep 0.1; done
   kill -TERM $program
   status=0; wait $program || status=$?
   refused 143 $status "written is whole"
@@ -84,6 +84,7 @@ done
 tail -c 16 taken.mp4 | grep -qa mfro || fail "mp4: has no end"
 "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format raw 2> err.txt &
 program=$!
+for _ in $(seq 600); do grep -q agreed err.txt && break; sleep 0.1; done # the model is read; next is the FIFO
 sleep 2
 kill -TERM $program
 status=0; wait $program || status=$?
@@ -110,7 +111,7 @@ exec 8<> lines
 live --control - -o "http://127.0.0.1:$port/" < lines 2> err.txt &
 program=$!
 for _ in 1 2; do
-  for _ in $(seq 100); do { exec 9<> "/dev/tcp/127.0.0.1/$port"; } 2> /dev/null && break; sleep 0.1; done
+  for _ in $(seq 600); do { exec 9<> "/dev/tcp/127.0.0.1/$port"; } 2> /dev/null && break; sleep 0.1; done
   printf 'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n' >&9
   head -c 5000 <&9 > http.bin
   exec 9<&-
