@@ -172,7 +172,8 @@ typedef struct ern_train_config {
   bool force;              /* accept a `head` of another clip, with a warning in the log */
   bool ema;                /* write the moving average of the weights as the model. Without `seconds` it needs
                               iters >= 10 ema_every, else ern_trainer_create gives ERN_E_ARGUMENT. Saves before the
-                              10th update write the weights without averaging */
+                              10th update write the weights without averaging. Validations render what a save would
+                              write */
   uint64_t ema_every;      /* steps between its updates, 1..1e12; default 1000 */
   uint64_t refresh_every;  /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
                               refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128

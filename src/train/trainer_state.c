@@ -17,6 +17,8 @@
 #include "model/kinds.h"
 #include "train/state_about.h"
 
+bool ern_trainer_is_averaged(const ern_trainer *t) { return t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES; }
+
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ern_model *model = t->model;
   ern_status status = ERN_OK;
@@ -184,7 +186,7 @@ ern_status ern_trainer_save(ern_trainer *t) {
   ERN_TRY(ern_run_folder_check_held(t->context, &t->run));
   ERN_TRY(ern_trainer_download(t, t->parameters));
   ERN_TRY(write_state(t));
-  if (t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES)
+  if (ern_trainer_is_averaged(t))
     ERN_TRY(ern_trainer_download(t, t->average));
   else if (t->config.ema)
     ern_log(t->context, ERN_LOG_INFO,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A look at where the training stands: validation frames rendered with the values of now, and a picture of one. */
+ * A look at where the training stands: validation frames rendered with what a save would write, and a picture of one.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -116,7 +117,7 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   ern_status status = ERN_OK;
   char name[40], before[ERN_ERROR_BYTES];
   *psnr = 0;
-  ERN_TRY(ern_trainer_download(t, t->parameters));
+  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(t) ? t->average : t->parameters));
   ern_arena_trim(t->stream); /* a renderer needs memory too; the download has waited for all that ran */
   ERN_TRY(look_make(t, &look));
   for (size_t k = 0; k < count; k++) {

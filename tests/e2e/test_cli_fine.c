@@ -68,9 +68,17 @@ static void test_by_the_clock(void **state) {
   json_decref(about);
   cli_run(&cli, "train clip -o u.safetensors --time 2s --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
-  about = state_of("u.head.run/state.safetensors");
-  assert_null(json_object_get(json_object_get(about, "training"), "fine"));
+  about = state_of("u.head.run/state.safetensors"), training = json_object_get(about, "training");
+  assert_null(json_object_get(training, "fine"));
+  /* what a time is spent on: small steps of one frame, and the average of the weights */
+  assert_int_equal(json_integer_value(json_object_get(about, "rays")), 512);
+  assert_int_equal(json_integer_value(json_object_get(training, "frames_per_step")), 1);
+  assert_int_equal(json_integer_value(json_object_get(training, "ema_every")), 40);
+  assert_true(json_is_true(json_object_get(training, "ema")));
   json_decref(about);
+  /* a patch has more rays than such a step */
+  cli_run(&cli, "train clip -o u.safetensors --resume -y --time 4s --stage fine --quiet");
+  cli_expect(&cli, 0, "rays was 512, going on with 2048", NULL);
 }
 
 static void test_refused(void **state) {

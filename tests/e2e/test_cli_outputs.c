@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What the program does to files that were there before: it replaces those that it was told to replace, and touches no
  * other. */
+#include <math.h>
 #include <time.h>
 
 #include "cli.h"
@@ -123,6 +124,29 @@ static void test_training(void **state) {
   cli_run(&cli, "train clip -o t.safetensors --rays 32 --iters 2 --levels 2 --overwrite --quiet");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("t.safetensors", "m.safetensors");
+}
+
+static double number_of(const char *command, const char *name) {
+  cli_run(&cli, "%s --json", command);
+  json_t *report = cli_json(&cli, NULL);
+  const double value = json_number_value(json_object_get(report, name));
+  assert_true(value > 0);
+  json_decref(report);
+  return value;
+}
+
+/* A validation draws the model that a save writes: the average where that is asked for. */
+static void test_validation_of_the_average(void **state) {
+  (void)state;
+  static const char train[] = "train clip --rays 64 --iters 40 --levels 2 --ema-every 2 --validate-frames 0 --quiet";
+  char average[200], weights[200];
+  snprintf(average, sizeof average, "%s -o va.safetensors --ema", train);
+  snprintf(weights, sizeof weights, "%s -o vw.safetensors", train);
+  const double of_average = number_of(average, "val_psnr"), of_weights = number_of(weights, "val_psnr");
+  const double written = number_of("eval va.safetensors clip --transmittance_stop 0.0001", "psnr");
+  print_message("validated %.4f, written %.4f, weights %.4f dB\n", of_average, written, of_weights);
+  assert_true(fabs(of_average - of_weights) > 0.02);
+  assert_true(fabs(of_average - written) < 0.005); /* eval may stop a ray earlier by rounding */
 }
 
 /* Pictures and plots of X.run are not written through a link, and a file with a temporary name is no leftover. */
@@ -357,9 +381,12 @@ static void test_two_renders(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_empty_folder),    cmocka_unit_test(test_refused),
-      cmocka_unit_test(test_overwritten), cmocka_unit_test(test_training),        cmocka_unit_test(test_run_folder),
-      cmocka_unit_test(test_links),       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
-      cmocka_unit_test(test_devices),     cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders)};
+      cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder),
+      cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
+      cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average),
+      cmocka_unit_test(test_run_folder),      cmocka_unit_test(test_links),
+      cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
+      cmocka_unit_test(test_devices),         cmocka_unit_test(test_odd_names),
+      cmocka_unit_test(test_two_renders)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

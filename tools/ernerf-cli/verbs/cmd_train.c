@@ -14,8 +14,10 @@
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
 
-/* Found by trying (docs/history-training.md). */
-enum { TIMED_RAYS = 2048, TIMED_FRAMES = 4, PREVIEW_SECONDS = 180 };
+/* Found by trying (docs/history-small-steps.md). Small steps cost more where each is launched or sent to other
+ * processes, and patches are larger. */
+enum { TIMED_RAYS = 512, TIMED_RAYS_AT_ONCE = 2048, TIMED_FRAMES_AT_ONCE = 4, TIMED_EMA_EVERY = 40 };
+enum { PREVIEW_SECONDS = 180 };
 static const float timed_prune_share = 0.3f;
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
@@ -116,12 +118,16 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "head-background")) config->head_random_background = false;
 }
 
-/* What a time is best spent on (docs/history-training.md), where no option says it. */
-static void choose_timed(const struct args *args, ern_train_config *config) {
-  if (!args_given(args, "rays")) config->rays = TIMED_RAYS;
+/* What a time is best spent on (docs/history-small-steps.md), where no option says it. */
+static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
+  const bool at_once = job->session.backend_choice == SESSION_OPENCL || fine_stage_asked(&job->fine) ||
+                       job->together.world.communicator.size > 1;
+  if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
+  if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = true;
+  if (!args_given(args, "ema-every")) config->ema_every = TIMED_EMA_EVERY;
   if (config->torso) return;
-  if (!args_given(args, "frames-per-step"))
-    config->frames_per_step = config->rays < TIMED_FRAMES ? config->rays : TIMED_FRAMES;
+  if (!args_given(args, "frames-per-step") && at_once)
+    config->frames_per_step = config->rays < TIMED_FRAMES_AT_ONCE ? config->rays : TIMED_FRAMES_AT_ONCE;
   if (!args_given(args, "prune-occupancy")) config->prune_share = timed_prune_share;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
@@ -140,10 +146,10 @@ static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
   config->iters = job->iters;
   config->seconds = job->seconds;
-  if (job->seconds > 0) choose_timed(args, config);
+  config->ema_every = job->ema_every;
+  if (job->seconds > 0) choose_timed(job, args, config);
   config->overwrite = job->session.overwrite;
   config->save_every = job->save_every;
-  config->ema_every = job->ema_every;
   config->refresh_every = job->refresh_every;
   config->seed = job->session.seed;
   if (job->has_state) inherit_state(args, &job->state, &job->from, config);
@@ -159,6 +165,9 @@ static void fill_config(struct train_job *job, const struct args *args) {
   if (args_given(args, "head-background")) config->head_random_background = job->head_background == 0;
   if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
   fine_stage_choose(&job->fine, args, job->has_state, config);
+  if (job->has_state && (config->fine_steps > 0 || config->fine_share > 0) && !args_given(args, "rays") &&
+      config->rays < config->patch_size * config->patch_size)
+    config->rays = TIMED_RAYS_AT_ONCE; /* a patch has more rays than a coarse step of --time */
   if (job->paper) follow_paper(args, config);
   if (job->paper) fine_stage_follow_paper(&job->fine, args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */

@@ -6,6 +6,11 @@
 
 enum { MOST_COPIES = 16 };
 
+/* Found by trying (docs/history-small-steps.md): little speech is learnt by heart, and voices
+ * that differ more prevent that; of a longer one they only blur what is learnt. */
+enum { SHORT_FRAMES = 1000 }; /* of training, 40 s */
+static const struct speech_copies of_short = {.count = 8, .range = {0.75f, 1.3f}, .share = 0.9f};
+
 void speech_copies_options(struct speech_copies *copies, struct option options[SPEECH_COPIES_OPTIONS]) {
   *copies = (struct speech_copies){.count = 4, .range = {0.85f, 1.17f}, .share = 0.5f};
   const struct option rows[] = {
@@ -15,24 +20,31 @@ void speech_copies_options(struct speech_copies *copies, struct option options[S
        .low = 0,
        .high = MOST_COPIES,
        .help = "of speech that is given as sound: copies with other frequencies, so that other voices move the same "
-               "mouth"},
+               "mouth; with fewer than 1000 training frames 8"},
       {.name = "speech-warp",
        .kind = OPTION_PAIR,
        .target = &copies->range,
        .low = 0.5,
        .high = 2,
-       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17)"},
+       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17; with "
+               "fewer than 1000 training frames 0.75,1.3)"},
       {.name = "speech-share",
        .kind = OPTION_FLOAT,
        .target = &copies->share,
        .low = 0,
        .high = 1,
-       .help = "of the steps that hear a copy"}};
+       .help = "of the steps that hear a copy; with fewer than 1000 training frames 0.9"}};
   ARGS_FILL(options, rows, SPEECH_COPIES_OPTIONS);
 }
 
-int speech_copies_make(const struct speech_copies *copies, struct session *session, const struct args *args,
-                       ern_clip *clip) {
+static void choose(struct speech_copies *copies, const struct args *args, const ern_clip_info *info) {
+  if (copies->count == 0 || info->frames[ERN_SPLIT_TRAIN] >= SHORT_FRAMES) return;
+  if (!args_given(args, "speech-copies")) copies->count = of_short.count;
+  if (!args_given(args, "speech-warp")) copies->range = of_short.range;
+  if (!args_given(args, "speech-share")) copies->share = of_short.share;
+}
+
+int speech_copies_make(struct speech_copies *copies, struct session *session, const struct args *args, ern_clip *clip) {
   float warps[MOST_COPIES];
   ern_clip_info info;
   const int unheard = copies->count == 0 ? args_forbid(args, "speech-warp speech-share",
@@ -47,6 +59,7 @@ int speech_copies_make(const struct speech_copies *copies, struct session *sessi
                                      : "is for speech that is given as sound, and this is given as features");
     return status >= 0 ? status : 0;
   }
+  choose(copies, args, &info);
   const double low = log((double)copies->range.first), high = log((double)copies->range.second);
   for (int k = 0; k < copies->count; k++)
     warps[k] = (float)exp(copies->count > 1 ? low + (high - low) * k / (copies->count - 1) : (low + high) / 2);

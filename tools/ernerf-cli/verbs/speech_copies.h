@@ -19,8 +19,8 @@ enum { SPEECH_COPIES_OPTIONS = 3 };
 void speech_copies_options(struct speech_copies *copies, struct option options[SPEECH_COPIES_OPTIONS]);
 
 /* Makes the copies where the clip's features are made of a sound, else none: with a sentence where they were asked for.
+ * What was not asked for is chosen by the clip's length.
  * Returns 0, or EXIT_FAILURE after a message. */
-int speech_copies_make(const struct speech_copies *copies, struct session *session, const struct args *args,
-                       ern_clip *clip);
+int speech_copies_make(struct speech_copies *copies, struct session *session, const struct args *args, ern_clip *clip);
 
 #endif
