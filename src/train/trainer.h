@@ -264,7 +264,7 @@ bool ern_trainer_prune_due(const ern_trainer *t);
 ERN_NODISCARD ern_status ern_trainer_prune(ern_trainer *t);
 
 /* trainer_state.c */
-bool ern_trainer_is_averaged(const ern_trainer *t); /* whether the model is the moving average */
+bool ern_trainer_is_averaged(const ern_trainer *t); /* whether a save writes the moving average */
 ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /* values and occupancy into t->model */
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */

@@ -6,8 +6,8 @@
 
 enum { MOST_COPIES = 16 };
 
-/* Found by trying (docs/history-small-steps.md): little speech is learnt by heart, and voices
- * that differ more prevent that; of a longer one they only blur what is learnt. */
+/* Found by trying (docs/history-small-steps.md): a short speech is overfitted, which
+ * copies that differ more reduce. With a long one they cost accuracy. */
 enum { SHORT_FRAMES = 1000 }; /* of training, 40 s */
 static const struct speech_copies of_short = {.count = 8, .range = {0.75f, 1.3f}, .share = 0.9f};
 
@@ -20,20 +20,20 @@ void speech_copies_options(struct speech_copies *copies, struct option options[S
        .low = 0,
        .high = MOST_COPIES,
        .help = "of speech that is given as sound: copies with other frequencies, so that other voices move the same "
-               "mouth; with fewer than 1000 training frames 8"},
+               "mouth; 8 if the clip has fewer than 1000 training frames"},
       {.name = "speech-warp",
        .kind = OPTION_PAIR,
        .target = &copies->range,
        .low = 0.5,
        .high = 2,
-       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17; with "
-               "fewer than 1000 training frames 0.75,1.3)"},
+       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17; "
+               "0.75,1.3 if the clip has fewer than 1000 training frames)"},
       {.name = "speech-share",
        .kind = OPTION_FLOAT,
        .target = &copies->share,
        .low = 0,
        .high = 1,
-       .help = "of the steps that hear a copy; with fewer than 1000 training frames 0.9"}};
+       .help = "of the steps that hear a copy; 0.9 if the clip has fewer than 1000 training frames"}};
   ARGS_FILL(options, rows, SPEECH_COPIES_OPTIONS);
 }
 

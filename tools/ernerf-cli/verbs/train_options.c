@@ -158,7 +158,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->rays,
        .low = 1,
        .high = 1048576,
-       .help = "a step"},
+       .help = "a step; with --time 512, but 2048 of a torso, with --backend opencl, --stage fine or under mpirun"},
       {.name = "lr",
        .kind = OPTION_FLOAT,
        .target = &config->lr,
@@ -201,7 +201,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .low = 1,
        .high = ERN_FRAMES_PER_STEP_MOST,
        .help = "frames that a step's rays are divided among, so that it hears as many sounds; with --time of the "
-               "head (default 1 as published; 4 with --time where a step has 2048 rays)"},
+               "head (default 1 as published; 4 with --time where --rays is 2048 by default)"},
       {.name = "prune-occupancy",
        .kind = OPTION_FLOAT,
        .target = &config->prune_share,
