@@ -11,8 +11,9 @@
 extern "C" {
 #endif
 
-/* Least and largest bound of a model: half the side of the cube that holds its scene, in scene units. `scale` scene
- * units are one unit of length of the transforms file (ern_camera_pose), which is a metre in a clip of ern_prepare. */
+/* Least and largest bound of a model: half the side of the cube that holds its scene, in scene units. A length in
+ * scene units is ern_model_info.scale times the length in the transforms file (ern_camera_pose), which is in metres in
+ * a clip of ern_prepare. */
 #define ERN_BOUND_LEAST 0.125
 #define ERN_BOUND_MOST 16.0
 
@@ -24,7 +25,8 @@ typedef enum ern_backbone {
   ERN_BACKBONE_TRIPLANE, /* three dense planes of 128 x 128 entries with 12 features each */
   ERN_BACKBONE_MLP       /* a network: sines and cosines of the position through 8 hidden layers of 256 */
 } ern_backbone;
-/* How the audio code of a frame, 32 numbers, reaches a position: */
+/* How the audio code of a frame reaches a position. The audio code is 32 numbers that the model computes from the 8
+ * windows of speech of a frame. */
 typedef enum ern_attention {
   ERN_ATTENTION_CHANNEL, /* each number times a weight of its own, which depends on the position */
   ERN_ATTENTION_FEATURE, /* all numbers times one weight, which depends on the position */
@@ -38,12 +40,12 @@ typedef enum ern_eye_attention {
 /* A frame's input is 8 windows of speech: 4 before its own, its own and 3 after it. Which windows these are near the
  * ends of the speech: */
 typedef enum ern_audio_pad {
-  ERN_AUDIO_PAD_EDGE = 0, /* the rows of the feature file around the frame's row; before the first row the first one,
-                             past the last row the last one */
-  ERN_AUDIO_PAD_ZERO = 1  /* as in the public program: the rows of the frames around it in the list of frames at hand,
-                             such as one split of a clip; zeros past the ends of that list. For frames of a clip a
-                             program calls ern_audio_windows_of_rows; where frame k has row k of the feature file,
-                             ern_audio_windows gives the same */
+  ERN_AUDIO_PAD_EDGE = 0, /* the windows of the feature file around the frame's own; before the first the first one,
+                             past the last the last one */
+  ERN_AUDIO_PAD_ZERO = 1  /* as in the public program: the windows of the frames around it in the list of frames at
+                             hand, such as one split of a clip; zeros past the ends of that list. For frames of a
+                             clip a program calls ern_audio_windows_of_rows; where frame k has window k of the
+                             feature file, ern_audio_windows gives the same */
 } ern_audio_pad;
 /* The words of the command line and of model files ("trihash", "channel", "sigmoid"); NULL for no such kind. */
 ERN_API const char *ern_backbone_name(ern_backbone backbone);
@@ -82,12 +84,12 @@ typedef struct ern_model_info {
   int feature_width;               /* D of the speech features it was trained on (ern_features.width) */
   int window_length;               /* of those features: vectors in a window; 0 where the file does not say */
   int codes;                       /* rows of the individual codes; 0 without has_codes */
-  float bound; /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Of it the
-                  head takes the part |y| <= bound/2 (y is out of the face, ern_camera) */
-  /* The settings that it was trained with and must be rendered with. A renderer takes the first three from the model
-   * unless its ern_render_options say otherwise; a program hands `scale` to ern_camera_pose and takes the windows of
-   * speech as `audio_pad` says. */
-  bool has_view_settings;  /* true: the file has the next five; false: it has none of them, and they are the defaults in
+  float bound;                     /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Samples
+                                      of the head lie in its part |y| <= bound/2; y points from the face to the camera (ern_camera) */
+  /* The settings that it was trained with. A renderer uses max_steps, dt_gamma and torso_shrink unless its
+   * ern_render_options have others. A program passes `scale` to ern_camera_pose, and takes the windows of speech as
+   * `audio_pad` says; other values give wrong pictures. */
+  bool has_view_settings;  /* true: the file has these five; false: it has none of them, and they are the defaults in
                               brackets */
   int max_steps;           /* samples a ray at most, 1..1024 (16) */
   float dt_gamma;          /* step growth with distance, 0..1 (1/256) */
@@ -126,12 +128,13 @@ ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const ch
 /* SHA-256 of the bytes of a file of at most 1 GiB, as 64 lower-case hex digits: tells one model from another. */
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
-/* Corrects the pose of a training frame, in place. pose: a camera pose in scene units (ern_camera_pose). index: the
- * training frame, counted from 0 in the order of the frames of split 0 (of transforms_train.json, for a clip); any past
- * the last corrected frame stands for the last. The correction is three angles, about x, then y, then z, in degrees,
- * and a move in scene units. With dR = Rx Ry Rz of the angles, rotation R and origin o of the pose become transpose(dR)
- * R and o + move. A renderer takes such a pose as ern_frame_input.head_pose: the torso keeps the pose of the clip. The
- * pose stays as it is where ern_model_info.cameras is 0. */
+/* Applies the correction that training found for the pose of a training frame, in place; the model stays as it is.
+ * pose: a camera pose in scene units (ern_camera_pose). index: the training frame, counted from 0 in the order of the
+ * frames of split 0 (of transforms_train.json, for a clip); any past the last corrected frame stands for the last. The
+ * correction is three angles, about x, then y, then z, in degrees, and a move in scene units. With dR = Rx Ry Rz of the
+ * angles, rotation R and origin o of the pose become transpose(dR) R and o + move. A renderer takes such a pose as
+ * ern_frame_input.head_pose: the torso keeps the pose of the clip. The pose stays as it is where ern_model_info.cameras
+ * is 0. */
 ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
 
 /* Corrects the pose of a frame that was not trained on, in place, by those of the training frames near it in time: the

@@ -22,8 +22,8 @@ typedef struct ern_box {
 
 /* How a frame goes into a picture of another aspect. It is never distorted. */
 typedef enum ern_fit {
-  ERN_FIT_CONTAIN = 0, /* all of it is in the picture, which goes on beside it */
-  ERN_FIT_COVER = 1    /* it fills the picture, and what goes beyond is cut off, as much on either side */
+  ERN_FIT_CONTAIN = 0, /* the whole frame is visible; its edge pixels are repeated where it leaves the picture empty */
+  ERN_FIT_COVER = 1    /* the frame fills the picture; what lies outside is cut off, as much on either side */
 } ern_fit;
 
 /* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1, else the
@@ -112,7 +112,8 @@ typedef struct ern_render_options {
   int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and warns */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
   float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
-  float transmittance_stop; /* a ray ends where less light than this is left, 0..1; default 1e-4 */
+  float transmittance_stop; /* a ray ends where less light than this is left, 0..1; default 1e-4, as in training.
+                               `ernerf render` has 3e-3, which is faster and less accurate */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
                                and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
@@ -142,11 +143,12 @@ ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a p
 ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features,
                                                       const char *name);
 
-/* Fewer samples, less accuracy: from now on the renderer skips occupancy cells whose density (per unit of length) is
- * below `density` at all 8 test points, for all of `count` inputs of the speech to come (audio windows and an eye value
- * each). For example, where samples are 0.027 apart, a skipped sample of density 0.1 would have absorbed 0.3 % of the
- * light. windows: [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one
- * before; density 0 skips nothing. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+/* Fewer samples, less accuracy: from now on the renderer skips cells of the occupancy grid whose density (per scene
+ * unit) is below `density` at all 8 points of the cell at which it is evaluated, for all of `count` inputs of the
+ * speech to come (audio windows and an eye value each). For example, where samples are 0.027 apart, a skipped sample of
+ * density 0.1 would have absorbed 0.3 % of the light. windows: [count][8][window_length][width] (ern_audio_windows);
+ * eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors: ERN_E_ARGUMENT,
+ * ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -197,14 +199,16 @@ static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer 
  * its pose, speech and eyes do not tell, such as where the body was. */
 #define ERN_INDIVIDUAL_MEAN SIZE_MAX
 
-/* Plain data, may grow. */
+/* A program sets what it does not use to 0, and `individual` to ERN_INDIVIDUAL_MEAN where the frame is no training
+ * frame. Plain data, may grow. */
 typedef struct ern_frame_input {
-  ern_camera camera;         /* of the picture */
-  const float *head_pose;    /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
-  const float *windows;      /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
-  int window_length;         /* 1..16, that of ern_model_info where it is known */
-  float eye;                 /* 0 open .. 1 closed; ignored by a model without an eye branch */
-  size_t individual;         /* row of the individual codes, or ERN_INDIVIDUAL_MEAN */
+  ern_camera camera;      /* of the picture */
+  const float *head_pose; /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
+  const float *windows;   /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
+  int window_length;      /* 1..16, that of ern_model_info where it is known */
+  float eye;              /* 0 open .. 1 closed; ignored by a model without an eye branch */
+  size_t individual; /* 0..ern_model_info.codes - 1: the individual code of that training frame; ERN_INDIVIDUAL_MEAN:
+                        the mean of all, for any other frame. Ignored by a model without codes */
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso;      /* [height][width][4] RGBA drawn between background and head; NULL: none. A model with a
                                 torso draws its own over it. */
@@ -213,13 +217,14 @@ typedef struct ern_frame_input {
       silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
 } ern_frame_input;
 
-/* Where to put the result; NULL members are not computed into. Memory is the caller's. Plain data, may grow. */
+/* Where to put the result; what a NULL member stands for is not computed. Memory is the caller's. Plain data, may grow.
+ */
 typedef struct ern_frame_output {
   uint8_t *rgba;    /* [height][width][4]; alpha 255 over a background, else straight (not premultiplied) */
   float *rgb;       /* [height][width][3] in [0, 1]; premultiplied where there is no background */
-  float *alpha;     /* [height][width] of the whole picture */
-  float *opacity;   /* [height][width] of the head alone: sum of weights */
-  float *depth;     /* [height][width] sum of weight * distance, scene units */
+  float *alpha;     /* [height][width], 0..1, of the whole picture */
+  float *opacity;   /* [height][width], 0..1, of the head alone: sum of weights */
+  float *depth;     /* [height][width] sum of weight * distance from the camera, scene units; 0 without samples */
   float *attention; /* [height][width] sum over samples of the audio attention's norm; zeros without one */
   float *eye;       /* [height][width] sum over samples of the eye attention; zeros without one */
 } ern_frame_output;

@@ -13,9 +13,10 @@ extern "C" {
 #endif
 
 /* The built-in kind of features: 13 mel-frequency cepstral coefficients a row, 50 rows a second. The power of a row is
- * divided by a level, the largest power of the rows so far; the level decays with a time constant of 10 s
- * (docs/speech.md, "cepstra-1"). Values have no unit and are about -3 to 3. Models that were trained on this kind have
- * the name in ern_model_info.speech; ern_clip_options.asr_model calls the kind "cepstra". */
+ * divided by a level, the largest power of the rows so far; the level decays with a time constant of 10 s while
+ * a row is within 30 dB of it (docs/speech.md, "cepstra-1"). Values have no unit and are about -3 to 3. Models that
+ * were trained on this kind have the name in ern_model_info.speech; ern_clip_options.asr_model calls the kind
+ * "cepstra". */
 #define ERN_SPEECH_CEPSTRA "cepstra-1"
 enum { ERN_SPEECH_WIDTH = 13 }; /* coefficients a row */
 

@@ -26,6 +26,7 @@ struct report {
   char first_reason[REASON_BYTES];
   ern_pose_list lists[2]; /* by ern_split; empty where they could not be read */
   bool poses, blink, torso, landmarks;
+  bool lacks; /* a sentence told of something that is missing or wrong */
   const char *features_name;
   const char *speech; /* kind of the features */
 };
@@ -38,6 +39,7 @@ static void tell(struct report *report, int ok, const char *format, ...) {
   vsnprintf(sentence, sizeof sentence, format, arguments);
   va_end(arguments);
   report->say(report->user, ok, sentence);
+  report->lacks = report->lacks || ok != THERE;
 }
 
 /* Says the last error and what helps. */
@@ -336,6 +338,16 @@ static void check_sound(struct report *report) {
   ern_sound_free(report->context, &sound);
 }
 
+/* The other sentences name the public script, process.py, which did not make such a clip. */
+static void tell_of_prepare(struct report *report) {
+  bool there = false;
+  const ern_status status = ern_clip_has(report->context, report->folder, "prepare.json", &there);
+  if (status != ERN_OK || !there || !report->lacks) return;
+  tell(report, THERE,
+       "prepare.json: `ernerf prepare` made this clip; the same call again, `ernerf prepare VIDEO -o CLIP` with its "
+       "options, makes the files that are missing.");
+}
+
 static void summarise(struct report *report) {
   if (report->first != ERN_OK) {
     tell(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
@@ -374,6 +386,7 @@ ern_status ern_clip_check(ern_context *context, const char *folder,
     check_frames(&report);
     check_blink(&report);
     check_sound(&report);
+    tell_of_prepare(&report);
     summarise(&report);
   }
   ern_pose_list_free(context, &report.lists[ERN_SPLIT_TRAIN]);

@@ -181,6 +181,7 @@ int cmd_compare(int argc, char **argv) {
   memory->help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
   session_compute_options(&c.session, common);
   session_output_options(&c.session, common + SESSION_COMPUTE_OPTIONS);
+  args_unlist(&args, "smooth_lips");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&c, &args);
   set_inputs(&c);

@@ -35,8 +35,8 @@ static int make(struct session *session, ern_synth_options *options, const char 
     return session_stop_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
   if (options->video != NULL) session_note(session, "%s: the same as a video", options->video);
-  session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s -o head.safetensors", folder, drawing.frames,
-               options->size, options->size, folder);
+  session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s --time 10m -o portrait.safetensors", folder,
+               drawing.frames, options->size, options->size, folder);
   return session_report(
       session, json_pack("{s:o, s:o*, s:i, s:i, s:o, s:b, s:b, s:b, s:b, s:o}", "output", session_text(folder), "video",
                          options->video != NULL ? session_text(options->video) : NULL, "size", options->size, "frames",

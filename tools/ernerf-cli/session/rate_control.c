@@ -33,8 +33,8 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
        .kind = OPTION_CHOICE,
        .target = &g->quality,
        .choices = "exact|balanced|draft",
-       .help =
-           "measured settings by name: the most accurate, the fastest within 40 dB of the exact render, the fastest"},
+       .help = "measured settings by name: the most accurate; the fastest whose frames have a PSNR of 40 dB or more "
+               "against those; the fastest"},
       {.name = "front",
        .kind = OPTION_TEXT,
        .target = &g->front,

@@ -83,9 +83,11 @@ static int make(struct prepare_job *job) {
   for (size_t i = 0, used = 0; i < ERN_PREPARE_STEPS; i++)
     if (result.verdicts[i].step == NULL)
       used += (size_t)snprintf(left + used, sizeof left - used, "%s%s", used > 0 ? ", " : "", steps[i]);
-  session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
-               options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
-               left[0] == 0 ? " -o head.safetensors" : ", for the steps that are left or of earlier results: ", left);
+  session_note(
+      session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
+      options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
+      left[0] == 0 ? " --time 10m -o portrait.safetensors" : ", for the steps that are left or of earlier results: ",
+      left);
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
                                   session_text(job->folder), "frames", (json_int_t)result.frames, "size", options->side,
