@@ -59,7 +59,10 @@ typedef struct ern_model ern_model;
 /* Reads a .safetensors file of this library, or a .pth checkpoint of the public program, which is the PyTorch program
  * that the authors of ER-NeRF published. The file's content decides which it is, not its name. A .pth is the zip that
  * torch.save writes since PyTorch 1.6; nothing in it is executed. Every tensor must be there, with its shape and finite
- * values, else the error text names the first that is wrong. On success the caller owns *model. */
+ * values, else the error text names the first that is wrong. ERN_E_MISSING: no file, or a tensor is not in it.
+ * ERN_E_IO: it cannot be read. ERN_E_FORMAT: it has neither form, or its metadata is wrong. ERN_E_SHAPE: a tensor has
+ * another shape. ERN_E_NONFINITE: a value is not finite. ERN_E_MISMATCH: a tensor has another type, or a constant
+ * another value. ERN_E_UNSUPPORTED: a form that this version does not read. On success the caller owns *model. */
 ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *context, const char *path);
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 

@@ -16,10 +16,10 @@ extern "C" {
 
 /* ---- what is trained on ------------------------------------------------------------------------------------------ */
 
-/* Plain data, may grow: it is the library's, all zeros when the callback gets it. */
+/* The library owns it and sets it to zero before the callback, which fills in what it knows. Plain data, may grow. */
 typedef struct ern_dataset_frame {
   float matrix[16];   /* camera to world, row-major, as in a transforms file (ern_pose) */
-  int64_t aud_id;     /* row of the features, >= 0, clamped to the last one */
+  int64_t aud_id;     /* index of its window of the features (25 a second), >= 0; past the end: the last one */
   float eye;          /* 0 open .. 1 closed */
   bool has_face;      /* `face` is known */
   ern_box face;       /* pixels, as the next two: box of the landmarks, integer-truncated minima and maxima; unused
@@ -39,6 +39,8 @@ typedef enum ern_ray_sampling {
                                (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
+
+#define ERN_SPEECH_NOISE_MOST 10 /* ern_dataset.speech_noise */
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
  * pointers must outlive the trainer. ern_trainer_create checks all members, the sizes and values of the features, and
@@ -77,6 +79,8 @@ typedef struct ern_dataset {
    * value not known; head NULL: no pixel is known. The callback's memory, valid until its next call. The callback may
    * be NULL: no pixel of any frame is known. */
   ern_status (*head)(void *user, int split, size_t index, const uint8_t **head);
+  float speech_noise; /* data augmentation, 0..ERN_SPEECH_NOISE_MOST: in each training step each number of the speech
+                         gets noise with this standard deviation, in units of that feature's own over the clip */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
@@ -86,9 +90,10 @@ typedef struct ern_dataset {
 typedef enum ern_precision {
   ERN_PRECISION_DEFAULT = 0, /* resuming: as in the state; else fp32 */
   ERN_PRECISION_FP32 = 1,
-  ERN_PRECISION_BF16 = 2, /* ERN_E_UNSUPPORTED where ERN_PRECISION_AUTO would choose fp32 */
-  ERN_PRECISION_AUTO = 3  /* bf16 where the backend's instruction set is avx512bf16; fp32 elsewhere, for a torso and for
-                             the heads of the ablation. A backend of isa "auto" has avx512bf16 only where it is faster */
+  ERN_PRECISION_BF16 = 2, /* ERN_E_UNSUPPORTED where it is not possible, see ERN_PRECISION_AUTO */
+  ERN_PRECISION_AUTO = 3  /* bf16 where it is possible: where the backend's instruction set is avx512bf16, for a head
+                             with the default backbone and attentions; else fp32. A backend of isa "auto" has avx512bf16
+                             only where it is faster */
 } ern_precision;
 
 #define ERN_FRAMES_PER_STEP_MOST 64 /* ern_train_config.frames_per_step */
@@ -98,10 +103,11 @@ typedef enum ern_precision {
  * Plain data, final. */
 typedef struct ern_fine_loss {
   const char *name; /* of the loss and its network, 1..31 bytes; a training state keeps it */
-  /* pixel, truth [3][side][side], red, green, blue; truth is in 0..1. Overwrites *loss and dpixel (d loss/d pixel, of
-   * that shape), both without a weight: the trainer multiplies by fine_weight or fine_lips_weight and takes the mean
-   * over the patches. Called once a patch, by the thread that calls the trainer. A status other than ERN_OK ends the
-   * step with it. Where there is a fine stage, ern_trainer_create calls it once, on zeros. */
+  /* pixel (rendered), truth (recorded): [3][side][side], planes of red, green, blue; truth is in 0..1. Overwrites *loss
+   * and dpixel (d loss/d pixel, of that shape), both without a weight: the trainer multiplies by fine_weight or
+   * fine_lips_weight and takes the mean over the patches. Called once a patch, by the thread that calls the trainer. A
+   * status other than ERN_OK ends the step with it. Where there is a fine stage, ern_trainer_create calls it once, on
+   * zeros. */
   ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
   void *user; /* handed to `compute` */
 } ern_fine_loss;
@@ -294,10 +300,10 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
  * overwrite is set. ERN_E_NONFINITE: a pose or feature is not finite. ERN_E_MISMATCH: the state or the head belongs to
  * another clip or configuration. ERN_E_STATE: the state to resume is beyond `iters`, or that of `from` at `iters` or
  * beyond. ERN_E_SHAPE: a member of `copies` has another shape than `features`.
- * A resume must have its state's speech features, copies, copy_share, data_begin, data_end, ern_dataset.has_torso,
- * refine_poses, scale, audio_pad and dt_gamma, and a torso's its torso_shrink; other changes (rates, rays, seed, iters,
- * intervals, max_steps, precision) are logged. A torso must have its head's scale, audio_pad, dt_gamma and max_steps.
- * Differences from the file of `from` are logged. */
+ * A resume must have its state's speech features, copies, copy_share, speech_noise, data_begin,
+ * data_end, ern_dataset.has_torso, refine_poses, scale, audio_pad and dt_gamma, and a torso's its torso_shrink; other
+ * changes (rates, rays, seed, iters, intervals, max_steps, precision) are logged. A torso must have its head's scale,
+ * audio_pad, dt_gamma and max_steps. Differences from the file of `from` are logged. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
                                                           const ern_dataset *dataset, size_t dataset_bytes,
                                                           const ern_train_config *config);
@@ -354,9 +360,11 @@ typedef struct ern_train_hooks {
   ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 
-/* Steps until config.iters, or until config.seconds are past, saving and validating on the way and at the end. Where a
- * validation fails, a save that is due at the same step is made before the error is returned, unless that is
- * ERN_E_NONFINITE or ERN_E_DEVICE; after ERN_E_CANCELLED it is due at any step. hooks NULL: none. */
+/* Trains until `iters` steps are done or `seconds` have passed. Blocks, saves and validates at the intervals of the
+ * configuration and at the end. Where hooks->progress returns a value other than 0, it stops: the state is saved, and
+ * the result is ERN_E_CANCELLED. Where a validation fails, a save that is due at the same step is made before the error
+ * is returned, unless that is ERN_E_NONFINITE or ERN_E_DEVICE; after ERN_E_CANCELLED it is due at any step. hooks NULL:
+ * none. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {
@@ -368,7 +376,8 @@ static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, con
  * moved or replaced, or `output` is a relative name and the program has changed its working folder. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_save(ern_trainer *trainer);
 
-/* A copy of the model as it stands; with `ema` too it has the weights, not their average. The caller owns it. */
+/* A copy of the weights as they are; the caller owns it. With `ema` this is not the average: ern_trainer_save writes
+ * that to `output`, which ern_model_load reads. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_model(ern_trainer *trainer, ern_model **model);
 
 /* The folder X.run, NULL without an output. Lives as long as the trainer. */

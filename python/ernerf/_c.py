@@ -175,7 +175,8 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
                 ("width", c_int), ("height", c_int), ("scale", c_float), ("has_eye", c_bool), ("has_torso", c_bool),
                 ("features", POINTER(Features)), ("background", POINTER(c_uint8)), ("frame", c_void_p),
                 ("pixels", c_void_p), ("identity", c_char_p), ("copies", POINTER(Features)), ("copy_count", c_size_t),
-                ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p), ("head", c_void_p)]
+                ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p), ("head", c_void_p),
+                ("speech_noise", c_float)]
 
 
 class TrainConfig(Structure):

@@ -19,7 +19,8 @@ typedef enum ern_purpose {
   ERN_RNG_SPEECH,
   ERN_RNG_PATCH,
   ERN_RNG_BACKGROUND,
-  ERN_RNG_PRUNE
+  ERN_RNG_PRUNE,
+  ERN_RNG_SPEECH_NOISE
 } ern_purpose;
 
 struct ern_random {

@@ -317,7 +317,8 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
   const bool fine = about->fine_from < about->step; /* it has begun */
   const bool planned = about->fine_from != UINT64_MAX || about->fine_share > 0;
   const struct change strict[] = {
-      {"the SHA-256 of the speech features and their copies (--speech-copies, --speech-warp, --speech-share)",
+      {"the SHA-256 of the speech features and their augmentation (--speech-copies, --speech-warp, --speech-share, "
+       "--speech-noise)",
        word(about->features), word(t->features)},
       {"data_begin", count(about->data_begin), count(c->data_begin)},
       {"data_end", count(about->data_end), count(c->data_end)},

@@ -115,10 +115,11 @@ struct ern_trainer {
   ern_communicator together;      /* size 1: this process is alone */
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
-  struct ern_pool *pool; /* for work on the host */
-  int32_t *host_pixels;  /* [rays] */
-  float *host_rows;      /* [9][rays]: truth, background, face, jitter, rigid */
-  float *host_windows;   /* [8][window_length][width] */
+  struct ern_pool *pool;   /* for work on the host */
+  int32_t *host_pixels;    /* [rays] */
+  float *host_rows;        /* [9][rays]: truth, background, face, jitter, rigid */
+  float *host_windows;     /* [8][window_length][width] */
+  float *speech_deviation; /* [width]: standard deviations of the features; NULL without noise */
 };
 
 /* What one step trains on, or a part of it: a frame and rays of it, on the backend (scratch). */
@@ -217,10 +218,6 @@ ERN_NODISCARD ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t c
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
 /* Frame k of ern_trainer_step_frames. */
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
-/* The speech of a frame, of a training frame as part k of the step hears it. */
-ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host);
-/* The same of a training frame, uploaded to `windows` (taken from scratch). */
-ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 /* The camera of a frame. */
 ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view);
 /* A training frame of [data_begin, data_end), by a random word. */
@@ -229,6 +226,14 @@ size_t ern_trainer_pick(const ern_trainer *t, uint32_t word);
 static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
   return t->model->field.config.codes > 0 ? frame : 0;
 }
+
+/* trainer_speech.c */
+ERN_NODISCARD ern_status ern_trainer_speech_make(ern_trainer *t);
+/* The speech of a frame: host [8][window_length][width]. */
+ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host);
+/* That of a training frame for part k of the step, with data augmentation, uploaded to `windows` (taken from scratch).
+ */
+ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 
 /* trainer_poses.c (docs/maths.md, "Poses") */
 /* Nothing where config.refine_poses is not set. */

@@ -31,50 +31,6 @@ size_t ern_trainer_pick(const ern_trainer *t, uint32_t word) {
   return t->config.data_begin + ern_below(word, (uint32_t)(t->config.data_end - t->config.data_begin));
 }
 
-/* The speech, or one of its copies. */
-static const ern_features *heard_in_step(const ern_trainer *t, size_t k) {
-  if (t->data.copy_count == 0) return t->data.features;
-  const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_SPEECH);
-  if (!(ern_uniform(random.word[0]) < t->data.copy_share)) return t->data.features;
-  return &t->data.copies[ern_below(random.word[1], (uint32_t)t->data.copy_count)];
-}
-
-/* --audio-pad edge: by row of the feature file; zero: by place in the split, as the public code. */
-ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, size_t k, float *host) {
-  const ern_features *features = split == 0 ? heard_in_step(t, k) : t->data.features;
-  ern_dataset_frame about;
-  ern_status status = ern_trainer_frame(t, split, frame, &about);
-  if (status != ERN_OK) return status;
-  if (t->config.audio_pad == ERN_AUDIO_PAD_EDGE) {
-    const int64_t last = (int64_t)features->windows - 1;
-    ern_audio_windows(host, features, about.aud_id < last ? about.aud_id : last, ERN_AUDIO_PAD_EDGE);
-    return ERN_OK;
-  }
-  const size_t size = (size_t)features->window_length * (size_t)features->width;
-  for (int w = 0; w < ERN_AUDIO_WINDOWS && status == ERN_OK; w++) {
-    const int64_t at = (int64_t)frame - 4 + w;
-    float *to = host + (size_t)w * size;
-    memset(to, 0, size * sizeof *to);
-    if (at < 0 || at >= (int64_t)t->data.frames[split]) continue;
-    status = ern_trainer_frame(t, split, (size_t)at, &about);
-    if (status != ERN_OK) break;
-    const int64_t last = (int64_t)features->windows - 1, row = about.aud_id < last ? about.aud_id : last;
-    memcpy(to, features->data + (size_t)row * size, size * sizeof *to);
-  }
-  return status;
-}
-
-ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows) {
-  const size_t values =
-      (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width;
-  ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_windows(t, 0, frame, k, t->host_windows));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, values, windows));
-  ERN_TRY(t->backend->upload_reals(t->stream, *windows, t->host_windows, values));
-fail:
-  return status;
-}
-
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
 enum { MOST_TILES = 4096 /* of a picture */, LEAST_TILE = 16 /* pixels a side */ };

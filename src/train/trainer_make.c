@@ -116,6 +116,8 @@ static ern_status check_features(ern_context *context, const ern_features *featu
 
 static ern_status check_all_features(ern_context *context, const ern_dataset *d) {
   ern_status status = check_features(context, d->features);
+  if (status == ERN_OK)
+    status = check_range(context, "speech_noise", (double)d->speech_noise, 0, ERN_SPEECH_NOISE_MOST);
   if (status != ERN_OK || d->copy_count == 0) return status;
   if (d->copies == NULL || !(d->copy_share >= 0 && d->copy_share <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "train: %zu copies of the speech%s, share %g, expected 0 to 1",
@@ -392,9 +394,7 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
   ERN_TRY(ERN_NEW(t->context, 9 * rays, &t->host_rows));
-  ERN_TRY(ERN_NEW(t->context,
-                  (size_t)ERN_AUDIO_WINDOWS * (size_t)t->data.features->window_length * (size_t)t->data.features->width,
-                  &t->host_windows));
+  ERN_TRY(ern_trainer_speech_make(t));
   ERN_TRY(ern_trainer_parts_make(t));
 fail:
   return status;
@@ -416,7 +416,7 @@ static ern_status check_average(const ern_trainer *t) {
                   c->iters, every, updates, least, shorter, (done + missing) * every);
 }
 
-/* Of the speech; where there are copies, of that, of each copy and of how often they are heard. */
+/* Of the speech; where there is data augmentation, of that, of each copy and of how they are drawn. */
 static void name_features(ern_trainer *t) {
   const ern_features *f = t->data.features;
   const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
@@ -425,6 +425,10 @@ static void name_features(ern_trainer *t) {
   for (size_t k = 0; k < t->data.copy_count; k++) {
     ern_sha256_hex(t->data.copies[k].data, bytes, copy);
     const int length = snprintf(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
+    ern_sha256_hex(text, (size_t)length, t->features);
+  }
+  if (t->data.speech_noise > 0) {
+    const int length = snprintf(text, sizeof text, "%s%a", t->features, (double)t->data.speech_noise);
     ern_sha256_hex(text, (size_t)length, t->features);
   }
 }
@@ -567,6 +571,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_release(t->context, t->host_pixels);
   ern_release(t->context, t->host_rows);
   ern_release(t->context, t->host_windows);
+  ern_release(t->context, t->speech_deviation);
   ern_release(t->context, t->output);
   ern_model_free(&t->model);
   ern_release(t->context, t);

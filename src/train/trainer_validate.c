@@ -54,7 +54,7 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   ERN_TRY(ern_trainer_frame(t, split, frame, &about));
   ERN_TRY(ern_trainer_pixels(t, split, frame, truth, &torso));
   ERN_TRY(ern_trainer_view(t, split, frame, &view));
-  ERN_TRY(ern_trainer_windows(t, split, frame, 0, t->host_windows));
+  ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
   ern_frame_input input = {
       .camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
       .windows = t->host_windows,

@@ -209,6 +209,9 @@ static void expect_kinds(const json_t *trainings, bool landmarks) {
   const char *sampling = landmarks ? "regions" : "uniform";
   expect_kind(trainings, NULL, sampling, 0, "fp32");
   expect_kind(trainings, "as published", "uniform", 16, "fp32");
+  const json_t *timed = training_of(trainings, "as train --time, 512 rays");
+  assert_non_null(timed);
+  assert_true(number(timed, "rays") == 512);
   if (landmarks) expect_kind(trainings, "uniform rays", "uniform", 0, "fp32");
   assert_true(landmarks || training_of(trainings, "uniform rays") == NULL); /* the base is one */
   if (ern_isa_available(ERN_ISA_AVX512BF16)) expect_kind(trainings, "bf16", sampling, 0, "bf16");

@@ -91,12 +91,16 @@ static void test_copies(void **state) {
   config.resume = true;
   m.data.copy_share = 0.25f;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "copied.run",
-                 "speech features and their copies", NULL);
+                 "speech features and their augmentation", NULL);
   m.data.copy_share = 0.5f;
   spoken[5] += 1;
-  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "their copies",
-                 NULL);
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH,
+                 "their augmentation", NULL);
   spoken[5] -= 1;
+  m.data.speech_noise = 0.5f;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "--speech-noise",
+                 NULL);
+  m.data.speech_noise = 0;
   support_ok(m.context, train(&m, &config, NULL));
   expect_same("whole.safetensors", "copied.safetensors");
   made_close(&m);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * ernerf tradeoff --training: what the next decibel of a training costs, by rays a step, where they go, levels and
  * what computes. Each kind of training gets the same seconds; one thing is changed at a time, but for the published
- * way. */
+ * way and that of `train --time`. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -18,6 +18,7 @@
 #include "output/training_report.h"
 #include "session/clip_source.h"
 #include "session/pareto.h"
+#include "timed_training.h"
 #include "verbs.h"
 
 enum {
@@ -25,7 +26,8 @@ enum {
   PROBE_STEPS = 48,
   PROBE_WARM = 4,
   POINTS = 10,
-  PUBLISHED_REFRESH = 16 /* steps */
+  PUBLISHED_REFRESH = 16,               /* steps */
+  LEAST_AVERAGED = 10 * TIMED_EMA_EVERY /* steps that an average needs */
 };
 
 struct training_job {
@@ -171,6 +173,11 @@ static int choose_kinds(struct training_job *job) {
     snprintf(kind.name, sizeof kind.name, "%s", k == 0 ? "uniform rays" : "as published");
     add_kind(study, kind);
   }
+  struct training_kind timed = base;
+  timed.timed = true;
+  timed.rays = TIMED_RAYS;
+  snprintf(timed.name, sizeof timed.name, "as train --time, %d rays", timed.rays);
+  add_kind(study, timed);
   if (job->in_double) {
     struct training_kind kind = base;
     snprintf(kind.isa, sizeof kind.isa, "ref64");
@@ -233,6 +240,12 @@ static ern_status make_trainer(struct training_job *job, const struct training_k
   ern_clip_dataset(job->clip, &dataset);
   config.iters = iters;
   config.validate_every = iters / POINTS > 0 ? iters / POINTS : 1;
+  if (kind->timed) {
+    config.ema = iters >= LEAST_AVERAGED;
+    config.ema_every = TIMED_EMA_EVERY;
+    config.prune_share = TIMED_PRUNE_SHARE;
+    config.refine_poses = true;
+  }
   return ern_trainer_create(&job->trainer, backend, &dataset, &config);
 }
 

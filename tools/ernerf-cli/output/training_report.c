@@ -150,7 +150,8 @@ static void add_table(const struct training_study *study, struct bytes *text) {
               "without\n"
               "landmarks of three validation frames in which it moves. As published: rays anywhere alike, and a look "
               "at all of\n"
-              "the occupancy each 16 steps.\n\n"
+              "the occupancy each 16 steps. As train --time: small steps, the average of the weights, pruning, refined "
+              "poses.\n\n"
               "| training | steps | steps/s | PSNR at the end, dB | mouth's motion explained at the end |",
               study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
               study->frames == 1 ? "" : "s", study->processor, study->cores);

@@ -19,6 +19,7 @@ struct training_kind {
   ern_ray_sampling ray_sampling;
   uint64_t refresh_every; /* as of ern_train_config */
   bool opencl, bf16;
+  bool timed;   /* as `train --time` chooses */
   char isa[24]; /* "": the base's */
   uint64_t iters;
   struct curve curve[TRAINING_SEEDS]; /* validations at the same steps for all seeds */

@@ -8,17 +8,14 @@
 #include <unistd.h>
 
 #include "ernerf/speech.h"
+#include "timed_training.h"
 #include "verbs.h"
 #include "verbs/consent.h"
 #include "verbs/head_and_torso.h"
 #include "verbs/inherit.h"
 #include "verbs/train_options.h"
 
-/* Found by trying (docs/history-small-steps.md). On an OpenCL device and among processes each step has a fixed
- * cost, and a patch of the fine stage has more than 512 rays: there steps are larger. */
-enum { TIMED_RAYS = 512, TIMED_RAYS_AT_ONCE = 2048, TIMED_FRAMES_AT_ONCE = 4, TIMED_EMA_EVERY = 40 };
 enum { PREVIEW_SECONDS = 180 };
-static const float timed_prune_share = 0.3f;
 
 enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
 
@@ -47,7 +44,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
     status = args_forbid(
         args,
         "levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
-        "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_COPIES_NAMES,
+        "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_AUGMENTATION_NAMES,
         "is the head's, and --torso leaves the head alone");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
@@ -128,7 +125,7 @@ static void choose_timed(const struct train_job *job, const struct args *args, e
   if (config->torso) return;
   if (!args_given(args, "frames-per-step") && at_once)
     config->frames_per_step = config->rays < TIMED_FRAMES_AT_ONCE ? config->rays : TIMED_FRAMES_AT_ONCE;
-  if (!args_given(args, "prune-occupancy")) config->prune_share = timed_prune_share;
+  if (!args_given(args, "prune-occupancy")) config->prune_share = TIMED_PRUNE_SHARE;
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 
@@ -201,8 +198,8 @@ static int open_clip(struct train_job *job, const struct args *args) {
   if (inherit_speech(&job->session, job->head, job->head_path, job->has_from ? &job->from : NULL, earlier, job->clip) !=
       0)
     return EXIT_FAILURE;
-  if (job->paper && !args_given(args, "speech-copies")) job->copies.count = 0;
-  const int status = job->config.torso ? 0 : speech_copies_make(&job->copies, &job->session, args, job->clip);
+  const int status =
+      job->config.torso ? 0 : speech_augmentation_make(&job->speech, &job->session, args, job->paper, job->clip);
   if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
   if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
@@ -310,7 +307,8 @@ static int open_all(struct train_job *job, const struct args *args) {
     return session_fail_with(session, "%s/parsing: is missing, and --head-background random needs it",
                              job->source.path);
   ern_clip_dataset(job->clip, &dataset);
-  dataset.copy_share = job->copies.share;
+  dataset.copy_share = job->speech.share;
+  dataset.speech_noise = job->speech.noise;
   take_effects(job, args, &dataset);
   if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job, args)) != 0) return status;
   dataset.scale = job->scale;
@@ -432,7 +430,8 @@ int cmd_train(int argc, char **argv) {
       .verb = "train",
       .summary = "Learns a head from a preprocessed clip, or the torso under it.",
       .usage =
-          "train CLIP -o head.safetensors\n"
+          "train CLIP --time 10m -o portrait.safetensors\n"
+          "  ernerf train CLIP -o head.safetensors\n"
           "train CLIP --torso --head head.safetensors -o portrait.safetensors\n"
           "train CLIP --time 10m -o portrait.safetensors",
       .notes =

@@ -72,8 +72,9 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
       {.name = "paper",
        .kind = OPTION_FLAG,
        .target = &job->paper,
-       .help = "the published schedule, where no option says otherwise: 100000 steps of 65536 rays anywhere alike, "
-               "--refresh-every 16, no copies of the speech"},
+       .help =
+           "the published schedule, where no option says otherwise: 100000 steps of 65536 rays anywhere alike, "
+           "--refresh-every 16, --head-background clip, --torso-background clip, no data augmentation of the speech"},
       {.name = "resume",
        .kind = OPTION_FLAG,
        .target = &config->resume,
@@ -140,7 +141,8 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_CHOICE,
        .target = &job->attention,
        .choices = "channel|feature|concat",
-       .help = "how speech reaches it: weighed by channel, as a whole, or not at all"},
+       .help = "how the audio code enters at a position: each number times a weight of its own, all times one weight, "
+               "or as it is"},
       {.name = "eye-attention",
        .kind = OPTION_CHOICE,
        .target = &job->eye_attention,
@@ -193,8 +195,10 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .kind = OPTION_CHOICE,
        .target = &job->ray_sampling,
        .choices = "regions|uniform",
-       .help = "where the rays of a head go: where the clip has landmarks 30 of 100 through the lower face, and 10 "
-               "through the eyes, whose blinks are shown more often; or anywhere alike as published (default regions)"},
+       .help =
+           "where the rays of a head go: where the clip has landmarks 30 of 100 through the lower face, 10 "
+           "through the eyes, whose blinks are shown more often, and where it has parsing/ 20 through the head and 10 "
+           "along its edge; or anywhere alike as published (default regions)"},
       {.name = "frames-per-step",
        .kind = OPTION_INT,
        .target = &config->frames_per_step,
@@ -285,7 +289,7 @@ void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_
        .target = &job->source.features,
        .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
   };
-  ARGS_FILL(options, rows, TRAIN_CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_COPIES_OPTIONS);
+  ARGS_FILL(options, rows, TRAIN_CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_AUGMENTATION_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
-  speech_copies_options(&job->copies, options + sizeof rows / sizeof *rows + CLIP_SOURCE_OPTIONS);
+  speech_augmentation_options(&job->speech, options + sizeof rows / sizeof *rows + CLIP_SOURCE_OPTIONS);
 }

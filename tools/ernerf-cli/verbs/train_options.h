@@ -11,14 +11,14 @@
 #include "session/effects.h"
 #include "session/session.h"
 #include "verbs/fine_stage.h"
-#include "verbs/speech_copies.h"
+#include "verbs/speech_augmentation.h"
 #include "verbs/together.h"
 #include "verbs/validations.h"
 
 enum {
   TRAIN_GOAL_OPTIONS = 24,
   TRAIN_NUMBER_OPTIONS = 28,
-  TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_COPIES_OPTIONS
+  TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_AUGMENTATION_OPTIONS
 };
 
 struct train_job {
@@ -36,7 +36,7 @@ struct train_job {
   bool torso_anew;      /* what the torso could be resumed from is of another head */
   bool torso_follows;   /* the head is trained, and its torso will be, or is */
   bool paper;
-  struct speech_copies copies;
+  struct speech_augmentation speech;
   struct validations validations;
   struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ * Data augmentation of the speech that a head is trained on: copies in other voices, and noise. */
+#ifndef ERN_CLI_SPEECH_AUGMENTATION_H
+#define ERN_CLI_SPEECH_AUGMENTATION_H
+
+#include "ernerf/media.h"
+#include "session/session.h"
+
+struct speech_augmentation {
+  /* from the command line */
+  int copies;        /* 0: none */
+  struct pair range; /* of the frequencies' factor */
+  float share;       /* of the steps that use a copy */
+  float noise;       /* ern_dataset.speech_noise */
+};
+
+#define SPEECH_AUGMENTATION_NAMES "speech-copies speech-warp speech-share speech-noise"
+enum { SPEECH_AUGMENTATION_OPTIONS = 4 };
+/* The defaults, and --speech-copies --speech-warp --speech-share --speech-noise. */
+void speech_augmentation_options(struct speech_augmentation *speech,
+                                 struct option options[SPEECH_AUGMENTATION_OPTIONS]);
+
+/* Makes the copies where the clip's features are made of a sound, else none: with a sentence where they were asked for.
+ * What was not asked for is chosen by the clip's length, or is none where `published`.
+ * Returns 0, or EXIT_FAILURE after a message. */
+int speech_augmentation_make(struct speech_augmentation *speech, struct session *session, const struct args *args,
+                             bool published, ern_clip *clip);
+
+#endif
