@@ -35,7 +35,7 @@ fi
 for header in "$source"/include/ernerf/*.h; do
   cmp -s "$header" "$root/include/ernerf/$(basename "$header")" || fail "$(basename "$header") was not installed as it is"
 done
-if [ -e "$lib/libernerf.so" ] && ldd "$lib/libernerf.so" | grep -q libOpenCL; then
+if [ -e "$lib/libernerf.so" ] && ldd "$lib/libernerf.so" | grep libOpenCL > /dev/null; then
   [ -x "$lib/ernerf/ernerf-probe-opencl" ] || fail "$LIBDIR/ernerf/ernerf-probe-opencl is not installed"
 fi
 if [ -e "$build/lib/libernerf-vision.so" ]; then # found and opened where it was moved to

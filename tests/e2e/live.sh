@@ -35,7 +35,7 @@ cmp -s -n $frame_bytes a.rgba <(tail -c $frame_bytes a.rgba) && fail "the last f
 live --audio clip/aud.wav -o live.mp4 --json live.json
 [ -s live.mp4 ] || fail "no live.mp4"
 grep -q '"frames": 33,' live.json || fail "live.json: $(head -12 live.json)"
-tail -c +45 clip/aud.wav | head -c $((5 * 1280)) > short.s16 # 5 frames of 40 ms
+head -c $((44 + 5 * 1280)) clip/aud.wav | tail -c $((5 * 1280)) > short.s16 # 5 frames of 40 ms
 live --audio short.s16 --audio-format s16le -o short.mp4 --json short.json
 grep -q '"frames": 5,' short.json || fail "short.json: $(head -12 short.json)"
 # there already: refused; what is no sound: nothing is left
