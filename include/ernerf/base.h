@@ -69,9 +69,9 @@ typedef enum ern_log_level {
  *   means; `user` of a callback always may.
  * - A function that returns ern_status answers ERN_E_ARGUMENT, before it does anything else, where another pointer is
  *   NULL, where a number or an enum is out of its range, or where a structure was not made by its
- *   ..._default function (its first member, `cookie`, tells). (A few ranges have a status of their own, which the
- * function names.) The error text of the context names what is wrong: "ern_model_load: path is NULL". The context is
- * the argument, or that of the object handed in; where that is NULL, there is the status alone.
+ *   ..._default function, which its first member, `cookie`, shows. (A few ranges have a status of their own, which the
+ *   function names.) The error text of the context names what is wrong: "ern_model_load: path is NULL". The context is
+ *   the argument, or that of the object handed in; where that is NULL, there is the status alone.
  * - After an error, a pointer through which a new object is returned (ern_model **) is NULL, and a structure that
  *   would own memory (ern_features, ern_eyes, ern_pose_list, ern_image, ern_sound) is all zeros, unless the function
  *   keeps an earlier content and says so. All other outputs are undefined: some of them may have been written.

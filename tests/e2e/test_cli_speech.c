@@ -78,7 +78,14 @@ static void test_render(void **state) {
   cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
   assert_false(cli_there("wrong.mp4"));
   cli_run(&cli, "train clip --speech-copies 0 --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
-  cli_expect(&cli, 2, "--speech-share is about copies of the speech, and --speech-copies is 0", NULL);
+  cli_expect(&cli, 2, "--speech-share is about copies of the speech, of which there are none", NULL);
+  cli_run(&cli, "train clip --paper --speech-warp 0.9,1.1 -o x.safetensors --iters 4 --rays 64");
+  cli_expect(&cli, 2, "--speech-warp is about copies of the speech, of which there are none", NULL);
+  /* the noise of a short speech is the head's alone: the torso goes on by itself too */
+  cli_run(&cli, "train clip --time 2s -o timed.safetensors --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip --torso --head timed.head.safetensors -o timed.safetensors --resume --quiet");
+  cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip --torso --head m.safetensors --speech-copies 2 -o x.safetensors");
   cli_expect(&cli, 2, "--speech-copies", "leaves the head alone", NULL);
 }

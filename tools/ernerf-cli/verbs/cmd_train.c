@@ -308,7 +308,7 @@ static int open_all(struct train_job *job, const struct args *args) {
                              job->source.path);
   ern_clip_dataset(job->clip, &dataset);
   dataset.copy_share = job->speech.share;
-  dataset.speech_noise = job->speech.noise;
+  dataset.speech_noise = job->config.torso ? 0 : job->speech.noise;
   take_effects(job, args, &dataset);
   if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job, args)) != 0) return status;
   dataset.scale = job->scale;
@@ -431,9 +431,8 @@ int cmd_train(int argc, char **argv) {
       .summary = "Learns a head from a preprocessed clip, or the torso under it.",
       .usage =
           "train CLIP --time 10m -o portrait.safetensors\n"
-          "  ernerf train CLIP -o head.safetensors\n"
-          "train CLIP --torso --head head.safetensors -o portrait.safetensors\n"
-          "train CLIP --time 10m -o portrait.safetensors",
+          "train CLIP -o head.safetensors\n"
+          "train CLIP --torso --head head.safetensors -o portrait.safetensors",
       .notes =
           "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
           "X.run holds state.safetensors and its predecessor, log.jsonl, measures.csv, curve.csv and its plots over\n"

@@ -61,8 +61,9 @@ int speech_augmentation_make(struct speech_augmentation *speech, struct session 
                              bool published, ern_clip *clip) {
   float warps[MOST_COPIES];
   ern_clip_info info;
+  if (published && !args_given(args, "speech-copies")) speech->copies = 0;
   const int unused = speech->copies == 0 ? args_forbid(args, "speech-warp speech-share",
-                                                       "is about copies of the speech, and --speech-copies is 0")
+                                                       "is about copies of the speech, of which there are none")
                                          : -1;
   if (unused >= 0) return unused;
   ern_clip_describe(clip, &info);
