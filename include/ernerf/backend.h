@@ -66,10 +66,11 @@ static inline void ern_backend_describe(const ern_backend *backend, ern_backend_
 /* A size of an OpenCL device's kernels: of a work-group, a tile, or how many there are. Plain data, may grow. */
 typedef struct ern_tuning {
   const char *name; /* "mlp_fwd"; a literal */
-  int standard;     /* by the device's limits alone */
+  int standard;     /* the default, one for GPUs and one for CPUs; smaller where the device's limits require it */
   int best;         /* the fastest of the others that were tried; 0: it has not been measured */
-  int used;         /* what kernels are built with: `best` where it is 5 % faster or more, and where
-                       it may change results by rounding only if not `deterministic` */
+  int used;         /* what kernels are built with: `best` where it was measured to be more than 5 % faster, else
+                       `standard`; a size that may change results by rounding stays at `standard` where the backend
+                       is `deterministic` */
   double standard_seconds, best_seconds; /* of a made-up call */
 } ern_tuning;
 /* Calls `say` for each size; for the CPU not at all. */
@@ -82,8 +83,9 @@ typedef struct ern_device_info {
   int number;                   /* of the OpenCL device; 0 for the CPU */
   const char *name, *version;   /* as the system and the driver give them; version is "" for the CPU */
   const char *instruction_sets; /* of the CPU: "ref ref64 avx2 avx512"; "" otherwise */
-  unsigned compute_units;       /* of the CPU: cores that this process may use, and */
-  uint64_t memory_bytes;        /* memory that it may take: limits of control groups count */
+  unsigned compute_units;       /* of the CPU: cores that this process may use; of an OpenCL device: its own */
+  uint64_t memory_bytes;        /* of the CPU: memory that this process may take, limits of control groups included; of
+                                   an OpenCL device: its global memory */
   /* of an OpenCL device; "", 0 and false for the CPU */
   const char *driver;                 /* its version */
   uint64_t buffer_bytes, local_bytes; /* one buffer at most; local memory of a work-group */

@@ -89,10 +89,10 @@ typedef enum ern_log_level {
  *
  * "Final": no later version adds members to the struct. "May grow": a later version may add members at its end. A
  * program that was built with earlier headers still runs then, as the library knows which size the program's headers
- * give the struct. It has that size from the member `size`, which ..._default sets beside the `cookie`. For a struct
- * without a cookie it is an argument of the exported function ..._sized; the function that a program calls is inline
- * here and hands sizeof on. In the same way ..._default is inline over the exported ..._fill. Only bindings of other
- * languages call ..._sized and ..._fill themselves.
+ * give the struct. It learns that size from the member `size`, which ..._default sets beside the `cookie`. For a struct
+ * without a cookie the size is an argument of the exported function ..._sized; the function that a program calls is
+ * inline here and hands sizeof on. In the same way ..._default is inline over the exported ..._fill. Only bindings of
+ * other languages call ..._sized and ..._fill themselves.
  *
  * Where the program's struct is shorter than the library's, the library takes the missing members as their defaults (a
  * struct with a cookie) or as 0 (one without), and never writes past the end. Where it is longer, as the program was
@@ -132,7 +132,7 @@ typedef struct ern_context_config {
    * returns at least `bytes` (> 0) bytes aligned to `alignment` (a power of two), or NULL. */
   void *(*allocate)(void *user, size_t bytes, size_t alignment);
   void (*release)(void *user, void *memory); /* never gets NULL */
-  /* Receives one line without a newline; NULL: silence. May be called from several threads. */
+  /* Receives one line without a newline; NULL: silence. May be called from several threads at a time. */
   void (*log)(void *user, ern_log_level level, const char *line);
   void *user;      /* handed to the hooks */
   bool keep_files; /* true: a function that writes a file fails with ERN_E_EXISTS where a file of that name exists;
@@ -154,9 +154,9 @@ ERN_API ERN_NODISCARD ern_status ern_context_create(ern_context **context, const
 /* Frees and sets *context to NULL; accepts NULL and a pointer to NULL. */
 ERN_API void ern_context_free(ern_context **context);
 
-/* What went wrong last, as a sentence that names file, field, found and expected; "" when nothing did, and for NULL.
- * Valid until the next failing call on the context, in any thread: a program whose threads share a context calls
- * ern_last_error_copy. */
+/* What went wrong last, as a sentence that names the file, the field, what was found and what was expected; "" when
+ * nothing did, and for NULL. Valid until the next failing call on the context, in any thread: a program whose threads
+ * share a context calls ern_last_error_copy. */
 ERN_API const char *ern_last_error(const ern_context *context);
 
 /* Copies that sentence, with its end cut off where it does not fit, and a 0 behind it, into text[bytes]. Returns its

@@ -11,13 +11,14 @@ extern "C" {
 #endif
 
 /* Speech features. Video has 25 frames a second. Window t belongs to video frame t; it holds window_length consecutive
- * feature vectors, 50 a second, from the sound around the frame. Windows of 16 hold the vectors 2t-8 .. 2t+7, those of
- * 2 (HuBERT) 2t and 2t+1. Plain data, final. */
+ * feature vectors, 50 a second, from the sound around the frame. Windows of length 16 hold the vectors 2t-8 .. 2t+7,
+ * those of length 2 (HuBERT) the vectors 2t and 2t+1; of other lengths the program that made them decides.
+ * Plain data, final. */
 typedef struct ern_features {
   float *data;       /* [windows][window_length][width] */
   size_t windows;    /* T, >= 1: one for each video frame */
-  int window_length; /* vectors a window, 1..16 */
-  int width;         /* D, numbers a vector, 1..4096: 13 built-in (speech.h), 29 DeepSpeech, 44 wav2vec, 1024 HuBERT */
+  int window_length; /* vectors in a window, 1..16 */
+  int width; /* D, numbers in a vector, 1..4096: 13 built-in (speech.h), 29 DeepSpeech, 44 wav2vec, 1024 HuBERT */
 } ern_features;
 
 /* Reads a .npy file of shape [T, window_length, D] in float16, float32 or float64, C order. A value beyond -1e30..1e30

@@ -12,9 +12,9 @@
 extern "C" {
 #endif
 
-/* What a push does where `capacity` is used up, as frames are pulled more slowly than sound is pushed. A program with
- * one thread pulls until *frame is NULL, then pushes 0.04 (capacity - look_ahead - 2) s of sound at most (25 frames a
- * second). */
+/* What a push does where `capacity` is used up, as frames are pulled more slowly than sound is pushed. With WAIT
+ * and REPEAT a push can block until another thread pulls. So a program with a single thread must pull until *frame is
+ * NULL before each push, and push 0.04 (capacity - look_ahead - 2) s of sound at most (25 frames a second). */
 typedef enum ern_live_policy {
   ERN_LIVE_WAIT = 0,  /* it blocks until a pull makes room: every frame is given */
   ERN_LIVE_DROP = 1,  /* it drops the oldest frames with their sound, and never blocks */
@@ -74,7 +74,7 @@ typedef struct ern_live_frame {
   uint64_t number;      /* of the frame, from 0; a gap where frames were dropped */
   double seconds;       /* at which it is shown, number / frames a second, by the clock of the session's sound */
   const float *windows; /* [8][window_length][width]: 4 before the frame's own, its own, 3 after (ern_audio_windows) */
-  int window_length, width;  /* vectors a window, and numbers a vector */
+  int window_length, width;  /* vectors in a window, and numbers in a vector */
   float silence_weight;      /* 0 speech .. 1 silence; it rises in 0.2 s and falls in 0.12 s, at any frame rate */
   const float *silence_code; /* [32], or NULL */
   const float *sound;        /* [samples][channels]: what is heard while it is shown; NULL where windows are pushed */
@@ -90,10 +90,11 @@ typedef struct ern_live_frame {
 ERN_API ERN_NODISCARD ern_status ern_live_open(ern_context *context, const ern_live_options *options, ern_live **live);
 ERN_API void ern_live_free(ern_live **live); /* accepts NULL and a pointer to NULL; no other call may be under way */
 
-/* samples: [frames][channels], full scale is 1; any number of them. A sample that is not finite, or beyond 1e6, is
- * ERN_E_NONFINITE or ERN_E_FORMAT, and nothing of the call is taken. How sound is cut into calls does not change a bit
- * of the frames. ERN_E_CANCELLED: ern_live_cancel was called while the push was blocked; the rest of the call is not
- * taken, and how much was taken is not reported. ERN_E_STATE: the sound has ended, or windows are expected. */
+/* samples: [frames][channels], a frame being one sample of each channel here; full scale is 1; any number. A sample
+ * that is not finite, or beyond 1e6, is ERN_E_NONFINITE or ERN_E_FORMAT, and nothing of the call is taken. The frames
+ * are the same, bit for bit, however the sound is divided among calls. ERN_E_CANCELLED: ern_live_cancel was called
+ * while the push was blocked; the rest of the call is not taken, and how much was taken is not reported. ERN_E_STATE:
+ * the sound has ended, or windows are expected. */
 ERN_API ERN_NODISCARD ern_status ern_live_push(ern_live *live, const float *samples, size_t frames);
 /* The same of windows [count][window_length][width], one for each frame at 25 a second, -1e30 to 1e30. */
 ERN_API ERN_NODISCARD ern_status ern_live_push_windows(ern_live *live, const float *windows, size_t count);
@@ -102,7 +103,7 @@ ERN_API ERN_NODISCARD ern_status ern_live_push_windows(ern_live *live, const flo
  * again. It does not block. ERN_E_STATE: there is no room (never with ERN_LIVE_DROP), or the sound has ended. */
 ERN_API ERN_NODISCARD ern_status ern_live_rest(ern_live *live);
 /* Inserts so much silence that every frame with sound can be pulled. What is pushed later follows it. It does not
- * block; errors as ern_live_rest, after a part of the silence where there is no room for all. */
+ * block; errors as ern_live_rest. Where there is no room for all of the silence, a part of it may be inserted. */
 ERN_API ERN_NODISCARD ern_status ern_live_flush(ern_live *live);
 /* Drops the sound that waits, except the next 40 to 80 ms, which fade out (windows: drops all), and ends a push that is
  * blocked. ERN_E_STATE: the sound has ended. */

@@ -158,8 +158,8 @@ typedef struct ern_video_options {
   int width, height;     /* of the frames handed over, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or
                             column, so that the file has even ones */
   int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
-  const ern_sound *sound; /* NULL (default): silent. Muxed as AAC, Opus in a .webm; none in a .gif; cut to the length of
-                             the pictures at close, not padded. Must outlive the writer. */
+  const ern_sound *sound; /* NULL (default): silent. Muxed as AAC, in a .webm as Opus; cut to the length of the pictures
+                             at close, not padded. Must outlive the writer. Not with a .gif (ERN_E_UNSUPPORTED) */
   double sound_start;     /* seconds into `sound` at the first frame, 0 <= sound_start < 1e9; default 0 */
   int crf;                /* quality 0..51, of vp9 and av1 0..63, less is better; default 15; ffv1 and gif have none */
   const ern_provenance *provenance; /* what the file says of how it was made; NULL (default): nothing */
@@ -180,11 +180,11 @@ static inline ern_video_options ern_video_options_default(int width, int height)
 
 /* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,
  * ffv1), .webm (vp9, av1), .gif (256 colours); any other is an mp4. Pictures are yuv420p (BT.709, limited range, tagged
- * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm to the nearest
- * millisecond after a first packet of sound (64 ms at 16 kHz), in a .gif to the nearest 1/100 s. ERN_E_UNSUPPORTED: the
- * file does not hold the codec, or FFmpeg lacks its encoder. Written to a temporary file, which close renames to `path`
- * (base.h, "How files are written"). On success the caller owns *writer, and ends it by close or abandon. One thread at
- * a time uses a writer. */
+ * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm rounded to a
+ * millisecond, and with sound all later by its first packet (in a .mkv 1024 samples, 64 ms at 16 kHz), in a .gif to the
+ * nearest 1/100 s. ERN_E_UNSUPPORTED: the file does not hold the codec, or FFmpeg lacks its encoder. Written to a
+ * temporary file, which close renames to `path` (base.h, "How files are written"). On success the caller owns *writer,
+ * and ends it by close or abandon. One thread at a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);
@@ -233,10 +233,10 @@ ERN_API void ern_video_reader_free(ern_video_reader **reader);
 
 /* ---- a watermark ------------------------------------------------------------------------------------------------- */
 
-/* A pattern over the pixels of a video that who knows its key finds again (docs/watermark.md): a sum of waves in the
- * plane, 24 to 64 in the length of the shorter side, whose phases the key decides. It is the same in each frame, and
- * the same bytes on each machine. ERN_WATERMARK_SIDE: pixels; no frame with a shorter side is marked.
- * ERN_WATERMARK_KEY_BYTES: of a key, with the 0 that ends it. */
+/* A pattern that is added to the pixels of a video, and that whoever knows its key can find again (docs/watermark.md):
+ * a sum of plane waves with 24 to 64 periods in the length of the shorter side; the key decides their phases. It is the
+ * same in each frame, and the same bytes on each machine. ERN_WATERMARK_SIDE: pixels; no frame with a shorter side is
+ * marked. ERN_WATERMARK_KEY_BYTES: of a key, with the 0 that ends it. */
 enum { ERN_WATERMARK_SIDE = 128, ERN_WATERMARK_KEY_BYTES = 256 };
 /* Up to this bound on the probability of a false positive `ernerf detect` takes a watermark as found. */
 #define ERN_WATERMARK_FALSE_POSITIVE 1e-6
@@ -314,7 +314,7 @@ typedef struct ern_clip_info {
   bool has_parsing;           /* parsing is there, which must then have ID.png of each frame */
 } ern_clip_info;
 
-/* Plain data, may grow: it is the clip's. */
+/* The library allocates it, and a program reads it by the pointer of ern_clip_frame_at. Plain data, may grow. */
 typedef struct ern_clip_frame {
   ern_pose pose;          /* its row of the transforms file */
   float eye;              /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
@@ -323,7 +323,8 @@ typedef struct ern_clip_frame {
 } ern_clip_frame;
 
 /* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_head, ern_clip_measure, and a trainer on its
- * dataset. Any number of threads may look at the rest. */
+ * dataset. Any number of threads may read the rest. ern_clip_vary_speech writes: no other thread may use the clip
+ * meanwhile, and the copies of a dataset that was made before it are freed. */
 typedef struct ern_clip ern_clip;
 
 /* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error;
@@ -357,10 +358,10 @@ ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split 
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
 /* Which pixels of a frame are the head's (blue in parsing). `head` has one channel: 255 the head, 0 none of it, 128
- * not known. Not known is a pixel if a square of 2 e + 1 pixels around it has both, e = width/256, rounded, at least 1;
- * and each pixel of a frame whose parsing has no head. data is NULL if the clip has no parsing. ERN_E_FORMAT: parsing
- * has other colours (docs/prepare.md). The image belongs to the clip, and is valid as long as those of
- * ern_clip_pixels. */
+ * not known. A pixel is not known if the square of 2 e + 1 pixels a side around it has pixels of the head and
+ * others, e = width/256, rounded, at least 1. In a frame whose parsing has no head no pixel is known. data is NULL if
+ * the clip has no parsing. ERN_E_FORMAT: parsing has other colours (docs/prepare.md). The image belongs to the clip,
+ * and is valid as long as those of ern_clip_pixels. */
 ERN_API ERN_NODISCARD ern_status ern_clip_head(ern_clip *clip, ern_split split, size_t index, ern_image *head);
 
 /* The clip as the trainer takes it. The clip must outlive the dataset. */
@@ -396,9 +397,9 @@ static inline ERN_NODISCARD ern_status ern_clip_measure(ern_clip *clip, ern_clip
   return ern_clip_measure_sized(clip, measures, sizeof *measures);
 }
 
-/* `ernerf check`: what is there, what is missing, what follows and which step makes what is missing, a sentence a call
- * of `say`. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's header. Returns
- * ERN_OK when a training can start, else the first error. */
+/* `ernerf check`: calls `say` once for each sentence: what is there, what is missing, what follows from that, or which
+ * step makes what is missing. ok: 1 there, 0 missing but optional, -1 missing or wrong and needed. Reads every frame's
+ * header. Returns ERN_OK when a training can start, else the first error. */
 ERN_API ERN_NODISCARD ern_status ern_clip_check(ern_context *context, const char *folder,
                                                 void (*say)(void *user, int ok, const char *sentence), void *user);
 

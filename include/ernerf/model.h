@@ -42,10 +42,10 @@ typedef enum ern_eye_attention {
 typedef enum ern_audio_pad {
   ERN_AUDIO_PAD_EDGE = 0, /* the windows of the feature file around the frame's own; before the first the first one,
                              past the last the last one */
-  ERN_AUDIO_PAD_ZERO = 1  /* as in the public program: the windows of the frames around it in the list of frames at
-                             hand, such as one split of a clip; zeros past the ends of that list. For frames of a
-                             clip a program calls ern_audio_windows_of_rows; where frame k has window k of the
-                             feature file, ern_audio_windows gives the same */
+  ERN_AUDIO_PAD_ZERO = 1  /* as in the public program: the windows of its neighbours in a list of frames, such as
+                             one split of a clip; past the ends of that list, zeros. ern_audio_windows_of_rows does
+                             this for a list whose frame k has window rows[k] of the feature file; where rows[k] is
+                             k for the whole file, ern_audio_windows gives the same windows */
 } ern_audio_pad;
 /* The words of the command line and of model files ("trihash", "channel", "sigmoid"); NULL for no such kind. */
 ERN_API const char *ern_backbone_name(ern_backbone backbone);
@@ -70,7 +70,7 @@ ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to
  * the metadata. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
-enum { ERN_CONSENT_BYTES = 1024 }; /* of what the person has agreed to, with the 0 at its end */
+enum { ERN_CONSENT_BYTES = 1024 }; /* most bytes of the text of consent, with the 0 at its end */
 
 /* Plain data, may grow. */
 typedef struct ern_model_info {
@@ -79,16 +79,18 @@ typedef struct ern_model_info {
   bool has_view;  /* the colour depends on the direction from which a point is seen */
   bool has_codes; /* each training frame has an individual code: learnt numbers for what its pose, speech and eye value
                      do not determine (ERN_INDIVIDUAL_MEAN) */
-  bool has_gamma; /* the scale of the torso's key points was trained; false: it is 1 */
+  bool has_gamma; /* gamma was trained, the factor of the three projected points that tell the torso the pose of the
+                     head (train --torso-gamma; docs/maths.md); false: it is 1 */
   ern_backbone backbone;           /* its kind of encoder */
   ern_attention attention;         /* how speech reaches a position */
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D of the speech features it was trained on (ern_features.width) */
-  int window_length;               /* of those features: vectors in a window; 0 where the file does not say */
-  int codes;                       /* rows of the individual codes; 0 without has_codes */
+  int window_length;               /* of those features: rows in a window; 0 where the file does not say */
+  int codes;                       /* number of individual codes; 0 without has_codes */
   float bound;                     /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Samples
-                                      of the head lie in its part |y| <= bound/2; y points from the face to the camera (ern_camera) */
+                                      of the head lie in its part |y| <= bound/2; y points from the face to the
+                                      camera (ern_camera) */
   /* The settings that it was trained with. A renderer uses max_steps, dt_gamma and torso_shrink unless its
    * ern_render_options have others. A program passes `scale` to ern_camera_pose, and takes the windows of speech as
    * `audio_pad` says; other values give wrong pictures. */
@@ -140,11 +142,11 @@ ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const cha
  * is 0. */
 ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[16]);
 
-/* Corrects the pose of a frame that was not trained on, in place, by those of the training frames near it in time: the
- * correction (angles and move) is sum_i w_i c_i/(1 + sum_i w_i), w_i = exp(-((frames[i] - frame)/3)^2/2), with c_i that
- * of training frame i. So a frame far from all of them keeps its pose. frames: [count] numbers of the training frames,
- * in the order of ern_model_refine; they and `frame` are img_id, or count frames in another way. The pose stays as it
- * is where ern_model_info.cameras is 0. */
+/* Corrects the pose of a frame that was not trained on, in place, by the corrections of the training frames near it in
+ * time: the correction (angles and move) is sum_i w_i c_i/(1 + sum_i w_i), w_i = exp(-((frames[i] - frame)/3)^2/2),
+ * with c_i that of training frame i. So a frame far from all of them keeps its pose. frames: [count] numbers of the
+ * training frames, in the order of ern_model_refine; they and `frame` are img_id, or count frames in another way. The
+ * pose stays as it is where ern_model_info.cameras is 0. */
 ERN_API void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                                      float pose[16]);
 

@@ -18,23 +18,26 @@ typedef struct ern_prepare_options {
    * has it. Not both a focal length and `poses`. */
   double focal;
   bool head_only; /* the torso pictures are fully transparent, and the frames show the head over the background */
-  /* Do this step only, even if it is done: "face", "pose", "landmarks", "layers", "eyes" or "features". The steps that
-   * read its files are then to be done again. NULL: do every step that is not done. */
+  /* Do this step only, even if it is done: "face", "pose", "landmarks", "layers", "eyes" or "features". The steps
+   * before it must be done, else ERN_E_STATE. The steps that read its files are then to be done again. NULL: do every
+   * step that is not done. */
   const char *only;
   const char *background; /* a picture of what is behind the person, or "key": a screen of one colour. NULL: found */
-  /* Files of the user's that take the place of a step's own result, `landmarks` to `features`; NULL: none.
-   * A folder of ID.lms (68 lines "x y", pixels of the clip); or FILE.csv, OpenFace's table of the video: x_0..x_67,
-   * y_0..y_67, timestamp, success; or a network, FILE.onnx. They place the eyes for the step "pose" too. */
+  /* The next five members, `landmarks` to `features`, are files of the user that replace what a step would compute;
+   * NULL: none. landmarks: a folder of ID.lms (68 lines "x y", pixels of the clip); or FILE.csv, OpenFace's table of
+   * the video: x_0..x_67, y_0..y_67, timestamp, success; or a network, FILE.onnx. They place the eyes for the step
+   * "pose" too. */
   const char *landmarks;
-  const char *poses; /* a transforms_*.json of all frames */
+  const char *poses; /* a transforms_*.json with a pose for each frame, translations in metres */
   const char *masks; /* a folder of ID.png in AD-NeRF's colours (docs/prepare.md), or a network, FILE.onnx */
   const char *au; /* a table with a column AU45_r. Rows belong to frames by a column `timestamp`, seconds of the video;
                      without one, row k to frame k of the clip */
   const char *features; /* a .npy of speech features */
   bool anew;            /* overwrite: discard what earlier calls made in the folder, also of another video, and replace
                            the user's files that have a name of the clip's */
-  /* Called now and then: `done` of `total` units of work of the step. A non-zero answer cancels (ERN_E_CANCELLED), and
-   * what is done stays. NULL: none. */
+  /* Called now and then, on the thread of the call: `done` of `total` units of work of the step, whose name is one of
+   * `only`, or "overlay" while overlay.mp4 is written. A non-zero answer cancels (ERN_E_CANCELLED), and what is done
+   * stays. NULL: none. */
   int (*progress)(void *user, const char *step, size_t done, size_t total);
   void *user; /* handed to `progress` */
   /* Take only the best stretch of from..to: without a cut, with a face that is seen and moves, and loud sound. "auto":
@@ -63,9 +66,9 @@ enum { ERN_PREPARE_STEPS = 6, ERN_PREPARE_WORDS = 512 };
 
 /* Plain data, final. */
 typedef struct ern_prepare_verdict {
-  const char *step;              /* a name as in ern_prepare_options.only; NULL: the step was not reached */
+  const char *step;              /* a name as in ern_prepare_options.only; NULL: the step is not done */
   ern_prepare_grade grade;       /* of the step's result */
-  char words[ERN_PREPARE_WORDS]; /* why, and what to do; "" where good */
+  char words[ERN_PREPARE_WORDS]; /* why, and what to do; where good "" or a remark, such as that no blink was found */
 } ern_prepare_verdict;
 
 /* Plain data, may grow. */
@@ -76,12 +79,12 @@ typedef struct ern_prepare_result {
 
 /* Makes the clip `folder` of a video that FFmpeg reads, and writes its report. A step is skipped if an earlier call did
  * it with the same options and all its files are there.
- * The folder must be absent, empty, or made by an earlier call for the same video, from, to and side; else ERN_E_EXISTS
- * (see `anew`). ERN_E_EXISTS too where a file in it has the name of a clip's file and no call made it, or it was
- * changed since. ERN_E_IO: the folder was moved during the call. Files of the user's are read before a step that needs
- * them removes anything. *result is filled on failure too. A refused step ends the call with ERN_E_UNSUPPORTED, and its
- * words are the message. The report is written then too, with one exception: where "face" is refused, the clip of an
- * earlier call stays as it is, with its report. Uses the threads of OpenCV and Ceres Solver. */
+ * The folder must be absent, empty, or made by an earlier call for the same video, from, to, side and segment; else
+ * ERN_E_EXISTS (see `anew`). ERN_E_EXISTS too where a file in it has the name of a clip's file and no call made it, or
+ * it was changed since. ERN_E_IO: the folder was moved during the call. Files of the user's are read before a step that
+ * needs them removes anything. *result is filled on failure too. A refused step ends the call with ERN_E_UNSUPPORTED,
+ * and its words are the message. The report is written then too, with one exception: where "face" is refused, the clip
+ * of an earlier call stays as it is, with its report. Uses the threads of OpenCV and Ceres Solver. */
 ERN_API ERN_NODISCARD ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                                                    const ern_prepare_options *options, ern_prepare_result *result,
                                                    size_t bytes);
@@ -93,22 +96,26 @@ static inline ERN_NODISCARD ern_status ern_prepare(ern_context *context, const c
 /* ---- landmarks --------------------------------------------------------------------------------------------------- */
 
 /* A network that finds the landmarks of a face, FILE.onnx: a square picture of three channels in, x and y of 68 points
- * (300-W) or of 98 (WFLW) out (docs/prepare.md). It keeps its context. One thread at a time uses it. */
+ * (300-W) or of 98 (WFLW) out (docs/prepare.md). The file does not say which range of colours, which crop around the
+ * face and which unit of the points the network uses. So a program calls _learn with a few pictures whose points are
+ * roughly known (`ernerf eval` takes six), then _decide once, then _find for any picture. It keeps its context. One
+ * thread at a time uses it. */
 typedef struct ern_landmark_network ern_landmark_network;
 
 /* On success the caller owns *network. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_open(ern_context *context, const char *path,
                                                            ern_landmark_network **network);
 ERN_API void ern_landmark_network_free(ern_landmark_network **network);
-/* Takes a picture, rgb[height][width][3] with sides of 1 to 8192, as an example of how the network wants its colours
- * and its square. guess: about where the 68 points are, x and y in pixels. ERN_E_UNSUPPORTED where the network cannot
- * be computed, has no output of 68 or 98 points, or where the guess lies far outside the picture. */
+/* Tries all combinations of these on a picture, rgb[height][width][3] with sides of 1 to 8192. guess: about where the
+ * 68 points are, x and y in pixels. ERN_E_UNSUPPORTED where the network cannot be computed, has no output of 68 or 98
+ * points, or where the guess lies far outside the picture. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8_t *rgb,
                                                             int width, int height, const float guess[68][2]);
-/* Decides on the way whose points were nearest to the guesses; ERN_E_UNSUPPORTED where none was near, or nothing was
- * learnt. To be called before the next one. */
+/* Keeps the combination whose points were nearest to the guesses. ERN_E_UNSUPPORTED: none was near, or nothing was
+ * learnt. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_decide(ern_landmark_network *network);
-/* points: those of a picture, x and y in pixels. The guess gives the square that the network sees, and no more. */
+/* points: those of a picture, x and y in pixels. The guess only places the square that is cut out for the network.
+ * ERN_E_STATE before _decide. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_find(ern_landmark_network *network, const uint8_t *rgb, int width,
                                                            int height, const float guess[68][2], float points[68][2]);
 

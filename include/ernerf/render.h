@@ -31,9 +31,8 @@ typedef enum ern_fit {
  * that misses by less than a pixel fits. */
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
-/* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z right; the scene
- * is the cube
- * [-bound, bound]^3. Plain data, final. */
+/* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z to the right
+ * in the picture of a face that looks into the camera; the scene is the cube [-bound, bound]^3. Plain data, final. */
 typedef struct ern_camera {
   float pose[16];      /* camera to world, row-major */
   float focal, cx, cy; /* pixels */
@@ -48,8 +47,9 @@ typedef struct ern_camera {
 ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale);
 
 /* Turns the head of a transforms file's matrix, in place: the camera goes around the head's centre, which is the origin
- * of the matrix's world, by `yaw` about the head's own upright axis and `pitch` toward that axis, in degrees. A face
- * that looked into the camera then looks to the right of the picture (yaw > 0) or up (pitch > 0). The distance stays.
+ * of the matrix's world, by `pitch` about the world's x axis, then by -`yaw` about its upright y axis, in degrees. A
+ * face that looked into the camera then looks to the right of the picture (yaw > 0) or up (pitch > 0). The distance
+ * stays.
  */
 ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
 
@@ -112,7 +112,7 @@ typedef struct ern_render_options {
   int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and warns */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
   float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
-  float transmittance_stop; /* a ray ends where less light than this is left, 0..1; default 1e-4, as in training.
+  float transmittance_stop; /* a ray ends where less light than this is left, 0 <= x < 1; default 1e-4, as in training.
                                `ernerf render` has 3e-3, which is faster and less accurate */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
@@ -143,12 +143,12 @@ ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a p
 ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *renderer, const ern_features *features,
                                                       const char *name);
 
-/* Fewer samples, less accuracy: from now on the renderer skips cells of the occupancy grid whose density (per scene
- * unit) is below `density` at all 8 points of the cell at which it is evaluated, for all of `count` inputs of the
- * speech to come (audio windows and an eye value each). For example, where samples are 0.027 apart, a skipped sample of
- * density 0.1 would have absorbed 0.3 % of the light. windows: [count][8][window_length][width] (ern_audio_windows);
- * eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors: ERN_E_ARGUMENT,
- * ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+/* Fewer samples, less accuracy: from now on the renderer skips each cell of the occupancy grid whose density (per
+ * scene unit), evaluated at the centres of its eight octants, is below `density` for every one of `count` inputs. Each
+ * input is a set of audio windows and an eye value of the speech to come. For example, where samples are 0.027 apart, a
+ * skipped sample of density 0.1 would have absorbed 0.3 % of the light. windows: [count][8][window_length][width]
+ * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors:
+ * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -166,9 +166,9 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const
 /* Lets the frames from now on reuse parts of the frame before. Background and torso pictures are reused when the same
  * ones are handed in again, the model's own torso under the same pose. Rays of the head are reused while camera,
  * head_pose and size stay the same. A ray without samples is not rendered again. After four such frames the rays with
- * samples are rendered at up to 16 keyframes of the speech to come, inputs that are far from each other; that costs as
- * much as so many frames. A ray that the other keyframes predict well at each keyframe is interpolated from then on;
- * every other ray is rendered in each frame.
+ * samples are rendered at up to 16 keyframes: inputs chosen among `windows` and `eyes`, each as different as possible
+ * from those chosen before. That takes as long as 16 frames. A ray that the other keyframes predict well at each
+ * keyframe is interpolated from then on; every other ray is rendered in each frame.
  * bound: largest error of a pixel over a background, 0..1; 0.5/255 is half a grey level. It is measured at the
  * keyframes, with a margin. A frame that is farther from the keyframes than they are from each other is rendered whole.
  * 0: only what cannot change is reused. Below 0, as at the beginning: nothing is reused.
@@ -210,8 +210,8 @@ typedef struct ern_frame_input {
   size_t individual; /* 0..ern_model_info.codes - 1: the individual code of that training frame; ERN_INDIVIDUAL_MEAN:
                         the mean of all, for any other frame. Ignored by a model without codes */
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
-  const uint8_t *torso;      /* [height][width][4] RGBA drawn between background and head; NULL: none. A model with a
-                                torso draws its own over it. */
+  const uint8_t *torso; /* [height][width][4] RGBA, alpha not premultiplied, drawn between background and head; NULL:
+                           none. A model with a torso draws its own over it. */
   const float *silence_code; /* [32] mean audio code of silent frames; may be NULL where silence_weight is 0 */
   float
       silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
@@ -252,8 +252,8 @@ static inline ERN_NODISCARD ern_status ern_renderer_frame(ern_renderer *renderer
 /* Chooses for each frame one of several settings of known cost, such as renderers with different options: the most
  * accurate one that holds the budget at the machine's present speed. Time over the budget is recovered over the next 12
  * frames: the controller switches at once to a setting that is cheap enough for that. Time under the budget is
- * credited. It switches back to a more accurate setting after 12 frames in a row in which that would have met the
- * budget. Plain data, final: copy it, drop it. */
+ * credited, for at most 8 frames. It switches back to a more accurate setting after 12 frames in a row in which that
+ * would have met the budget. Plain data, final: copy it, drop it. */
 typedef struct ern_rate_controller {
   const double *cost; /* [count] ms a frame where nothing else runs, > 0; the most accurate setting first, each cheaper
                          than the one before; the caller's */
@@ -261,7 +261,7 @@ typedef struct ern_rate_controller {
   double budget;      /* ms a frame, > 0 */
   size_t at;          /* the setting to use now */
   double slowness;    /* time of a frame over its cost, averaged over the last frames */
-  double late;        /* ms behind the budget in all; negative: ahead */
+  double late;        /* ms behind the budget, at most 24 frames' budget; negative: ahead, at most 8 frames' budget */
   int calm;           /* frames in a row in which a better setting would have fitted */
   size_t better;      /* the one that would have fitted in all of them */
 } ern_rate_controller;

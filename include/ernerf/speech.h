@@ -30,20 +30,21 @@ ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, in
                                                         ern_speech_stream **stream);
 ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
 
-/* samples: [frames][channels], full scale is 1. How the sound is divided among calls does not change a bit of the rows.
- * A frame whose mean over the channels is not finite is ERN_E_NONFINITE, one whose mean is beyond 1e6 ERN_E_FORMAT; the
- * error text has its time. The frames before it have then been taken, and further sound can be pushed. After
- * ERN_E_NO_MEMORY or ERN_E_MEDIA rows are missing, and every later push or end is ERN_E_STATE. */
+/* samples: [frames][channels], full scale is 1. The rows are the same, bit for bit, however the sound is divided among
+ * calls. A frame here is one sample of each channel. A frame whose mean over the channels is not finite is
+ * ERN_E_NONFINITE, one whose mean is beyond 1e6 ERN_E_FORMAT; the error text has its time. The frames before it have
+ * then been taken, it and those after it have not; further sound can be pushed. After ERN_E_NO_MEMORY or ERN_E_MEDIA
+ * rows are missing, and every later push or end is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames);
 
 /* Ends the sound: computes the last rows, as if silence followed. Every later push is ERN_E_STATE, and a second end
- * does nothing. After ERN_E_NO_MEMORY or ERN_E_MEDIA it is as after a push. */
+ * does nothing. After ERN_E_NO_MEMORY or ERN_E_MEDIA rows are missing, and every later push or end is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream);
 
 /* Moves up to `count` rows, the oldest first, into rows[count][ERN_SPEECH_WIDTH], and returns their number; 0 where a
  * pointer is NULL. Row r belongs to the sound from 0.02 r to 0.02 (r + 1) seconds. It is computed from that sound and
- * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, and less
- * than 20 ms more that the resampler delays. */
+ * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, and the
+ * delay of the resampler more: none at 16 kHz, about 2 ms at usual rates, less than 20 ms at 1000 samples a second. */
 ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
 
 /* Computes the built-in features of a sound file: [windows][16][13]. FFmpeg reads the file; the sound has 1000 samples

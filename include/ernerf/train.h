@@ -22,8 +22,8 @@ typedef struct ern_dataset_frame {
   int64_t aud_id;     /* index of its window of the features (25 a second), >= 0; past the end: the last one */
   float eye;          /* 0 open .. 1 closed */
   bool has_face;      /* `face` is known */
-  ern_box face;       /* pixels, as the next two: box of the landmarks, integer-truncated minima and maxima; unused
-                         without has_face */
+  ern_box face;       /* box of the landmarks in pixels, as the next three. left, top: their minima; right, bottom:
+                         their maxima; each truncated to an integer. Unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
   ern_box lips; /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
@@ -44,9 +44,9 @@ ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "unifor
 
 /* A clip as the trainer sees it: media's ern_clip_dataset fills one from a folder; a program may fill its own. All
  * pointers must outlive the trainer. ern_trainer_create checks all members, the sizes and values of the features, and
- * each training frame's camera and row; what the callbacks give later is checked when it is given. An error that a
- * callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty).
- * Callbacks are called in the thread that calls the trainer. Plain data, may grow. */
+ * `matrix`, `aud_id` and `eye` of each training frame; what the callbacks give later is checked when it is given. An
+ * error that a callback returns is passed on. Split 0 is for training, 1 for validation (which may be empty). Callbacks
+ * are called in the thread that calls the trainer. Plain data, may grow. */
 typedef struct ern_dataset {
   void *user;           /* handed to the callbacks */
   size_t frames[2];     /* number of frames by split; of split 0 at least 1 */
@@ -126,7 +126,8 @@ typedef struct ern_communicator {
    * sum is that of a binary tree over the ranks, ((0 + 1) + (2 + 3)) + ..., so it has the same bits in each process. */
   ern_status (*sum)(void *user, float *values, size_t count, double *figures, size_t figure_count,
                     char words[ERN_COMMUNICATOR_WORDS]);
-  /* values[count]: rank r has set those from count r/size to count (r + 1)/size - 1; afterwards each rank has all. */
+  /* values[count]: rank r has set values[count * r/size] to values[count * (r + 1)/size - 1], divisions of integers;
+   * afterwards each rank has all. */
   ern_status (*gather)(void *user, float *values, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
   /* Overwrites bytes[count] with those of rank 0. */
   ern_status (*broadcast)(void *user, void *bytes, size_t count, char words[ERN_COMMUNICATOR_WORDS]);
@@ -140,7 +141,8 @@ typedef struct ern_train_config {
   bool torso;            /* train the torso of `head` instead of a head */
   const char *output;    /* X: the model file; the folder X.run beside it (without the .safetensors of X) holds state,
                             log and curve (docs/formats.md). NULL: nothing is written */
-  bool resume;           /* continue from the newest intact state in X.run; needs an output */
+  bool resume;           /* continue from the newest intact state in X.run, and do not read `from`; where none was saved
+                            yet, the training begins at step 0, with a warning in the log. Needs an output */
   bool overwrite;        /* without resume: the first save replaces an earlier training at X and X.run; false: where
                             there is one, ern_trainer_create gives ERN_E_EXISTS */
   const char *from;      /* model file whose weights the training starts from; NULL: random weights. If the file has the
@@ -161,7 +163,7 @@ typedef struct ern_train_config {
   int codes;        /* rows of the individual codes: -1 (default): one a training frame; 0: no codes; else at least as
                        many as training frames, at most 1e6. With `from`, the first rows are copied from the file; rows
                        that it lacks are initialised anew */
-  bool torso_gamma; /* train the scale gamma of the torso's key points, as in the paper; false: it is 1 */
+  bool torso_gamma; /* train gamma (ern_model_info.has_gamma), as in the paper; false: it is 1 */
   bool torso_random_background; /* true (default): a torso is learnt over a random colour for each ray of each step, so
                                    that its opacity is learnt and it can be drawn over any background; false: over the
                                    clip's background, as published, which leaves the opacity undetermined */
@@ -183,21 +185,23 @@ typedef struct ern_train_config {
   uint64_t ema_every;      /* steps between its updates, 1..1e12; default 1000 */
   uint64_t refresh_every;  /* steps between refreshes of the occupancy grid, the first before step 0. Above 0: each
                               refresh updates all cells; the paper has 16. 0 (default): the interval is 16 to 128
-                              steps, by `rays`, and after step 256 a refresh updates what is near occupied cells and
-                              one sixteenth of the others in turn */
+                              steps (to 64 before step 256), doubled from 16 until interval times `rays` is at least
+                              131,072, and after step 256 a refresh updates what is near occupied cells and one
+                              sixteenth of the others in turn */
   ern_precision precision; /* default ERN_PRECISION_DEFAULT */
   ern_ray_sampling ray_sampling; /* default regions */
   double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
-                     this time; earlier runs of a resumed training count. Learning rates and loss weights then follow
-                     the share of the time that has passed instead of step/iters (before a fine stage: of the time
-                     up to its beginning). `iters`, `save_every` and
-                     `validate_every` are ignored: the trainer saves every minute, and validates at each tenth of the
-                     time, at most once a minute. The result cannot be reproduced exactly */
+                     this time, which includes saves, validations and the earlier runs of a resumed training. Learning
+                     rates and loss weights then follow the share of the time that has passed instead of step/iters
+                     (before a fine stage: of the time up to its beginning). `iters`, `save_every` and `validate_every`
+                     are ignored: the trainer saves every minute, and validates at each tenth of the time, at most once
+                     a minute. The result cannot be reproduced exactly */
   bool refine_poses;        /* of a head: corrections of the training frames' poses are parameters too, and the model
                                keeps them (ern_model_refine); default false. A resume needs its state's value */
   const char *torso_output; /* of a head with `output`: the model file of the torso that the program will train for this
                                head next; NULL: none. `resume` and `overwrite` apply to it too: ern_trainer_create fails
-                               where it cannot be written, and holds the lock of its .run folder */
+                               where torso_output cannot be written, and the trainer holds the lock of the .run
+                               folder of torso_output until it is freed */
   int frames_per_step;      /* number of frames that share the rays of a step, each with its own speech,
                                1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
                                summed */
@@ -218,14 +222,14 @@ typedef struct ern_train_config {
   const char *consent; /* what the person who is learnt has agreed to, UTF-8, less than ERN_CONSENT_BYTES. The model
                           keeps it, and pictures and videos of it carry it (ern_provenance). NULL (default): that of the
                           head, of the state that is resumed or of `from`, where it is of this clip, else none */
-  float prune_share;   /* of a head, 0..1: at 0.85 of the coarse steps the occupancy grid loses the cells whose samples
-                          have less than this share of the largest weight in each ray (docs/maths.md, Occupancy), and
-                          then stays as it is. The steps after that fit the model to the cells that are left, and
-                          rendering has fewer samples. 0 (default): no cell is lost */
-  int step_parts; /* parts that the rays of a step are cut into, a power of 2 up to ERN_STEP_PARTS_MOST; default 1. A
-                     part's gradient is summed on its own, and parts are added as a binary tree, so that a model is the
-                     same for any number of processes. It must divide `rays` (in a fine stage: the patches of a step),
-                     and of it and frames_per_step one must divide the other, else ERN_E_ARGUMENT */
+  float prune_share; /* of a head, 0..1: at 0.85 of the coarse steps a cell of the occupancy grid is marked empty if in
+                        every ray its samples have less than this share of the ray's largest compositing weight
+                        (docs/maths.md, Occupancy); then the grid stays as it is. The steps after that fit the model to
+                        the cells that are left, and rendering has fewer samples. 0 (default): no cell is marked */
+  int step_parts;    /* parts that the rays of a step are cut into, a power of 2 up to ERN_STEP_PARTS_MOST; default 1. A
+                        part's gradient is summed on its own, and parts are added as a binary tree, so that a model
+                        is the same for any number of processes. It must divide `rays` (in a fine stage: the patches
+                        of a step), and of it and frames_per_step one must divide the other, else ERN_E_ARGUMENT */
   const ern_communicator *communicator; /* copied; what its `user` points to must outlive the trainer. NULL (default):
                                            this process alone. The processes share the parts of each step, and the
                                            cells of an occupancy refresh: `size` must divide step_parts
@@ -266,7 +270,8 @@ typedef struct ern_train_state {
   bool ema;                          /* its model is the average */
   ern_precision precision;           /* as of ern_train_config */
   ern_ray_sampling ray_sampling;     /* likewise */
-  double budget;                     /* ern_train_config.seconds; then `iters` is what the last step's pace gave */
+  double budget;                     /* ern_train_config.seconds; then `iters` is the number of steps as estimated
+                                        after the last step */
   double seconds;                    /* of training, all runs together */
   bool refine_poses;                 /* ern_train_config.refine_poses */
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have; the next one likewise */
@@ -282,9 +287,9 @@ typedef struct ern_train_state {
   bool head_random_background; /* as of ern_train_config; false where a state of an earlier version does not say it */
 } ern_train_state;
 /* Describes the newest intact state in X.run, X being `output`, so that a program can resume it without having kept its
- * configuration: ern_trainer_create with `resume` refuses another one. Changes and locks nothing. ERN_E_MISSING: there
- * is no state; ERN_E_FORMAT and others: none is intact. *model: the configuration of the state's model, and the
- * settings that it is rendered with. */
+ * configuration: ern_trainer_create with `resume` refuses some other values, see there. Changes and locks nothing.
+ * ERN_E_MISSING: there is no state; ERN_E_FORMAT and others: none is intact. *model: the configuration of the state's
+ * model, and the settings that it is rendered with. */
 ERN_API ERN_NODISCARD ern_status ern_train_state_describe_sized(ern_context *context, const char *output,
                                                                 ern_train_state *state, size_t state_bytes,
                                                                 ern_model_info *model, size_t model_bytes);
@@ -297,12 +302,15 @@ static inline ERN_NODISCARD ern_status ern_train_state_describe(ern_context *con
  * is touched before the first save. `dataset` is copied; what it points to is not. config NULL: the defaults; its
  * strings and head are copied. `backend` must outlive the trainer.
  * ERN_E_BUSY: another process trains there. ERN_E_EXISTS: an earlier training is there, and neither resume nor
- * overwrite is set. ERN_E_NONFINITE: a pose or feature is not finite. ERN_E_MISMATCH: the state or the head belongs to
- * another clip or configuration. ERN_E_STATE: the state to resume is beyond `iters`, or that of `from` at `iters` or
- * beyond. ERN_E_SHAPE: a member of `copies` has another shape than `features`.
- * A resume must have its state's speech features, copies, copy_share, speech_noise, data_begin,
- * data_end, ern_dataset.has_torso, refine_poses, scale, audio_pad and dt_gamma, and a torso's its torso_shrink; other
- * changes (rates, rays, seed, iters, intervals, max_steps, precision) are logged. A torso must have its head's scale,
+ * overwrite is set; or resume is set without overwrite, and the file X is no model of this clip, or a head where a
+ * torso is trained, or the reverse. ERN_E_NONFINITE: a pose or feature is not finite. ERN_E_MISMATCH: the state or the
+ * head belongs to another clip or configuration. ERN_E_STATE: the state to resume is beyond `iters`, or that of `from`
+ * at `iters` or beyond. ERN_E_SHAPE: a member of `copies` has another shape than `features`. A resume must have these
+ * as its state has them, else ERN_E_MISMATCH: the clip; whether a head or a torso is trained; backbone, attention,
+ * eye_attention, levels, no_view, codes, bound, torso_gamma; has_eye, has_torso and scale of the dataset, its features
+ * with copies, copy_share and speech_noise; data_begin, data_end, refine_poses, audio_pad and dt_gamma; of a torso also
+ * torso_shrink and the weights of the head; with a fine stage the name of fine_loss. Other changes (learning rates,
+ * rays, seed, iters, intervals, max_steps, precision) are logged as warnings. A torso must have its head's scale,
  * audio_pad, dt_gamma and max_steps. Differences from the file of `from` are logged. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
                                                           const ern_dataset *dataset, size_t dataset_bytes,
@@ -315,13 +323,15 @@ ERN_API void ern_trainer_free(ern_trainer **trainer); /* accepts NULL and a poin
 
 /* Plain data, may grow. */
 typedef struct ern_train_report {
-  uint64_t step, iters;   /* steps done, and in all; with ern_train_config.seconds a forecast from the pace so far */
-  double loss, psnr;      /* of the rays, psnr in dB. In ern_trainer_step of this step; in ern_trainer_run the mean over
-                             the steps since the last report, as the next one */
-  double samples_per_ray; /* mean */
+  uint64_t step, iters; /* steps done, and in all; with ern_train_config.seconds an estimate from the time of a
+                           step so far */
+  double loss, psnr;    /* of the rays, psnr in dB, and samples_per_ray: from ern_trainer_step those of this step, in a
+                           progress hook of ern_trainer_run their means over the steps since the last report */
+  double samples_per_ray;  /* mean */
   double steps_per_second; /* since the run began; 0 in ern_trainer_step */
   double seconds_left;     /* at that rate, or of ern_train_config.seconds; 0 in ern_trainer_step */
-  double seconds;          /* time of all steps behind this model, of resumed runs too; without saves and validations */
+  double seconds;          /* time of all steps that this model was trained with, also in earlier runs; without saves
+                              and validations */
 } ern_train_report;
 
 /* Where the training stands: step, iters and seconds; all else is 0. */
@@ -362,9 +372,10 @@ typedef struct ern_train_hooks {
 
 /* Trains until `iters` steps are done or `seconds` have passed. Blocks, saves and validates at the intervals of the
  * configuration and at the end. Where hooks->progress returns a value other than 0, it stops: the state is saved, and
- * the result is ERN_E_CANCELLED. Where a validation fails, a save that is due at the same step is made before the error
- * is returned, unless that is ERN_E_NONFINITE or ERN_E_DEVICE; after ERN_E_CANCELLED it is due at any step. hooks NULL:
- * none. */
+ * the result is ERN_E_CANCELLED. Where a step fails, the steps since the last save are saved before the error is
+ * returned, unless it is ERN_E_NONFINITE, ERN_E_DEVICE or ERN_E_NO_MEMORY. Where a validation fails, the state is saved
+ * only if a save was due at that step or the error is ERN_E_CANCELLED, and never after ERN_E_NONFINITE or ERN_E_DEVICE.
+ * Without an output nothing is saved. hooks NULL: none. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);
 static inline ERN_NODISCARD ern_status ern_trainer_run(ern_trainer *trainer, const ern_train_hooks *hooks) {

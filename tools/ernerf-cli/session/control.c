@@ -16,7 +16,7 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .kind = OPTION_TEXT,
        .target = &control->eye,
        .choices = "FILE",
-       .help = "eyes by a curve, a value for each frame of the output, 25 a second: a table with a column AU45_r, as "
+       .help = "eyes by a curve, 25 values for each second of the output: a table with a column AU45_r, as "
                "au.csv "
                "(0..5, 2 and more is closed); else 0..1, one number a line without a header, or .npy of shape [T]"},
       {.name = "smooth_eye",

@@ -26,7 +26,7 @@ void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[
        .alias = "no-still",
        .kind = OPTION_FLAG,
        .target = &frame_reuse->off,
-       .help = "draw every frame from nothing"}};
+       .help = "render every frame completely"}};
   ARGS_FILL(options, rows, FRAME_REUSE_OPTIONS);
 }
 
