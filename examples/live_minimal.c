@@ -6,6 +6,8 @@
  *   cc -std=c17 live_minimal.c $(pkg-config --cflags --libs libernerf-media) -pthread -o live_minimal
  *   ./live_minimal portrait.safetensors transforms_val.json 25 speech.wav out.mp4 [speech2.wav out2.mp4 ...]
  *
+ * 25: frames a second of the videos, 1 to 100.
+ *
  * A sound is what ern_sound_reader_open takes: a file, "-", an address or a device. An output is what
  * ern_stream_writer_open takes. A file is read as fast as frames are drawn. */
 #include <ernerf/ernerf.h>
@@ -64,7 +66,7 @@ static ern_status session_open(struct session *session) {
 /* Draws and writes a frame. Poses run back and forth where the sound is longer than the clip. */
 static ern_status session_frame(struct session *session, const ern_live_frame *frame) {
   const ern_pose_list *poses = &session->portrait->poses;
-  const size_t at = (size_t)(frame->seconds * 25);
+  const size_t at = (size_t)(frame->number * 25 / (uint64_t)session->portrait->frame_rate); /* at 25 frames a second */
   ern_frame_input input = {.camera = {.focal = (float)poses->focal,
                                       .cx = (float)poses->cx,
                                       .cy = (float)poses->cy,

@@ -2,6 +2,7 @@
  * A model, speech features and head poses in; frames out. Uses libernerf alone, no media library.
  *
  *   cc -std=c17 render_minimal.c $(pkg-config --cflags --libs libernerf) -o render_minimal
+ *   ernerf features speech.wav -o speech.npy          (for a model of the built-in speech features)
  *   ./render_minimal portrait.safetensors speech.npy transforms_val.json frames.rgba
  *
  * frames.rgba: one frame after the other, 8-bit RGBA, transparent where there is no portrait. A name that ends in .ppm

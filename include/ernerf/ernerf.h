@@ -9,10 +9,11 @@
  *   if (ern_backend_create(&backend, context, NULL) != ERN_OK) ...    ern_last_error(context) says why
  *   if (ern_model_load(&model, context, "portrait.safetensors") != ERN_OK) ...
  *   if (ern_renderer_create(&renderer, backend, model, NULL) != ERN_OK) ...
- *   for each video frame: ern_audio_windows(), ern_renderer_frame()
+ *   for each video frame: ern_audio_windows(), ern_camera_pose(), ern_renderer_frame(); data.h loads features and poses
  *   ern_renderer_free(&renderer); ern_model_free(&model); ern_backend_free(&backend); ern_context_free(&context);
  *
- * Training: train.h. Clips, pictures and video: media.h, a library of its own. */
+ * Training: train.h. Not included here, of other libraries: media.h, speech.h, live.h, stream.h (libernerf-media),
+ * prepare.h (libernerf-prepare). */
 #ifndef ERNERF_ERNERF_H
 #define ERNERF_ERNERF_H
 

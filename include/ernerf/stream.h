@@ -49,8 +49,8 @@ typedef struct ern_sound_reader ern_sound_reader;
  * "DEVICE:NAME", such as "alsa:hw:0" and "pulse:default", for which libavdevice is loaded. A playlist, or another file
  * that names files or addresses, is refused unless options.format names its format. options NULL: the defaults.
  * ERN_E_MISSING: no such file. ERN_E_IO: the system refused, or no server answers. ERN_E_FORMAT: there is no sound in
- * it. ERN_E_UNSUPPORTED: this system has no such format, decoder or device. ERN_E_CANCELLED: `stop` ended the
- * call. On success the caller owns *reader. */
+ * it, or it is a playlist. ERN_E_UNSUPPORTED: this system has no such format, decoder or device. ERN_E_CANCELLED:
+ * `stop` ended the call. On success the caller owns *reader. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_open(ern_context *context, const char *url,
                                                        const ern_sound_reader_options *options,
                                                        ern_sound_reader **reader);
@@ -79,11 +79,12 @@ typedef struct ern_stream_options {
                          samples. "y4m": uncompressed 4:2:0, without sound. "raw": RGBA, 8 bits, without sound or
                          header. NULL (default): by the url; mp4 for .mp4 and http://, matroska for .mkv, mpegts for
                          .ts, udp:// and srt://, flv for .flv and rtmp://, nut for .nut and tcp://, y4m for .y4m, raw
-                         for .rgba; any other url, also "-", is then ERN_E_UNSUPPORTED */
+                         for .rgba; any other url, also "-", is then ERN_E_UNSUPPORTED. Read by
+                         ern_stream_writer_open alone */
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
-  int (*stop)(void *user);          /* as in ern_sound_reader_options, while a call waits for the stream's reader */
-  void *user;                       /* handed to `stop` */
+  int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */
+  void *user;              /* handed to `stop` */
 } ern_stream_options;
 
 /* The defaults. */
@@ -108,18 +109,19 @@ typedef struct ern_stream_writer ern_stream_writer;
  * - the name of an existing FIFO or device;
  * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
  * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...);
- * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one reader, such as a browser.
+ * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver, such as a browser.
  *
- * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the reader leaves.
- * ERN_E_UNSUPPORTED: no such format, or none follows from the url. ERN_E_IO: the system or the server refused.
- * ERN_E_CANCELLED: `stop` ended the call. On success the caller owns *writer. */
+ * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the receiver
+ * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, or none follows from the
+ * url. ERN_E_IO: the system or the server refused. ERN_E_CANCELLED: `stop` ended the call. On success the caller owns
+ * *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
                                                         const ern_stream_options *options, ern_stream_writer **writer);
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture
- * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], full scale is 1; may be
- * NULL where frames is 0; ignored where the stream has no sound. ERN_E_IO: the reader has left, or the disk is full.
- * ERN_E_CANCELLED: `stop` ended the call. After an error other than ERN_E_ARGUMENT every later call fails
- * with the same status, ern_stream_writer_close too. */
+ * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], a frame being one sample
+ * of each channel here; full scale is 1; may be NULL where frames is 0; ignored where the stream has no sound.
+ * ERN_E_IO: the receiver has left, or the disk is full. ERN_E_CANCELLED: `stop` ended the call. After an error other
+ * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on

@@ -211,8 +211,9 @@ typedef struct ern_train_config {
                                resumed goes on in any case. With `seconds` it must be 0 (ERN_E_ARGUMENT) */
   double fine_share;        /* of a head, with `seconds`: this share of the time, at its end, is the fine stage, 0..1; 0
                                (default): none. Ignored without `seconds` */
-  int patch_size;           /* side of a patch, pixels: 16, 32, 48 or 64; default 32. A fine stage needs `rays` of at
-                               least patch_size^2, and pictures with sides of at least patch_size */
+  int patch_size;           /* side of a patch, pixels: 16, 32, 48 or 64; default 32. A step of the fine stage has
+                               as many patches as `rays` allow, and one at least. Pictures need sides of at least
+                               patch_size */
   float fine_weight;        /* of the patches' loss in even steps, whose patches lie anywhere, 0..1e3; default 0.1 */
   float fine_lips_weight; /* of the patches' loss in odd steps, whose patches lie around the lips where these are known,
                              0..1e3; default 0.1. The paper's code has 0.01, with LPIPS */

@@ -178,6 +178,7 @@ ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
 uint64_t ern_trainer_coarse_steps(const ern_trainer *t);
 /* With `seconds`, before a step: lets it begin where its share of the time has come. */
 void ern_trainer_fine_due(ern_trainer *t);
+size_t ern_trainer_most_rays(const ern_trainer *t); /* of any step */
 /* Of the next step. */
 size_t ern_trainer_step_frames(const ern_trainer *t);
 size_t ern_trainer_step_rays(const ern_trainer *t);

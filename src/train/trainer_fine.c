@@ -11,6 +11,12 @@
 
 static size_t patch_rays(const ern_trainer *t) { return (size_t)t->config.patch_size * (size_t)t->config.patch_size; }
 
+/* Of a step of the fine stage: a patch at least, so it may have more rays than a coarse step. */
+static size_t patches_of_step(const ern_trainer *t) {
+  const size_t patches = (size_t)t->config.rays / patch_rays(t);
+  return patches > 0 ? patches : 1;
+}
+
 /* What a fine stage needs. */
 static ern_status check(const ern_trainer *t) {
   const ern_train_config *c = &t->config;
@@ -25,11 +31,7 @@ static ern_status check(const ern_trainer *t) {
   if (side > width || side > height)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: patch_size is %d, expected at most the %d x %d of the frames",
                     side, width, height);
-  if (patch_rays(t) > (size_t)c->rays)
-    return ern_fail(t->context, ERN_E_ARGUMENT,
-                    "train: rays is %d, expected at least the %zu of a patch of the fine stage", c->rays,
-                    patch_rays(t));
-  const size_t patches = (size_t)c->rays / patch_rays(t), parts = (size_t)c->step_parts;
+  const size_t patches = patches_of_step(t), parts = (size_t)c->step_parts;
   if (patches % parts != 0)
     return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: step_parts is %zu, expected a number that divides the %zu patches of a step of the fine "
@@ -108,13 +110,16 @@ void ern_trainer_fine_due(ern_trainer *t) {
     t->fine_from = t->step;
 }
 
-size_t ern_trainer_step_patches(const ern_trainer *t) {
-  return ern_trainer_is_fine(t) ? (size_t)t->config.rays / patch_rays(t) : 0;
-}
+size_t ern_trainer_step_patches(const ern_trainer *t) { return ern_trainer_is_fine(t) ? patches_of_step(t) : 0; }
 
 size_t ern_trainer_step_rays(const ern_trainer *t) {
   const size_t patches = ern_trainer_step_patches(t);
   return patches > 0 ? patches * patch_rays(t) : (size_t)t->config.rays;
+}
+
+size_t ern_trainer_most_rays(const ern_trainer *t) {
+  const size_t rays = (size_t)t->config.rays, fine = t->patch_filter != NULL ? patches_of_step(t) * patch_rays(t) : 0;
+  return rays > fine ? rays : fine;
 }
 
 size_t ern_trainer_step_frames(const ern_trainer *t) {

@@ -383,7 +383,6 @@ fail:
 }
 
 static ern_status take_host(ern_trainer *t) {
-  const size_t rays = (size_t)t->config.rays;
   const uint8_t *head = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
@@ -392,11 +391,16 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(find_blinks(t));
   ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that a bad one is found now */
   ERN_TRY(ern_trainer_poses_make(t));
-  ERN_TRY(ERN_NEW(t->context, rays, &t->host_pixels));
-  ERN_TRY(ERN_NEW(t->context, 9 * rays, &t->host_rows));
   ERN_TRY(ern_trainer_speech_make(t));
   ERN_TRY(ern_trainer_parts_make(t));
 fail:
+  return status;
+}
+
+static ern_status take_rays(ern_trainer *t) {
+  const size_t rays = ern_trainer_most_rays(t);
+  ern_status status = ERN_NEW(t->context, rays, &t->host_pixels);
+  if (status == ERN_OK) status = ERN_NEW(t->context, 9 * rays, &t->host_rows);
   return status;
 }
 
@@ -540,6 +544,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
+  ERN_TRY(take_rays(t));
   t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
   t->config.output = t->output;

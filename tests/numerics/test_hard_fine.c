@@ -85,6 +85,15 @@ static void test_rays_of_a_fine_step(void **state) {
     if (step >= 2) expect_patches(t->host_pixels, 1); /* of the last frame's part */
   }
   ern_trainer_free(&t);
+  config.rays = 100; /* fewer than a patch has: a step has one all the same */
+  support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
+  for (int step = 0; step < 6; step++) {
+    assert_int_equal(ern_trainer_step_rays(t), step < 2 ? 100 : PATCH * PATCH);
+    assert_int_equal(ern_trainer_step_frames(t), step < 2 ? 4 : 1);
+    support_ok(made.context, ern_trainer_step(t, &report));
+    if (step >= 2) expect_patches(t->host_pixels, 1);
+  }
+  ern_trainer_free(&t);
 }
 
 static void train_on(const char *output, bool resume, uint64_t steps, ern_train_config config) {
@@ -214,9 +223,6 @@ static void test_refused_fine_stage(void **state) {
   refuse(config, "patch_size is 2147483647");
   config.patch_size = 32;
   refuse(config, "patch_size is 32, expected at most the 20 x 20 of the frames");
-  config = fine_config(9, 3);
-  config.rays = PATCH * PATCH - 1;
-  refuse(config, "rays is 255, expected at least the 256 of a patch");
   config = fine_config(9, ERN_FINE_ALL);
   config.seconds = 5;
   refuse(config, "fine_steps is");

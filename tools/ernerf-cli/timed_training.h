@@ -3,8 +3,7 @@
 #ifndef ERN_CLI_TIMED_TRAINING_H
 #define ERN_CLI_TIMED_TRAINING_H
 
-/* On an OpenCL device and among processes each step has a fixed cost, and a patch of the fine stage has more than 512
- * rays: there steps are larger. */
+/* On an OpenCL device and among processes each step has a fixed cost: there steps are larger. */
 enum { TIMED_RAYS = 512, TIMED_RAYS_AT_ONCE = 2048, TIMED_FRAMES_AT_ONCE = 4, TIMED_EMA_EVERY = 40 };
 #define TIMED_PRUNE_SHARE 0.3f
 

@@ -117,8 +117,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
 
 /* What a time is best spent on (docs/history-small-steps.md), where no option says it. */
 static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
-  const bool at_once = job->session.backend_choice == SESSION_OPENCL || fine_stage_asked(&job->fine) ||
-                       job->together.world.communicator.size > 1;
+  const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->together.world.communicator.size > 1;
   if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
   if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = true;
   if (!args_given(args, "ema-every")) config->ema_every = TIMED_EMA_EVERY;
@@ -162,9 +161,6 @@ static void fill_config(struct train_job *job, const struct args *args) {
   if (args_given(args, "head-background")) config->head_random_background = job->head_background == 0;
   if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
   fine_stage_choose(&job->fine, args, job->has_state, config);
-  if (job->has_state && (config->fine_steps > 0 || config->fine_share > 0) && !args_given(args, "rays") &&
-      config->rays < config->patch_size * config->patch_size)
-    config->rays = TIMED_RAYS_AT_ONCE; /* a patch has more rays than a coarse step of --time */
   if (job->paper) follow_paper(args, config);
   if (job->paper) fine_stage_follow_paper(&job->fine, args, config);
   if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */

@@ -10,8 +10,6 @@ enum { LOSS_SSIM, LOSS_LPIPS };
 static const double timed_share = 0.2;            /* of the head's time */
 static const float published_lips_weight = 0.01f; /* of LPIPS */
 
-bool fine_stage_asked(const struct fine_stage *fine) { return fine->stage == STAGE_FINE; }
-
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]) {
   *fine = (struct fine_stage){.stage = STAGE_COARSE};
   const struct option rows[] = {

@@ -13,7 +13,6 @@ struct fine_stage {
 
 #define FINE_STAGE_NAMES "stage fine-steps patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads"
 enum { FINE_STAGE_OPTIONS = 6 + LPIPS_OPTIONS };
-bool fine_stage_asked(const struct fine_stage *fine);
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]);
 /* EXIT_USAGE where the words do not go together; else -1. */
 int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,

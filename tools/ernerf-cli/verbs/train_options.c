@@ -160,7 +160,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->rays,
        .low = 1,
        .high = 1048576,
-       .help = "a step; with --time 512, but 2048 of a torso, with --backend opencl, --stage fine or under mpirun"},
+       .help = "a step; with --time 512, but 2048 of a torso, with --backend opencl or under mpirun; a patch of the "
+               "fine stage may have more"},
       {.name = "lr",
        .kind = OPTION_FLOAT,
        .target = &config->lr,
