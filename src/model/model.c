@@ -119,9 +119,10 @@ static const double unseen_width = 3;
 void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                              float pose[16]) {
   ERN_PLAIN_FLOATS;
-  double total = 1, sum[6] = {0}; /* one more, of no refinement */
-  float row[6];
-  if (model == NULL || frames == NULL || pose == NULL || model->cameras == 0) return;
+  double total = 1, sum[ERN_POSE_NUMBERS]; /* one more, of what the pose says */
+  float row[ERN_POSE_NUMBERS];
+  if (model == NULL || (frames == NULL && count > 0) || pose == NULL || model->cameras == 0) return;
+  ern_pose_regression_predict(&model->unseen, pose, sum);
   for (size_t i = 0; i < count && i < model->cameras; i++) {
     const double off = ((double)frames[i] - (double)frame) / unseen_width, weight = exp(-off * off / 2);
     total += weight;
@@ -172,6 +173,7 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
   if (model->cameras > 0) {
     add_tensor(out, "camera_dR", ERN_F32, 2, model->cameras, 3, 0, model->camera);
     add_tensor(out, "camera_dT", ERN_F32, 2, model->cameras, 3, 0, model->camera + 3 * model->cameras);
+    add_tensor(out, "camera_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS, 0, &model->unseen);
   }
 }
 

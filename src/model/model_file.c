@@ -274,8 +274,9 @@ static bool is_offsets(const struct ern_field *field, const char *name) {
 
 /* Names that a file may hold beside the parameters. The public program keeps an eye branch that it does not use. */
 static bool is_extra(const ern_model *model, const char *name) {
-  static const char *const known[] = {"aabb_train",         "aabb_infer",   "density_grid", "density_bitfield",
-                                      "density_grid_torso", "step_counter", "camera_dR",    "camera_dT"};
+  static const char *const known[] = {"aabb_train",       "aabb_infer",         "density_grid",
+                                      "density_bitfield", "density_grid_torso", "step_counter",
+                                      "camera_dR",        "camera_dT",          "camera_unseen"};
   const struct ern_field *field = &model->field;
   if (!field->config.eye && strncmp(name, "eye_att_net.", 12) == 0) return true;
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
@@ -359,6 +360,9 @@ static ern_status take_camera(ern_model *model, const struct ern_tensor_file *fi
   model->cameras = rows;
   ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dR", 2, shape, model->camera));
   ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dT", 2, shape, model->camera + 3 * rows));
+  if (ern_tensor_file_find(file, "camera_unseen") != NULL)
+    ERN_TRY(ern_tensor_take(model->context, file, path, "camera_unseen", 2,
+                            (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS}, (float *)&model->unseen));
 fail:
   return status;
 }

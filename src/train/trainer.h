@@ -44,17 +44,11 @@ struct ern_run_folder {
   struct ern_lines log_lines, curve_lines;
 };
 
-enum {
-  ERN_POSE_GAUGE = 1 + ERN_POSE_SLOPES,
-  ERN_POSE_HALF = 3 /* frames on either side that a pose is averaged over for the gauge */
-};
-
 /* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
- * scene's origin. An affine function of the clip's pose has no part in them: the gauge. */
+ * scene's origin. Their mean over the trained frames is 0. */
 struct ern_trainer_poses {
   float *row;           /* [frames][ERN_POSE_SLOPES] */
   float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
-  double *gauge;        /* [ERN_POSE_GAUGE][frames]: orthonormal, of 1 and of the clip's poses, 0 where none is left */
   size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
   int64_t *moment;      /* [frames]: their rows of the speech */
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
@@ -248,10 +242,10 @@ struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame);
 /* A step of the frame that was visited. dpose: [ERN_POSE_SLOPES], finite */
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose);
 
-/* The rows as the model keeps them, into t->model->camera. */
-void ern_trainer_poses_download(ern_trainer *t);
+/* The rows as the model keeps them, and their regression, into t->model. */
+ERN_NODISCARD ern_status ern_trainer_poses_download(ern_trainer *t);
 /* The reverse, of the rows that `model` has. */
-void ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
+ERN_NODISCARD ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
 
 /* trainer_refresh.c */
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */

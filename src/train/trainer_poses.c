@@ -70,43 +70,6 @@ static void add_way(float sum[N], const float to[16], const float from[16]) {
   }
 }
 
-enum { FRAMES_A_MEMBER = 8 }; /* of the gauge, so that it leaves most of what few frames have */
-
-/* The six numbers that tell a frame's pose from that of the first, as means over the frames around it: what is wrong
- * with a single pose, and is to be corrected, has little part in them. */
-static void smooth_ways(double *gauge, const ern_trainer *t) {
-  const size_t frames = t->data.frames[0], begin = t->config.data_begin, end = t->config.data_end;
-  for (size_t i = begin; i < end; i++) {
-    const size_t from = i - begin > ERN_POSE_HALF ? i - ERN_POSE_HALF : begin,
-                 to = end - i > ERN_POSE_HALF ? i + ERN_POSE_HALF + 1 : end;
-    float sum[N] = {0};
-    for (size_t j = from; j < to; j++) add_way(sum, t->views[j].pose, t->views[begin].pose);
-    for (size_t k = 0; k < N; k++) gauge[(1 + k) * frames + i] = (double)sum[k] / (double)(to - from);
-  }
-}
-
-/* Gram and Schmidt over the frames that are trained: 1, then each of the six numbers. What is left of one after those
- * before it is looked at twice, for its rounding. */
-static void make_gauge(ern_trainer *t, struct ern_trainer_poses *p) {
-  const size_t frames = t->data.frames[0], begin = t->config.data_begin, end = t->config.data_end;
-  for (size_t i = begin; i < end; i++) p->gauge[i] = 1;
-  smooth_ways(p->gauge, t);
-  for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
-    double *own = p->gauge + q * frames, before = 0, square = 0;
-    for (size_t i = begin; i < end; i++) before += own[i] * own[i];
-    for (size_t pass = 0; pass < 2 * q; pass++) {
-      const double *other = p->gauge + pass % q * frames;
-      double share = 0;
-      for (size_t i = begin; i < end; i++) share += own[i] * other[i];
-      for (size_t i = begin; i < end; i++) own[i] -= share * other[i];
-    }
-    for (size_t i = begin; i < end; i++) square += own[i] * own[i];
-    const bool many = q == 0 || q * FRAMES_A_MEMBER <= end - begin;
-    const bool there = many && isfinite(before) && square > 1e-6 * before; /* poses are floats */
-    for (size_t i = begin; i < end; i++) own[i] = there ? own[i] / sqrt(square) : 0;
-  }
-}
-
 static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
   return p->beside[2 * frame] != frame && p->beside[2 * frame + 1] != frame;
 }
@@ -120,13 +83,11 @@ ern_status ern_trainer_poses_make(ern_trainer *t) {
   t->poses = p;
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
-  ERN_TRY(ERN_NEW(t->context, ERN_POSE_GAUGE * frames, &p->gauge));
   ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
   ERN_TRY(ERN_NEW(t->context, frames, &p->moment));
   if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
   t->model->cameras = frames;
   ERN_TRY(find_neighbours(t, p));
-  make_gauge(t, p);
   for (size_t i = 0; i < frames; i++) {
     if (!has_both(p, i)) continue;
     add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
@@ -141,7 +102,6 @@ void ern_trainer_poses_free(ern_trainer *t) {
   if (p == NULL) return;
   ern_release(t->context, p->row);
   ern_release(t->context, p->bend);
-  ern_release(t->context, p->gauge);
   ern_release(t->context, p->beside);
   ern_release(t->context, p->moment);
   ern_release(t->context, p);
@@ -150,35 +110,27 @@ void ern_trainer_poses_free(ern_trainer *t) {
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
-/* c -= sum over k of G_k (G_k . c) */
-static void hold_gauge(ern_trainer *t) {
+/* A row that all frames have describes another head, not other poses. */
+static void hold_mean(ern_trainer *t) {
   struct ern_trainer_poses *p = t->poses;
-  double share[ERN_POSE_GAUGE][N] = {{0}};
-  for (size_t q = 0; q < ERN_POSE_GAUGE; q++) {
-    const double *own = p->gauge + q * t->data.frames[0];
-    for (size_t i = t->config.data_begin; i < t->config.data_end; i++)
-      for (size_t k = 0; k < N; k++) share[q][k] += own[i] * (double)p->row[N * i + k];
-  }
-  for (size_t i = t->config.data_begin; i < t->config.data_end; i++)
-    for (size_t k = 0; k < N; k++) {
-      double held = 0;
-      for (size_t q = 0; q < ERN_POSE_GAUGE; q++) held += p->gauge[q * t->data.frames[0] + i] * share[q][k];
-      p->row[N * i + k] = (float)((double)p->row[N * i + k] - held);
-    }
+  const size_t begin = t->config.data_begin, end = t->config.data_end;
+  double mean[N] = {0};
+  for (size_t i = begin; i < end; i++)
+    for (size_t k = 0; k < N; k++) mean[k] += (double)p->row[N * i + k] / (double)(end - begin);
+  for (size_t i = begin; i < end; i++)
+    for (size_t k = 0; k < N; k++) p->row[N * i + k] = (float)((double)p->row[N * i + k] - mean[k]);
 }
 
-/* Row `frame` of the model: degrees, and how far the camera goes, turn included. */
+/* Row `frame` of the model, a trained one: degrees, and how far the camera goes, turn included. */
 static void give_row(ern_trainer *t, size_t frame) {
   const double degree = 3.14159265358979323846 / 180;
-  const bool trained = frame >= t->config.data_begin && frame < t->config.data_end;
   const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
   float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
   float turned[16];
   for (size_t k = 0; k < 3; k++) {
-    angle[k] = trained ? (float)((double)row[k] / degree) : 0;
+    angle[k] = (float)((double)row[k] / degree);
     move[k] = 0;
   }
-  if (!trained) return;
   /* the columns of a rotation turn as any vector does: the origin stands where the first one was */
   memcpy(turned, pose, sizeof turned);
   for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
@@ -194,15 +146,48 @@ struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
   return view;
 }
 
-void ern_trainer_poses_download(ern_trainer *t) {
-  if (t->poses == NULL) return;
-  for (size_t i = 0; i < t->data.frames[0]; i++) give_row(t, i);
+/* The rows of frames that are not trained on are what the regression predicts. */
+static void give_predicted(ern_trainer *t) {
+  ern_model *model = t->model;
+  for (size_t i = 0; i < t->data.frames[0]; i++) {
+    double row[N];
+    if (i >= t->config.data_begin && i < t->config.data_end) continue;
+    ern_pose_regression_predict(&model->unseen, t->views[i].pose, row);
+    for (size_t k = 0; k < 3; k++) {
+      model->camera[3 * i + k] = (float)row[k];
+      model->camera[3 * (model->cameras + i) + k] = (float)row[3 + k];
+    }
+  }
 }
 
-void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
+ern_status ern_trainer_poses_download(ern_trainer *t) {
+  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
+  const ern_model *model = t->model;
+  float *pose = NULL, *row = NULL;
+  ern_status status = ERN_OK;
+  if (t->poses == NULL) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, 16 * count, &pose));
+  ERN_TRY(ERN_NEW(t->context, N * count, &row));
+  for (size_t i = 0; i < count; i++) {
+    give_row(t, begin + i);
+    memcpy(pose + 16 * i, t->views[begin + i].pose, 16 * sizeof *pose);
+    for (size_t k = 0; k < 3; k++) {
+      row[N * i + k] = model->camera[3 * (begin + i) + k];
+      row[N * i + 3 + k] = model->camera[3 * (model->cameras + begin + i) + k];
+    }
+  }
+  ern_pose_regression_fit(&t->model->unseen, pose, row, count);
+  give_predicted(t);
+fail:
+  ern_release(t->context, pose);
+  ern_release(t->context, row);
+  return status;
+}
+
+ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
   const double degree = 3.14159265358979323846 / 180;
   const size_t rows = model->cameras < t->data.frames[0] ? model->cameras : t->data.frames[0];
-  if (t->poses == NULL) return;
+  if (t->poses == NULL) return ERN_OK;
   for (size_t i = 0; i < rows; i++) {
     const float *pose = t->views[i].pose;
     float *row = t->poses->row + N * i, turned[16];
@@ -214,8 +199,8 @@ void ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
       row[3 + r] = (float)((double)turned[4 * r + 3] - (double)turned[4 * r]);
     }
   }
-  hold_gauge(t);
-  ern_trainer_poses_download(t);
+  hold_mean(t);
+  return ern_trainer_poses_download(t);
 }
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
@@ -263,5 +248,5 @@ void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
     if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, slope / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
-  hold_gauge(t);
+  hold_mean(t);
 }

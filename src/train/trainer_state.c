@@ -26,7 +26,7 @@ ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ERN_TRY(t->backend->download_bytes(t->stream, model->bits, t->bits, t->bits.count));
   if (model->field.config.torso)
     ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
-  ern_trainer_poses_download(t);
+  ERN_TRY(ern_trainer_poses_download(t));
   *(t->config.torso ? &model->torso_steps : &model->head_steps) = t->step;
 fail:
   return status;
@@ -496,7 +496,7 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
   const bool foreign = ern_trainer_is_foreign(t, c.model);
-  if (!foreign) ern_trainer_poses_take(t, c.model);
+  if (!foreign) ERN_TRY(ern_trainer_poses_take(t, c.model));
   ern_trainer_keep_consent(t, c.model);
   if (c.model->cameras > 0 && (foreign || t->poses == NULL))
     ern_log(t->context, ERN_LOG_WARNING, "%s: its camera refinement is %s", path,

@@ -3,6 +3,7 @@
 #include "../made_clip.h"
 #include "core/backend.h"
 #include "machines.h"
+#include "model/pose_regression.h"
 #include "train/trainer.h"
 
 enum { SAMPLES = 200 };
@@ -123,13 +124,33 @@ static void test_gradient_of_a_pose_that_is_no_number(void **state) {
   made_close(&m);
 }
 
+/* Poses of entries from 0 to 1e38, rows to 1e30: what is predicted for each, and for others, is finite. */
+static void test_regression_of_extreme_poses(void **state) {
+  (void)state;
+  enum { MANY = 12 };
+  static const float sizes[] = {0, 1e-42f, 1e-20f, 1, 1e18f, 1e38f};
+  static float pose[16 * MANY], row[ERN_POSE_NUMBERS * MANY];
+  struct ern_pose_regression fit;
+  double predicted[ERN_POSE_NUMBERS];
+  for (size_t of_pose = 0; of_pose < 6; of_pose++)
+    for (size_t of_row = 0; of_row < 6; of_row++) {
+      for (size_t i = 0; i < 16 * MANY; i++) pose[i] = machines_random(2, i, sizes[of_pose]);
+      for (size_t i = 0; i < ERN_POSE_NUMBERS * MANY; i++) row[i] = machines_random(3, i, fminf(sizes[of_row], 1e30f));
+      for (size_t n = 1; n <= MANY; n++) {
+        ern_pose_regression_fit(&fit, pose, row, n);
+        for (size_t i = 0; i < MANY; i++) {
+          ern_pose_regression_predict(&fit, pose + 16 * i, predicted);
+          for (size_t k = 0; k < ERN_POSE_NUMBERS; k++) assert_true(fabs(predicted[k]) <= 1e30);
+        }
+      }
+    }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_pose_without_a_sample),
-      cmocka_unit_test(test_pose_of_huge_and_denormal_slopes),
-      cmocka_unit_test(test_pose_with_a_nan_slope),
-      cmocka_unit_test(test_row_of_huge_and_tiny_gradients),
-      cmocka_unit_test(test_gradient_of_a_pose_that_is_no_number),
+      cmocka_unit_test(test_pose_without_a_sample),       cmocka_unit_test(test_pose_of_huge_and_denormal_slopes),
+      cmocka_unit_test(test_pose_with_a_nan_slope),       cmocka_unit_test(test_row_of_huge_and_tiny_gradients),
+      cmocka_unit_test(test_regression_of_extreme_poses), cmocka_unit_test(test_gradient_of_a_pose_that_is_no_number),
   };
   return cmocka_run_group_tests(tests, open_machines, close_machines);
 }

@@ -151,6 +151,11 @@ static void test_unseen(void **state) {
   memcpy(pose, first, sizeof pose);
   ern_model_refine_unseen(model, frames, ROWS, INT64_MAX, pose);
   expect_near(pose, first, "a frame far away");
+  model->unseen.constant[4] = 0.25f; /* what the pose says, by a regression */
+  memcpy(pose, first, sizeof pose);
+  ern_model_refine_unseen(model, NULL, 0, 5, pose);
+  first[7] += 0.25f;
+  expect_near(pose, first, "a pose without frames around it");
   ern_model_free(&model);
   ern_context_free(&context);
 }

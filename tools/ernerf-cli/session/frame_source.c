@@ -47,7 +47,7 @@ bool frame_source_refines(const ern_model_info *model, const ern_clip_info *clip
 
 void frame_source_refine(const struct frame_source *frame_source, const ern_model *model,
                          const struct source_frame *frame, float pose[16]) {
-  if (frame->split == ERN_SPLIT_TRAIN)
+  if (frame_source->trained != NULL && frame->split == ERN_SPLIT_TRAIN)
     ern_model_refine(model, frame->index, pose);
   else
     ern_model_refine_unseen(model, frame_source->trained, frame_source->trained_count, frame->pose.img_id, pose);

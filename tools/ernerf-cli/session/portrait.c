@@ -245,7 +245,7 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
                               float refined[16]) {
   const struct source_frame *from = frame_source_before(frame_source, k), *to = frame_source_after(frame_source, k);
   float second[16];
-  if (!frame_source_refines(&portrait->info, &portrait->clip_info) || frame_source->trained == NULL) return NULL;
+  if (!frame_source_refines(&portrait->info, &portrait->clip_info)) return NULL;
   ern_camera_pose(refined, from->pose.matrix, portrait->scale);
   frame_source_refine(frame_source, portrait->model, from, refined);
   if (from == to) return refined;
