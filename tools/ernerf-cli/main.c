@@ -18,7 +18,7 @@ static const struct verb verbs[] = {
     {"prepare", "from the video of a person to a clip that a training takes", cmd_prepare},
     {"train", "learn a head, or the torso under it, from a clip", cmd_train},
     {"render", "a model, speech and head poses to a video or pictures", cmd_render},
-    {"join", "videos of successive frames to one, without coding them anew", cmd_join},
+    {"join", "videos of successive frames to one, without re-encoding", cmd_join},
     {"detect", "whether a video has the watermark of a key", cmd_detect},
     {"live", "sound as it comes, to a person who says it, as a stream", cmd_live},
     {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},

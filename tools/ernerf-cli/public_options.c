@@ -23,7 +23,7 @@ static const struct {
      NOT_NEEDED "the fastest arithmetic is chosen, empty space is skipped, eyes are learnt where the clip has them"},
     {"path", NOT_NEEDED "the clip is a word, as in `ernerf train CLIP -o head.safetensors`"},
     {"test",
-     NOT_NEEDED "`ernerf render MODEL --clip CLIP -o out.mp4` draws a model, `ernerf eval MODEL CLIP` judges it"},
+     NOT_NEEDED "`ernerf render MODEL --clip CLIP -o out.mp4` renders a model, `ernerf eval MODEL CLIP` evaluates it"},
     {"test_train", "is `--split train` of `ernerf render` and `ernerf eval` here"},
     {"workspace", "is `-o X.safetensors` of `ernerf train` here; state, log and pictures go to X.run beside it"},
     {"ckpt",

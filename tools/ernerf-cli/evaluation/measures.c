@@ -55,7 +55,7 @@ void measures_print(const struct measures_figures *f) {
     printf("mouth: %.1f %% of its motion, correlation %.2f, amplitude %.2f\n", 100 * f->mouth.explained,
            f->mouth.correlation, f->mouth.amplitude);
   else
-    printf("mouth: its motion cannot be told without landmarks of three frames in which it moves\n");
+    printf("mouth: its motion cannot be measured without landmarks of three frames in which it moves\n");
   if (isfinite(f->sharpness_head) && isfinite(f->sharpness_mouth))
     printf("sharpness over the truth's: head %.2f, mouth %.2f\n", f->sharpness_head, f->sharpness_mouth);
   static const char *const lids[2] = {"open", "shut"};
@@ -66,7 +66,7 @@ void measures_print(const struct measures_figures *f) {
   if (isfinite(f->tremble))
     printf("tremble: the face moves %.2f times as unevenly as the true one\n", f->tremble);
   else
-    printf("tremble: cannot be told without libernerf-vision and landmarks of three frames in a row\n");
+    printf("tremble: cannot be measured without libernerf-vision and landmarks of three frames in a row\n");
 }
 
 json_t *measures_json(const struct measures_figures *f) {

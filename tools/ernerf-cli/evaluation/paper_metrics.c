@@ -46,7 +46,7 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
        .kind = OPTION_TEXT,
        .target = &metrics->sync.audio_path,
        .choices = "FILE.onnx",
-       .help = "Sync: the part of SyncNet that hears 20 rows of cepstra"}};
+       .help = "Sync: the part of SyncNet for sound: 20 rows of cepstra"}};
   ARGS_FILL(options, rows, PAPER_METRICS_OPTIONS - LPIPS_OPTIONS);
   lpips_weights_options(&metrics->lpips.weights, options + PAPER_METRICS_OPTIONS - LPIPS_OPTIONS);
 }

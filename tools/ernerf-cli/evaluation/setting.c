@@ -65,7 +65,7 @@ int setting_open(int setting, struct evaluation *evaluation, const struct portra
   if (setting != SETTING_SYNCHRONIZATION) return 0;
   if (session_lies_in(speech, portrait->source.path))
     return session_fail_with(session,
-                             "%s: lies in %s and so is the clip's own speech, expected a file elsewhere: other speech",
+                             "%s: is in %s, so it is the clip's own speech; expected a file elsewhere: other speech",
                              speech, portrait->source.path);
   if (frames_of_speech(evaluation, speech, &frames) != 0) return EXIT_FAILURE;
   source->count = 0;

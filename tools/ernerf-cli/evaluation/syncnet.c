@@ -146,7 +146,7 @@ static int hear_sound(struct syncnet *sync, const struct evaluation *evaluation,
   int status = 0;
   double *wave = NULL;
   if (sound.rate != SYNC_RATE)
-    status = session_fail_with(session, "%s: has %d samples a second, expected %d, as SyncNet hears", path, sound.rate,
+    status = session_fail_with(session, "%s: has %d samples a second, expected %d, as for SyncNet", path, sound.rate,
                                (int)SYNC_RATE);
   else if (sound.frames < from + samples)
     status = session_fail_with(session, "%s: has %zu samples, expected %zu at least: as long as the frames up to %zu",

@@ -134,7 +134,7 @@ void ablation_text(const struct ablation *ablation, struct bytes *text) {
   const size_t seeds = ablation->rows > 0 ? ablation->row[0].seeds : 0;
   bytes_print(text,
               "# Ablation\n\n%s, %d x %d; heads of %llu steps of %d rays each, networks at a rate of %g, %zu seed%s; "
-              "judged on\n%zu frames.\n",
+              "evaluated on\n%zu frames.\n",
               ablation->clip, ablation->width, ablation->height, (unsigned long long)ablation->iters, ablation->rays,
               (double)ablation->lr_net, seeds, seeds == 1 ? "" : "s", ablation->frames);
   bytes_print(text,

@@ -78,7 +78,10 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .choices = "ROW,...",
        .help = "these rows alone: mlp-concat, triplane-concat, triplane-channel, hash3d-concat, hash3d-channel, "
                "trihash-concat, trihash-feature, trihash-channel"},
-      {.name = "frames", .kind = OPTION_RANGE, .target = &job->frames, .help = "judge validation frames [A, B) alone"},
+      {.name = "frames",
+       .kind = OPTION_RANGE,
+       .target = &job->frames,
+       .help = "evaluate validation frames [A, B) alone"},
       {.name = "repeats",
        .kind = OPTION_INT,
        .target = &job->repeats,
@@ -434,7 +437,7 @@ int cmd_ablate(int argc, char **argv) {
       .summary = "Trains the rows of the paper's ablation on a clip, and writes its tables.",
       .usage = "ablate CLIP -o DIR [--iters 2000] [--seeds 3]",
       .notes =
-          "All rows get the same steps, rays and seeds, and are judged on the same validation frames. DIR holds\n"
+          "All rows get the same steps, rays and seeds, and are evaluated on the same validation frames. DIR holds\n"
           "ablation.md, ablation.csv and ablation.json, each model and its training. The tables: PSNR, SSIM, PSNR of\n"
           "the mouth, training time, frames a second, size; and the hash collisions of one look-up step.",
       .words = words,

@@ -165,7 +165,7 @@ int cmd_compare(int argc, char **argv) {
       .summary = "Holds two portraits against the same frames of a clip, side by side: figures, pictures, a video.",
       .usage = "compare A B CLIP -o DIR [--split val] [--frames A:B]",
       .notes =
-          "Both are judged as `ernerf eval` judges one, with the same options. A video may come from any program. Its\n"
+          "Both are evaluated as by `ernerf eval`, with the same options. A video may come from any program. Its\n"
           "picture k is frame k of the split, counted from 0, also with --frames; its pictures have the clip's size.\n"
           "With the weights of LPIPS that is a figure too. Differences are B - A. best.png is the frame in which B is "
           "best against A by PSNR, worst.png the one in\n"

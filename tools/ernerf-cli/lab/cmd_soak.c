@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf soak: trains under one hostile setting after another and looks at everything after each step. */
+ * ernerf soak: trains under one hostile setting after another and checks all values after each step. */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -276,7 +276,7 @@ int cmd_soak(int argc, char **argv) {
   struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "soak",
-      .summary = "Trains under one hostile setting after another, and looks at everything after each step.",
+      .summary = "Trains under one hostile setting after another, and checks all values after each step.",
       .usage = "soak CLIP --steps 100000",
       .notes =
           "Each round draws kinds and effects, rays a step, learning rates up to 100 times the usual, distance and\n"

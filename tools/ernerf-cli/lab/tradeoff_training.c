@@ -376,7 +376,7 @@ int tradeoff_training(int argc, char **argv) {
           "devices,\n"
           "with --double precision; bf16 where there is avx512bf16. One training is as published: rays anywhere alike, "
           "and\n"
-          "each 16 steps a look at all of the occupancy. DIR gets training.md, .csv, .json and the curves as "
+          "a refresh of the whole occupancy grid every 16 steps. DIR gets training.md, .csv, .json and the curves as "
           "training_seconds,\n"
           "training_steps and training_mouth_seconds, .svg and .png: PSNR, and how much of the mouth's motion is "
           "there.\nFirst the steps of a fine stage are timed beside coarse ones, with LPIPS where its weights are "

@@ -64,8 +64,9 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->look_ahead,
        .low = ERN_LIVE_LEAST_LOOK_AHEAD,
        .high = ERN_LIVE_LOOK_AHEAD,
-       .help = "frames (25 a second) of sound that a frame hears ahead: fewer are 40 ms sooner each and move the mouth "
-               "less exactly (default 7, all that the model hears)"}};
+       .help = "frames (25 a second) of sound after a frame that its speech input has: each one fewer is 40 ms sooner "
+               "and moves the mouth "
+               "less exactly (default 7, all that the model takes)"}};
   ARGS_FILL(options, rows, IN_OPTIONS);
 }
 

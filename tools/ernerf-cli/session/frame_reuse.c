@@ -21,7 +21,7 @@ void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[
        .low = 0,
        .high = 255,
        .help = "grey levels of 255 that a pixel may be off while the camera stands still, where what hardly changes is "
-               "not drawn anew; 0 keeps what cannot change (default 0.5)"},
+               "not rendered again; 0 keeps what cannot change (default 0.5)"},
       {.name = "no-reuse-rays",
        .alias = "no-still",
        .kind = OPTION_FLAG,
@@ -86,6 +86,6 @@ void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrai
   const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   text[0] = 0;
   if (frame_reuse->off || !frame_reuse->stands || work.frames == 0) return;
-  snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples drawn anew", 100 * work.rays / (double)work.frames,
-           100 * work.samples / (double)work.frames);
+  snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples rendered again",
+           100 * work.rays / (double)work.frames, 100 * work.samples / (double)work.frames);
 }

@@ -11,7 +11,8 @@ void hearing_options(struct hearing *hearing, struct option options[HEARING_OPTI
        .kind = OPTION_TEXT,
        .target = &hearing->path,
        .choices = "FILE.onnx",
-       .help = "a network that hears the sound (docs/speech.md), not the built-in kind; through OpenCV's DNN module"},
+       .help = "a network that computes features of the sound (docs/speech.md), instead of the built-in kind; through "
+               "OpenCV's DNN module"},
       {.name = "speech-preset",
        .kind = OPTION_TEXT,
        .target = &hearing->needs,
@@ -34,7 +35,7 @@ int hearing_check(const struct hearing *hearing, const struct args *args, const 
     return args_refuse(args, "--speech-preset is \"%s\", expected esperanto, hubert, or a description's FILE.json",
                        hearing->needs);
   if (audio != NULL && !ern_speech_is_sound(audio))
-    return args_refuse(args, "--speech-model hears a sound, and %s holds features", audio);
+    return args_refuse(args, "--speech-model takes a sound, and %s holds features", audio);
   return args_forbid(args, "asr_model", "chooses features of the clip, and --speech-model makes them of its sound");
 }
 

@@ -155,7 +155,7 @@ int rate_control_calibrate(struct rate_control *g, struct dimensions size, rate_
   for (g->count = 0; g->count < LOOK_RUNGS; g->count++)
     g->rung[g->count] =
         rung_of(&base, (double)ladder[g->count].image_scale, (double)ladder[g->count].transmittance_stop);
-  session_note(g->session, "%s: a quick look at what settings cost; `ernerf tradeoff` measures it better, once",
+  session_note(g->session, "%s: measures the cost of the settings briefly; `ernerf tradeoff` measures it better, once",
                g->session->verb);
   look.exact = malloc(LOOK_FRAMES * look.values * sizeof(float));
   look.rgb = malloc(look.values * sizeof(float));

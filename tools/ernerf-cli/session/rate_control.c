@@ -40,7 +40,7 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
        .target = &g->front,
        .choices = "FILE.json",
        .help = "where `ernerf tradeoff` measured them (default MODEL without its ending + .tradeoff/tradeoff.json; "
-               "without one a quick look at a few frames)"}};
+               "without one a few frames are measured at the start)"}};
   ARGS_FILL(options, rows, RATE_CONTROL_OPTIONS);
 }
 

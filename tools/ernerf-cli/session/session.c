@@ -417,7 +417,7 @@ int session_keep_json_out(struct session *session, const char *folder) {
   if (!place_of(session->json, place) || !place_of(name, inside)) return 0;
   inside[strlen(inside) - 1] = 0; /* "FOLDER/" */
   if (strncmp(place, inside, strlen(inside)) != 0) return 0;
-  return session_fail_with(session, "%s: lies in %s, whose files are written too; expected another folder for --json",
+  return session_fail_with(session, "%s: is in %s, whose files are written too; expected another folder for --json",
                            session->json, folder);
 }
 
@@ -441,7 +441,7 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
   for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
     snprintf(path, sizeof path, "%s/%s", clip, folders[i]);
     if (session_lies_in(output, path))
-      return session_fail_with(session, "%s: lies among the clip's pictures in %s, expected another folder", output,
+      return session_fail_with(session, "%s: is among the clip's pictures in %s, expected another folder", output,
                                path);
   }
   return 0;

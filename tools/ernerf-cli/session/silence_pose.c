@@ -57,8 +57,8 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   free(loudness);
   if (status == ERN_OK) return 0;
   if (status == ERN_E_NO_MEMORY) return session_fail(session);
-  session_note(session, "%s: %s: silence cannot be told, so the mouth follows the speech alone: %s", session->verb,
-               portrait->source.path, ern_last_error(context));
+  session_note(session, "%s: %s: silence cannot be recognised, so the mouth follows the speech alone: %s",
+               session->verb, portrait->source.path, ern_last_error(context));
   return 0;
 }
 
@@ -118,7 +118,7 @@ static bool clip_tells(struct session *session, const struct portrait *portrait)
   }
   if (hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) return true;
   session_note(session,
-               "%s: %s: holds %s, the model speaks from %s: silence cannot be told, so the mouth follows the "
+               "%s: %s: holds %s, the model speaks from %s: silence cannot be recognised, so the mouth follows the "
                "speech alone",
                session->verb, portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
   return false;
@@ -135,7 +135,7 @@ int silence_pose_open(struct silence_pose *pose, struct session *session, const 
   const int width = portrait->clip != NULL ? ern_clip_features(portrait->clip)->width : speech->width;
   if (!pose->off && width != speech->width) {
     session_note(session,
-                 "render: %s: %d wide, the speech's features are %d: silence cannot be told, so the mouth "
+                 "render: %s: %d wide, the speech's features are %d: silence cannot be recognised, so the mouth "
                  "follows the speech alone",
                  portrait->features_path, width, speech->width);
     return 0;

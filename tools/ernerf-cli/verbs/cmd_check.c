@@ -56,7 +56,8 @@ int cmd_check(int argc, char **argv) {
       .summary = "Says what a clip has, what it lacks, what will be learnt and which step makes what is missing.",
       .usage = "check CLIP",
       .notes =
-          "Marks: ok, missing (not needed: it says what goes without), wrong. Exit status 1 where a training could\n"
+          "Marks: ok, missing (not needed: it says what a training then leaves out), wrong. Exit status 1 where a "
+          "training could\n"
           "not start. With --quiet the lines marked ok are left out.\n"
           "Then, of a clip that can be trained on: which effects it holds or lacks, with what was measured. That is\n"
           "what `ernerf train --effects auto` models.",

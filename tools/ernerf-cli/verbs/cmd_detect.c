@@ -124,7 +124,7 @@ int cmd_detect(int argc, char **argv) {
       .summary = "Says whether a video has the watermark that `render --watermark KEY` puts on frames.",
       .usage = "detect VIDEO --watermark KEY [--window SECONDS] [--json FILE]",
       .notes =
-          "Exit status: 0 found, 1 not found or failed (an error is told on standard error), 2 wrong usage.\n"
+          "Exit status: 0 found, 1 not found or failed (the message is on standard error), 2 wrong usage.\n"
           "docs/watermark.md: what it survives, and how often a wrong key is found.",
       .words = words,
       .word_count = 1,

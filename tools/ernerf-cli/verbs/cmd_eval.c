@@ -139,7 +139,7 @@ static void print_refined(const struct eval_job *job) {
   print_decibels(fitted->sum.mouth, fitted->mouths);
   printf(
       "\n\nrefined: each frame at the pose that the model draws it best at, %.2f degrees and %.2f mm from its own "
-      "in the\nmean; not to be held against figures with the frames' own poses, as all that follow are.\n",
+      "in the\nmean; not to be compared with figures of the frames' own poses, which all that follow are.\n",
       mean(fitted->turn, n), mean(fitted->move, n));
 }
 
@@ -376,7 +376,7 @@ int cmd_eval(int argc, char **argv) {
       .notes =
           "A head is drawn over the true torso pictures, head and torso over the background. Summaries are means of\n"
           "the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59. Frames a second\n"
-          "count drawing to 8-bit pixels, without reading, judging and encoding.",
+          "count rendering to 8-bit pixels, without reading, comparing and encoding.",
       .public_names = true,
       .words = words,
       .word_count = 2,

@@ -76,7 +76,7 @@ int cmd_features(int argc, char **argv) {
   if (status < 0 && job.out == NULL) status = args_refuse(&args, "-o FILE.npy is missing");
   if (status < 0) status = hearing_check(&job.hearing, &args, job.sound);
   if (status < 0 && job.hearing.path != NULL)
-    status = args_forbid(&args, "warp", "is of the built-in kind, and --speech-model hears the sound as it is");
+    status = args_forbid(&args, "warp", "is for the built-in kind, and --speech-model takes the sound unchanged");
   job.session.inputs[0] = job.sound;
   job.session.inputs[1] = job.hearing.path;
   job.session.inputs[2] = hearing_file(&job.hearing);

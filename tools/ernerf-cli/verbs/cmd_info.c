@@ -317,7 +317,7 @@ static int describe(struct session *session, const char *path) {
   return session_fail_with(
       session,
       "%s: of an unknown kind, expected .safetensors or .pth (a model), .npy (speech features) or .json "
-      "(poses); `ernerf check` looks at the folder of a clip",
+      "(poses); `ernerf check` examines the folder of a clip",
       path);
 }
 
@@ -347,7 +347,7 @@ int cmd_info(int argc, char **argv) {
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && strcmp(path, "devices") != 0) status = args_forbid(&args, "tune device", "is for `info devices`");
-  if (status < 0 && !session.tune) status = args_forbid(&args, "device", "goes with --tune");
+  if (status < 0 && !session.tune) status = args_forbid(&args, "device", "needs --tune");
   if (session.tune) session.backend_choice = SESSION_OPENCL;
   session.inputs[0] = path;
   if (status < 0) status = session_open(&session, &args);

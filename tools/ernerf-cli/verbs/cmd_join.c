@@ -160,7 +160,7 @@ int cmd_join(int argc, char **argv) {
        .help = "seconds into it at the first frame (default by that frame's number, as the file beside the first "
                "segment says it)"}};
   struct args args = {.verb = "join",
-                      .summary = "Makes one video of those that `render --frames A:B` wrote, without coding anew.",
+                      .summary = "Makes one video of those that `render --frames A:B` wrote, without re-encoding them.",
                       .usage = "join FOLDER [--wav SOUND] -o OUT.mp4",
                       .words = words,
                       .word_count = 1,

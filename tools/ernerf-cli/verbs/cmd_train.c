@@ -244,7 +244,7 @@ static void say_plan(struct train_job *job) {
                  job->effects.has[EFFECT_EYE] ? "follow au.csv"
                  : info->has_blink            ? "are not modelled"
                                               : "stay still (no au.csv)",
-                 info->has_landmarks ? "the face is told from the rest by its landmarks" : "no landmarks");
+                 info->has_landmarks ? "the face is known by its landmarks" : "no landmarks");
   if (!config->torso) {
     char list[64];
     effects_words(&job->effects, list, sizeof list);
@@ -385,7 +385,7 @@ static int run(struct train_job *job) {
   if (job->stepped)
     session_note(session, "train: done, %s; %s of training", job->config.output, spent);
   else
-    session_note(session, "train: all %" PRIu64 " steps were done before; %s is written anew", job->config.iters,
+    session_note(session, "train: all %" PRIu64 " steps were done before; %s is written again", job->config.iters,
                  job->config.output);
   const bool more = job->torso_follows && !job->config.torso;
   return more || session->rank > 0 ? 0 : session_report(session, report(job));
@@ -421,7 +421,8 @@ int cmd_train(int argc, char **argv) {
   struct train_job job;
   struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS],
       fine[FINE_STAGE_OPTIONS];
-  struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` looks at it"}};
+  struct word words[] = {
+      {"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` lists what it has"}};
   struct args args = {
       .verb = "train",
       .summary = "Learns a head from a preprocessed clip, or the torso under it.",

@@ -70,7 +70,7 @@ int speech_augmentation_make(struct speech_augmentation *speech, struct session 
   if (!info.hears_sound || info.speech_network[0] != 0) {
     const int status =
         args_forbid(args, "speech-copies speech-warp speech-share",
-                    info.hears_sound ? "is for sound that the built-in kind is made of, and a network hears this"
+                    info.hears_sound ? "is for features of the built-in kind, and a network makes these"
                                      : "is for speech that is given as sound, and this is given as features");
     return status >= 0 ? status : 0;
   }

@@ -29,7 +29,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_TEXT,
        .target = &job->head_path,
        .choices = "MODEL",
-       .help = "the head that the torso goes under; it stays as it is"},
+       .help = "the head that the torso is trained under; it does not change"},
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &config->force,
@@ -186,7 +186,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &job->refresh_every,
        .low = 0,
        .high = 1e12,
-       .help = "steps between looks at all of the scene for what is empty, as published 16; 0: by the rays, in parts"},
+       .help =
+           "steps between refreshes of the whole occupancy grid, as published 16; 0: by the number of rays, in parts"},
       {.name = "precision",
        .kind = OPTION_CHOICE,
        .target = &job->precision,
@@ -205,7 +206,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->frames_per_step,
        .low = 1,
        .high = ERN_FRAMES_PER_STEP_MOST,
-       .help = "frames that a step's rays are divided among, so that it hears as many sounds; with --time of the "
+       .help = "frames that a step's rays are divided among, each with its own speech; with --time of the "
                "head (default 1 as published; 4 with --time where --rays is 2048 by default)"},
       {.name = "prune-occupancy",
        .kind = OPTION_FLOAT,
