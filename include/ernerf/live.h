@@ -36,7 +36,7 @@ typedef struct ern_live_options {
   int look_ahead; /* 2..7, default 7. Frame t (25 a second) depends on the sound before 0.04 (t + look_ahead) s
                      and can be pulled when the sound up to 0.04 (t + look_ahead + 1) s was pushed. At another
                      rate t is the frame's place at 25 a second, rounded up, and all of its own sound must have
-                     been pushed. A model uses 7; with less, the last known row of features is repeated in
+                     been pushed. A frame's windows reach 7; with less, the last known row of features is repeated in
                      place of those that are missing. Where windows are pushed, above 3 acts as 3 */
   int capacity;   /* most sound that waits, the look-ahead included, in frames at 25 a second: 20..1000, and not
                      less than one frame of the session; default 50 */
@@ -74,8 +74,8 @@ typedef struct ern_live_frame {
   uint64_t number;      /* of the frame, from 0; a gap where frames were dropped */
   double seconds;       /* at which it is shown, number / frames a second, by the clock of the session's sound */
   const float *windows; /* [8][window_length][width]: 4 before the frame's own, its own, 3 after (ern_audio_windows) */
-  int window_length, width;  /* vectors in a window, and numbers in a vector */
-  float silence_weight;      /* 0 speech .. 1 silence; it rises in 0.2 s and falls in 0.12 s, at any frame rate */
+  int window_length, width; /* vectors in a window, and numbers in a vector */
+  float silence_weight;     /* 0 speech .. 1 silence; it rises in 0.2 s, and falls in the 0.12 s before speech begins */
   const float *silence_code; /* [32], or NULL */
   const float *sound;        /* [samples][channels]: what is heard while it is shown; NULL where windows are pushed */
   size_t samples;            /* of `sound`, in a channel: rate / frames a second, to within one; in the last frame after

@@ -61,8 +61,9 @@ typedef struct ern_model ern_model;
  * torch.save writes since PyTorch 1.6; nothing in it is executed. Every tensor must be there, with its shape and finite
  * values, else the error text names the first that is wrong. ERN_E_MISSING: no file, or a tensor is not in it.
  * ERN_E_IO: it cannot be read. ERN_E_FORMAT: it has neither form, or its metadata is wrong. ERN_E_SHAPE: a tensor has
- * another shape. ERN_E_NONFINITE: a value is not finite. ERN_E_MISMATCH: a tensor has another type, or a constant
- * another value. ERN_E_UNSUPPORTED: a form that this version does not read. On success the caller owns *model. */
+ * another shape. ERN_E_NONFINITE: a value is not finite. ERN_E_MISMATCH: a tensor has another type, or one that
+ * the configuration determines (aabb_train, aabb_infer, .offsets) has other values. ERN_E_UNSUPPORTED: a form that this
+ * version does not read. On success the caller owns *model. */
 ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *context, const char *path);
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 
@@ -86,7 +87,7 @@ typedef struct ern_model_info {
   ern_eye_attention eye_attention; /* meaningful with has_eye */
   int levels;                      /* of the encoder's grids; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D of the speech features it was trained on (ern_features.width) */
-  int window_length;               /* of those features: rows in a window; 0 where the file does not say */
+  int window_length;               /* of those features: vectors in a window; 0 where the file does not say */
   int codes;                       /* number of individual codes; 0 without has_codes */
   float bound;                     /* ERN_BOUND_LEAST..ERN_BOUND_MOST; the scene is the cube [-bound, bound]^3. Samples
                                       of the head lie in its part |y| <= bound/2; y points from the face to the
@@ -97,18 +98,19 @@ typedef struct ern_model_info {
   bool has_view_settings;  /* true: the file has these five; false: it has none of them, and they are the defaults in
                               brackets */
   int max_steps;           /* samples a ray at most, 1..1024 (16) */
-  float dt_gamma;          /* step growth with distance, 0..1 (1/256) */
+  float dt_gamma;          /* growth of the sample spacing with distance, 0..1 (1/256) */
   float torso_shrink;      /* factor of the torso coordinates, 0.001..1 (0.8); meaningful with has_torso */
   float scale;             /* factor of the poses' translations, 1e-3..1e3 (4) */
   ern_audio_pad audio_pad; /* (edge) */
   size_t cameras;          /* training frames whose poses have trained corrections (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
-  char clip[65];                    /* identity of the clip it was trained on, "" where the file does not say */
-  size_t parameters;                /* number of trained values */
-  size_t parameter_bytes;           /* of these as 32-bit floats */
-  char speech[64];                 /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
-  char speech_network[512];        /* description of the network that made them, with its SHA-256, for
-                                      ern_speech_network_open; "": no network made them, or it is not known */
+  char clip[65];            /* identity of the clip it was trained on, the SHA-256 of ern_clip_info.identity; "" where
+                               the file does not say */
+  size_t parameters;        /* number of trained values */
+  size_t parameter_bytes;   /* of these as 32-bit floats */
+  char speech[64];          /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
+  char speech_network[512]; /* description of the network that made them, with its SHA-256, for
+                               ern_speech_network_open; "": no network made them, or it is not known */
   char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
 } ern_model_info;
 

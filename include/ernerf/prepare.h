@@ -12,10 +12,10 @@ extern "C" {
 /* Plain data, may grow. Strings must outlive the call. */
 typedef struct ern_prepare_options {
   uint32_t cookie, size; /* set by ern_prepare_options_default() */
-  double from, to;       /* seconds of the video, 0 <= from < to; to 0: its end */
+  double from, to;       /* seconds of the video, 0 <= from < to; to = 0 (default): the end of the video */
   int side;              /* pixels a side of the clip's pictures, 128..1024; 512 is the default */
-  /* Focal length in pixels of the clip. 0: that of `poses` where given, else 1100/450 of a side, as the public tracking
-   * has it. Not both a focal length and `poses`. */
+  /* Focal length in pixels of the clip. 0: that of `poses` where given, else 1100/450 of a side, as the face
+   * tracking of the public program's preprocessing has it. Not both a focal length and `poses`. */
   double focal;
   bool head_only; /* the torso pictures are fully transparent, and the frames show the head over the background */
   /* Do this step only, even if it is done: "face", "pose", "landmarks", "layers", "eyes" or "features". The steps
@@ -33,8 +33,9 @@ typedef struct ern_prepare_options {
   const char *au; /* a table with a column AU45_r. Rows belong to frames by a column `timestamp`, seconds of the video;
                      without one, row k to frame k of the clip */
   const char *features; /* a .npy of speech features */
-  bool anew;            /* overwrite: discard what earlier calls made in the folder, also of another video, and replace
-                           the user's files that have a name of the clip's */
+  bool anew;            /* overwrite: take a folder of another video or other options too, discard what earlier calls
+                           made in it, and replace the user's own files there that have the name of a file of a clip.
+                           ERN_E_EXISTS even then: a folder that has files but no prepare.json */
   /* Called now and then, on the thread of the call: `done` of `total` units of work of the step, whose name is one of
    * `only`, or "overlay" while overlay.mp4 is written. A non-zero answer cancels (ERN_E_CANCELLED), and what is done
    * stays. NULL: none. */
@@ -79,9 +80,11 @@ typedef struct ern_prepare_result {
 
 /* Makes the clip `folder` of a video that FFmpeg reads, and writes its report. A step is skipped if an earlier call did
  * it with the same options and all its files are there.
- * The folder must be absent, empty, or made by an earlier call for the same video, from, to, side and segment; else
- * ERN_E_EXISTS (see `anew`). ERN_E_EXISTS too where a file in it has the name of a clip's file and no call made it, or
- * it was changed since. ERN_E_IO: the folder was moved during the call. Files of the user's are read before a step that
+ * The folder must be absent, empty, or made by an earlier call for the same video (same size in bytes and time of
+ * modification), from, to, side and segment; else ERN_E_EXISTS (see `anew`). ERN_E_EXISTS too where a file in it has
+ * the name of a clip's file and no call made it, or it was changed since. ERN_E_BUSY: another call works in the folder.
+ * ERN_E_ARGUMENT: the video, or a file that an option names, lies in the folder. ERN_E_IO: the folder was moved during
+ * the call. Files of the user's are read before a step that
  * needs them removes anything. *result is filled on failure too. A refused step ends the call with ERN_E_UNSUPPORTED,
  * and its words are the message. The report is written then too, with one exception: where "face" is refused, the clip
  * of an earlier call stays as it is, with its report. Uses the threads of OpenCV and Ceres Solver. */
@@ -98,17 +101,17 @@ static inline ERN_NODISCARD ern_status ern_prepare(ern_context *context, const c
 /* A network that finds the landmarks of a face, FILE.onnx: a square picture of three channels in, x and y of 68 points
  * (300-W) or of 98 (WFLW) out (docs/prepare.md). The file does not say which range of colours, which crop around the
  * face and which unit of the points the network uses. So a program calls _learn with a few pictures whose points are
- * roughly known (`ernerf eval` takes six), then _decide once, then _find for any picture. It keeps its context. One
- * thread at a time uses it. */
+ * roughly known (`ernerf eval` takes six), then _decide once, then _find for any picture. It uses its context until it
+ * is freed (base.h). One thread at a time uses it. */
 typedef struct ern_landmark_network ern_landmark_network;
 
 /* On success the caller owns *network. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_open(ern_context *context, const char *path,
                                                            ern_landmark_network **network);
 ERN_API void ern_landmark_network_free(ern_landmark_network **network);
-/* Tries all combinations of these on a picture, rgb[height][width][3] with sides of 1 to 8192. guess: about where the
- * 68 points are, x and y in pixels. ERN_E_UNSUPPORTED where the network cannot be computed, has no output of 68 or 98
- * points, or where the guess lies far outside the picture. */
+/* Tries all combinations of colour range, crop and unit of the points on a picture, rgb[height][width][3] with sides of
+ * 1 to 8192. guess: about where the 68 points are, x and y in pixels. ERN_E_UNSUPPORTED where the network cannot be
+ * computed, has no output of 68 or 98 points, or where the guess lies far outside the picture. */
 ERN_API ERN_NODISCARD ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8_t *rgb,
                                                             int width, int height, const float guess[68][2]);
 /* Keeps the combination whose points were nearest to the guesses. ERN_E_UNSUPPORTED: none was near, or nothing was

@@ -27,8 +27,8 @@ typedef enum ern_fit {
 } ern_fit;
 
 /* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1, else the
- * box is all zeros. With ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; a side
- * that misses by less than a pixel fits. */
+ * box is all zeros. With ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; where
+ * both its sides differ from the picture's by less than a pixel, the box is the whole picture. */
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
 /* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z to the right
@@ -60,7 +60,7 @@ ERN_API ern_camera ern_camera_fitted(const ern_camera *camera, int width, int he
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
 
 /* Which of `count` poses belongs to frame `frame` when there are fewer poses than frames: forward, backward, and so on
- * (0 1 2 1 0 1 ... has period 2*(count-1); one pose stands still). count >= 1. */
+ * (0 1 2 1 0 1 ... has period 2*(count-1); with one pose always 0). count >= 1. */
 ERN_API size_t ern_pose_index(size_t frame, size_t count);
 
 /* Smooths a path of transforms matrices in place: each translation becomes the mean, and each rotation the chordal mean
@@ -89,10 +89,10 @@ ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *featu
 typedef struct ern_silence ern_silence;
 
 /* Learns to recognise silence from a recording, such as the clip that a model was trained on. loudness:
- * [features->windows], the level of each frame's sound in dB, with any reference level; NULL: frames whose features do
- * not change count as quiet. ERN_E_STATE: silence cannot be recognised, and the message has the reason: too few quiet
- * or loud frames, too small a difference of level, or features that do not separate the two. On success the caller owns
- * *silence. */
+ * [features->windows], the level of each frame's sound in dB, with any reference level; NULL: frames whose features
+ * change little from frame to frame, compared with the others, count as quiet. ERN_E_STATE: silence cannot be
+ * recognised, and the message has the reason: too few quiet or loud frames, too small a difference of level, or
+ * features that do not separate the two. On success the caller owns *silence. */
 ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const ern_features *features,
                                                    const float *loudness, ern_silence **silence);
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
@@ -112,8 +112,8 @@ typedef struct ern_render_options {
   int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and warns */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
   float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
-  float transmittance_stop; /* a ray ends where less light than this is left, 0 <= x < 1; default 1e-4, as in training.
-                               `ernerf render` has 3e-3, which is faster and less accurate */
+  float transmittance_stop; /* a ray ends when less than this share of its light is left, 0 <= x < 1; default 1e-4, as
+                               in training. `ernerf render` has 3e-3, which is faster and less accurate */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
                                and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
@@ -147,8 +147,8 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
  * scene unit), evaluated at the centres of its eight octants, is below `density` for every one of `count` inputs. Each
  * input is a set of audio windows and an eye value of the speech to come. For example, where samples are 0.027 apart, a
  * skipped sample of density 0.1 would have absorbed 0.3 % of the light. windows: [count][8][window_length][width]
- * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 skips nothing. Errors:
- * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+ * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 or count 0 skips nothing.
+ * Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -236,8 +236,9 @@ typedef struct ern_frame_times {
                      fused pass does not count them, or all rays were reused (ern_renderer_reuse_rays) */
 } ern_frame_times;
 
-/* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_NONFINITE a pose or window that
- * is not finite, or a picture that is not (values too large; never black pixels instead); ERN_E_NO_MEMORY. */
+/* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_MISMATCH: window_length is not
+ * the model's; ERN_E_NONFINITE: a pose or window is not finite, or the picture is not (values too large; never black
+ * pixels instead); ERN_E_NO_MEMORY; ERN_E_DEVICE: an OpenCL device failed. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_input *input,
                                                           size_t input_bytes, const ern_frame_output *output,
                                                           size_t output_bytes, ern_frame_times *times,

@@ -144,7 +144,7 @@ static void test_resume_keeps_tables(void **state) {
   assert_int_equal(system("printf mine | cmp - mine.md"), 0);
   assert_int_equal(symlink("rows/trihash-channel.run/state.safetensors", "link.json"), 0);
   cli_run(&cli, words, clip(), "rows", "trihash-channel", "--json link.json -y");
-  cli_expect(&cli, 1, "link.json", "lies in rows", NULL);
+  cli_expect(&cli, 1, "link.json", "is in rows", NULL);
 }
 
 static void test_refusals(void **state) {

@@ -287,7 +287,7 @@ static void test_output_is_input(void **state) {
       {"eval m.safetensors base -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
       {"train base --from m.safetensors -o ./m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
       {"train base --torso --head m.safetensors -o m.safetensors --iters 1 --rays 16", "m.safetensors: is an input"},
-      {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "lies among the clip's pictures"},
+      {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "is among the clip's pictures"},
       {"info base/transforms_val.json -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
       {"soak base --steps 1 -y --json base/transforms_train.json", "base/transforms_train.json: is an input"},
       {"render m.safetensors --clip base --bg_img behind1.png -y -o behind%d.png", "behind1.png: is an input"}};

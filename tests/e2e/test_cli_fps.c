@@ -253,7 +253,7 @@ static void test_words(void **state) {
   assert_false(cli_there("bad.mp4"));
   clear_outputs();
   cli_run(&cli, "render m.safetensors --clip clip --fps 30 --hold-fps 0.1 -o v.mp4 --json v.json");
-  cli_expect(&cli, 0, "15 frames of 64 x 64, 30 a second", "a quick look", NULL);
+  cli_expect(&cli, 0, "15 frames of 64 x 64, 30 a second", "measures the cost of the settings briefly", NULL);
   json_t *report = cli_json(&cli, "v.json");
   assert_true(json_is_object(json_object_get(report, "rate_control")));
   json_decref(report);

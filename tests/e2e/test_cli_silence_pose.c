@@ -198,7 +198,7 @@ static void test_words(void **state) {
   expect_resting(0);
 }
 
-/* A clip in which silence cannot be told, and a speech in features of another kind, are drawn all the same; it is said.
+/* A clip in which silence cannot be recognised, and a speech in features of another kind, are drawn all the same; it is said.
  */
 static void test_untold(void **state) {
   (void)state;
@@ -211,7 +211,7 @@ static void test_untold(void **state) {
   support_clear("loud/aud.wav");
   write_features(context, "loud/aud_ds.npy", &said);
   cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -y -o x%%d.png");
-  cli_expect(&cli, 0, "loud: silence cannot be told", "follows the speech alone", "differ by", NULL);
+  cli_expect(&cli, 0, "loud: silence cannot be recognised", "follows the speech alone", "differ by", NULL);
   free(said.features.data);
   made_speech(&said, LENGTH, WIDTH + 1, 3, (const int[]){MADE_FRAMES});
   support_clear("loud/aud_ds.npy");

@@ -171,7 +171,7 @@ static void test_other_kind(void **state) {
   cli_run(&cli, "eval mine.safetensors named --audio named.npy --quiet"); /* which may be of any kind */
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render mine.safetensors --clip named --audio named.npy -o any.mp4");
-  cli_expect(&cli, 0, "holds esperanto", "silence cannot be told", NULL);
+  cli_expect(&cli, 0, "holds esperanto", "silence cannot be recognised", NULL);
 }
 
 /* OpenCV's DNN module is loaded with the first network, not with the program. */
