@@ -40,7 +40,7 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   } catch (const std::exception &error) {
     return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO: %s", path, error.what());
   } catch (...) {
-    return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO failed without a reason", path);
+    return ern_fail(context, ERN_E_MEDIA, "%s: OpenImageIO failed and gave no reason", path);
   }
 }
 

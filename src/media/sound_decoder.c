@@ -117,19 +117,19 @@ static ern_status find_place(struct ern_sound_decoder *sound) {
   const ern_status status = look_ahead(sound, end, &fits);
   if (status != ERN_OK) return status;
   if (fits) {
-    tell(sound, "one piece of its sound stays in its place, though its time is", end, at);
+    tell(sound, "one piece of its sound is kept in its place, though its time stamp is", end, at);
   } else if (late > MAX_SILENCE) {
     return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
                     "%s: its sound has a gap from %.3f s to %.3f s, expected %d s at most", decoder->path, end, at,
                     MAX_SILENCE);
   } else if (late > 0) {
-    tell(sound, "its sound has a gap, which becomes silence, to", end, at);
+    tell(sound, "a gap of its sound becomes silence, up to", end, at);
     sound->silence = (size_t)(late * sound->rate + 0.5);
   } else if (late < -BEGINS_ANEW) {
-    tell(sound, "its sound goes on, though its times go back to", end, at);
+    tell(sound, "its sound is continued, though its time stamps go back to", end, at);
     sound->begin = at - (double)sound->position / sound->rate;
   } else {
-    tell(sound, "its sound goes back, and what comes twice is left out, to", end, at);
+    tell(sound, "the repeated part of its sound is left out, as its time stamps go back to", end, at);
     sound->skip = (size_t)(-late * sound->rate + 0.5);
   }
   return ERN_OK;

@@ -127,7 +127,7 @@ static ern_status resample(ern_speech_stream *s, size_t count) {
 
 static ern_status refuse_failed(const ern_speech_stream *s) {
   return ern_fail(s->context, ERN_E_STATE,
-                  "speech: a call before failed (%s) and left rows out, the stream is of no use",
+                  "speech: an earlier call failed (%s) and left rows out, so the stream cannot be used any more",
                   ern_status_name(s->failed));
 }
 

@@ -36,7 +36,7 @@ extern "C" ern_status ern_image_resize(ern_context *context, const ern_image *im
   } catch (const std::exception &error) {
     status = ern_fail(context, ERN_E_MEDIA, "resize: OpenCV: %s", error.what());
   } catch (...) {
-    status = ern_fail(context, ERN_E_MEDIA, "resize: OpenCV failed without a reason");
+    status = ern_fail(context, ERN_E_MEDIA, "resize: OpenCV failed and gave no reason");
   }
   ern_image_free(context, &made);
   return status;

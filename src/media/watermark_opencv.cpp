@@ -97,7 +97,7 @@ ern_status failed(ern_context *context) {
   } catch (const std::exception &error) {
     return ern_fail(context, ERN_E_MEDIA, "watermark: OpenCV: %s", error.what());
   } catch (...) {
-    return ern_fail(context, ERN_E_MEDIA, "watermark: OpenCV failed without a reason");
+    return ern_fail(context, ERN_E_MEDIA, "watermark: OpenCV failed and gave no reason");
   }
 }
 

@@ -359,7 +359,8 @@ static ern_status check(const struct ern_torch_layout *l) {
   if (l->model->cameras > 0)
     ern_log(
         l->context, ERN_LOG_INFO,
-        "%s: the corrections of poses that were not trained on (camera_unseen) have no place in it, and are left out",
+        "%s: the corrections of poses that were not trained on (camera_unseen) have no place in the public program, "
+        "and are left out",
         l->path);
   tell_view(l);
   if (!config->eye)

@@ -382,7 +382,7 @@ static bool judge_scan(struct scan *s) {
   ern_prepare_figure(job, "faces", share);
   ern_prepare_figure(job, "sound", s->has_sound);
   if (s->frames < FEWEST_FRAMES)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, and minutes at best",
+    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, better minutes",
                       part, seconds);
   else if (s->found == 0)
     ern_prepare_judge(job, ERN_PREPARE_REFUSED,
@@ -407,8 +407,8 @@ static bool judge_scan(struct scan *s) {
                       "a face that looks into the camera was found in %.0f %% of the frames, expected at least 80 %%",
                       100 * share);
   if (s->frames < FEW_FRAMES)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the part is %.1f s long; a mouth needs more to learn from, 60 s or more", seconds);
+    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the part is %.1f s long; to learn the mouth takes 60 s or more",
+                      seconds);
   if (s->end > 0 && s->end + PART_SHORTER < to)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
   if (4 * s->with_others > s->looks)
@@ -435,8 +435,9 @@ static void judge_crop(struct scan *s, double face, const double region[4]) {
                       100 * share);
   if (region[3] * 1.6 < job->side)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head is small: %.0f pixels of the video become %d; --size %.0f takes it as it is", region[3],
-                      job->side, fmax(128, region[3]));
+                      "the head is small: %.0f pixels of the video become %d; --size %.0f avoids the "
+                      "enlargement",
+                      region[3], job->side, fmax(128, region[3]));
 }
 
 ern_status ern_prepare_face(struct ern_prepare_job *job) {

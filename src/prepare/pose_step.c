@@ -472,7 +472,7 @@ static void give_verdict(struct ern_prepare_job *job, const struct findings *f) 
   ern_prepare_judge_turn(job, f->turn);
   if (!followed)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "--landmarks or --poses bring what was made elsewhere, --from and --to choose a part");
+                      "--landmarks or --poses take the results of other programs, --from and --to choose a part");
 }
 
 static ern_status judge(struct tracking *t) {
@@ -534,8 +534,8 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   } else {
     ern_prepare_judge(
         job, ERN_PREPARE_REFUSED,
-        "no frame shows a face with both eyes open, expected one that looks into the camera now and then; "
-        "--poses FILE brings poses made elsewhere");
+        "no frame shows a face with both eyes open, expected one that looks into the camera now and then; --poses "
+        "FILE takes poses of another program");
   }
 fail:
   for (size_t r = 0; r < REFERENCES; r++) ern_flow_reference_free(&t.references[r]);

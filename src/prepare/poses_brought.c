@@ -9,7 +9,8 @@ void ern_prepare_judge_turn(struct ern_prepare_job *job, double turn) {
   ern_prepare_figure(job, "turn", turn);
   if (turn < 1)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head turns by %.1f degrees in all; how deep it is cannot be told, expected 1 degree or more",
+                      "the head turns by %.1f degrees in all, which is too little to measure its depth, expected 1 "
+                      "degree or more",
                       turn);
   if (turn > 35)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", turn);
@@ -122,8 +123,8 @@ ern_status ern_prepare_poses_take(struct ern_prepare_job *job) {
   ERN_TRY(ern_prepare_poses_write(job, poses));
   if (unheard > 0)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: a frame of the clip hears "
-                      "what it shows",
+                      "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: in the clip, each frame "
+                      "has the speech window of its own number",
                       unheard, job->frames, job->options->poses);
 fail:
   ern_release(job->context, poses);

@@ -81,7 +81,7 @@ static ern_status keep_inputs(const struct ern_prepare_job *job) {
     char *place = inputs[i] != NULL ? realpath(inputs[i], NULL) : NULL;
     if (place != NULL && strncmp(place, folder, length) == 0 && (place[length] == '/' || place[length] == 0))
       status = ern_fail(job->context, ERN_E_ARGUMENT,
-                        "%s: is an input, and lies in %s, whose files are written; expected it elsewhere", inputs[i],
+                        "%s: is an input, and is in %s, whose files are written; expected it elsewhere", inputs[i],
                         job->folder);
     free(place);
   }
@@ -164,7 +164,9 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   if (o->side < 128 || o->side > 1024)
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
   if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))
-    return ern_fail(context, ERN_E_ARGUMENT, "prepare: from %g to %g, expected seconds of the video, from before to",
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "prepare: from %g to %g, expected seconds of the video, with from less "
+                    "than to",
                     o->from, o->to);
   if (!(o->focal == 0 ||
         (o->focal >= ERN_PREPARE_FOCAL_LEAST * o->side && o->focal <= ERN_PREPARE_FOCAL_MOST * o->side)))

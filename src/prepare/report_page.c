@@ -82,9 +82,9 @@ static ern_status put_path(struct page *page, const struct ern_head_pose *poses)
   const ern_status status = ERN_NEW(page->job->context, frames, &values);
   if (status != ERN_OK) return status;
   for (size_t i = 1; i + 1 < frames; i++) values[i] = (float)turn_of(&poses[i - 1], &poses[i], &poses[i + 1]);
-  put_plot(page, "Tremble of the turning (second difference)", "degrees a frame squared", values, frames);
+  put_plot(page, "Tremble of the head's rotation (second difference)", "degrees a frame squared", values, frames);
   for (size_t i = 1; i + 1 < frames; i++) values[i] = (float)way_of(&poses[i - 1], &poses[i], &poses[i + 1]);
-  put_plot(page, "Tremble of the place (second difference)", "mm a frame squared", values, frames);
+  put_plot(page, "Tremble of the head's position (second difference)", "mm a frame squared", values, frames);
   ern_release(page->job->context, values);
   return ERN_OK;
 }

@@ -187,7 +187,9 @@ static ern_status place_borders(ern_silence *s, const double *score, const unsig
     if (kind[t] != NEITHER) right[kind[t] == LOUD] += (score[t] > s->leave) == (kind[t] == LOUD);
   const double share = (right[0] / frames[0] + right[1] / frames[1]) / 2;
   if (share >= WORST) return ERN_OK;
-  return ern_fail(s->context, ERN_E_STATE, "silence: the features tell %.0f %% of the frames rightly, expected %g",
+  return ern_fail(s->context, ERN_E_STATE,
+                  "silence: the features classify %.0f %% of the frames correctly, expected "
+                  "%g at least",
                   100 * share, 100 * WORST);
 }
 

@@ -62,7 +62,7 @@ static ern_status make_folder(ern_context *context, const char *folder, bool *ma
   if (*made) return ERN_OK;
   if (errno != EEXIST) return ern_fail(context, ERN_E_IO, "%s: the folder cannot be made: %s", folder, strerror(errno));
   if (lstat(folder, &about) != 0)
-    return ern_fail(context, ERN_E_IO, "%s: the folder cannot be looked at: %s", folder, strerror(errno));
+    return ern_fail(context, ERN_E_IO, "%s: the folder cannot be examined: %s", folder, strerror(errno));
   if (S_ISDIR(about.st_mode)) return ERN_OK;
   return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a folder or nothing", folder,
                   S_ISLNK(about.st_mode) ? "symbolic link" : "file"); /* a link may lead to another training's */

@@ -225,7 +225,7 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
                       "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
                       t->identity);
     ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
-            head->cameras > 0 ? "; its camera refinement is of that one's frames, and is left out" : "");
+            head->cameras > 0 ? "; its pose corrections are of that clip's frames, and are left out" : "");
   }
   return ERN_OK;
 }

@@ -90,7 +90,7 @@ ern_status guarded(char words[ERN_VISION_WORDS], Work work) {
   } catch (const std::exception &error) {
     snprintf(words, ERN_VISION_WORDS, "%.400s", error.what());
   } catch (...) {
-    snprintf(words, ERN_VISION_WORDS, "it failed without a reason");
+    snprintf(words, ERN_VISION_WORDS, "it failed and gave no reason");
   }
   return ERN_E_UNSUPPORTED;
 }

@@ -68,7 +68,7 @@ CHECK(ern_stream_writer_open) {
   assert_int_equal(ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_SHAPE);
   options = ern_stream_options_default(16, 16);
   support_expect(w.context, ern_stream_writer_open(w.context, "a.gif", &options, &writer), ERN_E_UNSUPPORTED,
-                 "its name does not say its form", NULL);
+                 "does not follow from its name", NULL);
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);

@@ -452,7 +452,7 @@ static void test_foreign_folders(void **state) {
   cli_run(&cli, "compare a.safetensors b.safetensors clip -o r.json -y");
   cli_expect(&cli, 1, "r.json: is no folder", NULL);
   cli_run(&cli, "compare a.safetensors b.safetensors clip -o left/deep");
-  cli_expect(&cli, 1, "left/deep", "is not there", NULL);
+  cli_expect(&cli, 1, "left/deep", "does not exist", NULL);
   cli_run(&cli, "compare out/compare.mp4 b.safetensors clip -o out -y");
   cli_expect(&cli, 1, "out/compare.mp4: is an input", NULL);
   cli_run(&cli, "compare a.safetensors b.safetensors clip -o out -y --json out/frames.json");

@@ -176,7 +176,7 @@ static void test_refused(void **state) {
   cli_run(&cli, "train open -o open.safetensors --iters 1 --rays 64 --levels 4 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render open.safetensors --clip open --eye closed.txt -o bad.mp4");
-  cli_expect(&cli, 1, "open.safetensors", "does not follow the eyes", "--eye has nothing to move", NULL);
+  cli_expect(&cli, 1, "open.safetensors", "was trained without eye values", "--eye has no effect", NULL);
   assert_false(cli_there("bad.mp4"));
 }
 

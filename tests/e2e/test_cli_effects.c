@@ -258,7 +258,7 @@ static void test_refusals(void **state) {
       {"train whole -o x.safetensors --effects eye --ind_num 40", "--effects has no codes", 2},
       {"train whole --torso --head whole.safetensors -o x.safetensors --effects eye", "--torso", 2},
       {"train open -o x.safetensors --effects eye", "no au.csv", 1},
-      {"train mute -o x.safetensors", "does not speak", 1},
+      {"train mute -o x.safetensors", "the mouth would not move", 1},
       {"train bust --torso --head whole.safetensors -o x.safetensors --force", "transparent everywhere", 1},
   };
   for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {

@@ -102,7 +102,8 @@ static void test_quick_look(void **state) {
   cli_expect(&cli, 1, "a/%d.png: its folder is not there", NULL);
   assert_int_equal(mkdir("a", 0777) + mkdir("b", 0777), 0);
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 0.1 -o a/%%d.png -y --json pace.json", clip);
-  cli_expect(&cli, 0, "measures the cost of the settings briefly", "render: settings", "100.0 dB from the most accurate", NULL);
+  cli_expect(&cli, 0, "measures the cost of the settings briefly", "render: settings",
+             "100.0 dB against the most accurate", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   const json_t *pace = json_object_get(object, "rate_control");
   check_pace(pace, 3);
@@ -121,7 +122,7 @@ static void test_quick_look(void **state) {
 static void test_out_of_reach(void **state) {
   (void)state;
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 10000 -y -o x.mp4", clip);
-  cli_expect(&cli, 1, "--hold-fps 10000: no settings hold it here: the fastest", "frames a second", NULL);
+  cli_expect(&cli, 1, "--hold-fps 10000: no settings reach it on this machine: the fastest", "frames a second", NULL);
   assert_int_not_equal(access("x.mp4", F_OK), 0);
 }
 
@@ -131,7 +132,7 @@ static void test_front(void **state) {
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -y -o x.mp4 --json pace.json", clip);
-  cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB from the exact render", "against the clip's frames", NULL);
+  cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB against the exact render", "against the clip's frames", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   check_pace(json_object_get(object, "rate_control"), 4);
   json_decref(object);
@@ -150,7 +151,8 @@ static void test_front(void **state) {
   }
   assert_true(db[0] >= db[1] && db[1] >= db[2]);
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:2 --size 80x80 --hold-fps 1 -y -o x.mp4", clip);
-  cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80", "measures the cost of the settings briefly", NULL);
+  cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80",
+             "measures the cost of the settings briefly", NULL);
   cli_run(&cli,
           "render m.safetensors --clip '%s' --size 80x80 --hold-fps 1 --front m.tradeoff/tradeoff.json -y -o x.mp4",
           clip);

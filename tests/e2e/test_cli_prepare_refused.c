@@ -123,7 +123,7 @@ static void test_inputs_and_links(void **state) {
   static const char *const videos[] = {"clip/own.mp4", "link.mp4"};
   for (int i = 0; i < 2; i++) {
     cli_run(&cli, "prepare %s -o clip --size 192 -y", videos[i]);
-    cli_expect(&cli, 1, videos[i], "is an input, and lies in clip", NULL);
+    cli_expect(&cli, 1, videos[i], "is an input, and is in clip", NULL);
     assert_int_equal(system("cmp was.mp4 clip/own.mp4"), 0);
   }
   support_clear("clip");
@@ -135,7 +135,7 @@ static void test_inputs_and_links(void **state) {
   cli_expect(&cli, 1, NULL);
   assert_int_equal(system("printf mine | cmp - mine.html"), 0);
   cli_run(&cli, "prepare cut.mp4 -o clip --size 192 --json clip/prepare.json -y");
-  cli_expect(&cli, 1, "lies in clip", NULL);
+  cli_expect(&cli, 1, "is in clip", NULL);
 }
 
 /* A folder that an earlier call was refused in has nothing of a clip: files of such names are the user's. */

@@ -115,14 +115,14 @@ static void test_of_another_clip(void **state) {
   assert_true(first != second || memcmp(own, others, first) != 0);
   free(own);
   free(others);
-  cli_expect(&cli, 0, "its camera refinement is of that one's frames, and is left out", NULL);
+  cli_expect(&cli, 0, "its pose corrections are of that clip's frames, and are left out", NULL);
 
   /* moments too: a state of another clip may be of another number of frames */
   cli_run(&cli, "synth more --size 64 --frames 44 --seed 4 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
           "train more -o s.safetensors --from r.run/state.safetensors --refine-poses --iters 41 --validate-frames 1");
-  cli_expect(&cli, 0, "its camera refinement is of the frames of another clip, and is left out", NULL);
+  cli_expect(&cli, 0, "its pose corrections are of the frames of another clip, and are left out", NULL);
 }
 
 int main(void) {

@@ -198,7 +198,8 @@ static void test_words(void **state) {
   expect_resting(0);
 }
 
-/* A clip in which silence cannot be recognised, and a speech in features of another kind, are drawn all the same; it is said.
+/* A clip in which silence cannot be recognised, and a speech in features of another kind, are drawn all the same; it is
+ * said.
  */
 static void test_untold(void **state) {
   (void)state;

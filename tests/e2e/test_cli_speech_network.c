@@ -122,7 +122,9 @@ static void test_wrong_network(void **state) {
   cli_run(&cli, "train clip -o c.safetensors %s --quiet", small);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render c.safetensors --clip clip %s %s -o none.mp4", network, preset);
-  cli_expect(&cli, 1, "c.safetensors: speaks from features of the kind cepstra-1, and eo.onnx makes esperanto", NULL);
+  cli_expect(&cli, 1,
+             "c.safetensors: was trained on speech features of the kind cepstra-1, and eo.onnx computes esperanto",
+             NULL);
   assert_false(cli_there("none.mp4"));
 }
 
@@ -164,8 +166,8 @@ static void test_other_kind(void **state) {
                                       "train named --from mine.safetensors -o none.safetensors --iters 1"};
   for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
     cli_run(&cli, "%s", lines[i]);
-    cli_expect(&cli, 1, "mine.safetensors: speaks from features of the kind mine", "aud_eo.npy holds esperanto",
-               "the network \"mine\"", NULL);
+    cli_expect(&cli, 1, "mine.safetensors: was trained on speech features of the kind mine",
+               "aud_eo.npy holds esperanto", "the network \"mine\"", NULL);
   }
   assert_false(cli_there("none.mp4") || cli_there("none.run"));
   cli_run(&cli, "eval mine.safetensors named --audio named.npy --quiet"); /* which may be of any kind */

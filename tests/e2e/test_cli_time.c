@@ -83,7 +83,7 @@ static void test_stopped_head(void **state) {
   cli_expect(&cli, 1, "s.safetensors: is there, and no training of it can go on", NULL);
   support_clear("s.safetensors");
   cli_run(&cli, "train clip -o s.safetensors --resume");
-  cli_expect(&cli, 1, "s.safetensors: nothing of it was saved, but of its head, s.head.safetensors", NULL);
+  cli_expect(&cli, 1, "s.safetensors: has no saved state, but its head s.head.safetensors has one", NULL);
   cli_run(&cli, "train clip -o s.safetensors --validate-frames 1 --time 2s --resume --json -");
   cli_expect(&cli, 0, "seconds in all was 0, going on with 1.66", "done, s.head.safetensors", "done, s.safetensors",
              NULL);

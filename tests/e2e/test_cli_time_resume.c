@@ -211,7 +211,7 @@ static void test_head_of_a_portrait_before(void **state) {
   assert_null(strstr(cli.err, "m.head"));
   assert_true(said("m.head.run/state.safetensors", "step") == step);
   cli_run(&cli, "train clip -o m.safetensors --validate-frames 1 --time 2s --resume --effects eye,codes,view,torso");
-  cli_expect(&cli, 1, "m.safetensors: is that of a head alone", NULL);
+  cli_expect(&cli, 1, "m.safetensors: its training is that of a head alone", NULL);
 }
 
 static void test_torso_has_no_place(void **state) {

@@ -171,7 +171,7 @@ static void test_bad_input(void **state) {
   cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --frames 0:1", clip);
   cli_expect(&cli, 1, "1 frame", "expected 2 or more", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --split train --frames 0:17", clip);
-  cli_expect(&cli, 2, "--frames are 17", "16 at most", NULL);
+  cli_expect(&cli, 2, "--frames has 17 frames", "16 at most", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o no/such/out2", clip);
   cli_expect(&cli, 1, "no/such/out2", "cannot be made", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.safetensors", clip);

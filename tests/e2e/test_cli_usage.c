@@ -85,7 +85,7 @@ static const char *const refused[][3] = {
     {"render m.safetensors --clip c --eye e.csv --smooth_eye -o x.mp4", "--smooth_eye", "--eye"},
     {"render m.safetensors --clip c --hold_pose 3 --smooth_path -o x.mp4", "--smooth_path", "--hold_pose"},
     {"render m.safetensors --clip c -o - --json", "--json", "standard output"},
-    {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "no more than 1"},
+    {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "expected 1 at most"},
     {"eval m.safetensors", "CLIP", "missing"},
     {"eval m.safetensors clip --fix_eye 0.5", "--fix_eye is an option of", "`ernerf render`"},
     {"eval m.safetensors clip --hold_pose 5", "unknown option --hold_pose",
@@ -104,7 +104,7 @@ static const char *const refused[][3] = {
     {"compare a.mp4 b.mov clip -o x --audio a.npy", "--audio", "both videos"},
     {"bench m.safetensors", "CLIP is missing", "--help"},
     {"bench m.safetensors clip --size 64x64", "--size", "made-up"},
-    {"bench m.safetensors clip more", "\"more\"", "no more than 2"},
+    {"bench m.safetensors clip more", "\"more\"", "expected 2 at most"},
     {"bench --force", "--force", "MODEL CLIP"},
     {"bench --rays 0", "--rays", "1 to 1048576"},
     {"bench --only kernels --frames 3", "--frames", "--only"},
@@ -210,7 +210,7 @@ static void test_public_names(void **state) {
 static void test_public_options(void **state) {
   (void)state;
   static const char *const options[][2] = {{"-O", "not needed"},
-                                           {"--path data/may", "the clip is a word"},
+                                           {"--path data/may", "the clip is an argument"},
                                            {"--test", "`ernerf eval MODEL CLIP`"},
                                            {"--test_train", "--split train"},
                                            {"--test-train", "--split train"},

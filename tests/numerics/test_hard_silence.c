@@ -60,7 +60,7 @@ static void test_silence_in_features_that_stand_still(void **state) {
     made_speech(&s, 4, 12, 3, learnt_from);
     for (size_t i = 0; i < MADE_FRAMES * 4 * 12; i++) s.features.data[i] = k == 0 ? 0 : k == 1 ? 1e30f : -FLT_MIN;
     support_expect(context, rest_of(context, &s, NULL), ERN_E_STATE, "silence", "differ by 0.0 dB", NULL);
-    support_expect(context, rest_of(context, &s, s.loudness), ERN_E_STATE, "silence", "of the frames rightly", NULL);
+    support_expect(context, rest_of(context, &s, s.loudness), ERN_E_STATE, "silence", "of the frames correctly", NULL);
     free(s.features.data);
   }
   ern_context_free(&context);

@@ -312,7 +312,7 @@ static void test_step(void **state) {
   options.detector = "clip/faces.onnx";
   make_network("clip/faces.onnx", 1 / 220.0f, frontal, 2);
   support_expect(context, ern_prepare(context, "v.mp4", "clip", &options, &result), ERN_E_ARGUMENT, "clip/faces.onnx",
-                 "is an input, and lies in clip", NULL);
+                 "is an input, and is in clip", NULL);
   ern_context_free(&context);
 }
 

@@ -103,7 +103,7 @@ static void test_held(void **state) {
     }
     ern_openface_judge(&m.job, "video.csv", held);
     assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
-    assert_non_null(strstr(m.verdict.words, "no success in"));
+    assert_non_null(strstr(m.verdict.words, "success is 0 in"));
     made_job_close(&m);
   }
 }

@@ -141,7 +141,7 @@ static void test_words(void **state) {
   char *argv[] = {"a"};
   assert_int_equal(args_parse(&args, 0, argv), EXIT_USAGE);
   assert_int_equal(args_parse(&args, 1, argv), EXIT_USAGE);
-  refuse("c", "\"c\"", "no more than 2");
+  refuse("c", "\"c\"", "expected 2 at most");
   refuse("--flag=yes", "--flag", "switch");
   refuse("-flag", "unknown option -flag", "--flag");
   refuse("--o x", "unknown option --o", "nearest is -o");
@@ -210,7 +210,7 @@ static void test_json(void **state) {
   assert_string_equal(got.json, "out.json");
   accept("--json --flag");
   assert_true(got.flag);
-  refuse("--json out.txt", "\"out.txt\"", "no more than 2");
+  refuse("--json out.txt", "\"out.txt\"", "expected 2 at most");
   refuse("--json=out.txt", "\"out.txt\"", ".json");
   refuse("--json=.json", "\".json\"", ".json");
 }

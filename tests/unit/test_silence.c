@@ -64,7 +64,7 @@ static void test_untold(void **state) {
     moved[t] = t / 10 % 2 == 0 ? 60.0f : 20.0f; /* nothing to do with what the features say */
   }
   expect_untold(context, &s, steady, "differ by");
-  expect_untold(context, &s, moved, "of the frames rightly");
+  expect_untold(context, &s, moved, "of the frames correctly");
   ern_silence *silence = NULL;
   support_ok(context, ern_silence_learn(context, &s.features, s.loudness, &silence));
   made_speech(&wide, 16, 44, 3, learnt_from);

@@ -230,9 +230,9 @@ static void test_failed_stream(void **state) {
                    at_end == 1 ? ern_speech_stream_end(stream) : ern_speech_stream_push(stream, samples, 16000),
                    ERN_E_NO_MEMORY, NULL);
     refuse = false;
-    support_expect(context, ern_speech_stream_end(stream), ERN_E_STATE, "a call before failed", "ERN_E_NO_MEMORY",
+    support_expect(context, ern_speech_stream_end(stream), ERN_E_STATE, "an earlier call failed", "ERN_E_NO_MEMORY",
                    NULL);
-    support_expect(context, ern_speech_stream_push(stream, samples, 1), ERN_E_STATE, "a call before failed", NULL);
+    support_expect(context, ern_speech_stream_push(stream, samples, 1), ERN_E_STATE, "an earlier call failed", NULL);
     ern_speech_stream_free(&stream);
   }
   ern_context_free(&context);

@@ -20,7 +20,10 @@ int args_refuse(const struct args *args, const char *format, ...) {
   fprintf(stderr, "ernerf %s: ", args->verb);
   vfprintf(stderr, format, values);
   va_end(values);
-  fprintf(stderr, "\n`ernerf %s --help` lists what there is\n", args->verb);
+  fprintf(stderr,
+          "\n"
+          "`ernerf %s --help` lists the options\n",
+          args->verb);
   return EXIT_USAGE;
 }
 
@@ -255,7 +258,7 @@ static int take_range(const struct args *args, struct option *option, const char
     read = range->open_end || read_count(colon + 1, strlen(colon + 1), &range->end);
   }
   if (!read || (!range->open_end && range->begin >= range->end))
-    return refuse_value(args, option, text, "A:B with 0 <= A < B; A alone or B alone may be left out");
+    return refuse_value(args, option, text, "A:B with 0 <= A < B; A or B may be left out");
   return -1;
 }
 
@@ -403,7 +406,10 @@ int args_parse(struct args *args, int argc, char **argv) {
     } else if (words < args->word_count && word[0] != 0) {
       *args->words[words++].target = word;
     } else {
-      return args_refuse(args, "found the word \"%s\", expected no more than %zu", word, args->word_count);
+      return args_refuse(args,
+                         "unexpected argument \"%s\", expected %zu at most (besides "
+                         "options)",
+                         word, args->word_count);
     }
   }
   if (words + args->optional_words < args->word_count)

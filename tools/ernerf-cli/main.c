@@ -15,31 +15,31 @@
 #include "verbs.h"
 
 static const struct verb verbs[] = {
-    {"prepare", "from the video of a person to a clip that a training takes", cmd_prepare},
+    {"prepare", "make a clip, the input of train, from the video of a person", cmd_prepare},
     {"train", "learn a head, or the torso under it, from a clip", cmd_train},
-    {"render", "a model, speech and head poses to a video or pictures", cmd_render},
-    {"join", "videos of successive frames to one, without re-encoding", cmd_join},
-    {"detect", "whether a video has the watermark of a key", cmd_detect},
-    {"live", "sound as it comes, to a person who says it, as a stream", cmd_live},
-    {"eval", "hold a model against the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
-    {"compare", "two portraits on the same frames, side by side: figures, pictures, a video, a page", cmd_compare},
-    {"check", "what a clip has, what it lacks and what follows, in words", cmd_check},
-    {"info", "what is in a file, or which devices can compute", cmd_info},
-    {"features", "speech features of a sound", cmd_features},
-    {"convert", "a model between .safetensors and PyTorch's .pth, both ways", cmd_convert},
+    {"render", "render a model, speech and head poses as a video or pictures", cmd_render},
+    {"join", "join videos of successive frames into one, without re-encoding", cmd_join},
+    {"detect", "find the watermark of a key in a video", cmd_detect},
+    {"live", "render speech while it is spoken, as a stream", cmd_live},
+    {"eval", "compare a model with the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
+    {"compare", "compare two portraits on the same frames: figures, pictures, a video, a page", cmd_compare},
+    {"check", "list what a clip has, what it lacks, and what follows from that", cmd_check},
+    {"info", "describe a file, or list the devices that can compute", cmd_info},
+    {"features", "compute speech features of a sound", cmd_features},
+    {"convert", "convert a model from .safetensors to PyTorch's .pth, or back", cmd_convert},
     {"synth", "make up a clip to try things on", cmd_synth},
-    {"bench", "how fast the machine is, and how much of it kernels, a frame and a step use", cmd_bench},
-    {"tradeoff", "what accuracy costs in time: render settings, their front, a page", cmd_tradeoff},
-    {"soak", "thousands of steps under hostile settings, with every intermediate looked at", cmd_soak},
-    {"ablate", "the paper's ablation on a clip: trains its rows and writes its tables", cmd_ablate},
+    {"bench", "measure kernels, a frame and a training step against the peaks of the machine", cmd_bench},
+    {"tradeoff", "measure accuracy against render time, or with --training PSNR against training time", cmd_tradeoff},
+    {"soak", "stress test: thousands of training steps with extreme settings, all values checked", cmd_soak},
+    {"ablate", "repeat the paper's ablation on a clip: train its rows, write its tables", cmd_ablate},
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
 static const char summary[] = "Talking portraits, trained and rendered (ER-NeRF).";
 static const char notes[] =
-    "`ernerf VERB --help` or `ernerf help VERB` tells its options; `ernerf --version` the version.\n"
-    "Exit status: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C, 143 by SIGTERM, also where the state\n"
-    "was saved.";
+    "`ernerf VERB --help` or `ernerf help VERB` lists the options of a verb; `ernerf --version` prints the version.\n"
+    "Exit status: 0 done, 1 failed, 2 wrong usage; 130 stopped by Ctrl-C, 129 by SIGHUP, 143 by SIGTERM, whether or\n"
+    "not the state of a training was saved.";
 
 static void print_help(FILE *to) {
   fprintf(to, "%s\n\n  ernerf VERB ...\n\n", summary);

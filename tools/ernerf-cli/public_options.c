@@ -13,22 +13,21 @@
 #define FINE "is `--stage fine` of `ernerf train` here: patches of the picture and of the lips in turn"
 #define WINDOW \
   "belongs to the public program's window, which this one does not have: `ernerf render -o out.mp4` draws a video"
-#define SPEECH \
-  "belongs to speech as it comes, which `ernerf live` takes; --audio FILE takes a sound or its features (.npy)"
+#define SPEECH "belongs to live speech, which `ernerf live` takes; --audio FILE takes a sound or its features (.npy)"
 
 static const struct {
   const char *name, *answer;
 } rows[] = {
     {"O",
      NOT_NEEDED "the fastest arithmetic is chosen, empty space is skipped, eyes are learnt where the clip has them"},
-    {"path", NOT_NEEDED "the clip is a word, as in `ernerf train CLIP -o head.safetensors`"},
+    {"path", NOT_NEEDED "the clip is an argument without an option, as in `ernerf train CLIP -o head.safetensors`"},
     {"test",
      NOT_NEEDED "`ernerf render MODEL --clip CLIP -o out.mp4` renders a model, `ernerf eval MODEL CLIP` evaluates it"},
     {"test_train", "is `--split train` of `ernerf render` and `ernerf eval` here"},
     {"workspace", "is `-o X.safetensors` of `ernerf train` here; state, log and pictures go to X.run beside it"},
     {"ckpt",
-     "is `--resume` or `--from FILE` of `ernerf train` here; `ernerf render` and `ernerf eval` take the model as a "
-     "word"},
+     "is `--resume` or `--from FILE` of `ernerf train` here; `ernerf render MODEL` and `ernerf eval MODEL` take the "
+     "model without an option"},
     {"fp16", NOT_NEEDED "the arithmetic follows the instruction set (--isa)"},
     {"cuda_ray", NOT_NEEDED "empty space is always skipped"},
     {"num_steps", "belongs to rendering without skipping empty space; --max_steps bounds the samples of a ray"},
@@ -39,7 +38,9 @@ static const struct {
     {"amb_eye_loss", LOSS},
     {"unc_loss", LOSS},
     {"lambda_amb", LOSS},
-    {"fbg", "(a background of its own for each frame) is not there; --bg_img of `ernerf render` chooses one for all"},
+    {"fbg",
+     "(a background of its own for each frame) is not supported; --bg_img of `ernerf render` chooses one for "
+     "all"},
     {"exp_eye",
      NOT_NEEDED "eyes are learnt where the clip has an au.csv that moves; `ernerf train --effects` says otherwise"},
     {"color_space", "is not a choice here: colours are those of the pictures (sRGB)"},
@@ -57,14 +58,15 @@ static const struct {
     {"W", "is `--size WxH` of `ernerf render` here"},
     {"H", "is `--size WxH` of `ernerf render` here"},
     {"att", FIXED " (2: attention over eight windows)"},
-    {"emb", "(speech as numbers of classes) is not there: features are taken as vectors"},
+    {"emb", "(speech as class numbers) is not supported: features are vectors"},
     {"ind_dim", FIXED " (4)"},
     {"ind_dim_torso", FIXED " (8)"},
     {"amb_dim", FIXED " (2)"},
-    {"part", "(every tenth frame) is not there; --data_range A:B of `ernerf train` takes a range of frames"},
+    {"part", "(every tenth frame) is not supported; --data_range A:B of `ernerf train` takes a range of frames"},
     {"part2", "is `--data_range 0:375` of `ernerf train` here"},
     {"train_camera",
-     "is `--refine-poses` of `ernerf train` here, the default with --time; a refinement in a .pth is followed"},
+     "is `--refine-poses` of `ernerf train` here, the default with --time; corrections of poses in a .pth are "
+     "applied"},
     {"asr", SPEECH},
     {"asr_wav", SPEECH},
     {"asr_play", SPEECH},

@@ -345,10 +345,14 @@ ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count
   forget_copies(clip);
   if (count == 0) return ERN_OK;
   if (!clip->info.hears_sound)
-    return ern_fail(clip->context, ERN_E_STATE, "%s: holds features, expected a sound, which alone can be varied",
+    return ern_fail(clip->context, ERN_E_STATE,
+                    "%s: holds features, expected a sound, the only thing that copies of "
+                    "the speech can be made from",
                     clip->speech_path);
   if (clip->speech_network != NULL)
-    return ern_fail(clip->context, ERN_E_STATE, "%s: is heard by a network, and copies are of the kind %s alone",
+    return ern_fail(clip->context, ERN_E_STATE,
+                    "%s: its features are computed by a network, and copies of the "
+                    "speech can only be of the kind %s",
                     clip->speech_path, ERN_SPEECH_CEPSTRA);
   ERN_TRY(ERN_NEW(clip->context, count, &clip->copies));
   for (; clip->copy_count < count; clip->copy_count++)

@@ -169,8 +169,8 @@ static void check_frames(struct report *report) {
        "torso_imgs: missing. A head can be trained, over the plain background, but no torso; the step extract torso "
        "and ground truth (process.py, task 6) makes it."},
       {"ori_imgs",
-       "ori_imgs: missing. Nothing tells the face from the rest in training, and eval gives no figures of head and "
-       "mouth; the step landmarks (process.py, task 7) makes its .lms files."},
+       "ori_imgs: missing. In training the face is not distinguished from the rest, and eval gives no figures of "
+       "head and mouth; the step landmarks (process.py, task 7) makes its .lms files."},
       {"parsing",
        "parsing: missing. The head will be learnt over the clip's background alone, and may keep pieces of it; the "
        "step face parsing (process.py, task 4) makes it."}};
@@ -235,8 +235,8 @@ static void check_lengths(struct report *report, size_t windows) {
   } else {
     tell(report, OPTIONAL,
          "%s: %zu windows, but frames only up to aud_id %" PRId64
-         ": right where only a part of the video was tracked, "
-         "else sound and picture drift apart.",
+         ": this is right if only a part "
+         "of the video was tracked, else sound and picture drift apart.",
          report->features_name, windows, aud_id);
   }
 }
@@ -357,7 +357,7 @@ static void summarise(struct report *report) {
        "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
        report->lists[ERN_SPLIT_TRAIN].count, report->speech,
        report->blink ? ", its blinking from au.csv" : ", no blinking",
-       report->landmarks ? ", the face told from the rest by its landmarks" : "",
+       report->landmarks ? ", the face distinguished by its landmarks" : "",
        report->torso ? "will learn the torso" : "cannot run on it");
 }
 

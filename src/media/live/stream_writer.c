@@ -98,7 +98,8 @@ static ern_status choose_form(ern_stream_writer *w) {
                     "%s: format is \"%s\", expected mp4, matroska, mpegts, flv, nut, y4m or raw", w->url,
                     w->options.format);
   return ern_fail(w->context, ERN_E_UNSUPPORTED,
-                  "%s: its name does not say its form, expected a format, or NAME.mp4, .mkv, .ts, .flv, .nut or .y4m",
+                  "%s: the format does not follow from its name, expected a format, or NAME.mp4, .mkv, .ts, .flv, "
+                  ".nut or .y4m",
                   w->url);
 }
 
@@ -261,7 +262,7 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   ERN_NEED(NULL, writer);
   if (frames > 0) ERN_NEED(writer->context, samples);
   if (writer->broken != ERN_OK)
-    return ern_fail(writer->context, writer->broken, "%s: a call before failed, nothing more can be written",
+    return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
                     writer->url);
   return writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
 }
@@ -271,7 +272,7 @@ static ern_status finish(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   ern_status status = ERN_OK;
   if (w->broken != ERN_OK)
-    ERN_TRY(ern_fail(w->context, w->broken, "%s: a call before failed, the stream is not whole", w->url));
+    ERN_TRY(ern_fail(w->context, w->broken, "%s: an earlier call failed, the stream is not complete", w->url));
   if (container != NULL) {
     if (w->target == TARGET_FILE && w->pictures.count == 0)
       ERN_TRY(ern_fail(w->context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", w->url));

@@ -74,7 +74,7 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   } catch (const std::exception &error) {
     status = ern_fail(context, ERN_E_UNSUPPORTED, "%s: %.300s", path, error.what());
   } catch (...) {
-    status = ern_fail(context, ERN_E_UNSUPPORTED, "%s: OpenCV failed without a reason", path);
+    status = ern_fail(context, ERN_E_UNSUPPORTED, "%s: OpenCV failed and gave no reason", path);
   }
   cv::utils::logging::setLogLevel(before);
   return status;
@@ -275,7 +275,9 @@ ern_status ern_landmark_network_find(ern_landmark_network *network, const uint8_
   ERN_NEED(nullptr, network);
   ERN_NEED(network->context, points);
   if (!network->decided)
-    return ern_fail(network->context, ERN_E_STATE, "%s: how it wants its pictures is not decided",
+    return ern_fail(network->context, ERN_E_STATE,
+                    "%s: the scale of its input pictures is not known: "
+                    "ern_landmark_network_decide was not called, or failed",
                     network->path.c_str());
   const ern_status status = check_picture(network, rgb, width, height, guess);
   if (status != ERN_OK) return status;

@@ -134,7 +134,7 @@ static ern_status fit_mouth(struct fit *fit) {
   if (contrast < 2)
     ern_prepare_judge(fit->job, ERN_PREPARE_DOUBTFUL,
                       "the mouth changes %.1f times as much as the rest of the lower face, expected 2 or more of a "
-                      "person who speaks; --landmarks brings points made elsewhere",
+                      "person who speaks; --landmarks takes points of another program",
                       contrast);
 fail:
   ern_release(fit->job->context, variance);

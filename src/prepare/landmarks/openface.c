@@ -149,6 +149,7 @@ void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t he
   if (share > 0.1)
     ern_prepare_judge(
         job, ERN_PREPARE_DOUBTFUL,
-        "%s has no success in %.0f %% of the frames, which hold the last that has; expected 10 %% at most", path,
-        100 * share);
+        "%s: success is 0 in %.0f %% of the frames, which get the values of the last frame with 1; expected 10 %% at "
+        "most",
+        path, 100 * share);
 }

@@ -70,7 +70,7 @@ ern_status ern_layers_guarded(ern_context *context, Work work) {
   } catch (const std::exception &error) {
     status = ern_fail(context, ERN_E_UNSUPPORTED, "layers: %.400s", error.what());
   } catch (...) {
-    status = ern_fail(context, ERN_E_UNSUPPORTED, "layers: it failed without a reason");
+    status = ern_fail(context, ERN_E_UNSUPPORTED, "layers: the step failed and gave no reason");
   }
   cv::utils::logging::setLogLevel(before);
   return status;

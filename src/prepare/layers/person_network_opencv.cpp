@@ -81,8 +81,8 @@ ern_status choose(ern_person_network &network, const cv::Mat &frame, const ern_l
   }
   if (network.way >= 0) return ERN_OK;
   return ern_fail(network.context, ERN_E_UNSUPPORTED,
-                  "%s: the network does not tell the head from what is around it in the first frame, with any of %zu "
-                  "ways to scale colours; expected a network that finds a person, or --masks with a folder",
+                  "%s: the network does not distinguish the head from what is around it in the first frame, with any "
+                  "of %zu ways to scale colours; expected a network that finds a person, or --masks with a folder",
                   network.path.c_str(), sizeof ways / sizeof *ways);
 }
 

@@ -57,7 +57,10 @@ void measures_print(const struct measures_figures *f) {
   else
     printf("mouth: its motion cannot be measured without landmarks of three frames in which it moves\n");
   if (isfinite(f->sharpness_head) && isfinite(f->sharpness_mouth))
-    printf("sharpness over the truth's: head %.2f, mouth %.2f\n", f->sharpness_head, f->sharpness_mouth);
+    printf(
+        "sharpness relative to the recorded frames: head %.2f, mouth "
+        "%.2f\n",
+        f->sharpness_head, f->sharpness_mouth);
   static const char *const lids[2] = {"open", "shut"};
   for (int shut = 0; shut < 2; shut++)
     if (f->eye_frames[shut] > 0)

@@ -7,7 +7,7 @@
 #include "ernerf/speech.h"
 
 const char setting_no_truth[] =
-    "needs true frames that speak --audio, and there are none with --setting synchronization";
+    "needs true frames (recorded with the speech of --audio), which --setting synchronization does not have";
 
 void setting_options(int *setting, struct option options[SETTING_OPTIONS]) {
   const struct option rows[] = {
@@ -15,9 +15,10 @@ void setting_options(int *setting, struct option options[SETTING_OPTIONS]) {
        .kind = OPTION_CHOICE,
        .target = setting,
        .choices = "reconstruction|synchronization",
-       .help =
-           "of the paper: unseen frames with the clip's own speech; or other speech, --audio, over the poses of the "
-           "clip, of all its frames unless --split says, without the figures that need true frames"}};
+       .help = "setting of the paper's tables: reconstruction: unseen frames with the clip's own speech; "
+               "synchronization: other speech, --audio, over the poses of all frames (or of --split), without the "
+               "figures that need recorded frames (default: reconstruction, unless --audio or another --split is "
+               "given)"}};
   ARGS_FILL(options, rows, SETTING_OPTIONS);
 }
 

@@ -57,8 +57,10 @@ void bench_print_scene(const struct bench_results *results) {
     printf("a made-up scene");
   printf(": %d x %d pixels, %d levels, %zu numbers, %.2f %% of the cells occupied\n", s->width, s->height, s->levels,
          s->parameters, 100 * s->occupied);
-  printf("%zu rays of %zu have samples: %zu marched (%.2f a pixel), %zu of them before the light is spent\n", s->hits,
-         s->pixels, s->marched, (double)s->marched / pixels, s->lit);
+  printf(
+      "%zu rays of %zu have samples: %zu marched (%.2f a pixel), %zu of them before the transmittance of the ray "
+      "is below 1e-4\n",
+      s->hits, s->pixels, s->marched, (double)s->marched / pixels, s->lit);
   printf("a sample is %.0f FLOP as written, %.0f with layers folded\n\n", s->sample_flops, s->folded_flops);
 }
 

@@ -58,20 +58,21 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .target = &job->rays,
        .low = 1,
        .high = 1048576,
-       .help = "a step"},
+       .help = "rays a step"},
       {.name = "lr_net",
        .kind = OPTION_FLOAT,
        .target = &job->lr_net,
        .low = 1e-9,
        .high = 10,
-       .help =
-           "learning rate of the networks, as of train; few steps want more, or lips have not learnt to follow speech"},
+       .help = "learning rate of the networks, as in train; with few steps a higher one is needed for lips that follow "
+               "the speech"},
       {.name = "seeds",
        .kind = OPTION_INT,
        .target = &job->seeds,
        .low = 1,
        .high = ABLATION_SEEDS,
-       .help = "trainings of each row, from --seed on: their spread says what a difference means"},
+       .help = "number of trainings of each row, with seeds from --seed on: their spread shows which differences may "
+               "be chance"},
       {.name = "only",
        .kind = OPTION_TEXT,
        .target = &job->only,
@@ -87,7 +88,7 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .target = &job->repeats,
        .low = 3,
        .high = ABLATION_TIMES,
-       .help = "how often each row draws a frame to be timed, in turns with the others"},
+       .help = "number of times that each row renders a frame for timing, in turns with the others"},
       {.name = "resume", .kind = OPTION_FLAG, .target = &job->resume, .help = "go on with the trainings in DIR"}};
   ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);

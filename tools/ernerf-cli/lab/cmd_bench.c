@@ -227,7 +227,8 @@ static int measure_peaks(struct bench_job *job) {
   const int status = end(job, ern_bench_peaks(job->backends, job->count, &options, &job->results.machine));
   if (status == 0 && job->results.machine.unrest > restless)
     session_warn(&job->session,
-                 "the %s is not ours alone: the same loop took %.2f times its least time; figures come out too low",
+                 "other programs use the %s too: the same loop took %.2f times its least time; figures come out too "
+                 "low",
                  job->place == PLACE_OPENCL ? "device" : "processor", job->results.machine.unrest);
   if (status == 0 && !session_json_on_stdout(&job->session)) bench_print_peaks(&job->results);
   return status;
@@ -323,40 +324,41 @@ static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS
                                  .kind = OPTION_CHOICE,
                                  .target = &job->only,
                                  .choices = "all|peaks|kernels|frame|step",
-                                 .help = "a part of it; peaks are always measured (default all)"},
+                                 .help = "what to measure; the peaks always are (default all)"},
                                 {.name = "seconds",
                                  .kind = OPTION_FLOAT,
                                  .target = &job->seconds,
                                  .low = 0,
                                  .high = 86400,
-                                 .help = "for all of it, about: what takes longer is measured once all the same"},
+                                 .help = "seconds for all measurements, about: a measurement that takes longer is "
+                                         "made once nevertheless"},
                                 {.name = "frames",
                                  .kind = OPTION_INT,
                                  .target = &job->frames,
                                  .low = 1,
                                  .high = 1000,
-                                 .help = "most repeats of a frame"},
+                                 .help = "maximum number of repeats of a frame"},
                                 {.name = "rays",
                                  .kind = OPTION_INT,
                                  .target = &job->rays,
                                  .low = 1,
                                  .high = 1 << 20,
-                                 .help = "of a training step, and of kernels where a device is measured"},
+                                 .help = "rays of a training step, and of kernels where a device is measured"},
                                 {.name = "size",
                                  .kind = OPTION_DIMENSIONS,
                                  .target = &job->size,
                                  .low = 1,
                                  .high = 8192,
-                                 .help = "of the made-up frame (default 450x450)"},
+                                 .help = "size of the made-up frame (default 450x450)"},
                                 {.name = "force",
                                  .kind = OPTION_FLAG,
                                  .target = &job->portrait.force,
-                                 .help = "go on with a model that was trained on another clip"},
+                                 .help = "use the model although it was trained on another clip"},
                                 {.name = "seed",
                                  .kind = OPTION_COUNT,
                                  .target = &session->seed,
                                  .low = 0,
-                                 .help = "of what is made up, and of rays"}};
+                                 .help = "seed of the made-up scene and of the rays"}};
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
@@ -385,8 +387,8 @@ static void place_options(struct bench_job *job, struct option options[PLACE_OPT
        .target = &session->threads,
        .low = 0,
        .high = ERN_THREADS_MOST,
-       .help = "of the CPU, for a frame and a step; kernels are measured on one, but with --backend all on all of "
-               "them (default 0: one a core)"}};
+       .help = "threads of the CPU for a frame and a step; kernels are measured on one thread, but with --backend "
+               "all on all of them (default 0: one a core)"}};
   ARGS_FILL(options, rows, PLACE_OPTIONS);
 }
 
@@ -419,8 +421,10 @@ int cmd_bench(int argc, char **argv) {
           "Measures the peaks of a machine or device, and each kernel, a frame and a training step against them.",
       .usage = "bench [--only kernels] [--backend opencl] [--json FILE.json]\nbench MODEL CLIP",
       .notes =
-          "Without MODEL CLIP on a made-up scene, which needs no files. Times are the least and the median of\n"
-          "repeats that take turns. FLOP: two a multiply-add. docs/bench.md says what the columns mean.",
+          "Without MODEL CLIP a made-up scene is measured, which needs no files. Times are the minimum and the "
+          "median of\n"
+          "repeats; what is compared takes turns. FLOP: a multiply-add counts as two. docs/bench.md explains the "
+          "columns.",
       .words = words,
       .word_count = 2,
       .optional_words = 2,

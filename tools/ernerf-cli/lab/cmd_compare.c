@@ -148,12 +148,12 @@ int cmd_compare(int argc, char **argv) {
        .choices = "DIR",
        .help =
            "folder for index.html, frames.csv, compare.json, compare.mp4, best.png, median.png and worst.png: a new "
-           "one, an empty one, or with --overwrite one that this verb made; its parent is there"},
+           "one, an empty one, or with --overwrite one that this verb made; the folder around it must exist"},
       {.name = "audio",
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &c.asked.source.features,
-       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"}};
+       .help = "the clip's speech from another file, a sound or speech features (.npy), instead of the clip's own"}};
   lpips_weights_options(&c.perceptual.weights, own + OWN_OPTIONS - LPIPS_OPTIONS);
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   static const char about[] = "a model (.safetensors, .pth), or a video (.mp4, .mkv, .mov ...) of the same frames";
@@ -162,14 +162,15 @@ int cmd_compare(int argc, char **argv) {
                          {"CLIP", &c.asked.source.path, "folder of the preprocessed clip whose frames are the truth"}};
   struct args args = {
       .verb = "compare",
-      .summary = "Holds two portraits against the same frames of a clip, side by side: figures, pictures, a video.",
+      .summary = "Compares two portraits with the same frames of a clip, side by side: figures, pictures, a video.",
       .usage = "compare A B CLIP -o DIR [--split val] [--frames A:B]",
       .notes =
           "Both are evaluated as by `ernerf eval`, with the same options. A video may come from any program. Its\n"
-          "picture k is frame k of the split, counted from 0, also with --frames; its pictures have the clip's size.\n"
-          "With the weights of LPIPS that is a figure too. Differences are B - A. best.png is the frame in which B is "
-          "best against A by PSNR, worst.png the one in\n"
-          "which it is worst. No file of DIR gets its name before all of them are whole on the disk.",
+          "picture k is frame k of the split, counted from 0, also with --frames; its pictures have the clip's "
+          "size.\n"
+          "With --lpips-network and --lpips-heads LPIPS is reported too. Differences are B - A. best.png is the "
+          "frame in which B is best against A by PSNR, worst.png the one in\n"
+          "which it is worst. The files of DIR get their names when all of them are complete on the disk.",
       .public_names = true,
       .words = words,
       .word_count = 3,
@@ -178,7 +179,7 @@ int cmd_compare(int argc, char **argv) {
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   portrait_options(&c.asked, FRAME_SOURCE_VAL, shared);
   struct option *memory = shared + PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS + 1;
-  memory->help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
+  memory->help = "maximum memory for decoded frames of the clip, such as 512M (default: none is kept)";
   session_compute_options(&c.session, common);
   session_output_options(&c.session, common + SESSION_COMPUTE_OPTIONS);
   args_unlist(&args, "smooth_lips");

@@ -276,13 +276,16 @@ int cmd_soak(int argc, char **argv) {
   struct word words[] = {{"CLIP", &job.clip_path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "soak",
-      .summary = "Trains under one hostile setting after another, and checks all values after each step.",
+      .summary = "Trains with one set of extreme settings after another, and checks all values after each step.",
       .usage = "soak CLIP --steps 100000",
       .notes =
-          "Each round draws kinds and effects, rays a step, learning rates up to 100 times the usual, distance and\n"
-          "turn of the head, loudness of the speech, lids and pixels; some are saved, dropped and gone on from.\n"
-          "Values, gradients, the optimizer's moments, averages, occupancy and a drawn frame must be finite. What\n"
-          "is not stops it with exit status 1, the tensor's name, and the words that repeat the round.",
+          "Each round chooses at random: variants and effects of the head, rays a step, learning rates up to 100 "
+          "times the\n"
+          "usual, distance and turn of the head, loudness of the speech, eye values and pixels; some are saved, "
+          "freed and\n"
+          "resumed. Values, gradients, the optimizer's moments, averages, occupancy and a rendered frame must be "
+          "finite. Else\n"
+          "it stops with exit status 1, the name of the tensor, and the command that repeats the round.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is done:", own, OWN_OPTIONS},

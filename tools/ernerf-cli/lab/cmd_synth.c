@@ -34,7 +34,7 @@ static int make(struct session *session, ern_synth_options *options, const char 
   if (status == ERN_E_CANCELLED && session_interrupted())
     return session_stop_with(session, "stopped; nothing of %s was kept", folder);
   if (status != ERN_OK) return session_fail(session);
-  if (options->video != NULL) session_note(session, "%s: the same as a video", options->video);
+  if (options->video != NULL) session_note(session, "%s: the same frames as a video", options->video);
   session_note(session, "%s: %d frames of %d x %d; next: ernerf train %s --time 10m -o portrait.safetensors", folder,
                drawing.frames, options->size, options->size, folder);
   return session_report(
@@ -88,7 +88,8 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.frames,
        .low = 8,
        .high = 100000,
-       .help = "25 a second; one in eleven is for validation (default 250, or as long as --text takes)"},
+       .help = "number of frames, 25 a second; one in eleven is for validation (default 250, or as long as --text "
+               "takes)"},
       {.name = "seed",
        .kind = OPTION_COUNT,
        .target = &session.seed,
@@ -103,13 +104,13 @@ int cmd_synth(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &synth.spoken.voice,
        .choices = "NAME",
-       .help = "of --text, as `espeak-ng --voices` has them: de, en-us, en-us+f3 (default en-us)"},
+       .help = "voice of --text, one of `espeak-ng --voices`: de, en-us, en-us+f3 (default en-us)"},
       {.name = "words-per-minute",
        .kind = OPTION_INT,
        .target = &synth.spoken.words_per_minute,
        .low = 80,
        .high = 450,
-       .help = "of --text"},
+       .help = "words a minute of --text, 80 to 450"},
       {.name = "no-blink", .kind = OPTION_OFF, .target = &synth.blink, .help = "eyes stay open, no au.csv"},
       {.name = "no-torso", .kind = OPTION_OFF, .target = &synth.torso, .help = "a head alone, empty torso pictures"},
       {.name = "static-camera",
@@ -122,9 +123,18 @@ int cmd_synth(int argc, char **argv) {
        .low = 1,
        .high = 40,
        .choices = "DEG",
-       .help = "largest turn of the head left or right; nods reach a half, tilts a third of it (default: the seed's, "
-               "below 12)"},
-      {.name = "room", .kind = OPTION_CHOICE, .target = &room, .choices = "books|plain|cluttered", .help = "behind it"},
+       .help = "largest turn of the head left or right, 1 to 40 degrees; nods have at most half of it, tilts a third "
+               "(default: chosen by the seed, below 12)"},
+      {.name = "room",
+       .kind = OPTION_CHOICE,
+       .target = &room,
+       .choices = "books|plain|cluttered",
+       .help = "what is "
+               "behind "
+               "the "
+               "person "
+               "(default "
+               "books)"},
       {.name = "parsing",
        .kind = OPTION_FLAG,
        .target = &synth.parsing,
@@ -139,13 +149,15 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.crf,
        .low = 0,
        .high = 51,
-       .help = "of --video, H.264's quality, less is better (default 18)"},
+       .help = "H.264 quality of --video, 0 (best) to 51 (default 18)"},
       {.name = "fault",
        .kind = OPTION_TEXT,
        .target = &fault,
        .choices = "NAME:STRENGTH",
-       .help = "what makes a video hard: camera:DEG, held by hand; occlude:PERCENT of the side, a rod before the face; "
-               "profile:DEG, a third of the time; still:PERCENT of the frames; cut:PERCENT, another person"}};
+       .help = "a fault that makes the video hard to prepare: camera:DEG (0.1 to 5): the camera is held by hand and "
+               "turns by DEG; occlude:PERCENT (to 50): a rod of that share of the side passes before the face; "
+               "profile:DEG (to 80): the head is turned by DEG for a third of the time; still:PERCENT (to 100): the "
+               "last frames are one frame; cut:PERCENT (to 99): the last frames are another person"}};
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"DIR", &folder, "folder to make; it must not exist, or be empty"}};
   struct args args = {

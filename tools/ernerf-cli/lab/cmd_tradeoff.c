@@ -64,7 +64,7 @@ static void print_front(const struct tradeoff *t) {
   printf("\n%zu points, %zu turns, %.0f s; medians with quartiles, means of %zu frames with standard deviations\n",
          t->count, t->turns, t->spent_seconds, tradeoff_frames(t));
   if (t->not_reached[0] + t->not_reached[1] > 0)
-    printf("for want of time %zu settings and %zu combinations were not looked at: --seconds has more\n",
+    printf("for lack of time %zu settings and %zu combinations were not tried: give more --seconds\n",
            t->not_reached[0], t->not_reached[1]);
   printf("%s/index.html\n", t->folder);
 }
@@ -121,7 +121,7 @@ static void close_all(struct tradeoff *t) {
 static int check_words(const struct tradeoff *t, const struct args *args) {
   if (t->folder == NULL) return args_refuse(args, "-o DIR is missing");
   return args_forbid(args, "smooth_lips",
-                     "makes a frame depend on those before it, and points would not draw the same");
+                     "makes a frame depend on earlier frames, so that settings could not be compared");
 }
 
 /* `--training` is a verb within the verb: other words, other options. */
@@ -146,26 +146,29 @@ int cmd_tradeoff(int argc, char **argv) {
        .target = &t.seconds,
        .low = 1,
        .high = 86400,
-       .help = "for all of it, about; the exact frames and three turns of a few points are "
-               "done in any case"}};
+       .help = "seconds for all measurements, about; the exact render and three measurements of a few settings are "
+               "made in any case"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &t.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"},
                          {"CLIP", &t.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
       .verb = "tradeoff",
-      .summary = "Shows what accuracy costs in time: render settings against the clock and against two truths.",
+      .summary = "Measures render time against accuracy, for many render settings.",
       .usage =
           "tradeoff MODEL CLIP -o DIR [--seconds 120]\n"
           "tradeoff --training CLIP -o DIR [--seconds 30]     (tradeoff --training --help)",
       .notes =
-          "Each setting is changed by itself, then combinations that should be worth it; all points take turns. The\n"
-          "truths are the frames of the clip and an exact render of the same model in double precision. Options that\n"
-          "are given here are where it starts from. --frames has 2 to 16 frames (default four of the split, evenly\n"
-          "spaced). All instruction sets of the CPU are tried; --backend opencl adds a device.",
+          "Each setting is changed by itself, then promising combinations are; all are measured in turns. Accuracy "
+          "is the PSNR\n"
+          "against the frames of the clip, and against an exact render of the same model in double precision. The "
+          "options\n"
+          "given here are the starting point. --frames has 2 to 16 frames (default four of the split, evenly "
+          "spaced). All\n"
+          "instruction sets of the CPU are tried; --backend opencl adds a device.",
       .words = words,
       .word_count = 2,
       .groups = {{"What is measured, and where to:", own, OWN_OPTIONS},
-                 {"Where it starts from:", shared, PORTRAIT_OPTIONS},
+                 {"The settings that it starts from:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   portrait_options(&t.portrait, FRAME_SOURCE_VAL, shared);
   session_compute_options(&t.session, common);

@@ -85,7 +85,7 @@ int compare_files_check(struct compare *c) {
       return session_fail_with(
           session, "%s: holds files that ernerf compare did not make, expected a new or an empty folder", c->folder);
   } else if (!has_place(c->folder)) {
-    return session_fail_with(session, "%s: the folder that it is to lie in is not there", c->folder);
+    return session_fail_with(session, "%s: the folder around it does not exist", c->folder);
   }
   /* the video of a comparison that was killed goes, in compare_files_open */
   if (session_check_outputs(session, c->folder, names, killed ? GROWING : BEGUN) != 0) return EXIT_FAILURE;

@@ -77,8 +77,9 @@ static void add_measures(const struct compare *c, struct bytes *page) {
     bytes_print(page, "<td>%s</td></tr>\n", measures[i].best);
   }
   bytes_print(page,
-              "</table></div>\n<p>Nearer to the truth is better. Sharpness and tremble are ratios to the truth's. A "
-              "dash: the clip does not tell.</p>\n");
+              "</table></div>\n"
+              "<p>Nearer to the truth is better. Sharpness and tremble are ratios to the truth's. A dash: this clip "
+              "does not have what the measure needs.</p>\n");
 }
 
 static void add_pictures(const struct compare *c, struct bytes *page) {

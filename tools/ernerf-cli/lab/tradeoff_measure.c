@@ -31,7 +31,7 @@ static int backend_of(struct tradeoff *t, const struct settings *settings, ern_b
     *backend = unit->made;
     return 0;
   }
-  return session_fail_with(&t->session, "nothing to compute on is called %s %s", settings->backend, settings->isa);
+  return session_fail_with(&t->session, "no backend was opened as %s %s", settings->backend, settings->isa);
 }
 
 static int make_renderer(struct tradeoff *t, const struct settings *settings, ern_renderer **renderer) {
@@ -344,7 +344,7 @@ static int choose_frames(struct tradeoff *t, const struct args *args) {
     const int status = portrait_cut(&t->portrait, &t->session, args, frame_source, t->evaluation.features);
     if (status != 0) return status;
     if (frame_source->count > TRADEOFF_FRAMES)
-      return args_refuse(args, "--frames are %zu, expected %d at most: every point draws all of them",
+      return args_refuse(args, "--frames has %zu frames, expected %d at most: they are rendered with every setting",
                          frame_source->count, TRADEOFF_FRAMES);
   } else if (frame_source->count > DEFAULT_FRAMES) {
     for (size_t k = 0; k < DEFAULT_FRAMES; k++)
@@ -353,7 +353,7 @@ static int choose_frames(struct tradeoff *t, const struct args *args) {
   }
   if (frame_source->count >= LEAST_FRAMES) return 0;
   return session_fail_with(
-      &t->session, "%zu frame is too few to tell points apart, expected %d or more: --split train or all has more",
+      &t->session, "%zu frame is too few to compare settings, expected %d or more: --split train or all has more",
       frame_source->count, LEAST_FRAMES);
 }
 

@@ -148,15 +148,14 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
               t->exact_seconds);
   bytes_print(page,
               "PSNR is of the whole picture, 100 dB where nothing differs. A point is better in time where the mean "
-              "ratio by turn is further from 1 than its standard error allows at 95&nbsp;%% and than a hundredth, and "
-              "in quality where the mean difference by frame is "
-              "further from 0 than its standard "
-              "error allows at 95&nbsp;%% and than 0.01 dB. The front holds what nothing betters in one way without "
-              "being worse in the other.");
+              "ratio by turn is further from 1 than its standard error allows at 95&nbsp;%% and than a hundredth, "
+              "and in quality where the mean difference by frame is further from 0 than its standard error allows at "
+              "95&nbsp;%% and than 0.01 dB. The (Pareto) front holds the settings that no other betters in time or "
+              "quality without being worse in the other.");
   if (t->not_reached[0] > 0)
-    bytes_print(page, " <b>For want of time %zu settings were not looked at.</b>", t->not_reached[0]);
+    bytes_print(page, " <b>For lack of time %zu settings were not tried.</b>", t->not_reached[0]);
   if (t->not_reached[1] > 0)
-    bytes_print(page, " For want of time %zu promising combinations were not looked at.", t->not_reached[1]);
+    bytes_print(page, " For lack of time %zu promising combinations were not tried.", t->not_reached[1]);
   bytes_print(
       page,
       "</p>\n<p><b>scale</b>: the head drawn at so many times the size and enlarged (<code>--image_scale</code>). "

@@ -55,39 +55,48 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .kind = OPTION_TEXT,
        .target = &job->folder,
        .choices = "DIR",
-       .help = "table, curves and plots; made where it is missing"},
+       .help = "folder for the table, curves and plots; made if it is missing"},
       {.name = "seconds",
        .kind = OPTION_FLOAT,
        .target = &job->seconds,
        .low = 1,
        .high = 1e6,
-       .help = "of training for each curve and seed"},
+       .help = "seconds of training for each curve and seed"},
       {.name = "rays",
        .alias = "num_rays",
        .kind = OPTION_INT,
        .target = &job->rays,
        .low = 16,
        .high = 65536,
-       .help = "a step, of the training that the others are compared with: they take a quarter, 4 and 16 times as "
-               "many"},
+       .help = "rays a step of the training that the others are compared with, which take a quarter, 4 and 16 times "
+               "as many"},
       {.name = "levels",
        .kind = OPTION_INT,
        .target = &job->levels,
        .low = 4,
        .high = 20,
-       .help = "of its hash encoder: the others have 4 less and 4 more"},
+       .help = "levels of the hash encoder of that training; two others have 4 fewer and 4 more"},
       {.name = "seeds",
        .kind = OPTION_INT,
        .target = &job->seeds,
        .low = 1,
        .high = TRAINING_SEEDS,
-       .help = "trainings of each kind: their spread says what a difference means"},
+       .help = "number of trainings of each kind, with different seeds: their spread shows which differences may be "
+               "chance"},
       {.name = "opencl", .kind = OPTION_FLAG, .target = &job->opencl, .help = "OpenCL devices too"},
       {.name = "double",
        .kind = OPTION_FLAG,
        .target = &job->in_double,
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
-      {.name = "seed", .kind = OPTION_COUNT, .target = &job->session.seed, .low = 0, .high = 0, .help = "the first"}};
+      {.name = "seed",
+       .kind = OPTION_COUNT,
+       .target = &job->session.seed,
+       .low = 0,
+       .high = 0,
+       .help = "seed of the "
+               "first "
+               "training of "
+               "each kind"}};
   ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS - LPIPS_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
   lpips_weights_options(&job->weights, options + OWN_OPTIONS - LPIPS_OPTIONS);
@@ -369,18 +378,18 @@ int tradeoff_training(int argc, char **argv) {
   struct word words[] = {{"CLIP", &job.source.path, "folder of a preprocessed clip"}};
   struct args args = {
       .verb = "tradeoff",
-      .summary = "Compares trainings of a clip: what the next decibel costs.",
+      .summary = "Compares trainings of a clip: PSNR against training time.",
       .usage = "tradeoff --training CLIP -o DIR [--seconds 30] [--seeds 2]",
       .notes =
           "One thing is changed at a time: rays a step, levels, where the rays go, instruction set, with --opencl "
           "devices,\n"
-          "with --double precision; bf16 where there is avx512bf16. One training is as published: rays anywhere alike, "
-          "and\n"
+          "with --double precision; bf16 where there is avx512bf16. One training is as published: --ray-sampling "
+          "uniform and\n"
           "a refresh of the whole occupancy grid every 16 steps. DIR gets training.md, .csv, .json and the curves as "
           "training_seconds,\n"
-          "training_steps and training_mouth_seconds, .svg and .png: PSNR, and how much of the mouth's motion is "
-          "there.\nFirst the steps of a fine stage are timed beside coarse ones, with LPIPS where its weights are "
-          "given.",
+          "training_steps and training_mouth_seconds, .svg and .png: PSNR, and the share of the mouth's motion that "
+          "is rendered.\n"
+          "First the steps of a fine stage are timed beside coarse ones, with LPIPS where its weights are given.",
       .words = words,
       .word_count = 1,
       .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};

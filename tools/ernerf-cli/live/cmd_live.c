@@ -34,7 +34,8 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .kind = OPTION_TEXT,
        .target = &job->sound.format,
        .choices = "NAME",
-       .help = "FFmpeg's name of its form (default found out); s16le and f32le are samples without a header"},
+       .help = "FFmpeg's name of the sound's format, such as s16le or f32le, samples without a header (default: "
+               "detected)"},
       {.name = "audio-rate",
        .kind = OPTION_INT,
        .target = &job->sound.format_rate,
@@ -46,27 +47,26 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->sound.format_channels,
        .low = 1,
        .high = 8,
-       .help = "of sound without a header (default 1)"},
+       .help = "channels of sound without a header (default 1)"},
       {.name = "stay",
        .kind = OPTION_FLAG,
        .target = &job->sound.stays,
-       .help = "rest when the sound has ended, not end"},
+       .help = "when the sound has ended, keep the stream going with the person at rest"},
       {.name = "max-delay",
        .kind = OPTION_SECONDS,
        .target = &job->most_delay,
        .low = 0.04,
        .high = 10,
-       .help =
-           "sound that has waited longer is left out, as of a microphone that began too early (default: all is said; "
-           "0.2 for a DEVICE)"},
+       .help = "leave out sound that has waited for more than T, 0.04s to 10s, such as that of a microphone which "
+               "started before the rendering (default: all is said; 0.2 for a DEVICE)"},
       {.name = "look-ahead",
        .kind = OPTION_INT,
        .target = &job->look_ahead,
        .low = ERN_LIVE_LEAST_LOOK_AHEAD,
        .high = ERN_LIVE_LOOK_AHEAD,
-       .help = "frames (25 a second) of sound after a frame that its speech input has: each one fewer is 40 ms sooner "
-               "and moves the mouth "
-               "less exactly (default 7, all that the model takes)"}};
+       .help = "number of frames (40 ms each), 2 to 7, of sound after a frame that are used for it: each one less "
+               "shows the frame 40 ms sooner and moves the mouth less accurately (default 7, all that the model "
+               "takes)"}};
   ARGS_FILL(options, rows, IN_OPTIONS);
 }
 
@@ -78,7 +78,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->output.url,
        .choices = "OUT",
        .help = "a file, - for standard output, or an address: rtmp://, udp://, tcp://, srt://, or http://HOST:PORT/, "
-               "where a browser or player may then come"},
+               "to which a browser or player can connect"},
       {.name = "format",
        .kind = OPTION_TEXT,
        .target = &job->output.format,
@@ -89,12 +89,13 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->size,
        .low = 1,
        .high = ERN_IMAGE_MAX_SIDE,
-       .help = "of the frames (default that of the clip)"},
+       .help = "size of the frames (default that of the clip)"},
       {.name = "fit",
        .kind = OPTION_CHOICE,
        .target = &job->fit,
        .choices = "contain|cover",
-       .help = "how the clip's frame goes into a --size of another aspect (default contain)"},
+       .help = "how the clip's frame goes into a --size of another aspect: contain shows all of it and continues its "
+               "edges, cover fills the picture and cuts the frame (default contain)"},
       {.name = "fps", .kind = OPTION_RATE, .target = &job->rate, .help = "frames a second, 1 to 100 (default 25)"},
       {.name = "bg_img",
        .kind = OPTION_TEXT,
@@ -106,7 +107,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->output.crf,
        .low = 0,
        .high = 51,
-       .help = "H.264's quality: less is better and larger"},
+       .help = "H.264's quality: 0 (best, largest) to 51"},
       {.name = "slow-reader",
        .kind = OPTION_CHOICE,
        .target = &job->output.drops,
@@ -116,13 +117,13 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
       {.name = "as-fast",
        .kind = OPTION_FLAG,
        .target = &job->as_fast,
-       .help = "not by the clock: each frame as soon as its sound is there, with the settings as asked"},
+       .help = "render each frame as soon as its sound is there, not in real time, with the settings as given"},
       {.name = "duration",
        .kind = OPTION_SECONDS,
        .target = &job->seconds,
        .low = 0.04,
        .high = 1e9,
-       .help = "ends after so long, as 90, 90s, 10m or 1.5h (default with the sound)"},
+       .help = "end after T, such as 90, 90s, 10m or 1.5h (default: when the sound ends)"},
       {.name = "control",
        .kind = OPTION_TEXT,
        .target = &job->steering.path,
@@ -144,7 +145,10 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
 static int check_unlisted(const struct args *args) {
   int status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
   if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
-  if (status < 0) status = args_forbid(args, "smooth_lips", "keeps a state that settings which change would not share");
+  if (status < 0)
+    status = args_forbid(args, "smooth_lips",
+                         "makes a frame depend on earlier frames, which may have "
+                         "other settings");
   if (status < 0)
     status = args_forbid(args, "speech-model speech-preset", "needs the whole sound before the first frame");
   return status;
@@ -167,7 +171,9 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0 && job->steering.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
-    status = args_refuse(args, "--as-fast has no rate to hold");
+    status = args_refuse(args,
+                         "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not "
+                         "for it");
   if (status < 0 && job->as_fast && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
   if (status < 0) status = label_check(&job->label, args);
@@ -208,8 +214,9 @@ static int open_portrait(struct live_job *job, const struct args *args) {
   if (status != 0) return status;
   if (strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
     return session_fail_with(session,
-                             "%s: speaks from features \"%s\", which need a network and the whole sound; live sound "
-                             "needs a model of %s: `ernerf train CLIP --asr_model cepstra`",
+                             "%s: was trained on speech features of the kind \"%s\", which need a network and the "
+                             "whole sound; live sound needs a model that was trained on %s: `ernerf train CLIP "
+                             "--asr_model cepstra`",
                              portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
   job->features = ern_clip_features(portrait->clip);
   if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
@@ -354,7 +361,7 @@ int cmd_live(int argc, char **argv) {
       {"MODEL", &job->portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "live",
-      .summary = "Sound as it comes, to a person who says it, as a stream that goes on.",
+      .summary = "Renders speech while it is spoken, as a video stream.",
       .usage =
           "live MODEL --clip CLIP --audio - | FILE | ADDRESS | DEVICE:NAME -o - | FILE | ADDRESS\n"
           "live MODEL --clip CLIP --control - | SOCKET -o http://127.0.0.1:8080/",

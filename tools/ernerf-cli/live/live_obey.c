@@ -20,7 +20,7 @@ static void say(struct live_job *job, bool speaks, const char *rest) {
   if (rest[0] == 0)
     refuse(job, speaks ? "say: expected a text" : "play: expected a file");
   else if (job->sound.url != NULL && !job->sound.stays)
-    refuse(job, "say and play: the sound is that of --audio; --stay says things after it");
+    refuse(job, "say and play: with --audio they need --stay, and are heard after its sound");
   else if (!live_sound_say(&job->sound, speaks, rest))
     refuse(job, "say and play: 32 of them wait already");
   else
@@ -37,7 +37,7 @@ static void set_eyes(struct live_job *job, const char *rest) {
     refuse(job, "eyes: expected 0 (open) to 1 (closed), or clip");
     return;
   } else if (!job->portrait.info.has_eye) {
-    refuse(job, "eyes: the model does not follow the eyes");
+    refuse(job, "eyes: the model was trained without eye values");
     return;
   } else {
     job->eye = eye;
@@ -53,7 +53,7 @@ static void set_background(struct live_job *job, const char *rest) {
   } else if (background_open(&next, &job->session, choice, job->portrait.clip, job->size.width, job->size.height,
                              (ern_fit)job->fit) != 0) {
     background_free(&next, &job->session);
-    refuse(job, "background: cannot be read, standard error says why; the last one stays");
+    refuse(job, "background: cannot be read, standard error says why; the previous one stays");
   } else {
     background_free(&job->background, &job->session);
     job->background = next;

@@ -14,14 +14,14 @@ void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
        .kind = OPTION_TEXT,
        .target = &label->text,
        .choices = "TEXT",
-       .help = "words on the frames that say what they are, such as \"made by AI\"; their capitals are 5 of 100 of the "
-               "shorter side"},
+       .help = "text drawn on the frames that says what they are, such as \"made by AI\"; its capitals are 5 % of "
+               "the shorter side high"},
       {.name = "label-time",
        .kind = OPTION_SECONDS,
        .target = &label->seconds,
        .low = 0.04,
        .high = 1e6,
-       .help = "how long from the first frame on, as 2s (default throughout)"}};
+       .help = "for how long from the first frame on, such as 2s (default: in all frames)"}};
   ARGS_FILL(options, rows, LABEL_OPTIONS);
 }
 

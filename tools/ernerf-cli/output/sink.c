@@ -24,18 +24,18 @@ void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
        .target = &sink->crf,
        .low = 0,
        .high = 63,
-       .help = "quality of a video: 0 the best; to 51, of vp9 and av1 to 63"},
+       .help = "quality of a video: 0 (best) to 51, of vp9 and av1 to 63"},
       {.name = "preset",
        .kind = OPTION_CHOICE,
        .target = &sink->preset,
        .choices = "ultrafast|superfast|veryfast|faster|fast|medium|slow|slower|veryslow|placebo",
-       .help = "of h264 and hevc: time of encoding against bytes (default veryfast)"},
+       .help = "speed of the encoders of h264 and hevc: slower ones make smaller files (default veryfast)"},
       {.name = "codec",
        .kind = OPTION_CHOICE,
        .target = &sink->codec,
        .choices = "h264|hevc|vp9|av1|ffv1",
-       .help = "of a video: mp4 has h264, hevc, vp9, av1; mov h264, hevc; webm vp9, av1; mkv all (default h264, of a "
-               "webm vp9); ffv1 is without loss"},
+       .help = "codec of a video: .mp4 takes h264, hevc, vp9, av1; .mov h264, hevc; .webm vp9, av1; .mkv all; ffv1 "
+               "is lossless (default h264, of a .webm vp9)"},
       {.name = "format",
        .alias = "f",
        .kind = OPTION_CHOICE,
@@ -94,12 +94,12 @@ bool sink_has_sound(const struct sink *sink) {
 /* What the kind has no use for. */
 static int check_coding(const struct sink *sink, const struct args *args) {
   int status = -1;
-  if (sink->kind != SINK_STREAM && sink->kind != SINK_VIDEO) status = args_forbid(args, "crf", "is of a video");
+  if (sink->kind != SINK_STREAM && sink->kind != SINK_VIDEO) status = args_forbid(args, "crf", "is for a video");
   if (status < 0 && sink->kind != SINK_VIDEO)
-    status = args_forbid(args, "preset codec", "is of a video that is written to a file");
+    status = args_forbid(args, "preset codec", "is for a video that is written to a file");
   if (status < 0 && is_gif(sink)) status = args_forbid(args, "crf preset codec", "is not for a .gif, which has none");
   if (status < 0 && !sink_on_stdout(sink))
-    status = args_forbid(args, "format", "is what -o - writes; the ending of a name says it otherwise");
+    status = args_forbid(args, "format", "is what -o - writes; for a file the ending of its name decides");
   if (status < 0 && sink->kind == SINK_STREAM && sink->crf > 51)
     status = args_refuse(args, "--crf is %d, expected 0 to 51, the range of h264", sink->crf);
   return status;

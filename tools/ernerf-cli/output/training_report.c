@@ -141,17 +141,16 @@ static void add_table(const struct training_study *study, struct bytes *text) {
   double marks[TRAINING_MARKS];
   marks_of(study, marks);
   bytes_print(text,
-              "# What the next decibel costs\n\n%s; %g s of training for each curve, %zu seed%s; PSNR over %zu "
-              "validation frame%s.\n%s, %d cores. Seconds are those of training, without validations. ± is the "
-              "standard deviation over\n"
-              "the seeds; seconds to a PSNR are read off the mean curve between its points, at the first point at the "
-              "earliest.\n"
-              "The mouth's motion is explained by 1 where the rendered mouth moves as the true one; -: it is not known "
+              "# What the next decibel costs\n\n"
+              "%s; %g s of training for each curve, %zu seed%s; PSNR over %zu validation frame%s.\n"
+              "%s, %d cores. Seconds are those of training, without validations. ± is the standard deviation over\n"
+              "the seeds; seconds to a PSNR are read off the mean curve between its points, at the first point at "
+              "the earliest.\n"
+              "The mouth's motion is explained by 1 where the rendered mouth moves as the recorded one; -: not known "
               "without\n"
-              "landmarks of three validation frames in which it moves. As published: rays anywhere alike, and a look "
-              "at all of\n"
-              "the occupancy each 16 steps. As train --time: small steps, the average of the weights, pruning, refined "
-              "poses.\n\n"
+              "landmarks of three validation frames in which it moves. As published: --ray-sampling uniform, and a\n"
+              "refresh of the whole occupancy grid every 16 steps. As train --time: small steps, the average of the "
+              "weights, pruning, refined poses.\n\n"
               "| training | steps | steps/s | PSNR at the end, dB | mouth's motion explained at the end |",
               study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
               study->frames == 1 ? "" : "s", study->processor, study->cores);

@@ -9,13 +9,14 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
        .kind = OPTION_TEXT,
        .target = &source->asr_model,
        .choices = "NAME",
-       .help = "which features of the clip: deepspeech, esperanto, hubert, cepstra (from its sound; default the first "
-               "that is "
-               "there)"},
+       .help = "kind of the clip's speech features: deepspeech, esperanto, hubert or cepstra (default: the first "
+               "that there is of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy, aud_cep.npy, and aud.wav, from which "
+               "cepstra are computed)"},
       {.name = "memory",
        .kind = OPTION_BYTES,
        .target = &source->memory,
-       .help = "most that frames of the clip may take, such as 512M (default half of the memory it may use)"}};
+       .help = "maximum memory for decoded frames of the clip, such as 512M (default half of the memory that the "
+               "process may use)"}};
   ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS - HEARING_OPTIONS);
   hearing_options(&source->hearing, options + sizeof rows / sizeof *rows);
 }

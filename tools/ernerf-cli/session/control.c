@@ -16,13 +16,13 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .kind = OPTION_TEXT,
        .target = &control->eye,
        .choices = "FILE",
-       .help = "eyes by a curve, 25 values for each second of the output: a table with a column AU45_r, as "
-               "au.csv "
-               "(0..5, 2 and more is closed); else 0..1, one number a line without a header, or .npy of shape [T]"},
+       .help = "eye values from a file, 25 for each second of the output: a table with a column AU45_r, such as "
+               "au.csv (0 open, 2 to 5 closed); else 0 (open) to 1 (closed), one number a line without a header, or "
+               ".npy of shape [T]"},
       {.name = "smooth_eye",
        .kind = OPTION_FLAG,
        .target = &control->smooth_eye,
-       .help = "calmer lids: the mean of three frames"},
+       .help = "smooth the blinks: each eye value is the mean of three frames"},
       {.name = "hold_pose",
        .kind = OPTION_FRAME,
        .target = &control->hold,
@@ -33,11 +33,12 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .low = -90,
        .high = 90,
        .choices = "YAW,PITCH",
-       .help = "the head turned by so many degrees more: YAW > 0 to the right of the picture, PITCH > 0 up"},
+       .help = "turn the head by so many degrees more, each -90 to 90: YAW > 0 to the right of the picture, PITCH > "
+               "0 up"},
       {.name = "smooth_path",
        .kind = OPTION_FLAG,
        .target = &control->smooth_path,
-       .help = "calmer head: the mean of poses"},
+       .help = "smooth the head's motion: each pose is the mean of those around it"},
       {.name = "smooth_path_window",
        .kind = OPTION_INT,
        .target = &control->smooth_window,
@@ -54,11 +55,11 @@ int control_check(const struct control *control, const struct args *args) {
   if (status < 0 && control->smooth_window % 2 == 0)
     status = args_refuse(args, "--smooth_path_window is %d, expected an odd number", control->smooth_window);
   if (status < 0 && args_given(args, "fix_eye"))
-    status = args_forbid(args, "smooth_eye eye", "has nothing to move with --fix_eye");
+    status = args_forbid(args, "smooth_eye eye", "has no effect with --fix_eye");
   if (status < 0 && control->eye != NULL)
-    status = args_forbid(args, "smooth_eye", "calms the clip's eyes, and --eye has its own");
+    status = args_forbid(args, "smooth_eye", "smooths the clip's eye values, which --eye replaces");
   if (status < 0 && args_given(args, "hold_pose"))
-    status = args_forbid(args, "smooth_path", "has nothing to calm with --hold_pose");
+    status = args_forbid(args, "smooth_path", "has no effect with --hold_pose");
   return status;
 }
 
@@ -68,11 +69,11 @@ int control_check_model(const struct control *control, struct session *session, 
   if (portrait->info.has_eye) return 0;
   if (fixed || control->eye != NULL)
     return session_fail_with(session,
-                             "%s: does not follow the eyes (it was trained without: no au.csv, or lids that do not "
-                             "move), so %s has nothing to move",
+                             "%s: was trained without eye values (no au.csv, or lids that do not move), so %s has no "
+                             "effect",
                              portrait->model_path, fixed ? "--fix_eye" : "--eye");
   if (control->smooth_eye)
-    session_warn(session, "--smooth_eye changes nothing: %s does not follow the eyes", portrait->model_path);
+    session_warn(session, "--smooth_eye changes nothing: %s was trained without eye values", portrait->model_path);
   return 0;
 }
 
@@ -80,8 +81,11 @@ int control_clip(const struct control *control, struct session *session, const s
                  struct frame_source *frame_source) {
   int status = 0;
   if (args_given(args, "hold_pose") && control->hold >= frame_source->count)
-    return args_refuse(args, "--hold_pose is %" PRIu64 ", expected 0 to %zu, the poses there are", control->hold,
-                       frame_source->count - 1);
+    return args_refuse(args,
+                       "--hold_pose is %" PRIu64
+                       ", expected 0 to %zu, the number of the "
+                       "last pose",
+                       control->hold, frame_source->count - 1);
   if (control->smooth_path) status = frame_source_smooth_path(frame_source, session, control->smooth_window);
   if (status == 0 && args_given(args, "hold_pose")) frame_source_hold_pose(frame_source, (size_t)control->hold);
   if (status == 0 && args_given(args, "rotate")) frame_source_turn(frame_source, control->turn);

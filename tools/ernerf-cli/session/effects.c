@@ -70,7 +70,7 @@ static void tell(const struct telling *telling, const char *name, bool there, co
 }
 
 static void tell_speech(const struct telling *telling, const ern_clip_measures *m) {
-  char sound[64] = "there is no sound to go by";
+  char sound[64] = "there is no sound to measure";
   if (m->loud >= 0) snprintf(sound, sizeof sound, "the sound is above -50 dB for %.0f %% of its time", 100 * m->loud);
   if (effects_has_speech(m))
     tell(telling, "audio", true, "the features change by %.0f %% of their size, %s.", 100 * m->feature_change, sound);
@@ -103,8 +103,8 @@ static void tell_head(const struct telling *telling, const ern_clip_measures *m,
          "no frame has landmarks, so the light on the face is not known: each frame may have its own.");
   else
     tell(telling, "codes", called->has[EFFECT_CODES],
-         "the cheeks' colour changes by %.2f of 255 from frame to frame beyond what the pose explains; %.1f is the "
-         "least for a code a frame.",
+         "the cheeks' colour changes by %.2f of 255 from frame to frame beyond what the pose explains; from %.1f on "
+         "each frame gets a code of its own.",
          m->light, least_light);
 }
 
@@ -119,7 +119,8 @@ static void tell_torso(const struct telling *telling, const ern_clip_measures *m
   else if (m->torso_against < 0.25 * m->torso_move)
     how = "moves as the head does";
   tell(telling, "torso", true,
-       "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, against the head by %.2f.",
+       "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, relative to the head by "
+       "%.2f.",
        100 * m->torso_cover, how, m->torso_move, m->torso_against);
 }
 

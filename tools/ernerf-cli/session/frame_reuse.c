@@ -20,8 +20,8 @@ void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[
        .target = &frame_reuse->levels,
        .low = 0,
        .high = 255,
-       .help = "grey levels of 255 that a pixel may be off while the camera stands still, where what hardly changes is "
-               "not rendered again; 0 keeps what cannot change (default 0.5)"},
+       .help = "while the camera does not move, interpolate rays that change little; X is the largest error of a "
+               "pixel in grey levels of 255; 0: reuse only rays that cannot change (default 0.5)"},
       {.name = "no-reuse-rays",
        .alias = "no-still",
        .kind = OPTION_FLAG,
@@ -31,9 +31,7 @@ void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[
 }
 
 int frame_reuse_check(const struct args *args) {
-  return args_given(args, "no-reuse-rays")
-             ? args_forbid(args, "reuse-rays", "has nothing to bound with --no-reuse-rays")
-             : -1;
+  return args_given(args, "no-reuse-rays") ? args_forbid(args, "reuse-rays", "has no effect with --no-reuse-rays") : -1;
 }
 
 /* Frames of the longest run of one pose. */

@@ -17,9 +17,9 @@ void hearing_options(struct hearing *hearing, struct option options[HEARING_OPTI
        .kind = OPTION_TEXT,
        .target = &hearing->needs,
        .choices = "NAME|FILE.json",
-       .help = "what it needs: esperanto (untested) or hubert (untested), both of 16 kHz by the public scripts and not "
-               "run with their real networks yet; or a description (default as the model says, else FILE.json beside "
-               "FILE.onnx)"}};
+       .help = "description of the network of --speech-model: esperanto or hubert, for 16 kHz sound as in the public "
+               "scripts (both untested with the real networks), or a FILE.json of your own (default: that in the "
+               "model, else FILE.json beside FILE.onnx)"}};
   ARGS_FILL(options, rows, HEARING_OPTIONS);
 }
 
@@ -30,13 +30,15 @@ static bool is_description(const char *name) {
 
 int hearing_check(const struct hearing *hearing, const struct args *args, const char *audio) {
   if (hearing->path == NULL)
-    return args_forbid(args, "speech-preset", "says what --speech-model needs, and there is none");
+    return args_forbid(args, "speech-preset", "describes the network of --speech-model, which is not given");
   if (hearing->needs != NULL && ern_speech_preset(hearing->needs) == NULL && !is_description(hearing->needs))
     return args_refuse(args, "--speech-preset is \"%s\", expected esperanto, hubert, or a description's FILE.json",
                        hearing->needs);
   if (audio != NULL && !ern_speech_is_sound(audio))
     return args_refuse(args, "--speech-model takes a sound, and %s holds features", audio);
-  return args_forbid(args, "asr_model", "chooses features of the clip, and --speech-model makes them of its sound");
+  return args_forbid(args, "asr_model",
+                     "chooses the clip's features, and --speech-model computes them from its "
+                     "sound; expected one of the two");
 }
 
 const char *hearing_file(struct hearing *hearing) {
@@ -72,13 +74,17 @@ static int check_kind(const struct hearing *hearing, struct session *session, co
                       const ern_model_info *model) {
   const char *kind = ern_speech_network_kind(hearing->network);
   if (model->speech[0] == 0) {
-    session_warn(session, "%s: does not say what features it speaks from; those of %s (%s) are taken for them",
+    session_warn(session,
+                 "%s: does not say which kind of speech features it was trained on; those of %s (%s) are "
+                 "assumed",
                  model_path, hearing->path, kind);
     return 0;
   }
   if (strcmp(model->speech, kind) == 0) return 0;
-  return session_fail_with(session, "%s: speaks from features of the kind %s, and %s makes %s", model_path,
-                           model->speech, hearing->path, kind);
+  return session_fail_with(session,
+                           "%s: was trained on speech features of the kind %s, and %s computes "
+                           "%s",
+                           model_path, model->speech, hearing->path, kind);
 }
 
 const char *hearing_kind(const char *path, int width) {
@@ -110,9 +116,12 @@ int hearing_check_features(struct session *session, const char *model_path, cons
   char wanted[192];
   if (hearing_fits(model, kind)) return 0;
   hearing_wanted(model, wanted);
-  return session_fail_with(
-      session, "%s: speaks from features of the kind %s, and %s holds %s; expected %s%s", model_path, model->speech,
-      name, kind, model->speech_network[0] != 0 ? "--speech-model FILE.onnx" : "features of that kind", wanted);
+  return session_fail_with(session,
+                           "%s: was trained on speech features of the kind %s, and %s holds %s; expected "
+                           "%s%s",
+                           model_path, model->speech, name, kind,
+                           model->speech_network[0] != 0 ? "--speech-model FILE.onnx" : "features of that kind",
+                           wanted);
 }
 
 int hearing_open(struct hearing *hearing, struct session *session, const char *model_path,
@@ -124,7 +133,7 @@ int hearing_open(struct hearing *hearing, struct session *session, const char *m
     const ern_features features = {.width = model->feature_width};
     if (known.speech[0] == 0) snprintf(known.speech, sizeof known.speech, "%s", ern_speech_kind(&features));
     if (hearing->needs != NULL && known.speech_network[0] != 0)
-      return session_fail_with(session, "%s: says itself what its network needs; expected no --speech-preset",
+      return session_fail_with(session, "%s: holds a description of its speech network; expected no --speech-preset",
                                model_path);
   }
   const char *description = description_of(hearing, model != NULL ? &known : NULL);

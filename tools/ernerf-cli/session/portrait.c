@@ -27,7 +27,13 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .kind = OPTION_CHOICE,
        .target = &portrait->split,
        .choices = "train|val|all",
-       .help = split == FRAME_SOURCE_ALL ? "frames of the clip (default all)" : "frames of the clip (default val)"},
+       .help = split == FRAME_SOURCE_ALL ? "frames of the clip: train: those of transforms_train.json; val: those of "
+                                           "transforms_val.json; all: both (default "
+                                           "all)"
+                                         : "frames of the clip: train: those of "
+                                           "transforms_train.json; val: those "
+                                           "of transforms_val.json; all: both "
+                                           "(default val)"},
       {.name = "frames",
        .kind = OPTION_RANGE,
        .target = &portrait->frames,
@@ -36,7 +42,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .kind = OPTION_CHOICE,
        .target = &portrait->audio_pad,
        .choices = "edge|zero",
-       .help = "past the ends of the speech: its nearest window, or zeros as the public code (default as in training)"},
+       .help = "speech windows past the ends of the speech: edge repeats the nearest, zero has zeros, as published "
+               "(default as in training)"},
       {.name = "max_steps",
        .kind = OPTION_INT,
        .target = &render->max_steps,
@@ -48,19 +55,21 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &render->dt_gamma,
        .low = 0,
        .high = 1,
-       .help = "growth of the step with distance (default as in training)"},
+       .help = "growth of the sample spacing along a ray with distance (default as in training)"},
       {.name = "transmittance_stop",
        .kind = OPTION_FLOAT,
        .target = &render->transmittance_stop,
        .low = 0,
        .high = 0.99,
-       .help = "a ray ends when less light than this is left (default 0.003; 1e-4 is what models are trained with)"},
+       .help = "end a ray when less than this share of its light is left, 0 to 0.99 (default 0.003; models are "
+               "trained with 1e-4)"},
       {.name = "occupancy_threshold",
        .kind = OPTION_FLOAT,
        .target = &portrait->occupancy_threshold,
        .low = 0,
        .high = 1e6,
-       .help = "leave out cells that stay thinner than this in the speech (default 0: none)"},
+       .help = "skip the cells of the occupancy grid whose density, per scene unit, is below X in all frames of this "
+               "speech, such as 0.1 (default 0: none)"},
       {.name = "torso_shrink",
        .kind = OPTION_FLOAT,
        .target = &render->torso_shrink,
@@ -72,26 +81,27 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &portrait->scale,
        .low = 0.001,
        .high = 1000,
-       .help = "factor of the camera's place (default as in training)"},
+       .help = "factor of the poses' translations (default as in training)"},
       {.name = "image_scale",
        .kind = OPTION_FLOAT,
        .target = &render->image_scale,
        .low = 0.25,
        .high = 1,
-       .help = "the head is drawn at so many times the picture's size and enlarged; torso and background stay sharp"},
+       .help = "render the head at X times the picture's size, 0.25 to 1, and enlarge it; torso and background stay "
+               "sharp"},
       {.name = "smooth_lips",
        .kind = OPTION_FLAG,
        .target = &render->smooth_lips,
-       .help = "calmer lips: 0.35 of the last frame's speech code, 0.65 of this one's"},
+       .help = "smooth the lips: the speech code of a frame is 0.35 of the previous frame's and 0.65 of its own"},
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &portrait->force,
-       .help = "go on with a model that was trained on another clip"}};
+       .help = "use the model although it was trained on another clip"}};
   ARGS_FILL(options, rows, PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS);
   struct option *source = options + sizeof rows / sizeof *rows;
   clip_source_options(&portrait->source, source);
   if (split == FRAME_SOURCE_ALL)
-    source[1].help = "most that frames of the clip may keep, such as 512M (default: none is kept)";
+    source[1].help = "maximum memory for decoded frames of the clip, such as 512M (default: none is kept)";
 }
 
 /* What the command line leaves open is as in training. What it says goes, with a warning where the model says
@@ -150,11 +160,13 @@ static int check_identity(struct portrait *portrait, struct session *session) {
   if (!portrait->force)
     return session_fail_with(
         session,
-        "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force goes "
-        "on all the same",
+        "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force uses it "
+        "nevertheless",
         portrait->model_path, model, clip, portrait->source.path);
   session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)%s", portrait->model_path, model, clip,
-               portrait->info.cameras > 0 ? "; its camera refinement is of that one's frames, and is left out" : "");
+               portrait->info.cameras > 0 ? "; its pose corrections are of that clip's frames, and are left "
+                                            "out"
+                                          : "");
   return 0;
 }
 
@@ -167,8 +179,9 @@ int portrait_refuse_sound(const struct portrait *portrait, struct session *sessi
   char wanted[192];
   hearing_wanted(&portrait->info, wanted);
   return session_fail_with(session,
-                           "%s: speaks from features of another kind than %s, which is all that a sound gives; "
-                           "expected --audio FILE.npy, or --speech-model FILE.onnx%s",
+                           "%s: was trained on speech features of another kind than %s, the only kind that is "
+                           "computed from a sound without a network; expected --audio FILE.npy, or --speech-model "
+                           "FILE.onnx%s",
                            portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
 }
 

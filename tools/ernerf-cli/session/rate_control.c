@@ -20,27 +20,27 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
        .target = &g->hold_fps,
        .low = 0.01,
        .high = 10000,
-       .help = "frames a second to draw at least: the most accurate settings that do, changed as the machine's pace "
-               "changes"},
+       .help = "choose the most accurate settings that render X frames a second or more, and adjust them while "
+               "rendering (live without --budget and --quality: 1.15 times --fps)"},
       {.name = "budget",
        .kind = OPTION_FLOAT,
        .target = &g->budget,
        .low = 0.1,
        .high = 100000,
        .choices = "MS",
-       .help = "the same as milliseconds a frame"},
+       .help = "the same, given as milliseconds a frame"},
       {.name = "quality",
        .kind = OPTION_CHOICE,
        .target = &g->quality,
        .choices = "exact|balanced|draft",
-       .help = "measured settings by name: the most accurate; the fastest whose frames have a PSNR of 40 dB or more "
-               "against those; the fastest"},
+       .help = "settings that do not change: exact: the most accurate; balanced: the fastest whose frames have a "
+               "PSNR of 40 dB or more against those of exact; draft: the fastest"},
       {.name = "front",
        .kind = OPTION_TEXT,
        .target = &g->front,
        .choices = "FILE.json",
-       .help = "where `ernerf tradeoff` measured them (default MODEL without its ending + .tradeoff/tradeoff.json; "
-               "without one a few frames are measured at the start)"}};
+       .help = "file of an earlier `ernerf tradeoff` with the settings and their times (default MODEL without its "
+               "ending + .tradeoff/tradeoff.json; without one a few frames are measured at the start)"}};
   ARGS_FILL(options, rows, RATE_CONTROL_OPTIONS);
 }
 
@@ -55,9 +55,11 @@ int rate_control_check(const struct rate_control *g, const struct args *args) {
   status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
                        "is what --hold-fps, --budget and --quality choose");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips", "makes a frame depend on those before it, which other settings drew");
+    status = args_forbid(args, "smooth_lips",
+                         "makes a frame depend on earlier frames, which may have other "
+                         "settings");
   if (status < 0 && g->front != NULL)
-    status = args_forbid(args, "backend isa threads device", "is the front's, which --front names");
+    status = args_forbid(args, "backend isa threads device", "is part of the settings in the file of --front");
   return status;
 }
 
@@ -170,8 +172,8 @@ static double budget_of(const struct rate_control *g) {
 static int refuse_budget(const struct rate_control *g) {
   const struct rung *last = &g->rung[g->count - 1];
   return session_fail_with(g->session,
-                           "%s %g: no settings hold it here: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a "
-                           "second",
+                           "%s %g: no settings reach it on this machine: the fastest, \"%s\", take %.1f ms a frame, "
+                           "%.1f frames a second",
                            g->hold_fps > 0 ? "--hold-fps" : "--budget",
                            g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget, last->name, last->ms,
                            1000 / last->ms);
@@ -182,7 +184,7 @@ static void say_choice(const struct rate_control *g) {
   char price[96] = "";
   if (isfinite(rung->price))
     snprintf(price, sizeof price, ", %.2f dB less than the best against the clip's frames", rung->price);
-  session_note(g->session, "%s: settings \"%s\": %.1f ms a frame, %s%.1f dB from %s%s (%s)", g->session->verb,
+  session_note(g->session, "%s: settings \"%s\": %.1f ms a frame, PSNR %s%.1f dB against %s%s (%s)", g->session->verb,
                rung->name, rung->ms, rung->db >= 100 ? "over " : "", rung->db,
                g->source[0] != 0 ? "the exact render" : "the most accurate", price,
                g->source[0] != 0 ? g->source : "measured now");
@@ -210,7 +212,9 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   ern_rate_controller_begin(&g->pace, g->cost, g->count, budget_of(g));
   if (!ern_rate_controller_holds(&g->pace) && !g->goes_on) return refuse_budget(g);
   if (!ern_rate_controller_holds(&g->pace))
-    session_warn(session, "no settings hold %.4g frames a second here: the fastest, \"%s\", take %.1f ms a frame",
+    session_warn(session,
+                 "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms "
+                 "a frame",
                  1000 / budget_of(g), g->rung[g->count - 1].name, g->rung[g->count - 1].ms);
   /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
    */
@@ -241,13 +245,13 @@ void rate_control_late(struct rate_control *g, double ms) { g->pace.late = ms > 
 void rate_control_summary(const struct rate_control *g, double ms_per_frame) {
   for (size_t i = 0; i < g->count; i++)
     if (g->rung[i].frames > 0)
-      session_note(g->session, "%s: %zu frames with \"%s\", %.1f dB", g->session->verb, g->rung[i].frames,
+      session_note(g->session, "%s: %zu frames with \"%s\", PSNR %.1f dB", g->session->verb, g->rung[i].frames,
                    g->rung[i].name, g->rung[i].db);
   const double budget = budget_of(g);
   if (isfinite(budget) && ms_per_frame > 1.1 * budget)
     session_warn(g->session,
-                 "asked for %.1f ms a frame, reached %.1f: the machine was slower than its settings could "
-                 "make up for",
+                 "asked for %.1f ms a frame, reached %.1f: the machine became slower, and faster settings did not "
+                 "make up for it",
                  budget, ms_per_frame);
 }
 

@@ -55,7 +55,7 @@ void session_compute_options(struct session *session, struct option options[SESS
        .kind = OPTION_CHOICE,
        .target = &session->backend_choice,
        .choices = "auto|cpu|opencl",
-       .help = "where to compute; auto is the CPU"},
+       .help = "where to compute; auto, the default, is the CPU"},
       {.name = "device",
        .kind = OPTION_INT,
        .target = &session->device,
@@ -65,13 +65,16 @@ void session_compute_options(struct session *session, struct option options[SESS
       {.name = "deterministic",
        .kind = OPTION_FLAG,
        .target = &session->deterministic,
-       .help = "the same bytes on every run on an OpenCL device that is no CPU, at a price there; a CPU always is"},
+       .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; on a "
+               "CPU this holds without the option. It does not hold for what follows the clock (train --time, render "
+               "--hold-fps and --budget)"},
       {.name = "isa",
        .kind = OPTION_TEXT,
        .target = &session->isa,
        .choices = "NAME",
-       .help = "instruction set of the CPU: auto (the best, or that of ERNERF_ISA), ref, ref64, avx2, avx512, "
-               "avx512bf16, neon"},
+       .help = "instruction set of the CPU: auto (that in the environment variable ERNERF_ISA, else the fastest that "
+               "the CPU has; the default), avx2, avx512, avx512bf16, neon, or ref and ref64: portable C in 32-bit "
+               "and 64-bit floats, slow"},
       {.name = "threads",
        .kind = OPTION_INT,
        .target = &session->threads,
@@ -86,7 +89,8 @@ void session_seed_options(struct session *session, struct option options[SESSION
                                  .kind = OPTION_COUNT,
                                  .target = &session->seed,
                                  .low = 0,
-                                 .help = "of all random numbers; same seed, same bytes (default 0)"}};
+                                 .help = "seed of all random numbers; the same seed gives the same bytes, except "
+                                         "with `train --time` (default 0)"}};
   ARGS_FILL(options, rows, SESSION_SEED_OPTIONS);
 }
 
@@ -129,7 +133,7 @@ int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_b
 
 int session_fail(struct session *session) {
   const char *text = ern_last_error(session->context);
-  return session_fail_with(session, "%s", text[0] != 0 ? text : "failed without a reason");
+  return session_fail_with(session, "%s", text[0] != 0 ? text : "failed and gave no reason");
 }
 
 void session_warn(struct session *session, const char *format, ...) {

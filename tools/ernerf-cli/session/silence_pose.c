@@ -13,8 +13,8 @@ void silence_pose_options(struct silence_pose *pose, struct option options[SILEN
                                .kind = OPTION_FLAG,
                                .target = &pose->off,
                                .help =
-                                   "leave the mouth to the speech also where nothing is said for 8 frames and more; "
-                                   "else it comes to rest as in the clip's silent frames"};
+                                   "do not bring the mouth to rest in silence; without this option it rests, as in "
+                                   "silent frames of the clip, where nothing is said for 8 frames or more"};
 }
 
 void silence_pose_free(struct silence_pose *pose) {
@@ -118,8 +118,8 @@ static bool clip_tells(struct session *session, const struct portrait *portrait)
   }
   if (hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) return true;
   session_note(session,
-               "%s: %s: holds %s, the model speaks from %s: silence cannot be recognised, so the mouth follows the "
-               "speech alone",
+               "%s: %s: holds %s, the model was trained on %s: silence cannot be recognised, so the mouth follows "
+               "the speech alone",
                session->verb, portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
   return false;
 }

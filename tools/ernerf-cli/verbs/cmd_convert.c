@@ -34,12 +34,13 @@ int cmd_convert(int argc, char **argv) {
                          {"OUT", &out, "what to write: a name that ends in .safetensors, .pth or .pt"}};
   struct args args = {
       .verb = "convert",
-      .summary = "Turns a model between .safetensors and the .pth that PyTorch's public program loads.",
+      .summary = "Converts a model from .safetensors to the .pth of the public program (PyTorch), or back.",
       .usage = "convert IN OUT",
       .notes =
-          "Optimizer and average go with the weights, so that training goes on where it was. A .pth that is written\n"
-          "has 10,000 individual codes and an eye branch, as the public program expects; what that program cannot\n"
-          "hold is refused by name. Nothing in a .pth is executed.",
+          "The optimizer's state and the average of the weights are kept, so that a training can be continued. A "
+          ".pth that is written\n"
+          "has 10,000 individual codes and an eye branch, as the public program expects; what it cannot\n"
+          "hold is refused, and named. Nothing in a .pth is executed.",
       .words = words,
       .word_count = 2,
       .groups = {{"Output:", output, SESSION_OUTPUT_OPTIONS}}};

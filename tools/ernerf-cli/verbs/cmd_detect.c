@@ -101,7 +101,9 @@ static int detect(struct detect_job *job) {
   if (!session_json_on_stdout(session))
     printf("%s: the watermark of this key is %s: score %.1f at scale %.3f, %zu frames from %.2f s on\n", job->video,
            found ? "found" : "not found", window->score, window->scale, window->frames, window->begin);
-  session_note(session, "a wrong key scores as much with a probability of at most %.2g; found is up to %.0e",
+  session_note(session,
+               "a wrong key scores as much with a probability of at most %.2g; the watermark counts as "
+               "found up to %.0e",
                false_positive, ERN_WATERMARK_FALSE_POSITIVE);
   const int status = session_report(session, report(job, found, window, false_positive));
   return status == 0 && !found ? EXIT_FAILURE : status;
@@ -117,8 +119,8 @@ int cmd_detect(int argc, char **argv) {
        .target = &job.seconds,
        .low = 0.1,
        .high = 1e6,
-       .help = "searches each part of that length, as 10s, for videos of which only a part has it (default all of the "
-               "video at once)"}};
+       .help = "search each part of this length, such as 10s, for a video of which only a part has the watermark "
+               "(default: all of the video at once)"}};
   struct args args = {
       .verb = "detect",
       .summary = "Says whether a video has the watermark that `render --watermark KEY` puts on frames.",
@@ -131,7 +133,7 @@ int cmd_detect(int argc, char **argv) {
       .groups = {{"What is searched:", own, WATERMARK_OPTIONS + OWN_OPTIONS},
                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   watermark_options(&job.watermark, own);
-  own[0].help = "the key that it was put on with";
+  own[0].help = "the key that the watermark was made with";
   ARGS_FILL(own + WATERMARK_OPTIONS, rows, OWN_OPTIONS);
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);

@@ -138,8 +138,11 @@ static void print_refined(const struct eval_job *job) {
   print_decibels(fitted->sum.head, fitted->heads);
   print_decibels(fitted->sum.mouth, fitted->mouths);
   printf(
-      "\n\nrefined: each frame at the pose that the model draws it best at, %.2f degrees and %.2f mm from its own "
-      "in the\nmean; not to be compared with figures of the frames' own poses, which all that follow are.\n",
+      "\n\n"
+      "refined: each frame at the pose that the model draws it best at, %.2f degrees and %.2f mm from its own in "
+      "the\n"
+      "mean; not to be compared with the figures at the frames' own poses. All figures below are for the frames' own "
+      "poses.\n",
       mean(fitted->turn, n), mean(fitted->move, n));
 }
 
@@ -340,28 +343,30 @@ int cmd_eval(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &job.portrait.source.features,
        .help =
-           "the clip's speech as another sound, or its features (.npy), instead of the clip's own; other speech with "
-           "--setting synchronization"},
+           "the clip's speech from another file, a sound or speech features (.npy), instead of the clip's own; other "
+           "speech with --setting synchronization"},
       {.name = "video",
        .kind = OPTION_TEXT,
        .target = &job.video,
        .choices = "FILE.mp4",
-       .help = "the frames beside the clip's, with its sound, or that of --audio with --setting synchronization"},
+       .help = "write a video of the rendered frames beside the clip's, with the clip's sound, or that of --audio "
+               "with --setting synchronization"},
       {.name = "csv",
        .kind = OPTION_TEXT,
        .target = &job.csv,
        .choices = "FILE.csv",
-       .help = "the figures of each frame as a table"},
+       .help = "write the figures of each frame as a table"},
       {.name = "sheet",
        .kind = OPTION_TEXT,
        .target = &job.sheet,
        .choices = "FILE.png",
-       .help = "the best, the median and the worst frame by PSNR, each beside the truth and 4 times their difference"},
+       .help = "write a picture of the best, the median and the worst frame by PSNR, each beside the recorded one "
+               "and 4 times their difference"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &job.refine_poses,
-       .help = "each frame also at the pose that the model draws it best at, in figures of their own; draws it up to "
-               "200 times"}};
+       .help = "also fit the pose of each frame, and report the figures at that pose too; renders a frame up to 200 "
+               "times"}};
   setting_options(&job.setting, own + OWN_OPTIONS - SETTING_OPTIONS);
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS],
       metrics[PAPER_METRICS_OPTIONS];
@@ -369,7 +374,7 @@ int cmd_eval(int argc, char **argv) {
                          {"CLIP", &job.portrait.source.path, "folder of the preprocessed clip that it was trained on"}};
   struct args args = {
       .verb = "eval",
-      .summary = "Holds what a model draws against the frames of its clip: PSNR, SSIM, frames a second.",
+      .summary = "Compares what a model renders with the frames of its clip: PSNR, SSIM, frames a second.",
       .usage =
           "eval MODEL CLIP [--split val] [--json FILE.json]\n"
           "eval MODEL CLIP --setting synchronization --audio SOUND",

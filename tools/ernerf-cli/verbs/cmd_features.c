@@ -47,18 +47,20 @@ int cmd_features(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &job.out,
        .choices = "FILE.npy",
-       .help = "the features; a clip takes them as aud_cep.npy, of networks as aud_eo.npy or aud_hu.npy"},
+       .help = "the features; in a clip their file has the name aud_cep.npy, or aud_eo.npy or aud_hu.npy for those "
+               "of a network"},
       {.name = "warp",
        .kind = OPTION_FLOAT,
        .target = &job.warp,
        .low = 0.5,
        .high = 2,
-       .help = "factor of all frequencies that are listened at, as of another throat; of the built-in kind alone"}};
+       .help = "factor of all frequencies, 0.5 to 2, as if the speaker's vocal tract had another length; only for "
+               "the built-in kind"}};
   struct option network[HEARING_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"SOUND", &job.sound, "wav, mp3, mp4 or whatever else FFmpeg reads, up to 4 hours"}};
   struct args args = {
       .verb = "features",
-      .summary = "Makes speech features of a sound: what a head is trained on and speaks from.",
+      .summary = "Computes the speech features of a sound, from which a head is trained and rendered.",
       .usage =
           "features SOUND -o aud_cep.npy\n"
           "features SOUND --speech-model FILE.onnx [--speech-preset NAME|FILE.json] -o aud_eo.npy",

@@ -182,10 +182,10 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
   printf("  bound            %g\n", (double)info->bound);
-  printf("  seen with        scale %g, dt_gamma %g, %d samples a ray, torso_shrink %g, audio-pad %s%s\n",
+  printf("  view settings    scale %g, dt_gamma %g, %d samples a ray, torso_shrink %g, audio-pad %s%s\n",
          (double)info->scale, (double)info->dt_gamma, info->max_steps, (double)info->torso_shrink,
          ern_audio_pad_name(info->audio_pad), info->has_view_settings ? "" : " (not said: the defaults)");
-  if (info->cameras > 0) printf("  camera           refined for %zu training poses\n", info->cameras);
+  if (info->cameras > 0) printf("  poses            corrected for %zu training frames\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
   printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
   print_consent(info->consent);
@@ -328,8 +328,9 @@ int cmd_info(int argc, char **argv) {
   struct option tuning[] = {{.name = "tune",
                              .kind = OPTION_FLAG,
                              .target = &session.tune,
-                             .help = "measure which sizes of work-groups and tiles suit the device, for two minutes at "
-                                     "most, and keep that for later runs; GPUs are measured when first used"},
+                             .help = "measure which sizes of work-groups and tiles suit the device, for two minutes "
+                                     "at most, and keep the result for later runs; a GPU is also measured when it is "
+                                     "first used"},
                             {.name = "device",
                              .kind = OPTION_INT,
                              .target = &session.device,

@@ -90,7 +90,9 @@ static int check_frames(struct join_job *job) {
     known = frames_of(json_array_get(job->says, k), &first, &end, &rate);
     if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
     if (!known)
-      session_note(&job->session, "%s: no file beside it says which frames it has; it is taken to follow",
+      session_note(&job->session,
+                   "%s: no file beside it (.provenance.json) says which frames it has; they are taken "
+                   "to follow those before",
                    job->segments[k]);
     if (k > 0 && known && was_known && first != before)
       return session_fail_with(&job->session, "%s: begins with frame %lld, expected %lld, which follows those of %s",
@@ -139,26 +141,28 @@ static int join(struct join_job *job) {
 int cmd_join(int argc, char **argv) {
   struct join_job job = {.start = -1};
   struct option own[OWN_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
-  struct word words[] = {{"FOLDER", &job.folder, "its .mp4 files follow each other in the order of their names"}};
+  struct word words[] = {{"FOLDER", &job.folder,
+                          "folder of the .mp4 files, which follow each other in the order of "
+                          "their names"}};
   const struct option rows[] = {
       {.name = "o",
        .alias = "output",
        .kind = OPTION_TEXT,
        .target = &job.out,
        .choices = "OUT.mp4",
-       .help = "the whole"},
+       .help = "the joined video"},
       {.name = "wav",
        .kind = OPTION_TEXT,
        .target = &job.wav,
        .choices = "SOUND",
-       .help = "sound of the whole, coded once; what the segments have is left out"},
+       .help = "sound of the joined video, encoded once; that of the segments is left out"},
       {.name = "wav-start",
        .kind = OPTION_SECONDS,
        .target = &job.start,
        .low = 0,
        .high = 1e6,
-       .help = "seconds into it at the first frame (default by that frame's number, as the file beside the first "
-               "segment says it)"}};
+       .help = "where the first frame is in that sound (default: by the number of the frame, which the "
+               ".provenance.json beside the first segment has; else 0)"}};
   struct args args = {.verb = "join",
                       .summary = "Makes one video of those that `render --frames A:B` wrote, without re-encoding them.",
                       .usage = "join FOLDER [--wav SOUND] -o OUT.mp4",

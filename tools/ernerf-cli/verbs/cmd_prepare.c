@@ -83,11 +83,12 @@ static int make(struct prepare_job *job) {
   for (size_t i = 0, used = 0; i < ERN_PREPARE_STEPS; i++)
     if (result.verdicts[i].step == NULL)
       used += (size_t)snprintf(left + used, sizeof left - used, "%s%s", used > 0 ? ", " : "", steps[i]);
-  session_note(
-      session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
-      options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
-      left[0] == 0 ? " --time 10m -o portrait.safetensors" : ", for the steps that are left or of earlier results: ",
-      left);
+  session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
+               options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
+               left[0] == 0 ? " --time 10m -o portrait.safetensors"
+                            : ", for the steps that are left or depend on changed "
+                              "ones: ",
+               left);
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
                                   session_text(job->folder), "frames", (json_int_t)result.frames, "size", options->side,
@@ -102,7 +103,7 @@ int cmd_prepare(int argc, char **argv) {
                           .kind = OPTION_TEXT,
                           .target = &job.folder,
                           .choices = "CLIP",
-                          .help = "folder of the clip: new, empty, or of an earlier call, which goes on"},
+                          .help = "folder of the clip: new, empty, or that of an earlier call, which is continued"},
                          {.name = "from",
                           .kind = OPTION_FLOAT,
                           .target = &job.from,
@@ -121,25 +122,26 @@ int cmd_prepare(int argc, char **argv) {
                           .kind = OPTION_TEXT,
                           .target = &o->segment,
                           .choices = "auto|SECONDS",
-                          .help = "the best stretch of a long video; auto: 3 minutes of more than 5"},
+                          .help = "take only the best part of the video, of this length (1 to 7200 s); auto: of 180 "
+                                  "s, if the video is longer than 300 s"},
                          {.name = "size",
                           .kind = OPTION_INT,
                           .target = &o->side,
                           .low = 128,
                           .high = 1024,
                           .choices = "S",
-                          .help = "pixels a side of the clip's pictures"},
+                          .help = "pixels a side of the clip's square pictures, 128 to 1024"},
                          {.name = "focal",
                           .kind = OPTION_FLOAT,
                           .target = &job.focal,
                           .low = 0,
                           .high = 1e5,
                           .choices = "PIXELS",
-                          .help = "focal length in pixels of the clip (default 1100/450 of its side)"},
+                          .help = "focal length in pixels of the clip's pictures (default 1100/450 of their side)"},
                          {.name = "head-only",
                           .kind = OPTION_FLAG,
                           .target = &o->head_only,
-                          .help = "a head without shoulders: for footage whose shoulders are not seen"},
+                          .help = "make a clip of the head alone: for footage that does not show the shoulders"},
                          {.name = "only",
                           .kind = OPTION_CHOICE,
                           .target = &job.only,
@@ -155,7 +157,8 @@ int cmd_prepare(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &o->landmarks,
        .choices = "DIR|FILE.csv|FILE.onnx",
-       .help = "68 points of each frame: ID.lms files, OpenFace's table of the video, or a network"},
+       .help = "68 landmarks of each frame: a folder of ID.lms (ID: the frame's number, from 0), OpenFace's table of "
+               "the video, or a network"},
       {.name = "poses",
        .kind = OPTION_TEXT,
        .target = &o->poses,
@@ -165,17 +168,18 @@ int cmd_prepare(int argc, char **argv) {
        .kind = OPTION_TEXT,
        .target = &o->masks,
        .choices = "DIR|FILE.onnx",
-       .help = "head, neck and torso: ID.png in the colours of AD-NeRF's parsing, or a network that finds the person"},
+       .help = "head, neck and torso of each frame: a folder of ID.png in the colours of AD-NeRF's parsing, or a "
+               "network that finds the person"},
       {.name = "background",
        .kind = OPTION_TEXT,
        .target = &o->background,
        .choices = "FILE|key",
-       .help = "a picture of the place without the person, or: the person stands before a screen of one colour"},
+       .help = "a picture of the place without the person, or key: the person is in front of a screen of one colour"},
       {.name = "au",
        .kind = OPTION_TEXT,
        .target = &o->au,
        .choices = "FILE.csv",
-       .help = "how far the eyes are closed: a table with AU45_r, as of OpenFace"},
+       .help = "how far the eyes are closed: a table with a column AU45_r, such as OpenFace's"},
       {.name = "features",
        .kind = OPTION_TEXT,
        .target = &o->features,
@@ -184,7 +188,7 @@ int cmd_prepare(int argc, char **argv) {
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"VIDEO", &job.video, "one person who speaks to a camera that stands still"}};
   struct args args = {.verb = "prepare",
-                      .summary = "Makes a clip, which a training takes, of the video of a person.",
+                      .summary = "Makes a clip, the input of `ernerf train`, from the video of a person.",
                       .usage = "prepare VIDEO -o CLIP",
                       .notes =
                           "Each step gives a verdict: good, doubtful with the reason and what helps, or refused, "
@@ -192,7 +196,9 @@ int cmd_prepare(int argc, char **argv) {
                       .words = words,
                       .word_count = 1,
                       .groups = {{"The clip:", own, sizeof own / sizeof *own},
-                                 {"In place of a step's own work:", brought, sizeof brought / sizeof *brought},
+                                 {"Your own files or networks, in place of what a step "
+                                  "computes:",
+                                  brought, sizeof brought / sizeof *brought},
                                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);

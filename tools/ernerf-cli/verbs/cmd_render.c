@@ -61,17 +61,17 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .kind = OPTION_TEXT,
        .target = &job->portrait.source.path,
        .choices = "CLIP",
-       .help = "folder of a preprocessed clip: poses, speech, sound, eyes and what stands behind the head"},
+       .help = "folder of a preprocessed clip: poses, speech, sound, eye values, torso pictures and background"},
       {.name = "poses",
        .kind = OPTION_TEXT,
        .target = &job->poses,
-       .help = "poses alone, in the form of transforms_train.json; with --audio"},
+       .help = "poses without a clip, in the form of transforms_train.json; needs --audio"},
       {.name = "audio",
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job->audio,
-       .help = "another speech, a sound (wav, mp3, mp4 ...) or its features (.npy): a frame for each 1/25 s, poses "
-               "forward and back"},
+       .help = "other speech: a sound (wav, mp3, mp4 ...) or its features (.npy); the output is as long, and the "
+               "poses run forward and backward"},
       {.name = "wav",
        .kind = OPTION_TEXT,
        .target = &job->wav,
@@ -89,7 +89,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .target = &job->size,
        .low = 1,
        .high = ERN_IMAGE_MAX_SIDE,
-       .help = "of the frames (default that of the poses)"},
+       .help = "size of the frames (default that of the poses)"},
       {.name = "fit",
        .kind = OPTION_CHOICE,
        .target = &job->fit,
@@ -111,7 +111,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
        .kind = OPTION_CHOICE,
        .target = &job->session.progress_form,
        .choices = "words|json",
-       .help = "what standard error says of how far it is: words, or for programs a JSON object a line, twice a second "
+       .help = "form of the progress on standard error: words, or for programs a JSON object a line, twice a second "
                "and at the end, also with --quiet (default words)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
   ARGS_FILL(options, rows, OWN_OPTIONS);
@@ -135,8 +135,10 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0) status = label_check(&job->label, args);
   if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0 && job->sink.kind == SINK_EXR)
-    status = args_forbid(args, "label watermark", "is drawn on pictures of 8 bits, and these are data to go on from");
-  if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "is about another --size");
+    status = args_forbid(args, "label watermark",
+                         "is drawn on pictures of 8 bits, and an .exr holds values for "
+                         "further processing");
+  if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "needs --size");
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = frame_reuse_check(args);
   if (status < 0 && rate_control_asked(&job->rate_control))
@@ -492,7 +494,7 @@ int cmd_render(int argc, char **argv) {
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
-      .summary = "Draws a model to a video with sound, or to pictures.",
+      .summary = "Renders a model as a video with sound, or as pictures.",
       .usage =
           "render MODEL --clip CLIP [--audio SOUND|F.npy] [--wav W] -o out.mp4\n"
           "render MODEL --poses FILE --audio SOUND|F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
@@ -510,7 +512,7 @@ int cmd_render(int argc, char **argv) {
                   OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
-                 {"A budget instead of knobs:", pace, RATE_CONTROL_OPTIONS},
+                 {"A time budget instead of single settings:", pace, RATE_CONTROL_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   sink_options(&job.sink, own + OWN_OPTIONS);

@@ -45,7 +45,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
         args,
         "levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
         "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_AUGMENTATION_NAMES,
-        "is the head's, and --torso leaves the head alone");
+        "is about the head, which --torso does not change");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
@@ -77,8 +77,8 @@ static int choose_effects(struct train_job *job) {
     effects_choose(&measures, effects);
     if (!job->config.torso && !effects_has_speech(&measures))
       return session_fail_with(&job->session,
-                               "%s: %s is the same in every window: a head that does not speak is not what this is "
-                               "for (with --effects LIST it is trained all the same)",
+                               "%s: %s is the same in every window, so the mouth would not move; expected features "
+                               "of speech, or --effects LIST, which trains the head nevertheless",
                                job->source.path, job->clip_info.features_file);
     if (job->config.torso && job->clip_info.has_torso && !effects->has[EFFECT_TORSO])
       return session_fail_with(&job->session, "%s: torso_imgs is transparent everywhere: there is no torso to learn",

@@ -17,10 +17,11 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
        .kind = OPTION_CHOICE,
        .target = &fine->stage,
        .choices = "coarse|fine",
-       .help =
-           "fine: from the step on that the training starts or goes on at, with a new --time for the last fifth of "
-           "the head's time, a head's rays are square patches, of the whole picture and of the lips in turn, with a "
-           "loss of their own. Sharper, mostly at a cost to the mouth (default coarse, with --resume as before)"},
+       .help = "fine: the rays of a head's step are square patches, in turn anywhere in the picture and at the lips, "
+               "with a loss of their own (docs/maths.md): from the step at which this run begins; with --time in the "
+               "last fifth of the head's time, or with --resume or --from in all of the rest. With 2048 rays a step "
+               "mostly sharper and the mouth less accurate, with the 512 of --time a lower PSNR (default coarse, with "
+               "--resume as before)"},
       {.name = "fine-steps",
        .kind = OPTION_COUNT,
        .target = &config->fine_steps,
@@ -38,14 +39,14 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
        .kind = OPTION_CHOICE,
        .target = &fine->loss,
        .choices = "ssim|lpips",
-       .help = "the loss of the patches: structural similarity at three scales, or LPIPS as published, with weights of "
-               "yours"},
+       .help = "loss of the patches: ssim: structural similarity at three scales; lpips: LPIPS, as published, with "
+               "--lpips-network and --lpips-heads (default ssim)"},
       {.name = "fine-weight",
        .kind = OPTION_FLOAT,
        .target = &config->fine_weight,
        .low = 0,
        .high = 1000,
-       .help = "of that loss beside the squared error"},
+       .help = "weight of that loss, which is added to the others"},
       {.name = "fine-lips-weight",
        .kind = OPTION_FLOAT,
        .target = &config->fine_lips_weight,
@@ -64,7 +65,9 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
   const bool published = paper && fine->loss == LOSS_LPIPS;
   if (status < 0 && paper) status = args_forbid(args, "stage fine-steps", "and --paper both say how it is trained");
   if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume && !published)
-    status = args_forbid(args, details, "is the fine stage's: --stage fine or --fine-steps N");
+    status = args_forbid(args, details,
+                         "is about the fine stage, which is off; expected --stage fine or "
+                         "--fine-steps N too");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
   if (status < 0 && fine->loss == LOSS_SSIM)
@@ -99,8 +102,9 @@ int fine_stage_check_resumed(const struct args *args, struct session *session, c
                              ", and does not leave it; expected --stage fine, or neither",
                              config->output, from);
   if (state->fine_steps > 0 || config->fine_steps > 0 || config->fine_share > 0) return 0;
-  const int status =
-      args_forbid(args, details, "is the fine stage's, which the training has none of: --stage fine or --fine-steps N");
+  const int status = args_forbid(args, details,
+                                 "is about the fine stage, which this training does not have; expected --stage fine "
+                                 "or --fine-steps N too");
   return status < 0 ? 0 : status;
 }
 

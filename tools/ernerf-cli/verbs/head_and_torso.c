@@ -78,8 +78,8 @@ int head_and_torso_plan(struct train_job *job, const struct args *args) {
   }
   if (job->head_alone)
     return session_fail_with(&job->session,
-                             "%s: is that of a head alone, and would have a torso; expected --resume without --time, "
-                             "--effects without torso, or another -o",
+                             "%s: its training is that of a head alone, and this one adds a torso; expected --resume "
+                             "without --time, --effects without torso, or another -o",
                              job->portrait);
   job->torso_follows = true;
   job->config.torso_output = job->portrait;
@@ -112,6 +112,8 @@ int head_and_torso_check_resumed(struct train_job *job) {
   if (!job->config.resume || job->config.torso || bytes >= (int)sizeof head) return 0;
   if (ern_train_state_describe(session->context, output, &state, &model) != ERN_E_MISSING) return 0;
   if (ern_train_state_describe(session->context, head, &state, &model) != ERN_OK) return 0;
-  return session_fail_with(session, "%s: nothing of it was saved, but of its head, %s; expected --time beside --resume",
+  return session_fail_with(session,
+                           "%s: has no saved state, but its head %s has one; expected --time beside "
+                           "--resume",
                            output, head);
 }

@@ -21,21 +21,23 @@ void speech_augmentation_options(struct speech_augmentation *speech,
        .target = &speech->copies,
        .low = 0,
        .high = MOST_COPIES,
-       .help = "of speech that is given as sound: copies with other frequencies, so that other voices move the same "
-               "mouth; 8 if the clip has fewer than 1000 training frames"},
+       .help = "number of copies of the speech with warped frequencies, so that other voices move the mouth too; "
+               "only if the speech is a sound and the features are of the built-in kind; 8 if the clip has fewer "
+               "than 1000 training frames"},
       {.name = "speech-warp",
        .kind = OPTION_PAIR,
        .target = &speech->range,
        .low = 0.5,
        .high = 2,
-       .help = "the range of their factors, evenly spaced on a logarithmic scale (default 0.85,1.17; "
-               "0.75,1.3 if the clip has fewer than 1000 training frames)"},
+       .help = "lowest and highest frequency factor of the copies, 0.5 to 2; the factors between are evenly spaced "
+               "on a logarithmic scale (default 0.85,1.17; 0.75,1.3 if the clip has fewer than 1000 training "
+               "frames)"},
       {.name = "speech-share",
        .kind = OPTION_FLOAT,
        .target = &speech->share,
        .low = 0,
        .high = 1,
-       .help = "of the steps that use a copy; 0.9 if the clip has fewer than 1000 training frames"},
+       .help = "share of the steps that use a copy, 0 to 1; 0.9 if the clip has fewer than 1000 training frames"},
       {.name = "speech-noise",
        .kind = OPTION_FLOAT,
        .target = &speech->noise,

@@ -33,29 +33,31 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &config->force,
-       .help = "take a head of another clip all the same"},
+       .help = "accept a --head that was trained on another clip"},
       {.name = "torso-gamma",
        .kind = OPTION_FLAG,
        .target = &config->torso_gamma,
-       .help = "the paper's trained scale of the torso's key points"},
+       .help = "train gamma, the factor of the torso's key points, as in the paper (default: it is 1)"},
       {.name = "head-background",
        .kind = OPTION_CHOICE,
        .target = &job->head_background,
        .choices = "random|clip",
-       .help = "what the head is learnt over, where the clip has parsing: a random colour for each ray, so that it has "
-               "no pieces of the clip's background, or that background as published (default random)"},
+       .help = "background behind the head during training, if the clip has parsing/: random: a random colour for "
+               "each ray, so that the head keeps no pieces of the clip's background; clip: the clip's torso picture "
+               "and background, as published (default random)"},
       {.name = "torso-background",
        .kind = OPTION_CHOICE,
        .target = &job->torso_background,
        .choices = "random|clip",
-       .help = "what the torso is learnt over: a random colour for each ray, so that it can be drawn over any "
-               "background, or the clip's background as published (default random)"},
+       .help = "background behind the torso during training: random: a random colour for each ray, so that it is "
+               "opaque before any background; clip: the clip's background, as published (default random)"},
       {.name = "consent",
        .kind = OPTION_TEXT,
        .target = &job->consent,
        .choices = "TEXT|FILE",
-       .help = "what the person has agreed to, or a file that says it: the model keeps it, and its videos and pictures "
-               "carry it (default: as the model says that the training goes on from)"},
+       .help = "what the person has agreed to, as text or as a file that holds the text; the model keeps it, and its "
+               "videos and pictures carry it (default: that of --head, of the resumed state or of --from, if it is "
+               "of this clip)"},
       {.name = "iters",
        .kind = OPTION_COUNT,
        .target = &job->iters,
@@ -67,49 +69,51 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .target = &job->seconds,
        .low = 0.1,
        .high = 1e9,
-       .help = "train for so long, such as 10m, instead of --iters: a head, as X.head.safetensors, and the torso under "
-               "it, where the clip has one; with --resume in all"},
+       .help = "train for T in all, such as 10m, instead of --iters steps: five sixths of T the head, as "
+               "X.head.safetensors, then the torso under it, as X.safetensors; if the clip has no torso, the head "
+               "alone, as X.safetensors. With --resume T includes the time before"},
       {.name = "paper",
        .kind = OPTION_FLAG,
        .target = &job->paper,
-       .help =
-           "the published schedule, where no option says otherwise: 100000 steps of 65536 rays anywhere alike, "
-           "--refresh-every 16, --head-background clip, --torso-background clip, no data augmentation of the speech"},
+       .help = "the published schedule, unless an option says otherwise: 100000 steps of 65536 rays, --ray-sampling "
+               "uniform, --refresh-every 16, --head-background clip, --torso-background clip, no data augmentation of "
+               "the speech; with --fine-loss lpips a head has 125000 steps, the last 25000 of them in the fine stage"},
       {.name = "resume",
        .kind = OPTION_FLAG,
        .target = &config->resume,
-       .help = "go on from the newest good state in X.run, as it was trained where no option says otherwise"},
+       .help = "continue from the newest intact state in X.run, with the options that it was trained with unless "
+               "they are given again"},
       {.name = "from",
        .kind = OPTION_TEXT,
        .target = &config->from,
        .choices = "FILE",
-       .help =
-           "start from the weights of a .safetensors or .pth file, from its levels, codes (what a longer clip needs "
-           "more is fresh) and kinds, and where it holds a state from its step"},
+       .help = "start another training from the weights of a .safetensors or .pth file, with its levels, individual "
+               "codes (a longer clip gets new ones for the other frames) and variants (--backbone, --attention, "
+               "--eye-attention); if the file holds a training state, also from its step"},
       {.name = "save-every",
        .kind = OPTION_COUNT,
        .target = &job->save_every,
        .low = 0,
        .high = 1e12,
-       .help = "steps between saves; 0 only at the end"},
+       .help = "steps between saves; 0: only at the end; with --time every minute"},
       {.name = "validate-every",
        .kind = OPTION_COUNT,
        .target = &job->validate_every,
        .low = 0,
        .high = 1e12,
-       .help = "steps between validations, each with a picture and a point of the curve; 0 only at the end (default a "
-               "tenth of --iters, 50 to 1000)"},
+       .help = "steps between validations, each with a picture and a point of the curve; 0: only at the end (default "
+               "a tenth of --iters, 50 to 1000; with --time each tenth of the time, at most once a minute)"},
       {.name = "validate-frames",
        .kind = OPTION_INT,
        .target = &config->validate_frames,
        .low = 0,
        .high = 1000000,
-       .help = "most frames that a validation draws; 0 all"},
+       .help = "maximum number of frames that a validation renders; 0: all"},
       {.name = "ema",
        .kind = OPTION_FLAG,
        .target = &config->ema,
-       .help = "write the moving average of the weights as the model, from its 10th update on; with --resume at the "
-               "last step it only writes (default with --time)"},
+       .help = "write the moving average of the weights as the model, once it has 10 updates; with --resume after "
+               "the last step the model is only written again (default with --time)"},
       {.name = "no-ema",
        .kind = OPTION_OFF,
        .target = &config->ema,
@@ -119,35 +123,37 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .target = &job->ema_every,
        .low = 1,
        .high = 1e12,
-       .help = "steps between its updates, of which it needs 10; 40 with --time"},
+       .help = "steps between updates of that average, of which it needs 10; 40 with --time"},
       {.name = "effects",
        .kind = OPTION_TEXT,
        .target = &job->effects_list,
        .choices = "auto|none|LIST",
-       .help = "what the head models, of eye,codes,view,torso (the torso as a layer of its own behind it); auto: what "
-               "`ernerf check` finds in the clip"},
+       .help = "what the head models, comma-separated: eye (blinks), codes (a learnt vector for each training "
+               "frame), view (the colour depends on the direction of view), torso (the clip's torso picture lies "
+               "behind the head); auto: what `ernerf check` finds in the clip (default auto)"},
       {.name = "levels",
        .kind = OPTION_INT,
        .target = &config->levels,
        .low = 2,
        .high = 24,
-       .help = "of the hash encoder (default trihash 14, hash3d 16); public checkpoints have 12"},
+       .help = "levels of the hash encoder, 2 to 24 (default 14; hash3d 16); public checkpoints have 12"},
       {.name = "backbone",
        .kind = OPTION_CHOICE,
        .target = &job->backbone,
        .choices = "trihash|hash3d|triplane|mlp",
-       .help = "what encodes a position: the paper's planes, or what its ablation has in their place"},
+       .help = "encoder of positions: trihash, as in the paper, or one of its ablation (default trihash)"},
       {.name = "attention",
        .kind = OPTION_CHOICE,
        .target = &job->attention,
        .choices = "channel|feature|concat",
-       .help = "how the audio code enters at a position: each number times a weight of its own, all times one weight, "
-               "or as it is"},
+       .help = "how the audio code enters at a position: channel: each of its numbers times a weight of its own, as "
+               "in the paper; feature: all times one weight; concat: unchanged (default channel)"},
       {.name = "eye-attention",
        .kind = OPTION_CHOICE,
        .target = &job->eye_attention,
        .choices = "sigmoid|concat",
-       .help = "how the eye value does: weighed, or as it is"}};
+       .help = "how the eye value enters: sigmoid: times a weight, as in the paper; concat: unchanged (default "
+               "sigmoid)"}};
   ARGS_FILL(options, rows, TRAIN_GOAL_OPTIONS);
 }
 
@@ -160,8 +166,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->rays,
        .low = 1,
        .high = 1048576,
-       .help = "a step; with --time 512, but 2048 of a torso, with --backend opencl or under mpirun; a patch of the "
-               "fine stage may have more"},
+       .help = "rays a step (default 65536; with --time 512, but 2048 for a torso, with --backend opencl or under "
+               "mpirun); a step of the fine stage has one patch at least, which may be more"},
       {.name = "lr",
        .kind = OPTION_FLOAT,
        .target = &config->lr,
@@ -173,7 +179,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->lr_net,
        .low = 1e-9,
        .high = 10,
-       .help = "learning rate of the networks; the one over speech windows learns at 5 times this"},
+       .help = "learning rate of the networks (default 0.001); the network that weighs the windows of speech "
+               "(audio_att_net) has 5 times this"},
       {.name = "max_steps",
        .kind = OPTION_INT,
        .target = &config->max_steps,
@@ -186,50 +193,52 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &job->refresh_every,
        .low = 0,
        .high = 1e12,
-       .help =
-           "steps between refreshes of the whole occupancy grid, as published 16; 0: by the number of rays, in parts"},
+       .help = "steps between refreshes of the whole occupancy grid, as published 16; 0: every 16 to 128 steps, less "
+               "often with fewer rays, and after step 256 only a part of it"},
       {.name = "precision",
        .kind = OPTION_CHOICE,
        .target = &job->precision,
        .choices = "fp32|bf16|auto",
-       .help = "of a head's products; auto: bf16 with --isa avx512bf16 (default fp32, with --resume as before)"},
+       .help = "number format of the factors in a head's matrix products; auto: bf16 with --isa avx512bf16, else "
+               "fp32 (default fp32, with --resume as before)"},
       {.name = "ray-sampling",
        .kind = OPTION_CHOICE,
        .target = &job->ray_sampling,
        .choices = "regions|uniform",
        .help =
-           "where the rays of a head go: where the clip has landmarks 30 of 100 through the lower face, 10 "
-           "through the eyes, whose blinks are shown more often, and where it has parsing/ 20 through the head and 10 "
-           "along its edge; or anywhere alike as published (default regions)"},
+           "which pixels the rays of a head go through: regions: 30 % the lower face (if the clip has landmarks), 10 "
+           "% the eyes (if it also has au.csv; frames with shut eyes are sampled more often), 20 % the head and 10 % "
+           "its edge (if it has parsing/), the others any pixel; uniform: all any pixel, as published (default "
+           "regions)"},
       {.name = "frames-per-step",
        .kind = OPTION_INT,
        .target = &config->frames_per_step,
        .low = 1,
        .high = ERN_FRAMES_PER_STEP_MOST,
-       .help = "frames that a step's rays are divided among, each with its own speech; with --time of the "
-               "head (default 1 as published; 4 with --time where --rays is 2048 by default)"},
+       .help = "number of frames that share the rays of a step, each with its own speech; a torso that follows with "
+               "--time has 1 (default 1, as published; 4 with --time under mpirun or with --backend opencl)"},
       {.name = "prune-occupancy",
        .kind = OPTION_FLOAT,
        .target = &config->prune_share,
        .low = 0,
        .high = 1,
-       .help = "at 85 % of a head's steps, space whose samples have less than this share of the largest weight in each "
-               "ray becomes empty, so that a frame has fewer samples; 0: none (default 0 as published; 0.3 with "
-               "--time)"},
+       .help = "at 85 % of a head's steps (of those before a fine stage) an occupancy cell is marked empty if in "
+               "every ray its samples have less than X times the ray's largest compositing weight, so that a frame "
+               "has fewer samples; 0: none (default 0, as published; 0.3 with --time)"},
       {.name = "step-parts",
        .kind = OPTION_INT,
        .target = &config->step_parts,
        .low = 1,
        .high = ERN_STEP_PARTS_MOST,
        .help =
-           "parts that a step's rays are cut into, a power of 2: with the same number the model is the same for any "
-           "number of processes under mpirun, which divides it (default 1; under mpirun 4, or the processes)"},
+           "parts that a step's rays are cut into, a power of 2 up to 64: with the same number the model is the same "
+           "for any number of processes (mpirun) that divides it (default 1; under mpirun 4, or the number of "
+           "processes if that is more)"},
       {.name = "refine-poses",
        .kind = OPTION_FLAG,
        .target = &config->refine_poses,
-       .help =
-           "a head learns corrections to the poses of the training frames too, which the model keeps; --resume goes "
-           "on so (default with --time)"},
+       .help = "a head also learns corrections of the poses of the training frames, which the model keeps; --resume "
+               "continues with them (default with --time)"},
       {.name = "no-refine-poses",
        .kind = OPTION_OFF,
        .target = &config->refine_poses,
@@ -239,19 +248,20 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &config->codes,
        .low = 0,
        .high = 1000000,
-       .help = "rows of the individual codes; 0: no codes (default one a training frame)"},
+       .help = "number of individual codes, a learnt vector for each training frame; 0: no codes (default one a "
+               "training frame)"},
       {.name = "dt_gamma",
        .kind = OPTION_FLOAT,
        .target = &config->dt_gamma,
        .low = 0,
        .high = 1,
-       .help = "growth of the step with distance; kept in the model (default 1/256)"},
+       .help = "growth of the sample spacing along a ray with distance; kept in the model (default 1/256)"},
       {.name = "bound",
        .kind = OPTION_FLOAT,
        .target = &config->bound,
        .low = ERN_BOUND_LEAST,
        .high = ERN_BOUND_MOST,
-       .help = "half side of the scene"},
+       .help = "half of the side of the scene's cube"},
       {.name = "torso_shrink",
        .kind = OPTION_FLOAT,
        .target = &config->torso_shrink,
@@ -263,7 +273,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &job->scale,
        .low = 0.001,
        .high = 1000,
-       .help = "factor of the camera's place; kept in the model (default 4)"},
+       .help = "factor of the poses' translations; kept in the model (default 4)"},
       {.name = "data_range",
        .kind = OPTION_RANGE_PAIR,
        .target = &job->data,
@@ -273,8 +283,8 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .kind = OPTION_CHOICE,
        .target = &job->audio_pad,
        .choices = "edge|zero",
-       .help = "past the ends of the speech: its nearest window, or zeros as the public code; kept in the model "
-               "(default edge)"}};
+       .help = "speech windows past the ends of the speech: edge repeats the nearest, zero has zeros, as published; "
+               "kept in the model (default edge)"}};
   ARGS_FILL(options, rows,
             TRAIN_NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
   struct option *common = options + sizeof rows / sizeof rows[0];
@@ -289,7 +299,7 @@ void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_
        .alias = "aud",
        .kind = OPTION_TEXT,
        .target = &job->source.features,
-       .help = "the clip's speech as another sound, or its features (.npy), instead of the clip's own"},
+       .help = "the clip's speech from another file: a sound, or speech features (.npy); instead of the clip's own"},
   };
   ARGS_FILL(options, rows, TRAIN_CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_AUGMENTATION_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
