@@ -196,12 +196,12 @@ static void test_refused(void **state) {
   static const struct {
     int status;
     const char *options, *words;
-  } rows[] = {{2, "-o x%02d.png --crf 3", "--crf is of a video"},
-              {2, "-o x%02d.jpg --codec h264", "--codec is of a video"},
+  } rows[] = {{2, "-o x%02d.png --crf 3", "--crf is for a video"},
+              {2, "-o x%02d.jpg --codec h264", "--codec is for a video"},
               {2, "-o x.gif --crf 3", "--crf is not for a .gif"},
               {2, "-o x.gif --wav w.wav", "--wav"},
               {2, "-o x.mp4 --format y4m", "--format is what -o - writes"},
-              {2, "-o - --format y4m --preset slow", "--preset is of a video that is written to a file"},
+              {2, "-o - --format y4m --preset slow", "--preset is for a video that is written to a file"},
               {2, "-o - --format mp4 --crf 60", "--crf is 60, expected 0 to 51"},
               {2, "-o - --format mp4 --json", "both take standard output"},
               {2, "-o x.mp4 --codec mpeg2", "--codec is \"mpeg2\""},

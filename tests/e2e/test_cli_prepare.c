@@ -269,7 +269,7 @@ static void test_second_call(void **state) {
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --only pose --focal 600");
-  cli_expect(&cli, 0, "next: ernerf prepare VIDEO -o clip", "of earlier results: landmarks, layers, eyes\n", NULL);
+  cli_expect(&cli, 0, "next: ernerf prepare VIDEO -o clip", "depend on changed ones: landmarks, layers, eyes\n", NULL);
   expect_no_training("\"landmarks\"");
   cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
   cli_expect(&cli, 0, NULL);

@@ -104,7 +104,7 @@ static void test_refused(void **state) {
                {"--time 10m --iters 5", "--iters counts steps"},
                {"--time 10m --save-every 5", "--save-every counts steps"},
                {"--time 10m --paper", "--time and --paper"},
-               {"--torso --head p.head.safetensors --refine-poses", "--refine-poses is the head's"}};
+               {"--torso --head p.head.safetensors --refine-poses", "--refine-poses is about the head"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     cli_run(&cli, "train clip -o n.safetensors %s", cases[i].options);
     cli_expect(&cli, 2, cases[i].words, NULL);

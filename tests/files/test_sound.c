@@ -333,18 +333,20 @@ static void test_times(void **state) {
   } cases[] = {
       {{0, 0.5, 1}, {0, 8000, 16000, 24000}, ""},
       {{0, 0.539, 1}, {0, 8000, 16000, 24000}, ""}, /* a time that is rounded or trembles */
-      {{0, 0.5, 2.25}, {0, 8000, 36000, 44000}, "at 1.000 s its sound has a gap, which becomes silence, to 2.250 s"},
-      {{0, 0.75, 2}, {0, 12000, 32000, 40000}, "at 1.250 s its sound has a gap, which becomes silence, to 2.000 s"},
+      {{0, 0.5, 2.25}, {0, 8000, 36000, 44000}, "at 1.000 s a gap of its sound becomes silence, up to 2.250 s"},
+      {{0, 0.75, 2}, {0, 12000, 32000, 40000}, "at 1.250 s a gap of its sound becomes silence, up to 2.000 s"},
       {{0, 0.25, 0.75},
        {0, 8000, 12000, 20000},
-       "at 0.500 s its sound goes back, and what comes twice is left out, to 0.250 s"},
+       "at 0.500 s the repeated part of its sound is left out, as its time stamps go back to 0.250 s"},
       {{2, 0, 3},
        {0, 8000, 16000, 24000},
-       "at 2.500 s one piece of its sound stays in its place, though its time is 0.000 s"},
-      {{0, 70, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound stays in its place"},
-      {{0, 0.2, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound stays in its place"},
-      {{2, 2.5, 0}, {0, 8000, 16000, 24000}, "at 3.000 s its sound goes on, though its times go back to 0.000 s"},
-      {{2, 0, 0.75}, {0, 8000, 20000, 28000}, "at 0.500 s its sound has a gap, which becomes silence, to 0.750 s"},
+       "at 2.500 s one piece of its sound is kept in its place, though its time stamp is 0.000 s"},
+      {{0, 70, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound is kept in its place"},
+      {{0, 0.2, 1}, {0, 8000, 16000, 24000}, "at 0.500 s one piece of its sound is kept in its place"},
+      {{2, 2.5, 0},
+       {0, 8000, 16000, 24000},
+       "at 3.000 s its sound is continued, though its time stamps go back to 0.000 s"},
+      {{2, 0, 0.75}, {0, 8000, 20000, 28000}, "at 0.500 s a gap of its sound becomes silence, up to 0.750 s"},
   };
   for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
     struct piece piece[3];
