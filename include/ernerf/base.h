@@ -67,7 +67,7 @@ typedef enum ern_log_level {
  *
  * - A pointer is NULL, or points to what its comment describes. A pointer may be NULL where its comment says what NULL
  *   means; `user` of a callback always may.
- * - A function that returns ern_status answers ERN_E_ARGUMENT, before it does anything else, where another pointer is
+ * - A function that returns ern_status answers ERN_E_ARGUMENT, before it does anything else, where any other pointer is
  *   NULL, where a number or an enum is out of its range, or where a structure was not made by its
  *   ..._default function, which its first member, `cookie`, shows. (A few ranges have a status of their own, which the
  *   function names.) The error text of the context names what is wrong: "ern_model_load: path is NULL". The context is
@@ -75,8 +75,8 @@ typedef enum ern_log_level {
  * - After an error, a pointer through which a new object is returned (ern_model **) is NULL, and a structure that
  *   would own memory (ern_features, ern_eyes, ern_pose_list, ern_image, ern_sound) is all zeros, unless the function
  *   keeps an earlier content and says so. All other outputs are undefined: some of them may have been written.
- * - A function that returns void or a value has no error. Where it needs a pointer that is NULL, it changes nothing,
- *   a structure to be filled becomes all zeros, and the value is 0, false, NULL, or a structure of zeros; NaN where
+ * - A function that returns void or a value has no error. Where it needs a pointer that is NULL, it changes nothing but
+ *   a structure to be filled, which becomes all zeros; its value is 0, false, NULL, or a structure of zeros; NaN where
  *   the function says so.
  * - A function ern_..._free accepts NULL and a pointer to NULL. It sets the pointer that it frees through to NULL, or
  *   the structure whose memory it frees to zeros. One that takes a context does nothing where that is NULL.

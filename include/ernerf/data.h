@@ -11,8 +11,9 @@ extern "C" {
 #endif
 
 /* Speech features. Video has 25 frames a second. Window t belongs to video frame t; it holds window_length consecutive
- * feature vectors, 50 a second, from the sound around the frame. Windows of length 16 hold the vectors 2t-8 .. 2t+7,
- * those of length 2 (HuBERT) the vectors 2t and 2t+1; of other lengths the program that made them decides.
+ * feature vectors (rows in speech.h), 50 a second, from the sound around the frame. Windows of length 16 hold the
+ * vectors 2t-8 .. 2t+7, those of length 2 (HuBERT) the vectors 2t and 2t+1; of other lengths the program that made them
+ * decides which.
  * Plain data, final. */
 typedef struct ern_features {
   float *data;       /* [windows][window_length][width] */

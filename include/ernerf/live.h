@@ -36,8 +36,9 @@ typedef struct ern_live_options {
   int look_ahead; /* 2..7, default 7. Frame t (25 a second) depends on the sound before 0.04 (t + look_ahead) s
                      and can be pulled when the sound up to 0.04 (t + look_ahead + 1) s was pushed. At another
                      rate t is the frame's place at 25 a second, rounded up, and all of its own sound must have
-                     been pushed. A frame's windows reach 7; with less, the last known row of features is repeated in
-                     place of those that are missing. Where windows are pushed, above 3 acts as 3 */
+                     been pushed. A frame's windows reach 7 frames ahead; with less, the last known vector (or pushed
+                     window) is repeated in place of those that are missing. Where windows are pushed, above 3
+                     acts as 3 */
   int capacity;   /* most sound that waits, the look-ahead included, in frames at 25 a second: 20..1000, and not
                      less than one frame of the session; default 50 */
   int policy;     /* ern_live_policy, default ERN_LIVE_WAIT */
@@ -45,11 +46,11 @@ typedef struct ern_live_options {
                                            25, 1. Between two frames at 25 a second windows are interpolated */
   ern_audio_pad pad; /* the windows before the first and after the last: ern_model_info.audio_pad of the model; default
                         ERN_AUDIO_PAD_EDGE */
-  bool rests;        /* false (default): a pull returns no frame before its sound is there. true: every pull returns a
-                        frame until ern_live_end. Where sound is missing after `wait` seconds, the pull first uses less
-                        look-ahead, down to 2 (windows: 1), then inserts silence as ern_live_rest does. So sound may
-                        come up to 0.04 (look_ahead - 2) s late without inserted silence */
-  const ern_silence *silence; /* finds pauses in the sound that is pushed (ern_silence_learn); NULL (default): only
+  bool rests;        /* false (default): a pull returns no frame before its sound is there. true: every ern_live_pull
+                        returns a frame until ern_live_end. Where sound is missing after its `wait` seconds, it first
+                        uses less look-ahead, down to 2 (windows: 1), then inserts silence as ern_live_rest does. So
+                        sound may come up to 0.04 (look_ahead - 2) s late without inserted silence */
+  const ern_silence *silence; /* finds pauses in the speech that is pushed (ern_silence_learn); NULL (default): only
                                  inserted silence counts as a pause. Must outlive the session */
   const float *silence_code;  /* [32] the mean audio code (ern_renderer_code) of the silent frames of a clip, which the
                                  mouth takes in pauses; copied. NULL (default): the mouth follows the sound alone */

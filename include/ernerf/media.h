@@ -78,7 +78,8 @@ ERN_API ERN_NODISCARD ern_status ern_image_write_exr_provenance(ern_context *con
  * it; ERN_E_UNSUPPORTED where it is not there. */
 ERN_API ERN_NODISCARD ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to,
                                                   int width, int height, float *flow);
-/* Resizes by OpenCV's INTER_AREA, with the same channels. On success the caller owns resized->data (ern_image_free). */
+/* Resizes by OpenCV's INTER_AREA, to 1..ERN_IMAGE_MAX_SIDE pixels a side, with the same channels. On success the caller
+ * owns resized->data (ern_image_free). */
 ERN_API ERN_NODISCARD ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                                   ern_image *resized);
 ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts NULL and an empty one */
@@ -102,10 +103,10 @@ ERN_API void ern_lpips_free(ern_lpips **lpips); /* accepts NULL and a pointer to
 /* "lpips-alexnet" or "lpips-vgg16"; lives as long as `lpips`. */
 ERN_API const char *ern_lpips_name(const ern_lpips *lpips);
 
-/* Pictures [3][height][width], red, green, blue, 0..1; at least 31 pixels a side with AlexNet, 16 with VGG16, at most
- * 8192, else ERN_E_ARGUMENT. *distance is 0 for equal pictures and larger the less alike they look; it has no unit.
- * dpicture: d distance/d picture [3][height][width], overwritten; NULL: not wanted. Equation: docs/maths.md, "The fine
- * stage". */
+/* picture and truth, the recorded one: [3][height][width], red, green, blue, 0..1; at least 31 pixels a side with
+ * AlexNet, 16 with VGG16, at most 8192, else ERN_E_ARGUMENT. *distance is 0 for equal pictures and larger the less
+ * alike they look; it has no unit. dpicture: d distance/d picture [3][height][width], overwritten; NULL: not wanted.
+ * Equation: docs/maths.md, "The fine stage". */
 ERN_API ERN_NODISCARD ern_status ern_lpips_distance(ern_lpips *lpips, const float *picture, const float *truth,
                                                     int width, int height, double *distance, float *dpicture);
 
@@ -198,7 +199,7 @@ ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
 /* Joins `count` (1 or more) mp4 files of writers with the same size, rate and quality to one mp4: their coded pictures
  * as they are, one after the other, frame k of all shown at exactly k/rate seconds. It has the provenance of the first.
  * `sound` and `sound_start` are as in ern_video_options; the sound of the segments is left out. ERN_E_MISMATCH: one has
- * another size, rate, coding or model. Atomic. */
+ * another size, rate, codec, encoder setting or model. Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char *path, const char *const *segments,
                                                 size_t count, const ern_sound *sound, double sound_start);
 
@@ -351,10 +352,10 @@ ERN_API const ern_image *ern_clip_background(
 /* Valid as long as the clip; NULL where index is not below ern_clip_info.frames[split]. */
 ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, size_t index);
 
-/* The pixels of a frame: `truth` RGB (gt_imgs) and `torso` RGBA (torso_imgs; data NULL where the clip has none). Either
- * may be NULL. The images belong to the clip and are valid until the next ern_clip_pixels or ern_clip_measure on it, or
- * step of a trainer on its dataset. Pictures stay in memory up to ern_clip_options.memory_bytes; others are read again
- * each time. */
+/* The pixels of a frame: `truth`, the recorded picture, RGB (gt_imgs), and `torso` RGBA (torso_imgs; data NULL where
+ * the clip has none). Either may be NULL. The images belong to the clip and are valid until the next ern_clip_pixels or
+ * ern_clip_measure on it, or step of a trainer on its dataset. Pictures stay in memory up to
+ * ern_clip_options.memory_bytes; others are read again each time. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
 /* Which pixels of a frame are the head's (blue in parsing). `head` has one channel: 255 the head, 0 none of it, 128
@@ -364,7 +365,8 @@ ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split
  * and is valid as long as those of ern_clip_pixels. */
 ERN_API ERN_NODISCARD ern_status ern_clip_head(ern_clip *clip, ern_split split, size_t index, ern_image *head);
 
-/* The clip as the trainer takes it. The clip must outlive the dataset. */
+/* The clip as the trainer takes it, with scale 4, copy_share 0.5 if there are copies, and speech_noise 0; a program may
+ * change these. The clip must outlive the dataset. */
 ERN_API void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes);
 static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
   ern_clip_dataset_sized(clip, dataset, sizeof *dataset);

@@ -136,8 +136,8 @@ ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const ch
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
 /* Applies the correction that training found for the pose of a training frame, in place; the model stays as it is.
- * pose: a camera pose in scene units (ern_camera_pose). index: the training frame, counted from 0 in the order of the
- * frames of split 0 (of transforms_train.json, for a clip); any past the last corrected frame stands for the last. The
+ * pose: a camera pose in scene units (ern_camera_pose). index: the training frame, counted from 0 in split 0 of the
+ * ern_dataset (for a clip transforms_train.json); any past the last corrected frame stands for the last. The
  * correction is three angles, about x, then y, then z, in degrees, and a move in scene units. With dR = Rx Ry Rz of the
  * angles, rotation R and origin o of the pose become transpose(dR) R and o + move. A renderer takes such a pose as
  * ern_frame_input.head_pose: the torso keeps the pose of the clip. The pose stays as it is where ern_model_info.cameras

@@ -80,8 +80,9 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
  * written where a size of the features is out of its range (ern_features). */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
-/* Like ern_audio_windows, with neighbours taken from a split: its frame k uses window rows[k] of `features`. Before the
- * first and after the last frame of the split they are zeros, as `--audio-pad zero` has it for a clip. */
+/* Like ern_audio_windows, with neighbours taken from a list of `count` frames, such as a split of a clip. Frame k of
+ * the list uses window rows[k] of `features`; `index` counts in the list. Before its first and after its last frame
+ * windows are zeros (ERN_AUDIO_PAD_ZERO). */
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
@@ -109,7 +110,8 @@ ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence,
 /* Plain data, may grow. */
 typedef struct ern_render_options {
   uint32_t cookie, size;    /* set by ern_render_options_default() */
-  int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and warns */
+  int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and logs a
+                               warning */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
   float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
   float transmittance_stop; /* a ray ends when less than this share of its light is left, 0 <= x < 1; default 1e-4, as
@@ -145,10 +147,10 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
 
 /* Fewer samples, less accuracy: from now on the renderer skips each cell of the occupancy grid whose density (per
  * scene unit), evaluated at the centres of its eight octants, is below `density` for every one of `count` inputs. Each
- * input is a set of audio windows and an eye value of the speech to come. For example, where samples are 0.027 apart, a
- * skipped sample of density 0.1 would have absorbed 0.3 % of the light. windows: [count][8][window_length][width]
- * (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density 0 or count 0 skips nothing.
- * Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+ * input is a set of audio windows and an eye value of the speech to come. For example, where samples are 0.027 scene
+ * units apart, a skipped sample of density 0.1 would have absorbed 0.3 % of the light. windows:
+ * [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density
+ * 0 or count 0 skips nothing. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -225,7 +227,7 @@ typedef struct ern_frame_output {
   float *alpha;     /* [height][width], 0..1, of the whole picture */
   float *opacity;   /* [height][width], 0..1, of the head alone: sum of weights */
   float *depth;     /* [height][width] sum of weight * distance from the camera, scene units; 0 without samples */
-  float *attention; /* [height][width] sum over samples of the audio attention's norm; zeros without one */
+  float *attention; /* [height][width] sum over samples of the norm of ern_attention's weights; zeros without any */
   float *eye;       /* [height][width] sum over samples of the eye attention; zeros without one */
 } ern_frame_output;
 

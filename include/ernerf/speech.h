@@ -12,11 +12,11 @@
 extern "C" {
 #endif
 
-/* The built-in kind of features: 13 mel-frequency cepstral coefficients a row, 50 rows a second. The power of a row is
- * divided by a level, the largest power of the rows so far; the level decays with a time constant of 10 s while
- * a row is within 30 dB of it (docs/speech.md, "cepstra-1"). Values have no unit and are about -3 to 3. Models that
- * were trained on this kind have the name in ern_model_info.speech; ern_clip_options.asr_model calls the kind
- * "cepstra". */
+/* The built-in kind of features: 13 mel-frequency cepstral coefficients a row, 50 rows a second. A row is one vector of
+ * features. The power of a row is divided by a level, the largest power of the rows so far; at each row that is within
+ * 30 dB of it, the level decays with a time constant of 10 s (docs/speech.md, "cepstra-1"). Values have no unit and are
+ * about -3 to 3. Models that were trained on this kind have the name in ern_model_info.speech;
+ * ern_clip_options.asr_model calls the kind "cepstra". */
 #define ERN_SPEECH_CEPSTRA "cepstra-1"
 enum { ERN_SPEECH_WIDTH = 13 }; /* coefficients a row */
 
@@ -43,8 +43,9 @@ ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream
 
 /* Moves up to `count` rows, the oldest first, into rows[count][ERN_SPEECH_WIDTH], and returns their number; 0 where a
  * pointer is NULL. Row r belongs to the sound from 0.02 r to 0.02 (r + 1) seconds. It is computed from that sound and
- * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, and the
- * delay of the resampler more: none at 16 kHz, about 2 ms at usual rates, less than 20 ms at 1000 samples a second. */
+ * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, as sound is
+ * processed in pieces of 10 ms, and the delay of the resampler more: none at 16 kHz, about 2 ms at usual rates, less
+ * than 20 ms at 1000 samples a second. */
 ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
 
 /* Computes the built-in features of a sound file: [windows][16][13]. FFmpeg reads the file; the sound has 1000 samples

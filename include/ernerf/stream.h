@@ -109,7 +109,8 @@ typedef struct ern_stream_writer ern_stream_writer;
  * - the name of an existing FIFO or device;
  * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
  * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...);
- * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver, such as a browser.
+ * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver (reader in docs/live.md), such
+ *   as a browser.
  *
  * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the receiver
  * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, or none follows from the

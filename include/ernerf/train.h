@@ -35,7 +35,7 @@ typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
   ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face; 10 around the eyes, if the dataset has eye
                                values; 20 in pixels that ern_dataset.head does not give 0, and 10 in those that it gives
-                               neither 0 nor 255; the others anywhere. Frames with shut eyes are drawn more often
+                               neither 0 nor 255; the others anywhere. Frames with shut eyes are sampled more often
                                (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
@@ -60,14 +60,14 @@ typedef struct ern_dataset {
   const uint8_t *background;    /* [height][width][3], RGB, the top row first, as all pictures here */
   /* Fills *frame, which is all zeros. */
   ern_status (*frame)(void *user, int split, size_t index, ern_dataset_frame *frame);
-  /* truth [height][width][3], RGB; torso [height][width][4], RGBA, alpha not premultiplied, NULL: transparent
-   * everywhere; ignored where has_torso is false. The callback's memory, valid until its next call. */
+  /* truth, the recorded picture [height][width][3], RGB; torso [height][width][4], RGBA, alpha not premultiplied, NULL:
+   * transparent everywhere; ignored where has_torso is false. The callback's memory, valid until its next call. */
   ern_status (*pixels)(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso);
   const char *identity; /* of the clip: 64 hex digits (ern_clip_info); a resume and a torso need the same one. "" or
                            NULL: none */
-  /* Data augmentation: [copy_count] versions of the same speech, such as in voices of another pitch, each of the shape
-   * of `features`. With the probability copy_share a training step takes one of them, drawn at random, else `features`
-   */
+  /* Data augmentation: [copy_count] versions of the same speech, such as of speakers with other vocal tracts, each of
+   * the shape of `features`. With the probability copy_share a training step takes one of them at random, else
+   * `features`. */
   const ern_features *copies;
   size_t copy_count;  /* 0: none */
   float copy_share;   /* 0..1 */
@@ -206,9 +206,10 @@ typedef struct ern_train_config {
                                1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
                                summed */
   uint64_t fine_steps;      /* of a head: this number of steps at the end of `iters` are the fine stage, whose rays are
-                               square patches with a loss of their own (docs/maths.md); 0 (default): none; ERN_FINE_ALL:
-                               all steps from the one on at which the training starts or goes on. A fine stage that is
-                               resumed goes on in any case. With `seconds` it must be 0 (ERN_E_ARGUMENT) */
+                               square patches with a loss of their own (docs/maths.md), and those before are the coarse
+                               steps; 0 (default): none; ERN_FINE_ALL: all steps from the one on at which the training
+                               starts or goes on. A fine stage that is resumed goes on in any case. With `seconds` it
+                               must be 0 (ERN_E_ARGUMENT) */
   double fine_share;        /* of a head, with `seconds`: this share of the time, at its end, is the fine stage, 0..1; 0
                                (default): none. Ignored without `seconds` */
   int patch_size;           /* side of a patch, pixels: 16, 32, 48 or 64; default 32. A step of the fine stage has
@@ -241,9 +242,9 @@ typedef struct ern_train_config {
                                            others get its state; their `output`, `resume`, `from` and `torso_output`
                                            are ignored */
   bool head_random_background; /* true (default): where ern_dataset.head tells the head from the rest, a ray of a
-                                  coarse step has a random colour behind the head, and outside of the head also as its
-                                  truth, so that the head's opacity is learnt; false: the clip's background, as
-                                  published */
+                                  coarse step has a random colour behind the head, and outside of the head the pixel is
+                                  trained to that colour, so that the head's opacity is learnt; false: the clip's
+                                  background, as published */
 } ern_train_config;
 
 /* The defaults. */
@@ -360,14 +361,14 @@ typedef struct ern_train_hooks {
    * last step stops: the state is saved, ERN_E_CANCELLED returned. */
   int (*progress)(void *user, const ern_train_report *report);
   /* After a validation: mean PSNR in dB over `frames` frames, and a picture of the first of them, RGB, uint8_t
-   * [height][width][3]: prediction, truth, difference (4 times), audio attention and eye attention (the largest value
-   * white) side by side, so `width` is five times that of a frame; and the name it should have ("val_000400.png"). An
-   * error it returns is passed on. */
+   * [height][width][3]: rendered, recorded, 4 times their difference, audio attention and eye attention (the largest
+   * value white) side by side, so `width` is five times that of a frame; and the name it should have
+   * ("val_000400.png"). An error it returns is passed on. */
   ern_status (*validation)(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture, int width,
                            int height, const char *name);
   /* Each frame of a validation before that: its split and number in the dataset, the rendered frame rgb (0..1) and the
-   * truth (0..255), both RGB, [height][width][3]. An error it returns is passed on; with ERN_E_CANCELLED the state is
-   * saved, also after the last step. */
+   * recorded frame truth (0..255), both RGB, [height][width][3]. An error it returns is passed on; with
+   * ERN_E_CANCELLED the state is saved, also after the last step. */
   ern_status (*validation_frame)(void *user, int split, size_t frame, const float *rgb, const uint8_t *truth);
 } ern_train_hooks;
 

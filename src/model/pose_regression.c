@@ -6,6 +6,7 @@
 #include <string.h>
 
 enum { N = ERN_POSE_NUMBERS };
+_Static_assert(sizeof(struct ern_pose_regression) == ERN_POSE_REGRESSION_ROWS * N * sizeof(float), "a tensor");
 
 /* Weight of the squared slopes of a standardised number, beside the mean squared error; found by trying
  * (docs/history-small-steps.md). */

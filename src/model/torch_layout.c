@@ -357,11 +357,10 @@ static ern_status check(const struct ern_torch_layout *l) {
   if (config->codes == 0)
     ern_log(l->context, ERN_LOG_WARNING, "%s: no individual codes: give the public program --ind_dim 0", l->path);
   if (l->model->cameras > 0)
-    ern_log(
-        l->context, ERN_LOG_INFO,
-        "%s: the corrections of poses that were not trained on (camera_unseen) have no place in the public program, "
-        "and are left out",
-        l->path);
+    ern_log(l->context, ERN_LOG_INFO,
+            "%s: the corrections of poses that were not trained on (camera_unseen) have no place in the public "
+            "program, and are left out",
+            l->path);
   tell_view(l);
   if (!config->eye)
     ern_log(l->context, ERN_LOG_INFO, "%s: the missing eye branch is written as zeros; give --exp_eye", l->path);

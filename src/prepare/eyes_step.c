@@ -232,9 +232,8 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
     ERN_TRY(write_table(job, eyes.signal, job->frames));
     if ((double)count > 80 * minutes + 3)
       ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                        "%zu blinks in %.1f minutes are implausibly many; --au FILE.csv takes those of "
-                        "OpenFace",
-                        count, minutes);
+                        "%zu blinks in %.1f minutes are implausibly many; --au FILE.csv takes those of OpenFace", count,
+                        minutes);
   } else {
     ern_prepare_judge(job, ERN_PREPARE_GOOD, "no blink was found, so there is no au.csv and no blinking is learnt");
   }

@@ -435,8 +435,7 @@ static void judge_crop(struct scan *s, double face, const double region[4]) {
                       100 * share);
   if (region[3] * 1.6 < job->side)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head is small: %.0f pixels of the video become %d; --size %.0f avoids the "
-                      "enlargement",
+                      "the head is small: %.0f pixels of the video become %d; --size %.0f avoids the enlargement",
                       region[3], job->side, fmax(128, region[3]));
 }
 

@@ -8,10 +8,10 @@
 void ern_prepare_judge_turn(struct ern_prepare_job *job, double turn) {
   ern_prepare_figure(job, "turn", turn);
   if (turn < 1)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head turns by %.1f degrees in all, which is too little to measure its depth, expected 1 "
-                      "degree or more",
-                      turn);
+    ern_prepare_judge(
+        job, ERN_PREPARE_DOUBTFUL,
+        "the head turns by %.1f degrees in all, which is too little to measure its depth, expected 1 degree or more",
+        turn);
   if (turn > 35)
     ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", turn);
 }

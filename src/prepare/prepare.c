@@ -165,9 +165,7 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
   if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))
     return ern_fail(context, ERN_E_ARGUMENT,
-                    "prepare: from %g to %g, expected seconds of the video, with from less "
-                    "than to",
-                    o->from, o->to);
+                    "prepare: from %g to %g, expected seconds of the video, with from less than to", o->from, o->to);
   if (!(o->focal == 0 ||
         (o->focal >= ERN_PREPARE_FOCAL_LEAST * o->side && o->focal <= ERN_PREPARE_FOCAL_MOST * o->side)))
     return ern_fail(context, ERN_E_ARGUMENT, "prepare: focal is %g, expected 0, or %g to %g pixels", o->focal,

@@ -188,9 +188,8 @@ static ern_status place_borders(ern_silence *s, const double *score, const unsig
   const double share = (right[0] / frames[0] + right[1] / frames[1]) / 2;
   if (share >= WORST) return ERN_OK;
   return ern_fail(s->context, ERN_E_STATE,
-                  "silence: the features classify %.0f %% of the frames correctly, expected "
-                  "%g at least",
-                  100 * share, 100 * WORST);
+                  "silence: the features classify %.0f %% of the frames correctly, expected %g at least", 100 * share,
+                  100 * WORST);
 }
 
 ern_status ern_silence_learn(ern_context *context, const ern_features *features, const float *loudness,

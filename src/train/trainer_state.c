@@ -190,8 +190,8 @@ ern_status ern_trainer_save(ern_trainer *t) {
     ERN_TRY(ern_trainer_download(t, t->average));
   else if (t->config.ema)
     ern_log(t->context, ERN_LOG_INFO,
-            "%s: step %llu: the weights as they are, not their average: the average has seen %llu updates of the %d "
-            "it needs",
+            "%s: step %llu: the weights as they are, not their average: the average has seen %llu updates of the %d it "
+            "needs",
             t->output, (unsigned long long)t->step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
   ERN_TRY(ern_model_write(t->model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
   t->run.keep = false;
@@ -501,9 +501,7 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ern_trainer_keep_consent(t, c.model);
   if (c.model->cameras > 0 && (foreign || t->poses == NULL))
     ern_log(t->context, ERN_LOG_WARNING, "%s: its pose corrections are %s", path,
-            foreign ? "of the frames of another clip, and are left "
-                      "out"
-                    : "not trained on, nor applied while training");
+            foreign ? "of the frames of another clip, and are left out" : "not trained on, nor applied while training");
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
   if (t->config.torso && t->model->cameras == 0 && !foreign) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
   ERN_TRY(take_over(t, path, &c.model));

@@ -406,10 +406,8 @@ int args_parse(struct args *args, int argc, char **argv) {
     } else if (words < args->word_count && word[0] != 0) {
       *args->words[words++].target = word;
     } else {
-      return args_refuse(args,
-                         "unexpected argument \"%s\", expected %zu at most (besides "
-                         "options)",
-                         word, args->word_count);
+      return args_refuse(args, "unexpected argument \"%s\", expected %zu at most (besides options)", word,
+                         args->word_count);
     }
   }
   if (words + args->optional_words < args->word_count)

@@ -39,8 +39,7 @@ static const struct {
     {"unc_loss", LOSS},
     {"lambda_amb", LOSS},
     {"fbg",
-     "(a background of its own for each frame) is not supported; --bg_img of `ernerf render` chooses one for "
-     "all"},
+     "(a background of its own for each frame) is not supported; --bg_img of `ernerf render` chooses one for all"},
     {"exp_eye",
      NOT_NEEDED "eyes are learnt where the clip has an au.csv that moves; `ernerf train --effects` says otherwise"},
     {"color_space", "is not a choice here: colours are those of the pictures (sRGB)"},
@@ -65,8 +64,7 @@ static const struct {
     {"part", "(every tenth frame) is not supported; --data_range A:B of `ernerf train` takes a range of frames"},
     {"part2", "is `--data_range 0:375` of `ernerf train` here"},
     {"train_camera",
-     "is `--refine-poses` of `ernerf train` here, the default with --time; corrections of poses in a .pth are "
-     "applied"},
+     "is `--refine-poses` of `ernerf train` here, the default with --time; corrections of poses in a .pth are applied"},
     {"asr", SPEECH},
     {"asr_wav", SPEECH},
     {"asr_play", SPEECH},

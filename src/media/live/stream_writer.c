@@ -97,10 +97,10 @@ static ern_status choose_form(ern_stream_writer *w) {
     return ern_fail(w->context, ERN_E_UNSUPPORTED,
                     "%s: format is \"%s\", expected mp4, matroska, mpegts, flv, nut, y4m or raw", w->url,
                     w->options.format);
-  return ern_fail(w->context, ERN_E_UNSUPPORTED,
-                  "%s: the format does not follow from its name, expected a format, or NAME.mp4, .mkv, .ts, .flv, "
-                  ".nut or .y4m",
-                  w->url);
+  return ern_fail(
+      w->context, ERN_E_UNSUPPORTED,
+      "%s: the format does not follow from its name, expected a format, or NAME.mp4, .mkv, .ts, .flv, .nut or .y4m",
+      w->url);
 }
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */

@@ -114,9 +114,8 @@ static ern_status look_at(struct joined *j, struct segment *s, const struct segm
     const int64_t number = number_of(s, j->rate, s->packet->pts);
     if (number < 0 || (count == 0 && (number != 0 || !(s->packet->flags & AV_PKT_FLAG_KEY))))
       return ern_fail(j->context, ERN_E_FORMAT,
-                      "%s: picture %lld has a time that is no multiple of the frame's, or "
-                      "the first one is no key frame at time 0; expected a segment that "
-                      "render wrote",
+                      "%s: picture %lld has a time that is no multiple of the frame's, or the first one is no key "
+                      "frame at time 0; expected a segment that render wrote",
                       s->path, (long long)count);
     if (count - number > j->delay) j->delay = count - number;
     if (number > last) last = number;

@@ -21,8 +21,7 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
        .kind = OPTION_TEXT,
        .target = &metrics->lmd.path,
        .choices = "FILE.onnx|DIR",
-       .help = "LMD (landmark distance): a network that finds landmarks, or a folder of ID.lms of the rendered "
-               "frames"},
+       .help = "LMD (landmark distance): a network that finds landmarks, or a folder of ID.lms of the rendered frames"},
       {.name = "action-units",
        .kind = OPTION_TEXT,
        .target = &metrics->aue.drawn_path,

@@ -15,10 +15,10 @@ void setting_options(int *setting, struct option options[SETTING_OPTIONS]) {
        .kind = OPTION_CHOICE,
        .target = setting,
        .choices = "reconstruction|synchronization",
-       .help = "setting of the paper's tables: reconstruction: unseen frames with the clip's own speech; "
-               "synchronization: other speech, --audio, over the poses of all frames (or of --split), without the "
-               "figures that need recorded frames (default: reconstruction, unless --audio or another --split is "
-               "given)"}};
+       .help =
+           "setting of the paper's tables: reconstruction: unseen frames with the clip's own speech; synchronization: "
+           "other speech, --audio, over the poses of all frames (or of --split), without the figures that need "
+           "recorded frames (default: reconstruction, unless --audio or another --split is given)"}};
   ARGS_FILL(options, rows, SETTING_OPTIONS);
 }
 

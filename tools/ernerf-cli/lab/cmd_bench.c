@@ -226,10 +226,10 @@ static int measure_peaks(struct bench_job *job) {
   begin(job, "bench: peaks", "parts");
   const int status = end(job, ern_bench_peaks(job->backends, job->count, &options, &job->results.machine));
   if (status == 0 && job->results.machine.unrest > restless)
-    session_warn(&job->session,
-                 "other programs use the %s too: the same loop took %.2f times its least time; figures come out too "
-                 "low",
-                 job->place == PLACE_OPENCL ? "device" : "processor", job->results.machine.unrest);
+    session_warn(
+        &job->session,
+        "other programs use the %s too: the same loop took %.2f times its least time; figures come out too low",
+        job->place == PLACE_OPENCL ? "device" : "processor", job->results.machine.unrest);
   if (status == 0 && !session_json_on_stdout(&job->session)) bench_print_peaks(&job->results);
   return status;
 }
@@ -320,45 +320,45 @@ static void close_all(struct bench_job *job) {
 
 static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS]) {
   struct session *session = &job->session;
-  const struct option rows[] = {{.name = "only",
-                                 .kind = OPTION_CHOICE,
-                                 .target = &job->only,
-                                 .choices = "all|peaks|kernels|frame|step",
-                                 .help = "what to measure; the peaks always are (default all)"},
-                                {.name = "seconds",
-                                 .kind = OPTION_FLOAT,
-                                 .target = &job->seconds,
-                                 .low = 0,
-                                 .high = 86400,
-                                 .help = "seconds for all measurements, about: a measurement that takes longer is "
-                                         "made once nevertheless"},
-                                {.name = "frames",
-                                 .kind = OPTION_INT,
-                                 .target = &job->frames,
-                                 .low = 1,
-                                 .high = 1000,
-                                 .help = "maximum number of repeats of a frame"},
-                                {.name = "rays",
-                                 .kind = OPTION_INT,
-                                 .target = &job->rays,
-                                 .low = 1,
-                                 .high = 1 << 20,
-                                 .help = "rays of a training step, and of kernels where a device is measured"},
-                                {.name = "size",
-                                 .kind = OPTION_DIMENSIONS,
-                                 .target = &job->size,
-                                 .low = 1,
-                                 .high = 8192,
-                                 .help = "size of the made-up frame (default 450x450)"},
-                                {.name = "force",
-                                 .kind = OPTION_FLAG,
-                                 .target = &job->portrait.force,
-                                 .help = "use the model although it was trained on another clip"},
-                                {.name = "seed",
-                                 .kind = OPTION_COUNT,
-                                 .target = &session->seed,
-                                 .low = 0,
-                                 .help = "seed of the made-up scene and of the rays"}};
+  const struct option rows[] = {
+      {.name = "only",
+       .kind = OPTION_CHOICE,
+       .target = &job->only,
+       .choices = "all|peaks|kernels|frame|step",
+       .help = "what to measure; the peaks always are (default all)"},
+      {.name = "seconds",
+       .kind = OPTION_FLOAT,
+       .target = &job->seconds,
+       .low = 0,
+       .high = 86400,
+       .help = "seconds for all measurements, about: a measurement that takes longer is made once nevertheless"},
+      {.name = "frames",
+       .kind = OPTION_INT,
+       .target = &job->frames,
+       .low = 1,
+       .high = 1000,
+       .help = "maximum number of repeats of a frame"},
+      {.name = "rays",
+       .kind = OPTION_INT,
+       .target = &job->rays,
+       .low = 1,
+       .high = 1 << 20,
+       .help = "rays of a training step, and of kernels where a device is measured"},
+      {.name = "size",
+       .kind = OPTION_DIMENSIONS,
+       .target = &job->size,
+       .low = 1,
+       .high = 8192,
+       .help = "size of the made-up frame (default 450x450)"},
+      {.name = "force",
+       .kind = OPTION_FLAG,
+       .target = &job->portrait.force,
+       .help = "use the model although it was trained on another clip"},
+      {.name = "seed",
+       .kind = OPTION_COUNT,
+       .target = &session->seed,
+       .low = 0,
+       .help = "seed of the made-up scene and of the rays"}};
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
@@ -421,8 +421,8 @@ int cmd_bench(int argc, char **argv) {
           "Measures the peaks of a machine or device, and each kernel, a frame and a training step against them.",
       .usage = "bench [--only kernels] [--backend opencl] [--json FILE.json]\nbench MODEL CLIP",
       .notes =
-          "Without MODEL CLIP a made-up scene is measured, which needs no files. Times are the minimum and the "
-          "median of\n"
+          "Without MODEL CLIP a made-up scene is measured, which needs no files. Times are the minimum and the median "
+          "of\n"
           "repeats; what is compared takes turns. FLOP: a multiply-add counts as two. docs/bench.md explains the "
           "columns.",
       .words = words,

@@ -88,8 +88,8 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.frames,
        .low = 8,
        .high = 100000,
-       .help = "number of frames, 25 a second; one in eleven is for validation (default 250, or as long as --text "
-               "takes)"},
+       .help =
+           "number of frames, 25 a second; one in eleven is for validation (default 250, or as long as --text takes)"},
       {.name = "seed",
        .kind = OPTION_COUNT,
        .target = &session.seed,
@@ -129,12 +129,7 @@ int cmd_synth(int argc, char **argv) {
        .kind = OPTION_CHOICE,
        .target = &room,
        .choices = "books|plain|cluttered",
-       .help = "what is "
-               "behind "
-               "the "
-               "person "
-               "(default "
-               "books)"},
+       .help = "what is behind the person (default books)"},
       {.name = "parsing",
        .kind = OPTION_FLAG,
        .target = &synth.parsing,

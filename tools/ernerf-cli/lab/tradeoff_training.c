@@ -68,8 +68,8 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .target = &job->rays,
        .low = 16,
        .high = 65536,
-       .help = "rays a step of the training that the others are compared with, which take a quarter, 4 and 16 times "
-               "as many"},
+       .help = "rays a step of the training that the others are compared with, which take a quarter, 4 and 16 times as "
+               "many"},
       {.name = "levels",
        .kind = OPTION_INT,
        .target = &job->levels,
@@ -93,10 +93,7 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
        .target = &job->session.seed,
        .low = 0,
        .high = 0,
-       .help = "seed of the "
-               "first "
-               "training of "
-               "each kind"}};
+       .help = "seed of the first training of each kind"}};
   ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS - LPIPS_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
   lpips_weights_options(&job->weights, options + OWN_OPTIONS - LPIPS_OPTIONS);

@@ -34,8 +34,8 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .kind = OPTION_TEXT,
        .target = &job->sound.format,
        .choices = "NAME",
-       .help = "FFmpeg's name of the sound's format, such as s16le or f32le, samples without a header (default: "
-               "detected)"},
+       .help =
+           "FFmpeg's name of the sound's format, such as s16le or f32le, samples without a header (default: detected)"},
       {.name = "audio-rate",
        .kind = OPTION_INT,
        .target = &job->sound.format_rate,
@@ -64,9 +64,9 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->look_ahead,
        .low = ERN_LIVE_LEAST_LOOK_AHEAD,
        .high = ERN_LIVE_LOOK_AHEAD,
-       .help = "number of frames (40 ms each), 2 to 7, of sound after a frame that are used for it: each one less "
-               "shows the frame 40 ms sooner and moves the mouth less accurately (default 7, all that the model "
-               "takes)"}};
+       .help =
+           "number of frames (40 ms each), 2 to 7, of sound after a frame that are used for it: each one less shows "
+           "the frame 40 ms sooner and moves the mouth less accurately (default 7, all that the model takes)"}};
   ARGS_FILL(options, rows, IN_OPTIONS);
 }
 
@@ -146,9 +146,7 @@ static int check_unlisted(const struct args *args) {
   int status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
   if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips",
-                         "makes a frame depend on earlier frames, which may have "
-                         "other settings");
+    status = args_forbid(args, "smooth_lips", "makes a frame depend on earlier frames, which may have other settings");
   if (status < 0)
     status = args_forbid(args, "speech-model speech-preset", "needs the whole sound before the first frame");
   return status;
@@ -171,9 +169,8 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0 && job->steering.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
-    status = args_refuse(args,
-                         "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not "
-                         "for it");
+    status =
+        args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not for it");
   if (status < 0 && job->as_fast && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
   if (status < 0) status = label_check(&job->label, args);
@@ -213,11 +210,11 @@ static int open_portrait(struct live_job *job, const struct args *args) {
   if (status == 0) status = control_check_model(&job->control, session, args, portrait);
   if (status != 0) return status;
   if (strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
-    return session_fail_with(session,
-                             "%s: was trained on speech features of the kind \"%s\", which need a network and the "
-                             "whole sound; live sound needs a model that was trained on %s: `ernerf train CLIP "
-                             "--asr_model cepstra`",
-                             portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
+    return session_fail_with(
+        session,
+        "%s: was trained on speech features of the kind \"%s\", which need a network and the whole sound; live sound "
+        "needs a model that was trained on %s: `ernerf train CLIP --asr_model cepstra`",
+        portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
   job->features = ern_clip_features(portrait->clip);
   if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
     return session_fail(session);

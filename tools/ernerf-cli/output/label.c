@@ -9,19 +9,18 @@
 static const double share = 0.05 /* of the shorter side */, ground = 0.6 /* its opacity */;
 
 void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
-  const struct option rows[] = {
-      {.name = "label",
-       .kind = OPTION_TEXT,
-       .target = &label->text,
-       .choices = "TEXT",
-       .help = "text drawn on the frames that says what they are, such as \"made by AI\"; its capitals are 5 % of "
-               "the shorter side high"},
-      {.name = "label-time",
-       .kind = OPTION_SECONDS,
-       .target = &label->seconds,
-       .low = 0.04,
-       .high = 1e6,
-       .help = "for how long from the first frame on, such as 2s (default: in all frames)"}};
+  const struct option rows[] = {{.name = "label",
+                                 .kind = OPTION_TEXT,
+                                 .target = &label->text,
+                                 .choices = "TEXT",
+                                 .help = "text drawn on the frames that says what they are, such as \"made by AI\"; "
+                                         "its capitals are 5 % of the shorter side high"},
+                                {.name = "label-time",
+                                 .kind = OPTION_SECONDS,
+                                 .target = &label->seconds,
+                                 .low = 0.04,
+                                 .high = 1e6,
+                                 .help = "for how long from the first frame on, such as 2s (default: in all frames)"}};
   ARGS_FILL(options, rows, LABEL_OPTIONS);
 }
 

@@ -16,9 +16,9 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .kind = OPTION_TEXT,
        .target = &control->eye,
        .choices = "FILE",
-       .help = "eye values from a file, 25 for each second of the output: a table with a column AU45_r, such as "
-               "au.csv (0 open, 2 to 5 closed); else 0 (open) to 1 (closed), one number a line without a header, or "
-               ".npy of shape [T]"},
+       .help = "eye values from a file, 25 for each second of the output: a table with a column AU45_r, such as au.csv "
+               "(0 open, 2 to 5 closed); else 0 (open) to 1 (closed), one number a line without a header, or .npy of "
+               "shape [T]"},
       {.name = "smooth_eye",
        .kind = OPTION_FLAG,
        .target = &control->smooth_eye,
@@ -33,8 +33,8 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .low = -90,
        .high = 90,
        .choices = "YAW,PITCH",
-       .help = "turn the head by so many degrees more, each -90 to 90: YAW > 0 to the right of the picture, PITCH > "
-               "0 up"},
+       .help =
+           "turn the head by so many degrees more, each -90 to 90: YAW > 0 to the right of the picture, PITCH > 0 up"},
       {.name = "smooth_path",
        .kind = OPTION_FLAG,
        .target = &control->smooth_path,
@@ -68,10 +68,9 @@ int control_check_model(const struct control *control, struct session *session, 
   const bool fixed = args_given(args, "fix_eye");
   if (portrait->info.has_eye) return 0;
   if (fixed || control->eye != NULL)
-    return session_fail_with(session,
-                             "%s: was trained without eye values (no au.csv, or lids that do not move), so %s has no "
-                             "effect",
-                             portrait->model_path, fixed ? "--fix_eye" : "--eye");
+    return session_fail_with(
+        session, "%s: was trained without eye values (no au.csv, or lids that do not move), so %s has no effect",
+        portrait->model_path, fixed ? "--fix_eye" : "--eye");
   if (control->smooth_eye)
     session_warn(session, "--smooth_eye changes nothing: %s was trained without eye values", portrait->model_path);
   return 0;
@@ -81,10 +80,7 @@ int control_clip(const struct control *control, struct session *session, const s
                  struct frame_source *frame_source) {
   int status = 0;
   if (args_given(args, "hold_pose") && control->hold >= frame_source->count)
-    return args_refuse(args,
-                       "--hold_pose is %" PRIu64
-                       ", expected 0 to %zu, the number of the "
-                       "last pose",
+    return args_refuse(args, "--hold_pose is %" PRIu64 ", expected 0 to %zu, the number of the last pose",
                        control->hold, frame_source->count - 1);
   if (control->smooth_path) status = frame_source_smooth_path(frame_source, session, control->smooth_window);
   if (status == 0 && args_given(args, "hold_pose")) frame_source_hold_pose(frame_source, (size_t)control->hold);

@@ -119,8 +119,7 @@ static void tell_torso(const struct telling *telling, const ern_clip_measures *m
   else if (m->torso_against < 0.25 * m->torso_move)
     how = "moves as the head does";
   tell(telling, "torso", true,
-       "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, relative to the head by "
-       "%.2f.",
+       "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, relative to the head by %.2f.",
        100 * m->torso_cover, how, m->torso_move, m->torso_against);
 }
 

@@ -75,16 +75,13 @@ static int check_kind(const struct hearing *hearing, struct session *session, co
   const char *kind = ern_speech_network_kind(hearing->network);
   if (model->speech[0] == 0) {
     session_warn(session,
-                 "%s: does not say which kind of speech features it was trained on; those of %s (%s) are "
-                 "assumed",
+                 "%s: does not say which kind of speech features it was trained on; those of %s (%s) are assumed",
                  model_path, hearing->path, kind);
     return 0;
   }
   if (strcmp(model->speech, kind) == 0) return 0;
-  return session_fail_with(session,
-                           "%s: was trained on speech features of the kind %s, and %s computes "
-                           "%s",
-                           model_path, model->speech, hearing->path, kind);
+  return session_fail_with(session, "%s: was trained on speech features of the kind %s, and %s computes %s", model_path,
+                           model->speech, hearing->path, kind);
 }
 
 const char *hearing_kind(const char *path, int width) {
@@ -116,9 +113,7 @@ int hearing_check_features(struct session *session, const char *model_path, cons
   char wanted[192];
   if (hearing_fits(model, kind)) return 0;
   hearing_wanted(model, wanted);
-  return session_fail_with(session,
-                           "%s: was trained on speech features of the kind %s, and %s holds %s; expected "
-                           "%s%s",
+  return session_fail_with(session, "%s: was trained on speech features of the kind %s, and %s holds %s; expected %s%s",
                            model_path, model->speech, name, kind,
                            model->speech_network[0] != 0 ? "--speech-model FILE.onnx" : "features of that kind",
                            wanted);

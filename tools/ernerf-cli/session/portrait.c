@@ -28,12 +28,9 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &portrait->split,
        .choices = "train|val|all",
        .help = split == FRAME_SOURCE_ALL ? "frames of the clip: train: those of transforms_train.json; val: those of "
-                                           "transforms_val.json; all: both (default "
-                                           "all)"
-                                         : "frames of the clip: train: those of "
-                                           "transforms_train.json; val: those "
-                                           "of transforms_val.json; all: both "
-                                           "(default val)"},
+                                           "transforms_val.json; all: both (default all)"
+                                         : "frames of the clip: train: those of transforms_train.json; val: those of "
+                                           "transforms_val.json; all: both (default val)"},
       {.name = "frames",
        .kind = OPTION_RANGE,
        .target = &portrait->frames,
@@ -61,8 +58,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &render->transmittance_stop,
        .low = 0,
        .high = 0.99,
-       .help = "end a ray when less than this share of its light is left, 0 to 0.99 (default 0.003; models are "
-               "trained with 1e-4)"},
+       .help = "end a ray when less than this share of its light is left, 0 to 0.99 (default 0.003; models are trained "
+               "with 1e-4)"},
       {.name = "occupancy_threshold",
        .kind = OPTION_FLOAT,
        .target = &portrait->occupancy_threshold,
@@ -87,8 +84,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &render->image_scale,
        .low = 0.25,
        .high = 1,
-       .help = "render the head at X times the picture's size, 0.25 to 1, and enlarge it; torso and background stay "
-               "sharp"},
+       .help =
+           "render the head at X times the picture's size, 0.25 to 1, and enlarge it; torso and background stay sharp"},
       {.name = "smooth_lips",
        .kind = OPTION_FLAG,
        .target = &render->smooth_lips,
@@ -158,15 +155,12 @@ static int check_identity(struct portrait *portrait, struct session *session) {
                  portrait->model_path, portrait->source.path);
   if (model[0] == 0 || clip[0] == 0 || strcmp(model, clip) == 0) return 0;
   if (!portrait->force)
-    return session_fail_with(
-        session,
-        "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; --force uses it "
-        "nevertheless",
-        portrait->model_path, model, clip, portrait->source.path);
+    return session_fail_with(session,
+                             "%s: trained on another clip: its clip is %.12s..., expected %.12s..., that of %s; "
+                             "--force uses it nevertheless",
+                             portrait->model_path, model, clip, portrait->source.path);
   session_warn(session, "%s: trained on another clip (%.12s..., not %.12s...)%s", portrait->model_path, model, clip,
-               portrait->info.cameras > 0 ? "; its pose corrections are of that clip's frames, and are left "
-                                            "out"
-                                          : "");
+               portrait->info.cameras > 0 ? "; its pose corrections are of that clip's frames, and are left out" : "");
   return 0;
 }
 
@@ -179,9 +173,8 @@ int portrait_refuse_sound(const struct portrait *portrait, struct session *sessi
   char wanted[192];
   hearing_wanted(&portrait->info, wanted);
   return session_fail_with(session,
-                           "%s: was trained on speech features of another kind than %s, the only kind that is "
-                           "computed from a sound without a network; expected --audio FILE.npy, or --speech-model "
-                           "FILE.onnx%s",
+                           "%s: was trained on speech features of another kind than %s, the only kind that is computed "
+                           "from a sound without a network; expected --audio FILE.npy, or --speech-model FILE.onnx%s",
                            portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
 }
 

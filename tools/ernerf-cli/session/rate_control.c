@@ -55,9 +55,7 @@ int rate_control_check(const struct rate_control *g, const struct args *args) {
   status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
                        "is what --hold-fps, --budget and --quality choose");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips",
-                         "makes a frame depend on earlier frames, which may have other "
-                         "settings");
+    status = args_forbid(args, "smooth_lips", "makes a frame depend on earlier frames, which may have other settings");
   if (status < 0 && g->front != NULL)
     status = args_forbid(args, "backend isa threads device", "is part of the settings in the file of --front");
   return status;
@@ -171,12 +169,11 @@ static double budget_of(const struct rate_control *g) {
 
 static int refuse_budget(const struct rate_control *g) {
   const struct rung *last = &g->rung[g->count - 1];
-  return session_fail_with(g->session,
-                           "%s %g: no settings reach it on this machine: the fastest, \"%s\", take %.1f ms a frame, "
-                           "%.1f frames a second",
-                           g->hold_fps > 0 ? "--hold-fps" : "--budget",
-                           g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget, last->name, last->ms,
-                           1000 / last->ms);
+  return session_fail_with(
+      g->session,
+      "%s %g: no settings reach it on this machine: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a second",
+      g->hold_fps > 0 ? "--hold-fps" : "--budget", g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget,
+      last->name, last->ms, 1000 / last->ms);
 }
 
 static void say_choice(const struct rate_control *g) {
@@ -213,8 +210,7 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   if (!ern_rate_controller_holds(&g->pace) && !g->goes_on) return refuse_budget(g);
   if (!ern_rate_controller_holds(&g->pace))
     session_warn(session,
-                 "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms "
-                 "a frame",
+                 "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms a frame",
                  1000 / budget_of(g), g->rung[g->count - 1].name, g->rung[g->count - 1].ms);
   /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
    */
@@ -250,8 +246,8 @@ void rate_control_summary(const struct rate_control *g, double ms_per_frame) {
   const double budget = budget_of(g);
   if (isfinite(budget) && ms_per_frame > 1.1 * budget)
     session_warn(g->session,
-                 "asked for %.1f ms a frame, reached %.1f: the machine became slower, and faster settings did not "
-                 "make up for it",
+                 "asked for %.1f ms a frame, reached %.1f: the machine became slower, and faster settings did not make "
+                 "up for it",
                  budget, ms_per_frame);
 }
 

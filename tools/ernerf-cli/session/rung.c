@@ -19,10 +19,8 @@ static int backend_of(struct rate_control *g, const struct settings *s, ern_back
       return 0;
     }
   if (g->units == RATE_CONTROL_UNITS)
-    return session_fail_with(g->session,
-                             "the measured settings use more different "
-                             "backends and instruction sets than can "
-                             "be open at once");
+    return session_fail_with(
+        g->session, "the measured settings use more different backends and instruction sets than can be open at once");
   ern_backend_config config = ern_backend_config_default();
   config.name = s->backend;
   config.isa = s->isa[0] != 0 ? s->isa : NULL;

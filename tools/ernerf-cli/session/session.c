@@ -65,16 +65,16 @@ void session_compute_options(struct session *session, struct option options[SESS
       {.name = "deterministic",
        .kind = OPTION_FLAG,
        .target = &session->deterministic,
-       .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; on a "
-               "CPU this holds without the option. It does not hold for what follows the clock (train --time, render "
+       .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; on a CPU "
+               "this holds without the option. It does not hold for what follows the clock (train --time, render "
                "--hold-fps and --budget)"},
       {.name = "isa",
        .kind = OPTION_TEXT,
        .target = &session->isa,
        .choices = "NAME",
        .help = "instruction set of the CPU: auto (that in the environment variable ERNERF_ISA, else the fastest that "
-               "the CPU has; the default), avx2, avx512, avx512bf16, neon, or ref and ref64: portable C in 32-bit "
-               "and 64-bit floats, slow"},
+               "the CPU has; the default), avx2, avx512, avx512bf16, neon, or ref and ref64: portable C in 32-bit and "
+               "64-bit floats, slow"},
       {.name = "threads",
        .kind = OPTION_INT,
        .target = &session->threads,

@@ -118,8 +118,8 @@ static bool clip_tells(struct session *session, const struct portrait *portrait)
   }
   if (hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) return true;
   session_note(session,
-               "%s: %s: holds %s, the model was trained on %s: silence cannot be recognised, so the mouth follows "
-               "the speech alone",
+               "%s: %s: holds %s, the model was trained on %s: silence cannot be recognised, so the mouth follows the "
+               "speech alone",
                session->verb, portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
   return false;
 }

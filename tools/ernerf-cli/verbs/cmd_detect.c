@@ -101,10 +101,10 @@ static int detect(struct detect_job *job) {
   if (!session_json_on_stdout(session))
     printf("%s: the watermark of this key is %s: score %.1f at scale %.3f, %zu frames from %.2f s on\n", job->video,
            found ? "found" : "not found", window->score, window->scale, window->frames, window->begin);
-  session_note(session,
-               "a wrong key scores as much with a probability of at most %.2g; the watermark counts as "
-               "found up to %.0e",
-               false_positive, ERN_WATERMARK_FALSE_POSITIVE);
+  session_note(
+      session,
+      "a wrong key scores as much with a probability of at most %.2g; the watermark counts as found up to %.0e",
+      false_positive, ERN_WATERMARK_FALSE_POSITIVE);
   const int status = session_report(session, report(job, found, window, false_positive));
   return status == 0 && !found ? EXIT_FAILURE : status;
 }

@@ -90,10 +90,10 @@ static int check_frames(struct join_job *job) {
     known = frames_of(json_array_get(job->says, k), &first, &end, &rate);
     if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
     if (!known)
-      session_note(&job->session,
-                   "%s: no file beside it (.provenance.json) says which frames it has; they are taken "
-                   "to follow those before",
-                   job->segments[k]);
+      session_note(
+          &job->session,
+          "%s: no file beside it (.provenance.json) says which frames it has; they are taken to follow those before",
+          job->segments[k]);
     if (k > 0 && known && was_known && first != before)
       return session_fail_with(&job->session, "%s: begins with frame %lld, expected %lld, which follows those of %s",
                                job->segments[k], (long long)first, (long long)before, job->segments[k - 1]);
@@ -141,9 +141,8 @@ static int join(struct join_job *job) {
 int cmd_join(int argc, char **argv) {
   struct join_job job = {.start = -1};
   struct option own[OWN_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
-  struct word words[] = {{"FOLDER", &job.folder,
-                          "folder of the .mp4 files, which follow each other in the order of "
-                          "their names"}};
+  struct word words[] = {
+      {"FOLDER", &job.folder, "folder of the .mp4 files, which follow each other in the order of their names"}};
   const struct option rows[] = {
       {.name = "o",
        .alias = "output",

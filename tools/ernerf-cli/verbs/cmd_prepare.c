@@ -86,8 +86,7 @@ static int make(struct prepare_job *job) {
   session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
                options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
                left[0] == 0 ? " --time 10m -o portrait.safetensors"
-                            : ", for the steps that are left or depend on changed "
-                              "ones: ",
+                            : ", for the steps that are left or depend on changed ones: ",
                left);
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
@@ -196,9 +195,8 @@ int cmd_prepare(int argc, char **argv) {
                       .words = words,
                       .word_count = 1,
                       .groups = {{"The clip:", own, sizeof own / sizeof *own},
-                                 {"Your own files or networks, in place of what a step "
-                                  "computes:",
-                                  brought, sizeof brought / sizeof *brought},
+                                 {"Your own files or networks, in place of what a step computes:", brought,
+                                  sizeof brought / sizeof *brought},
                                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);

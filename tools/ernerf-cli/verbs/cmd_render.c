@@ -136,8 +136,7 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0 && job->sink.kind == SINK_EXR)
     status = args_forbid(args, "label watermark",
-                         "is drawn on pictures of 8 bits, and an .exr holds values for "
-                         "further processing");
+                         "is drawn on pictures of 8 bits, and an .exr holds values for further processing");
   if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "needs --size");
   if (status < 0) status = control_check(&job->control, args);
   if (status < 0) status = frame_reuse_check(args);

@@ -66,8 +66,7 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
   if (status < 0 && paper) status = args_forbid(args, "stage fine-steps", "and --paper both say how it is trained");
   if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume && !published)
     status = args_forbid(args, details,
-                         "is about the fine stage, which is off; expected --stage fine or "
-                         "--fine-steps N too");
+                         "is about the fine stage, which is off; expected --stage fine or --fine-steps N too");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
   if (status < 0 && fine->loss == LOSS_SSIM)
@@ -102,9 +101,9 @@ int fine_stage_check_resumed(const struct args *args, struct session *session, c
                              ", and does not leave it; expected --stage fine, or neither",
                              config->output, from);
   if (state->fine_steps > 0 || config->fine_steps > 0 || config->fine_share > 0) return 0;
-  const int status = args_forbid(args, details,
-                                 "is about the fine stage, which this training does not have; expected --stage fine "
-                                 "or --fine-steps N too");
+  const int status = args_forbid(
+      args, details,
+      "is about the fine stage, which this training does not have; expected --stage fine or --fine-steps N too");
   return status < 0 ? 0 : status;
 }
 

@@ -112,8 +112,6 @@ int head_and_torso_check_resumed(struct train_job *job) {
   if (!job->config.resume || job->config.torso || bytes >= (int)sizeof head) return 0;
   if (ern_train_state_describe(session->context, output, &state, &model) != ERN_E_MISSING) return 0;
   if (ern_train_state_describe(session->context, head, &state, &model) != ERN_OK) return 0;
-  return session_fail_with(session,
-                           "%s: has no saved state, but its head %s has one; expected --time beside "
-                           "--resume",
+  return session_fail_with(session, "%s: has no saved state, but its head %s has one; expected --time beside --resume",
                            output, head);
 }

@@ -29,9 +29,8 @@ void speech_augmentation_options(struct speech_augmentation *speech,
        .target = &speech->range,
        .low = 0.5,
        .high = 2,
-       .help = "lowest and highest frequency factor of the copies, 0.5 to 2; the factors between are evenly spaced "
-               "on a logarithmic scale (default 0.85,1.17; 0.75,1.3 if the clip has fewer than 1000 training "
-               "frames)"},
+       .help = "lowest and highest frequency factor of the copies, 0.5 to 2; the factors between are evenly spaced on "
+               "a logarithmic scale (default 0.85,1.17; 0.75,1.3 if the clip has fewer than 1000 training frames)"},
       {.name = "speech-share",
        .kind = OPTION_FLOAT,
        .target = &speech->share,

@@ -56,8 +56,8 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .target = &job->consent,
        .choices = "TEXT|FILE",
        .help = "what the person has agreed to, as text or as a file that holds the text; the model keeps it, and its "
-               "videos and pictures carry it (default: that of --head, of the resumed state or of --from, if it is "
-               "of this clip)"},
+               "videos and pictures carry it (default: that of --head, of the resumed state or of --from, if it is of "
+               "this clip)"},
       {.name = "iters",
        .kind = OPTION_COUNT,
        .target = &job->iters,
@@ -81,8 +81,8 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
       {.name = "resume",
        .kind = OPTION_FLAG,
        .target = &config->resume,
-       .help = "continue from the newest intact state in X.run, with the options that it was trained with unless "
-               "they are given again"},
+       .help = "continue from the newest intact state in X.run, with the options that it was trained with unless they "
+               "are given again"},
       {.name = "from",
        .kind = OPTION_TEXT,
        .target = &config->from,
@@ -152,8 +152,8 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_CHOICE,
        .target = &job->eye_attention,
        .choices = "sigmoid|concat",
-       .help = "how the eye value enters: sigmoid: times a weight, as in the paper; concat: unchanged (default "
-               "sigmoid)"}};
+       .help =
+           "how the eye value enters: sigmoid: times a weight, as in the paper; concat: unchanged (default sigmoid)"}};
   ARGS_FILL(options, rows, TRAIN_GOAL_OPTIONS);
 }
 
@@ -206,10 +206,9 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
        .target = &job->ray_sampling,
        .choices = "regions|uniform",
        .help =
-           "which pixels the rays of a head go through: regions: 30 % the lower face (if the clip has landmarks), 10 "
-           "% the eyes (if it also has au.csv; frames with shut eyes are sampled more often), 20 % the head and 10 % "
-           "its edge (if it has parsing/), the others any pixel; uniform: all any pixel, as published (default "
-           "regions)"},
+           "which pixels the rays of a head go through: regions: 30 % the lower face (if the clip has landmarks), 10 % "
+           "the eyes (if it also has au.csv; frames with shut eyes are sampled more often), 20 % the head and 10 % its "
+           "edge (if it has parsing/), the others any pixel; uniform: all any pixel, as published (default regions)"},
       {.name = "frames-per-step",
        .kind = OPTION_INT,
        .target = &config->frames_per_step,
