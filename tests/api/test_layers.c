@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which folder includes which: every #include of include/, src/, tools/ and examples/ against the floor plan of
+ * Which folder includes which: every #include of include/, src/, tools/ and examples/ against the folders of
  * docs/architecture.md. The rules stand in the tables below; a folder without a rule fails. */
 #include <fnmatch.h>
 #include <stdbool.h>

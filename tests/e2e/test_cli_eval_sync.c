@@ -180,8 +180,9 @@ static void test_synchronization(void **state) {
           networks);
   cli_expect(&cli, 0, "lasts for 40 frames; the 26 frames after that are left out", NULL);
   assert_non_null(strstr(cli.out, "setting: synchronization"));
-  assert_non_null(strstr(cli.out, "PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: needs true frames"));
-  assert_non_null(strstr(cli.out, "LPIPS: not computed: needs true frames"));
+  assert_non_null(
+      strstr(cli.out, "PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: needs frames that were recorded"));
+  assert_non_null(strstr(cli.out, "LPIPS: not computed: needs frames that were recorded"));
   json_t *report = cli_json(&cli, "r.json");
   const json_t *metrics = json_object_get(report, "metrics"), *absent = json_object_get(metrics, "not_computed"), *row;
   assert_int_equal(json_integer_value(json_object_get(report, "count")), 40);
@@ -193,13 +194,13 @@ static void test_synchronization(void **state) {
   }
   for (size_t i = 0; i < 4; i++) assert_true(json_is_null(json_object_get(report, gone[i])));
   for (size_t i = 0; i < sizeof reasons / sizeof *reasons; i++)
-    if (strstr(json_string_value(json_object_get(absent, reasons[i])), "needs true frames") == NULL)
+    if (strstr(json_string_value(json_object_get(absent, reasons[i])), "needs frames that were recorded") == NULL)
       fail_msg("no reason why %s is not there", reasons[i]);
   if (ERN_VISION) {
     expect_near(number(report, NULL, "windows"), 35, 0);
     expect_near(number(report, "drawn", "distance"), sqrt(8), 1e-5);
     assert_true(json_is_null(json_object_get(json_object_get(metrics, "sync"), "truth")));
-    assert_null(strstr(cli.out, "of the true frames"));
+    assert_null(strstr(cli.out, "of the recorded frames"));
   }
   json_decref(report);
   char *csv = (char *)cli_bytes("o.csv", &bytes);
@@ -235,15 +236,16 @@ static void test_setting_refused(void **state) {
   (void)state;
   static const struct {
     const char *options, *first, *second;
-  } wrong[] = {{"--setting synchronization", "needs --audio", NULL},
-               {"--setting reconstruction --audio other/aud.wav", "--audio", "--setting synchronization"},
-               {"--setting reconstruction --split all", "--split is all", "expected val"},
-               {"--setting other", "other", "reconstruction"},
-               {"--setting synchronization --audio other/aud.wav --sheet s.png", "--sheet", "true frames"},
-               {"--setting synchronization --audio other/aud.wav --refine-poses", "--refine-poses", "true frames"},
-               {"--setting synchronization --audio other/aud.wav --landmarks x", "--landmarks", "true frames"},
-               {"--setting synchronization --audio other/aud.wav --lpips-network x --lpips-heads y", "--lpips-network",
-                "true frames"}};
+  } wrong[] = {
+      {"--setting synchronization", "needs --audio", NULL},
+      {"--setting reconstruction --audio other/aud.wav", "--audio", "--setting synchronization"},
+      {"--setting reconstruction --split all", "--split is all", "expected val"},
+      {"--setting other", "other", "reconstruction"},
+      {"--setting synchronization --audio other/aud.wav --sheet s.png", "--sheet", "recorded with the speech"},
+      {"--setting synchronization --audio other/aud.wav --refine-poses", "--refine-poses", "recorded with the speech"},
+      {"--setting synchronization --audio other/aud.wav --landmarks x", "--landmarks", "recorded with the speech"},
+      {"--setting synchronization --audio other/aud.wav --lpips-network x --lpips-heads y", "--lpips-network",
+       "recorded with the speech"}};
   make_other();
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
     cli_run(&cli, "eval h.safetensors clip %s --json none.json", wrong[i].options);

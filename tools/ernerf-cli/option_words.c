@@ -2,10 +2,14 @@
 #include "option_words.h"
 
 #include <inttypes.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
-enum { TEXT_BYTES = 256 };
+enum {
+  TEXT_BYTES = 256,
+  MUCH = 1000000 /* a bound from here on is there to catch slips, not to be known */
+};
 
 const char *option_dashes(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
 
@@ -41,8 +45,37 @@ static const char *preset_of(const struct option *option, char text[TEXT_BYTES])
   return text;
 }
 
+/* The range of its numbers, where the help does not tell it already. */
+static const char *range_of(const struct option *option, char text[TEXT_BYTES]) {
+  text[0] = 0;
+  switch (option->kind) {
+    case OPTION_INT:
+    case OPTION_COUNT:
+    case OPTION_FLOAT:
+    case OPTION_SECONDS:
+    case OPTION_DIMENSIONS:
+    case OPTION_PAIR: break;
+    default: return text;
+  }
+  const bool endless = option->high >= MUCH || (option->high == 0 && option->kind == OPTION_COUNT);
+  if (endless && option->low == 0) return text;
+  if (endless)
+    snprintf(text, TEXT_BYTES, "%.10g or more", option->low);
+  else
+    snprintf(text, TEXT_BYTES, "%.10g to %.10g", option->low, option->high);
+  if (strstr(option->help, text) != NULL) text[0] = 0;
+  return text;
+}
+
+/* Range and default stand in one pair of parentheses at the end. */
 const char *option_text(const struct option *option, char text[HELP_BYTES]) {
-  char preset[TEXT_BYTES];
+  char preset[TEXT_BYTES], range[TEXT_BYTES];
   snprintf(text, HELP_BYTES, "%s%s", option->help, preset_of(option, preset));
+  if (range_of(option, range)[0] == 0) return text;
+  char *last = strrchr(text, '(');
+  const size_t length = strlen(text);
+  const bool joins = last != NULL && strncmp(last, "(default", 8) == 0 && strchr(last, ')') == text + length - 1;
+  const size_t end = joins ? length - 1 : length;
+  snprintf(text + end, HELP_BYTES - end, "%s%s)", joins ? "; " : " (", range);
   return text;
 }

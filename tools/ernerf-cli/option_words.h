@@ -13,7 +13,7 @@ const char *option_dashes(const char *name);
 /* What stands for the value of an option; NULL: it has none. */
 const char *option_value(const struct option *option);
 
-/* What the option does, and its default. */
+/* What the option does, its default and its range. */
 const char *option_text(const struct option *option, char text[HELP_BYTES]);
 
 #endif

@@ -41,7 +41,8 @@ int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portr
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
     return session_fail(session);
   if (!portrait->info.has_torso && !portrait->clip_info.has_torso)
-    session_warn(session, "%s: has no torso_imgs, the head is drawn over the background alone", portrait->source.path);
+    session_warn(session, "%s: has no torso_imgs, the head is rendered over the background alone",
+                 portrait->source.path);
   status = portrait_cut(portrait, session, args, &evaluation->frame_source, features);
   return status == 0 ? portrait_thin(portrait, session, &evaluation->frame_source, features) : status;
 }

@@ -67,7 +67,7 @@ void measures_print(const struct measures_figures *f) {
       printf("eyes, %s: PSNR %.3f dB, %zu frames\n", lids[shut], f->eyes[shut], f->eye_frames[shut]);
   if (isfinite(f->seam)) printf("seam: the neck under the jaw is off by %.1f of 255\n", f->seam);
   if (isfinite(f->tremble))
-    printf("tremble: the face moves %.2f times as unevenly as the true one\n", f->tremble);
+    printf("tremble: the face moves %.2f times as unevenly as the recorded one\n", f->tremble);
   else
     printf("tremble: cannot be measured without libernerf-vision and landmarks of three frames in a row\n");
 }

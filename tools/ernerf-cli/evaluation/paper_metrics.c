@@ -10,7 +10,7 @@
 
 enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features; with fewer the distance is too high */ };
 static const char lpips_needs[] = "needs --lpips-network and --lpips-heads: AlexNet or VGG16 with the heads of LPIPS";
-static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the drawn frames";
+static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the rendered frames";
 static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
 static const char fid_needs[] = "needs --inception: a network of features, FILE.onnx, and 2 frames at least";
 static const char sync_needs[] = "needs --syncnet-video and --syncnet-audio: the two networks of SyncNet, FILE.onnx";
@@ -125,7 +125,7 @@ static void print_sync(const struct syncnet *sync) {
   }
   printf("Sync: confidence %.3f, distance %.3f at %d frames", drawn->confidence, drawn->distance, drawn->offset);
   if (!sync->drawn_alone)
-    printf("; of the true frames %.3f, %.3f at %d", truth->confidence, truth->distance, truth->offset);
+    printf("; of the recorded frames %.3f, %.3f at %d", truth->confidence, truth->distance, truth->offset);
   printf(" (%zu windows)\n", sync->windows);
 }
 

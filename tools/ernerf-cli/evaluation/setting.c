@@ -7,7 +7,7 @@
 #include "ernerf/speech.h"
 
 const char setting_no_truth[] =
-    "needs true frames (recorded with the speech of --audio), which --setting synchronization does not have";
+    "needs frames that were recorded with the speech of --audio, which --setting synchronization does not have";
 
 void setting_options(int *setting, struct option options[SETTING_OPTIONS]) {
   const struct option rows[] = {

@@ -159,7 +159,7 @@ int cmd_compare(int argc, char **argv) {
   static const char about[] = "a model (.safetensors, .pth), or a video (.mp4, .mkv, .mov ...) of the same frames";
   struct word words[] = {{"A", &c.path[0], about},
                          {"B", &c.path[1], about},
-                         {"CLIP", &c.asked.source.path, "folder of the preprocessed clip whose frames are the truth"}};
+                         {"CLIP", &c.asked.source.path, "folder of the preprocessed clip with the recorded frames"}};
   struct args args = {
       .verb = "compare",
       .summary = "Compares two portraits with the same frames of a clip, side by side: figures, pictures, a video.",

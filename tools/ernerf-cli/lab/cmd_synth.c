@@ -144,7 +144,7 @@ int cmd_synth(int argc, char **argv) {
        .target = &synth.crf,
        .low = 0,
        .high = 51,
-       .help = "H.264 quality of --video, 0 (best) to 51 (default 18)"},
+       .help = "H.264 quality of --video, the lower the better (default 18)"},
       {.name = "fault",
        .kind = OPTION_TEXT,
        .target = &fault,

@@ -229,7 +229,7 @@ void compare_text(const struct compare *c, struct bytes *text) {
     bytes_print(text, "%-34s", m->title);
     add_number(text, m->value[0], 3);
     add_number(text, m->value[1], 3);
-    bytes_print(text, "   (the truth has %s)\n", m->best);
+    bytes_print(text, "   (the recorded frames have %s)\n", m->best);
   }
   bytes_print(text, "\nmeans of %zu frames; the last columns count frames\n%s/index.html\n", compare_frames(c),
               c->folder);

@@ -44,10 +44,11 @@ static void add_cell(struct bytes *page, double value, double interval, int digi
 }
 
 static void add_figures(const struct compare *c, struct bytes *page) {
-  bytes_print(page,
-              "<h2>Against the truth, frame by frame</h2>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">mean "
-              "&plusmn; half of its 95&nbsp;%% interval</th><th>A</th><th>B</th><th>B &minus; A</th><th>frames in "
-              "which<br>A is better</th><th>B is better</th><th>both are equal</th></tr>\n");
+  bytes_print(
+      page,
+      "<h2>Against the recorded frames, frame by frame</h2>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">mean "
+      "&plusmn; half of its 95&nbsp;%% interval</th><th>A</th><th>B</th><th>B &minus; A</th><th>frames in "
+      "which<br>A is better</th><th>B is better</th><th>both are equal</th></tr>\n");
   for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     bytes_print(page, "<tr><td class=\"l\">%s</td>", compare_figures[f].title);
@@ -68,7 +69,7 @@ static void add_measures(const struct compare *c, struct bytes *page) {
   compare_measures(c, measures);
   bytes_print(page,
               "<h2>Over all frames</h2>\n<div class=\"wide\"><table>\n<tr><th class=\"l\"></th><th>A</th><th>B</th>"
-              "<th>the truth</th></tr>\n");
+              "<th>recorded</th></tr>\n");
   for (size_t i = 0; i < COMPARE_MEASURES; i++) {
     bytes_print(page, "<tr><td class=\"l\">");
     bytes_print_html(page, measures[i].title);
@@ -78,23 +79,25 @@ static void add_measures(const struct compare *c, struct bytes *page) {
   }
   bytes_print(page,
               "</table></div>\n"
-              "<p>Nearer to the truth is better. Sharpness and tremble are ratios to the truth's. A dash: this clip "
+              "<p>Nearer to the recorded frames is better. Sharpness and tremble are divided by those of the recorded "
+              "frames. A dash: this clip "
               "does not have what the measure needs.</p>\n");
 }
 
 static void add_pictures(const struct compare *c, struct bytes *page) {
   static const char *const words[COMPARE_SHOWN] = {"where B is best against A", "the median",
                                                    "where B is worst against A"};
-  bytes_print(page,
-              "<h2>Three frames, by the difference in PSNR</h2>\n<p>From left to right: A, B, the truth, 4 times the "
-              "difference of A from the truth, 4 times that of B.</p>\n");
+  bytes_print(
+      page,
+      "<h2>Three frames, by the difference in PSNR</h2>\n<p>From left to right: A, B, the recorded frame, 4 times the "
+      "difference of A from it, 4 times that of B.</p>\n");
   for (size_t i = 0; i < COMPARE_SHOWN; i++) {
     const size_t k = c->shown[i];
     const double a = compare_value(c, 0, k, 0), b = compare_value(c, 1, k, 0);
     bytes_print(page,
                 "<figure><figcaption>Frame %" PRId64
                 ", %s: A %.3f dB, B %.3f dB, B &minus; A %.3f dB</figcaption>"
-                "<img src=\"%s.png\" alt=\"A, B, the truth, and their differences\"></figure>\n",
+                "<img src=\"%s.png\" alt=\"A, B, the recorded frame, and their differences\"></figure>\n",
                 compare_frame(c, k)->pose.img_id, words[i], a, b, b - a, compare_shown_names[i]);
   }
 }
@@ -106,7 +109,7 @@ void compare_page(const struct compare *c, struct bytes *page) {
   add_measures(c, page);
   add_pictures(c, page);
   bytes_print(page,
-              "<h2>All frames</h2>\n<p>From left to right: A, B, the truth. The figures of each frame are in "
+              "<h2>All frames</h2>\n<p>From left to right: A, B, the recorded frame. The figures of each frame are in "
               "<a href=\"frames.csv\">frames.csv</a>, all of it for programs in <a "
               "href=\"compare.json\">compare.json</a>.</p>\n"
               "<video controls preload=\"metadata\" src=\"compare.mp4\"></video>\n</body>\n</html>\n");

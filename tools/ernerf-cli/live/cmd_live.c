@@ -57,8 +57,9 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->most_delay,
        .low = 0.04,
        .high = 10,
-       .help = "leave out sound that has waited for more than T, 0.04s to 10s, such as that of a microphone which "
-               "started before the rendering (default: all is said; 0.2 for a DEVICE)"},
+       .help = "skip frames, with their sound, while more than T of sound waits beyond the look-ahead, "
+               "such as "
+               "that of a microphone which started before the rendering (default: no limit; 0.2 for a DEVICE)"},
       {.name = "look-ahead",
        .kind = OPTION_INT,
        .target = &job->look_ahead,
@@ -107,12 +108,12 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->output.crf,
        .low = 0,
        .high = 51,
-       .help = "H.264's quality: 0 (best, largest) to 51"},
+       .help = "H.264 quality, the lower the better"},
       {.name = "slow-reader",
        .kind = OPTION_CHOICE,
        .target = &job->output.drops,
        .choices = "wait|drop",
-       .help = "where the output is read too slowly: the person waits, or frames are left out, with their sound "
+       .help = "where the output is read too slowly: rendering waits, or frames are left out, with their sound "
                "(default drop; wait with --as-fast)"},
       {.name = "as-fast",
        .kind = OPTION_FLAG,
@@ -362,7 +363,7 @@ int cmd_live(int argc, char **argv) {
       .usage =
           "live MODEL --clip CLIP --audio - | FILE | ADDRESS | DEVICE:NAME -o - | FILE | ADDRESS\n"
           "live MODEL --clip CLIP --control - | SOCKET -o http://127.0.0.1:8080/",
-      .notes = "docs/live.md: from a microphone to a browser, late frames, slow readers, what each form has.",
+      .notes = "docs/live.md: from a microphone to a browser, late frames, slow readers, formats.",
       .words = words,
       .word_count = 1,
       .groups = {{"What comes in:", in, IN_OPTIONS},

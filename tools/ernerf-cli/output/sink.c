@@ -24,7 +24,7 @@ void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
        .target = &sink->crf,
        .low = 0,
        .high = 63,
-       .help = "quality of a video: 0 (best) to 51, of vp9 and av1 to 63"},
+       .help = "quality of a video, the lower the better; of h264 and hevc 51 at most"},
       {.name = "preset",
        .kind = OPTION_CHOICE,
        .target = &sink->preset,

@@ -11,7 +11,7 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .target = &control->fix_eye,
        .low = 0,
        .high = 1,
-       .help = "eyes: 0 open to 1 closed, in all frames (default those of the clip; with --poses 0)"},
+       .help = "value of the eyes in all frames, 0 open, 1 closed (default those of the clip; with --poses 0)"},
       {.name = "eye",
        .kind = OPTION_TEXT,
        .target = &control->eye,

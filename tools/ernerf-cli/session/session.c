@@ -80,7 +80,7 @@ void session_compute_options(struct session *session, struct option options[SESS
        .target = &session->threads,
        .low = 0,
        .high = ERN_THREADS_MOST,
-       .help = "0: one a core (default). The result is the same for any number"}};
+       .help = "number of threads; 0: one a core; the result is the same for any number"}};
   ARGS_FILL(options, rows, SESSION_COMPUTE_OPTIONS);
 }
 

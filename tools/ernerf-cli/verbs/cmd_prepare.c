@@ -122,7 +122,7 @@ int cmd_prepare(int argc, char **argv) {
                           .target = &o->segment,
                           .choices = "auto|SECONDS",
                           .help = "take only the best part of the video, of this length (1 to 7200 s); auto: of 180 "
-                                  "s, if the video is longer than 300 s"},
+                                  "s, if the part from --from to --to is longer than 300 s"},
                          {.name = "size",
                           .kind = OPTION_INT,
                           .target = &o->side,

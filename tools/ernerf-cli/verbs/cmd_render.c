@@ -239,7 +239,7 @@ static int open_sound(struct render_job *job) {
   return 0;
 }
 
-/* Whether the head is drawn over the torso pictures of the clip. */
+/* Whether the head is rendered over the torso pictures of the clip. */
 static bool is_behind(const struct render_job *job) {
   return job->portrait.clip != NULL && !job->portrait.info.has_torso && job->portrait.clip_info.has_torso;
 }
@@ -257,7 +257,7 @@ static int open_background(struct render_job *job) {
 static void say_plan(struct render_job *job) {
   const struct portrait *portrait = &job->portrait;
   if (portrait->clip != NULL && !portrait->info.has_torso && !portrait->clip_info.has_torso)
-    session_warn(&job->session, "%s: has no torso_imgs, the head is drawn over the background alone",
+    session_warn(&job->session, "%s: has no torso_imgs, the head is rendered over the background alone",
                  portrait->source.path);
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);

@@ -433,7 +433,9 @@ int cmd_train(int argc, char **argv) {
       .notes =
           "Ctrl-C saves the state and stops with exit status 130; --resume goes on as if nothing had happened.\n"
           "X.run holds state.safetensors and its predecessor, log.jsonl, measures.csv, curve.csv and its plots over\n"
-          "seconds and steps, and val_NNNNNN.png: prediction, truth, difference, attention of speech and of the eyes.",
+          "seconds and steps, and val_NNNNNN.png: rendered, recorded, 4 times their difference, attention of speech "
+          "and\n"
+          "of the eyes.",
       .public_names = true,
       .words = words,
       .word_count = 1,

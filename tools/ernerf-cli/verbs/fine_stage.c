@@ -34,7 +34,7 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
        .target = &config->patch_size,
        .low = 16,
        .high = 64,
-       .help = "pixels a side of its patches: 16, 32, 48 or 64 (default 32)"},
+       .help = "pixels a side of its patches, a multiple of 16 (default 32)"},
       {.name = "fine-loss",
        .kind = OPTION_CHOICE,
        .target = &fine->loss,

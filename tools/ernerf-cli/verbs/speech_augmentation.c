@@ -43,8 +43,8 @@ void speech_augmentation_options(struct speech_augmentation *speech,
        .low = 0,
        .high = ERN_SPEECH_NOISE_MOST,
        .help = "standard deviation of the noise that each step adds to the speech features, in standard deviations of "
-               "each feature, against overfitting a short speech (default 0; 0.7 if the features are made of the sound "
-               "and the clip has fewer than 1000 training frames)"}};
+               "each feature, against overfitting a short speech (default 0; 0.7 if the features are the built-in "
+               "kind, computed from a sound, and the clip has fewer than 1000 training frames)"}};
   ARGS_FILL(options, rows, SPEECH_AUGMENTATION_OPTIONS);
 }
 
