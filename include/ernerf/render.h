@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * From a model, speech features and head poses to frames. */
+ * From a model, speech features and head poses to frames. base.h defines the terms "plain data", "final" and "may
+ * grow". */
 #ifndef ERNERF_RENDER_H
 #define ERNERF_RENDER_H
 
@@ -43,7 +44,7 @@ typedef struct ern_camera {
 } ern_camera;
 
 /* matrix: camera to world of a transforms file. Rows of the result: (m10, -m11, -m12, s m13), (m20, -m21, -m22, s m23),
- * (m00, -m01, -m02, s m03), (0, 0, 0, 1); scale s is 4 for the public preprocessing. */
+ * (m00, -m01, -m02, s m03), (0, 0, 0, 1); scale s is ern_model_info.scale. */
 ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale);
 
 /* Turns the head of a transforms file's matrix, in place: the camera goes around the head's centre, which is the origin
@@ -110,8 +111,8 @@ ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence,
 /* Plain data, may grow. */
 typedef struct ern_render_options {
   uint32_t cookie, size;    /* set by ern_render_options_default() */
-  int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core. OpenCL ignores it and logs a
-                               warning */
+  int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core that this process may use.
+                               OpenCL ignores it and logs a warning */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
   float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0 (default -1): the model's */
   float transmittance_stop; /* a ray ends when less than this share of its light is left, 0 <= x < 1; default 1e-4, as
@@ -120,8 +121,9 @@ typedef struct ern_render_options {
   bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
                                and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
   float frame_rate;         /* frames a second of the video, 1..1000, default 25; smooth_lips needs it */
-  float image_scale;        /* the head is drawn at so many times the picture's width and height and upsampled (bicubic)
-                               before it is composited over the background, which stays sharp; 0.25..1, default 1 */
+  float image_scale;        /* the head is rendered at this multiple of the picture's width and height, and upsampled
+                               (bicubic) before it is composited over the background, which stays sharp; 0.25..1,
+                               default 1 */
 } ern_render_options;
 
 /* The defaults. */
@@ -160,7 +162,7 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *rend
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
 
-/* Takes note of a frame that is not drawn: smooth_lips of the frames after it uses its windows
+/* Takes note of a frame that is not rendered: smooth_lips of the frames after it uses its windows
  * [8][window_length][width], so that a part of a video begins as it would in the whole. Does nothing without
  * smooth_lips. Errors as ern_renderer_frame. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int window_length);

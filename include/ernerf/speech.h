@@ -57,8 +57,8 @@ ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const
                                                      ern_features *features);
 
 /* Guesses the kind of features from their width: 29 "deepspeech", 44 "esperanto" (wav2vec2 for the language Esperanto,
- * which the public script uses), 1024 "hubert". "" for any other width, also for ERN_SPEECH_WIDTH, which features of
- * other programs have too. The result is a string literal. */
+ * which a script of the public program uses), 1024 "hubert". "" for any other width, also for ERN_SPEECH_WIDTH, which
+ * features of other programs have too. The result is a string literal. */
 ERN_API const char *ern_speech_kind(const ern_features *features);
 
 /* Reads the features in a .npy file, or computes the built-in features of a sound file. ern_speech_is_sound decides
@@ -97,8 +97,8 @@ ERN_API void ern_speech_network_free(ern_speech_network **network); /* accepts N
 ERN_API const char *ern_speech_network_kind(const ern_speech_network *network);
 ERN_API const char *ern_speech_network_description(const ern_speech_network *network);
 
-/* The description of the network of a public script: name "esperanto" (wav2vec2, 44 numbers a row) or "hubert" (1024).
- * NULL for any other name. The result is a string literal. */
+/* The description of the network that a script of the public program uses: name "esperanto" (wav2vec2, 44 numbers a
+ * row) or "hubert" (1024). NULL for any other name. The result is a string literal. */
 ERN_API const char *ern_speech_preset(const char *name);
 
 /* Sets a callback of ern_speech_network_features; NULL: none (default). That function cuts the sound into pieces of the

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * From frames with poses and speech to a model. */
+ * From frames with poses and speech to a model. base.h defines the terms "plain data", "final" and "may grow". */
 #ifndef ERNERF_TRAIN_H
 #define ERNERF_TRAIN_H
 
@@ -35,8 +35,8 @@ typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
   ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face; 10 around the eyes, if the dataset has eye
                                values; 20 in pixels that ern_dataset.head does not give 0, and 10 in those that it gives
-                               neither 0 nor 255; the others anywhere. Frames with shut eyes are sampled more often
-                               (docs/maths.md) */
+                               neither 0 nor 255; the others, and those of a region that is not known, anywhere.
+                               Frames with shut eyes are sampled more often (docs/maths.md) */
 } ern_ray_sampling;
 ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
 
@@ -52,8 +52,8 @@ typedef struct ern_dataset {
   size_t frames[2];     /* number of frames by split; of split 0 at least 1 */
   double focal, cx, cy; /* pixels */
   int width, height;    /* of all pictures, pixels, 1..8192 */
-  float scale;          /* factor of the poses' translations, 1e-3..1e3; 4 for the public preprocessing; the model
-                           keeps it */
+  float scale;          /* factor of the poses' translations, 1e-3..1e3; 4 for clips of ern_prepare and of the public
+                           program (model.h); the model keeps it */
   bool has_eye;         /* frames have eye values: a head gets the eye branch */
   bool has_torso;       /* frames have torso pictures: a head is trained over them, and a torso can be trained */
   const ern_features *features; /* the speech */
@@ -80,7 +80,8 @@ typedef struct ern_dataset {
    * be NULL: no pixel of any frame is known. */
   ern_status (*head)(void *user, int split, size_t index, const uint8_t **head);
   float speech_noise; /* data augmentation, 0..ERN_SPEECH_NOISE_MOST: in each training step each number of the speech
-                         gets noise with this standard deviation, in units of that feature's own over the clip */
+                         gets noise. Its standard deviation is speech_noise times that of the same column of `features`
+                         over all windows */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
@@ -162,11 +163,12 @@ typedef struct ern_train_config {
                                network that weighs the 8 windows of speech, audio_att_net (5e-3) */
   int codes;        /* rows of the individual codes: -1 (default): one a training frame; 0: no codes; else at least as
                        many as training frames, at most 1e6. With `from`, the first rows are copied from the file; rows
-                       that it lacks are initialised anew */
+                       that it lacks are initialised anew. A torso with `head` has as many as that head, but at least
+                       one a training frame, and none where the head has none */
   bool torso_gamma; /* train gamma (ern_model_info.has_gamma), as in the paper; false: it is 1 */
   bool torso_random_background; /* true (default): a torso is learnt over a random colour for each ray of each step, so
-                                   that its opacity is learnt and it can be drawn over any background; false: over the
-                                   clip's background, as published, which leaves the opacity undetermined */
+                                   that its opacity is learnt and it can be rendered over any background; false: over
+                                   the clip's background, as published, which leaves the opacity undetermined */
   int max_steps;                /* samples a ray at most, 1..1024; default 16 */
   float dt_gamma;               /* growth of the step along a ray with distance, 0..1; default 1/256 */
   float bound;                  /* of a head (ern_model_info.bound), ERN_BOUND_LEAST..ERN_BOUND_MOST; default 1 */
@@ -260,7 +262,7 @@ typedef struct ern_trainer ern_trainer;
 
 /* What a state was trained with. Plain data, may grow. */
 typedef struct ern_train_state {
-  bool torso;                        /* a torso was trained, else a head */
+  bool torso;                        /* true: a torso was trained; false: a head */
   uint64_t step, seed;               /* steps done; ern_train_config.seed */
   int rays;                          /* ern_train_config.rays */
   bool has_settings;                 /* true: the state has the settings below; false: all members below are 0 */

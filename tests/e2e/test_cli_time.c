@@ -40,7 +40,7 @@ static void test_head_and_torso(void **state) {
   (void)state;
   cli_run(&cli, TIMED " --time 6s");
   cli_expect(&cli, 0, "5 s in all", "a preview", "writes p.head.safetensors", "1 s in all",
-             "the torso under p.head.safetensors", "done, p.safetensors", NULL);
+             "the torso for p.head.safetensors", "done, p.safetensors", NULL);
   assert_false(has_torso("p.head.safetensors"));
   assert_true(has_torso("p.safetensors"));
   cli_run(&cli, TIMED " --time 6s");

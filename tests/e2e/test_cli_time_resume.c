@@ -171,7 +171,7 @@ static void test_torso_of_another_head(void **state) {
   stop_in_head("-o k.safetensors --time 60s --seed 7 --overwrite");
   const double step = said("k.head.run/state.safetensors", "step");
   cli_run(&cli, "train clip -o k.safetensors --time 60s --resume");
-  cli_expect(&cli, 1, "k.safetensors: its torso is trained under another head than that of k.head.safetensors",
+  cli_expect(&cli, 1, "k.safetensors: its torso is trained for another head than that of k.head.safetensors",
              "--overwrite", NULL);
   assert_true(said("k.head.run/state.safetensors", "step") == step);
   assert_true(said("k.run/state.safetensors", "seed") == 0);

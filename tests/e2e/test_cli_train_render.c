@@ -171,7 +171,7 @@ static void test_average(void **state) {
 static void test_torso(void **state) {
   (void)state;
   cli_run(&cli, "train clip --torso --head head.safetensors -o torso.safetensors --iters 20 --rays 512 --torso-gamma");
-  cli_expect(&cli, 0, "the torso under head.safetensors", "20/20", NULL);
+  cli_expect(&cli, 0, "the torso for head.safetensors", "20/20", NULL);
   same_tensors("head.safetensors", "torso.safetensors", false); /* the head stays as it is */
   cli_run(&cli, "info torso.safetensors --json");
   json_t *info = cli_json(&cli, NULL);

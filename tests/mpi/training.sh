@@ -45,7 +45,7 @@ kill "$(process 0 timed)"
 wait $! && fail "a training that was stopped was no error"
 grep -q " is saved" log.txt || fail "it does not say that it is stopped: $(cat log.txt)"
 on 4 -o "$folder/timed.safetensors" --time 2s $timed --resume
-grep -q "the torso under .*timed.head.safetensors" log.txt || fail "no torso after the head: $(cat log.txt)"
+grep -q "the torso for .*timed.head.safetensors" log.txt || fail "no torso after the head: $(cat log.txt)"
 [ -e timed.safetensors ] || fail "there is no portrait"
 
 # a process that is killed: words, and what was saved is whole and goes on as if nothing had happened

@@ -16,7 +16,7 @@
 
 static const struct verb verbs[] = {
     {"prepare", "make a clip, the input of train, from the video of a person", cmd_prepare},
-    {"train", "learn a head, or the torso under it, from a clip", cmd_train},
+    {"train", "learn a head, or the torso for it, from a clip", cmd_train},
     {"render", "render a model, speech and head poses as a video or pictures", cmd_render},
     {"join", "join videos of successive frames into one, without re-encoding", cmd_join},
     {"detect", "find the watermark of a key in a video", cmd_detect},

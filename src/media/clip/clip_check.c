@@ -58,7 +58,8 @@ static void check_poses(struct report *report) {
   ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN], *val = &report->lists[ERN_SPLIT_VAL];
   ern_status status = ern_clip_train_poses(context, report->folder, train);
   if (status != ERN_OK) {
-    say_wrong(report, status, "The steps face tracking and save transforms (process.py, tasks 8 and 9) make it.");
+    say_wrong(report, status,
+              "The steps face tracking and save transforms (the public program's process.py, tasks 8 and 9) make it.");
     return;
   }
   report->poses = true;
@@ -66,11 +67,11 @@ static void check_poses(struct report *report) {
        train->count, train->width, train->height, train->focal);
   status = ern_clip_val_poses(context, report->folder, train, val);
   if (status != ERN_OK) {
-    say_wrong(report, status, "The step save transforms (process.py, task 9) makes it.");
+    say_wrong(report, status, "The step save transforms (the public program's process.py, task 9) makes it.");
   } else if (val->count == 0) {
     tell(report, OPTIONAL,
          "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
-         "(process.py, "
+         "(the public program's process.py, "
          "task 9) makes it.");
   } else {
     tell(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
@@ -84,7 +85,7 @@ static void check_background(struct report *report) {
   snprintf(path, sizeof path, "%s/bc.jpg", report->folder);
   const ern_status status = ern_image_size(report->context, path, &width, &height);
   if (status != ERN_OK) {
-    say_wrong(report, status, "The step extract background (process.py, task 5) makes it.");
+    say_wrong(report, status, "The step extract background (the public program's process.py, task 5) makes it.");
   } else if (report->poses && (width != train->width || height != train->height)) {
     tell(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
          train->width, train->height);
@@ -152,7 +153,7 @@ static void check_alpha(struct report *report) {
   if (opaque == pixels) {
     tell(report, OPTIONAL,
          "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
-         "transparent outside the torso (process.py, task 6).",
+         "transparent outside the torso (the public program's process.py, task 6).",
          path);
   } else if (transparent == pixels) {
     tell(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
@@ -167,13 +168,13 @@ static void check_frames(struct report *report) {
   static const char *const optional[3][2] = {
       {"torso_imgs",
        "torso_imgs: missing. A head can be trained, over the plain background, but no torso; the step extract torso "
-       "and ground truth (process.py, task 6) makes it."},
+       "and ground truth (the public program's process.py, task 6) makes it."},
       {"ori_imgs",
        "ori_imgs: missing. In training the face is not distinguished from the rest, and eval gives no figures of "
-       "head and mouth; the step landmarks (process.py, task 7) makes its .lms files."},
+       "head and mouth; the step landmarks (the public program's process.py, task 7) makes its .lms files."},
       {"parsing",
        "parsing: missing. The head will be learnt over the clip's background alone, and may keep pieces of it; the "
-       "step face parsing (process.py, task 4) makes it."}};
+       "step face parsing (the public program's process.py, task 4) makes it."}};
   bool there[3] = {false, false, false};
   for (int i = 0; i < 3; i++) {
     const ern_status status = ern_clip_has(report->context, report->folder, optional[i][0], &there[i]);
@@ -181,23 +182,26 @@ static void check_frames(struct report *report) {
   }
   if (report->poses) {
     check_files(report, ERN_PART_TRUTH, "the pictures",
-                "The steps extract images, and extract torso and ground truth (process.py, tasks 3 and 6), make them.");
+                "The steps extract images, and extract torso and ground truth (the public program's process.py, tasks "
+                "3 and 6), make them.");
   }
   if (!there[0]) tell(report, OPTIONAL, "%s", optional[0][1]);
   if (there[0] && report->poses) {
-    report->torso = check_files(report, ERN_PART_TORSO, "the torso pictures",
-                                "The step extract torso and ground truth (process.py, task 6) makes them.");
+    report->torso =
+        check_files(report, ERN_PART_TORSO, "the torso pictures",
+                    "The step extract torso and ground truth (the public program's process.py, task 6) makes them.");
     if (report->torso) check_alpha(report);
   }
   if (!there[1]) tell(report, OPTIONAL, "%s", optional[1][1]);
   if (there[1] && report->poses) {
-    report->landmarks =
-        check_files(report, ERN_PART_LANDMARKS, "the landmarks", "The step landmarks (process.py, task 7) makes them.");
+    report->landmarks = check_files(report, ERN_PART_LANDMARKS, "the landmarks",
+                                    "The step landmarks (the public program's process.py, task 7) makes them.");
   }
   if (!there[2]) tell(report, OPTIONAL, "%s", optional[2][1]);
   if (there[2] && report->poses)
     check_files(report, ERN_PART_PARSING, "the head, neck and torso",
-                "The step face parsing (process.py, task 4) makes them; without the folder the head is learnt over the "
+                "The step face parsing (the public program's process.py, task 4) makes them; without the folder the "
+                "head is learnt over the "
                 "clip's background alone.");
 }
 
@@ -230,7 +234,8 @@ static void check_lengths(struct report *report, size_t windows) {
     tell(report, OPTIONAL,
          "%s: %zu windows, but frames up to aud_id %" PRId64
          ": the frames past the end repeat the last window. Sound and "
-         "picture may drift apart; extract audio and its features again (process.py, tasks 1 and 2).",
+         "picture may drift apart; extract audio and its features again (the public program's process.py, tasks 1 and "
+         "2).",
          report->features_name, windows, aud_id);
   } else {
     tell(report, OPTIONAL,
@@ -310,7 +315,8 @@ static void check_sound(struct report *report) {
   ern_status status = ern_clip_has(report->context, report->folder, "aud.wav", &there);
   if (status == ERN_OK && !there) {
     tell(report, OPTIONAL,
-         "aud.wav: missing. Rendered videos will have no sound; the step extract audio (process.py, task 1) makes it.");
+         "aud.wav: missing. Rendered videos will have no sound; the step extract audio (the public program's "
+         "process.py, task 1) makes it.");
     return;
   }
   snprintf(path, sizeof path, "%s/aud.wav", report->folder);
@@ -318,13 +324,15 @@ static void check_sound(struct report *report) {
   if (status != ERN_OK) {
     char reason[REASON_BYTES];
     (void)ern_last_error_copy(report->context, reason, sizeof reason);
-    tell(report, OPTIONAL, "%s. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.",
+    tell(report, OPTIONAL,
+         "%s. Rendered videos will have no sound; extract audio (the public program's process.py, task 1) makes it.",
          reason);
     return;
   }
   if (sound.frames == 0) {
     tell(report, OPTIONAL,
-         "aud.wav: 0 samples. Rendered videos will have no sound; extract audio (process.py, task 1) makes it.");
+         "aud.wav: 0 samples. Rendered videos will have no sound; extract audio (the public program's process.py, task "
+         "1) makes it.");
     ern_sound_free(report->context, &sound);
     return;
   }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf train: a head, or the torso under it, from a preprocessed clip. */
+ * ernerf train: a head, or the torso for it, from a preprocessed clip. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -234,7 +234,7 @@ static void say_plan(struct train_job *job) {
   const ern_features *features = ern_clip_features(job->clip);
   const size_t frames = config->data_end > 0 ? config->data_end - config->data_begin : info->frames[ERN_SPLIT_TRAIN];
   if (config->torso)
-    session_note(&job->session, "train: the torso under %s, from %zu frames of %d x %d", job->head_path, frames,
+    session_note(&job->session, "train: the torso for %s, from %zu frames of %d x %d", job->head_path, frames,
                  info->width, info->height);
   else
     session_note(&job->session,
@@ -407,7 +407,7 @@ static int train(struct train_job *job, const struct args *args) {
   return status;
 }
 
-/* With --time: the head, then under it the torso, where the clip has one, in the rest of the time. */
+/* With --time: the head, then the torso for it, where the clip has one, in the rest of the time. */
 static int train_portrait(struct train_job *job, const struct args *args) {
   const ern_train_config asked = job->config;
   int status = head_and_torso_check(job);
@@ -425,7 +425,7 @@ int cmd_train(int argc, char **argv) {
       {"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` lists what it has"}};
   struct args args = {
       .verb = "train",
-      .summary = "Learns a head from a preprocessed clip, or the torso under it.",
+      .summary = "Learns a head from a preprocessed clip, or the torso for it.",
       .usage =
           "train CLIP --time 10m -o portrait.safetensors\n"
           "train CLIP -o head.safetensors\n"

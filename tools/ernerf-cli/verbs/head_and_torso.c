@@ -21,7 +21,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
   if (session->overwrite) return 0;
   if (!same)
     return session_fail_with(session,
-                             "%s: its torso is trained under another head than that of %s; expected another -o, or "
+                             "%s: its torso is trained for another head than that of %s; expected another -o, or "
                              "--overwrite, which begins the torso anew",
                              job->portrait, job->head_output);
   snprintf(trained, sizeof trained, "%" PRIu64 " steps", head->step);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * With --time: a head and the torso under it as one portrait, X: the head's file, the share of the time, and what of
+ * With --time: a head and the torso for it as one portrait, X: the head's file, the share of the time, and what of
  * both is there already. */
 #ifndef ERN_CLI_HEAD_AND_TORSO_H
 #define ERN_CLI_HEAD_AND_TORSO_H

@@ -23,7 +23,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
       {.name = "torso",
        .kind = OPTION_FLAG,
        .target = &config->torso,
-       .help = "train the torso under the head of --head"},
+       .help = "train the torso for the head of --head"},
       {.name = "head",
        .alias = "head_ckpt",
        .kind = OPTION_TEXT,
@@ -70,7 +70,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .low = 0.1,
        .high = 1e9,
        .help = "train for T in all, such as 10m, instead of --iters steps: five sixths of T the head, as "
-               "X.head.safetensors, then the torso under it, as X.safetensors; if the clip has no torso, the head "
+               "X.head.safetensors, then the torso for it, as X.safetensors; if the clip has no torso, the head "
                "alone, as X.safetensors. With --resume T includes the time before"},
       {.name = "paper",
        .kind = OPTION_FLAG,
