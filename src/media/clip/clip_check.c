@@ -71,8 +71,7 @@ static void check_poses(struct report *report) {
   } else if (val->count == 0) {
     tell(report, OPTIONAL,
          "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
-         "(the public program's process.py, "
-         "task 9) makes it.");
+         "(the public program's process.py, task 9) makes it.");
   } else {
     tell(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
   }
@@ -201,8 +200,7 @@ static void check_frames(struct report *report) {
   if (there[2] && report->poses)
     check_files(report, ERN_PART_PARSING, "the head, neck and torso",
                 "The step face parsing (the public program's process.py, task 4) makes them; without the folder the "
-                "head is learnt over the "
-                "clip's background alone.");
+                "head is learnt over the clip's background alone.");
 }
 
 /* 13 numbers may be anybody's cepstra: only our own files are known by their name. */

@@ -379,10 +379,9 @@ int cmd_eval(int argc, char **argv) {
           "eval MODEL CLIP [--split val] [--json FILE.json]\n"
           "eval MODEL CLIP --setting synchronization --audio SOUND",
       .notes =
-          "A head is rendered over the clip's torso pictures, head and torso over the background. Summaries are means "
-          "of\n"
-          "the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59. Frames a second\n"
-          "count rendering to 8-bit pixels, without reading, comparing and encoding.",
+          "A head is rendered over the clip's torso pictures, head and torso over the background. Summaries are\n"
+          "means of the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59.\n"
+          "Frames a second count rendering to 8-bit pixels, without reading, comparing and encoding.",
       .public_names = true,
       .words = words,
       .word_count = 2,
