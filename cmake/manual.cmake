@@ -1,5 +1,5 @@
 # Pages of the manual and the completion of shells, which the program prints itself, and the page of the file formats, which
-# is docs/formats.md. Not for a machine that the building one cannot run programs of.
+# is docs/formats.md and the two documents beside it. Not for a machine that the building one cannot run programs of.
 if(CMAKE_CROSSCOMPILING AND NOT CMAKE_CROSSCOMPILING_EMULATOR)
   return()
 endif()
@@ -21,12 +21,14 @@ ern_print(_ernerf --zsh)
 
 find_program(LOWDOWN lowdown)
 if(LOWDOWN)
+  set(formats formats.md formats-training.md formats-results.md)
   set(page ${manual}/man5/ernerf-formats.5)
+  list(TRANSFORM formats PREPEND ${PROJECT_SOURCE_DIR}/docs/ OUTPUT_VARIABLE sources)
   add_custom_command(
     OUTPUT ${page}
-    COMMAND ${CMAKE_COMMAND} -DLOWDOWN=${LOWDOWN} -DSOURCE=${PROJECT_SOURCE_DIR}/docs/formats.md -DOUTPUT=${page}
+    COMMAND ${CMAKE_COMMAND} -DLOWDOWN=${LOWDOWN} "-DSOURCES=${sources}" -DOUTPUT=${page}
             -DVERSION=${PROJECT_VERSION} -P ${CMAKE_CURRENT_LIST_DIR}/formats_page.cmake
-    DEPENDS ${PROJECT_SOURCE_DIR}/docs/formats.md ${CMAKE_CURRENT_LIST_DIR}/formats_page.cmake
+    DEPENDS ${sources} ${CMAKE_CURRENT_LIST_DIR}/formats_page.cmake
     VERBATIM)
   list(APPEND pages ${page})
 else()

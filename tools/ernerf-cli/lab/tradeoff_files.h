@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The results of `ernerf tradeoff` as a table, as JSON for programs, and as plots (docs/formats.md). */
+ * The results of `ernerf tradeoff` as a table, as JSON for programs, and as plots (docs/formats-results.md). */
 #ifndef ERN_CLI_TRADEOFF_FILES_H
 #define ERN_CLI_TRADEOFF_FILES_H
 
