@@ -21,7 +21,8 @@ static inline size_t ern_patch_filter_count(size_t side) {
   return count;
 }
 
-/* For x, y one channel of a patch of the picture and of the truth, at each scale the means over the other's half:
+/* For x, y one channel of a patch of the rendered and of the recorded picture, at each scale the means over the other's
+ * half:
  *
  *   m_x = A x A^T,   v_x = A x^2 A^T - m_x^2,   v_xy = A xy A^T - m_x m_y,   C1 = 0.01^2, C2 = 0.03^2
  *   SSIM = (2 m_x m_y + C1)(2 v_xy + C2) / ((m_x^2 + m_y^2 + C1)(v_x + v_y + C2))
@@ -40,7 +41,7 @@ struct ern_patch_loss_args {
 };
 
 /* Of one scale of a channel of a patch, all [side][side]: adds factor d(sum of 1 - SSIM)/dx to dx and returns the sum.
- * x, y: less `base`, the mean of the truth. a: the filter of the scale and its transpose.
+ * x, y: less `base`, the mean of the recorded picture. a: the filter of the scale and its transpose.
  * scratch: [ERN_PATCH_SCALE_SCRATCH side^2] */
 enum { ERN_PATCH_SCALE_SCRATCH = 7, ERN_PATCH_SCRATCH = ERN_PATCH_SCALE_SCRATCH + 3 };
 typedef double ern_patch_scale_kernel(ern_real *dx, const ern_real *x, const ern_real *y, ern_real base,

@@ -23,7 +23,7 @@ static void filter(ern_real *out, const ern_real *in, const ern_real *a, const e
     }
 }
 
-/* Of the pixels of a scale, less the mean `base` of the truth. */
+/* Of the pixels of a scale, less the mean `base` of the recorded picture. */
 struct filtered {
   ern_real *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };

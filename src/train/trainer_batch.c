@@ -176,8 +176,8 @@ static float over_torso(const struct draw *draw, size_t pixel, size_t c, float b
 }
 
 /* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. Over one background alone any opacity has a colour that gives the truth; over a random one only the true
- * opacity does. Whether that is 0 or 1 is known of a torso by its image, of a head by draw->head. */
+ * to become. Over one background alone any opacity has a colour that gives the recorded picture; over a random one only
+ * the true opacity does. Whether that is 0 or 1 is known of a torso by its image, of a head by draw->head. */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;

@@ -366,7 +366,7 @@ static void test_action_units(void **state) {
     all += of_unit(k, frames - 2);
     if (k >= 7 && k < 16) lower += of_unit(k, frames - 2); /* AU10 to AU26 */
   }
-  json_t *report = evaluate("--action-units drawn.csv --true-action-units true.csv");
+  json_t *report = evaluate("--action-units drawn.csv --recorded-action-units true.csv");
   expect_near(number(report, "aue", "all"), all, 1e-5); /* values of 2 digits as float, squared */
   expect_near(number(report, "aue", "lower"), lower, 1e-5);
   expect_near(number(report, "aue", "upper"), all - lower, 1e-5);
@@ -374,20 +374,20 @@ static void test_action_units(void **state) {
   expect_near(number(report, "aue", "frames"), (double)frames - 2, 0);
   expect_near(number(report, "aue", "left_out"), 2, 0);
   json_decref(report);
-  cli_run(&cli, "eval m.safetensors clip --action-units drawn.csv --true-action-units true.csv");
+  cli_run(&cli, "eval m.safetensors clip --action-units drawn.csv --recorded-action-units true.csv");
   cli_expect(&cli, 0, "16 of the 17", "AU20_r", NULL);
   cli_expect_out(&cli, 0, "AUE: ", "2 left out", NULL);
-  write_units("true.csv", 0, UNITS, frames, 0); /* the same */
-  report = evaluate("--action-units drawn.csv --true-action-units true.csv");
+  write_units("true.csv", 0, UNITS, frames, 0);                               /* the same */
+  report = evaluate("--action-units drawn.csv --true-action-units true.csv"); /* the old spelling */
   expect_near(number(report, "aue", "all"), 0, 0);
   json_decref(report);
 }
 
 static void test_action_units_refused(void **state) {
   (void)state;
-  static const char both[] = "--action-units drawn.csv --true-action-units true.csv";
+  static const char both[] = "--action-units drawn.csv --recorded-action-units true.csv";
   cli_run(&cli, "eval m.safetensors clip --action-units drawn.csv");
-  cli_expect(&cli, 2, "--true-action-units", NULL);
+  cli_expect(&cli, 2, "--recorded-action-units", NULL);
   write_units("true.csv", 1, UNITS, frames, 0);
   write_units("drawn.csv", 0, UNITS, frames - 1, 0);
   refused(both, "drawn.csv", "expected");
@@ -414,7 +414,7 @@ static void test_action_units_refused(void **state) {
   refused(both, "drawn.csv", "rows");
   support_write_text("drawn.csv", "");
   refused(both, "drawn.csv", "empty");
-  refused("--action-units nowhere.csv --true-action-units true.csv", "nowhere.csv", NULL);
+  refused("--action-units nowhere.csv --recorded-action-units true.csv", "nowhere.csv", NULL);
   write_units("drawn.csv", 0, UNITS, frames, 0);
   cli_run(&cli, "eval m.safetensors clip %s --csv true.csv -y", both);
   cli_expect(&cli, 1, "true.csv", "is an input", NULL);

@@ -36,7 +36,7 @@ static void products(float *out, const float *a, const float *b, size_t n) {
   for (size_t i = 0; i < n; i += LANES) vf_store(out + i, vf_load(a + i) * vf_load(b + i));
 }
 
-/* Of the pixels of a scale, less the mean `base` of the truth. */
+/* Of the pixels of a scale, less the mean `base` of the recorded picture. */
 struct filtered {
   float *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * Structural similarity of patches at several scales, and its gradient (train/patches_ops.h). A work-item has a pixel. A
- * channel of a patch is a plane; plane p is channel p % 3 of patch p/3. Values are less the mean of the truth's plane.
+ * channel of a patch is a plane; plane p is channel p % 3 of patch p/3. Values are less the mean of the recorded plane.
  * Arrays of a scale are [planes][side][side]; `total` is their length. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
 #define RADIUS 5 /* ERN_PATCH_RADIUS */
 
-/* base[p] = mean of the truth's plane. */
+/* base[p] = mean of the recorded plane. */
 kernel void patch_base(SPAN(float, base), ROWS(const float, truth), ulong n, ulong planes) {
   OPEN(float, base);
   OPEN(const float, truth);

@@ -57,17 +57,17 @@ static int compare(struct action_units *units, struct session *session, const er
     return session_fail_with(session,
                              "%s and %s have no intensity of an action unit in common, expected AU01_r to "
                              "AU45_r as OpenFace writes them",
-                             units->drawn_path, units->true_path);
+                             units->rendered_path, units->recorded_path);
   for (size_t i = 0; i < drawn->rows; i++) units->frames += succeeds(drawn, i) && succeeds(truth, i);
   units->left_out = drawn->rows - units->frames;
   if (units->frames == 0)
     return session_fail_with(session, "%s and %s: no row has success in both, expected 1 where the face was found",
-                             units->drawn_path, units->true_path);
+                             units->rendered_path, units->recorded_path);
   if (absent != NULL)
     session_warn(session,
                  "%s and %s have %zu of the %d action units in common (%s is absent): the sum is of fewer "
                  "terms than others have",
-                 units->drawn_path, units->true_path, units->units, (int)UNITS, absent);
+                 units->rendered_path, units->recorded_path, units->units, (int)UNITS, absent);
   units->upper = sum_of(drawn, truth, 0, UPPER, units->frames);
   units->lower = sum_of(drawn, truth, UPPER, UNITS, units->frames);
   units->all = sum_of(drawn, truth, 0, UNITS, units->frames);
@@ -77,9 +77,9 @@ static int compare(struct action_units *units, struct session *session, const er
 int action_units_compare(struct action_units *units, struct session *session, size_t count) {
   ern_table drawn = {.rows = 0}, truth = {.rows = 0};
   int status = 0;
-  if (units->drawn_path == NULL) return 0;
-  status = read_table(session, units->drawn_path, count, &drawn);
-  if (status == 0) status = read_table(session, units->true_path, count, &truth);
+  if (units->rendered_path == NULL) return 0;
+  status = read_table(session, units->rendered_path, count, &drawn);
+  if (status == 0) status = read_table(session, units->recorded_path, count, &truth);
   if (status == 0) status = compare(units, session, &drawn, &truth);
   ern_table_free(session->context, &drawn);
   ern_table_free(session->context, &truth);

@@ -10,7 +10,7 @@
 
 /* Zeroed but for the paths: none yet. */
 struct action_units {
-  const char *drawn_path, *true_path; /* NULL: not wanted */
+  const char *rendered_path, *recorded_path; /* NULL: not wanted */
   double all, lower, upper; /* sums over the units of the mean squared difference; NaN where there is no such unit */
   size_t units, frames, left_out; /* units that both tables have; left out: no success in either table */
 };

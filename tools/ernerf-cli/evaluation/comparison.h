@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A video of drawn frames with the truth to the right of them, and the clip's sound. */
+ * A video of drawn frames with the recorded frame to the right of them, and the clip's sound. */
 #ifndef ERN_CLI_COMPARISON_H
 #define ERN_CLI_COMPARISON_H
 
@@ -9,13 +9,13 @@ struct comparison {
   struct session *session;
   ern_video_writer *writer; /* NULL: closed */
   ern_sound sound;
-  size_t drawn;  /* pictures beside the truth */
+  size_t drawn;  /* pictures beside the recorded frame */
   uint8_t *rgba; /* [height][(drawn + 1)*width][4] */
 };
 
-/* For the frames of the evaluation, at 25 a second, `drawn` pictures of each beside the truth. Where their numbers
- * follow each other without a gap, the sound is that of the file `sound` (NULL, or not there: none) from the first of
- * them on. Returns 0, or EXIT_FAILURE after a message, as the next two do. */
+/* For the frames of the evaluation, at 25 a second, `drawn` pictures of each beside the recorded frame. Where their
+ * numbers follow each other without a gap, the sound is that of the file `sound` (NULL, or not there: none) from the
+ * first of them on. Returns 0, or EXIT_FAILURE after a message, as the next two do. */
 int comparison_open(struct comparison *comparison, const struct evaluation *evaluation, size_t drawn, const char *path,
                     const char *sound);
 /* Adds frame k. drawn: its pictures from left to right, [height][width][4] each. */

@@ -25,13 +25,13 @@ enum { FRAME_FIGURES_SHOWN = 3 };
 int frame_figures_rank(const double *values, size_t count, size_t place[FRAME_FIGURES_SHOWN]);
 
 /* Pictures of one frame side by side, rgb[height][(2 count + 1) width][3]: `count` drawn ones ([height][width][4]
- * each), the truth ([height][width][3]), and 4 times the difference of each from it. */
+ * each), the recorded frame ([height][width][3]), and 4 times the difference of each from it. */
 void frame_figures_row(uint8_t *rgb, const uint8_t *const *drawn, size_t count, const uint8_t *truth, size_t width,
                        size_t height);
 
 /* Draws the best, the median and the worst frame by PSNR (of equal ones the first) once more and writes a PNG, a row
- * each: from left to right the model's picture, the truth, 4 times their difference. Returns 0, or EXIT_FAILURE after a
- * message. */
+ * each: from left to right the model's picture, the recorded frame, 4 times their difference. Returns 0, or
+ * EXIT_FAILURE after a message. */
 int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model,
                         const json_t *frames, const char *path);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * FID: the Frechet distance of a network's features of drawn and of true frames (docs/evaluation.md). */
+ * FID: the Frechet distance of a network's features of drawn and of recorded frames (docs/evaluation.md). */
 #ifndef ERN_CLI_INCEPTION_H
 #define ERN_CLI_INCEPTION_H
 

@@ -78,7 +78,7 @@ static int open_folder(struct landmark_distance *lmd, const struct evaluation *e
 
 /* ---- a network --------------------------------------------------------------------------------------------------- */
 
-/* Some true frames, evenly spaced, with the clip's landmarks as the guess. */
+/* Some recorded frames, evenly spaced, with the clip's landmarks as the guess. */
 static int learn(struct landmark_distance *lmd, const struct evaluation *evaluation, size_t known) {
   const size_t examples = known < EXAMPLES ? known : EXAMPLES;
   size_t seen = 0, taken = 0;

@@ -23,7 +23,7 @@ struct landmark_distance {
 double landmark_distance(const float a[68][2], const float b[68][2], int begin, int end);
 
 /* Returns 0, or EXIT_FAILURE after a message, as the next one does. All files are read here, and a network sees
- * examples of true frames. landmark_distance_close in either case. */
+ * examples of recorded frames. landmark_distance_close in either case. */
 int landmark_distance_open(struct landmark_distance *lmd, const struct evaluation *evaluation);
 /* Frame k, as evaluate_frame has drawn it. `row` gets the numbers lmd_mouth and lmd_face, or null. */
 int landmark_distance_add(struct landmark_distance *lmd, const struct evaluation *evaluation, size_t k, json_t *row);

@@ -25,11 +25,11 @@ struct measures {
 /* Values of the frames; NaN where the clip does not tell. */
 struct measures_figures {
   struct mouth_figures mouth;
-  double sharpness_head, sharpness_mouth; /* gradient energy over the truth's */
+  double sharpness_head, sharpness_mouth; /* gradient energy over the recorded frame's */
   double eyes[2];                         /* mean PSNR in dB of the eyes, open and shut */
   size_t eye_frames[2];                   /* that these are of */
   double seam;                            /* root mean square of the band's differences, of 255 */
-  double tremble;                         /* unevenness of the face's motion over the truth's */
+  double tremble;                         /* unevenness of the face's motion over the recorded frame's */
 };
 
 /* Adds a frame. Without optical flow, which is no reason to stop, `flow` becomes NULL. truth 0..255, rendered 0..1:

@@ -11,7 +11,7 @@
 enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features; with fewer the distance is too high */ };
 static const char lpips_needs[] = "needs --lpips-network and --lpips-heads: AlexNet or VGG16 with the heads of LPIPS";
 static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the rendered frames";
-static const char aue_needs[] = "needs --action-units and --true-action-units: OpenFace's tables";
+static const char aue_needs[] = "needs --action-units and --recorded-action-units: OpenFace's tables";
 static const char fid_needs[] = "needs --inception: a network of features, FILE.onnx, and 2 frames at least";
 static const char sync_needs[] = "needs --syncnet-video and --syncnet-audio: the two networks of SyncNet, FILE.onnx";
 
@@ -24,12 +24,13 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
        .help = "LMD (landmark distance): a network that finds landmarks, or a folder of ID.lms of the rendered frames"},
       {.name = "action-units",
        .kind = OPTION_TEXT,
-       .target = &metrics->aue.drawn_path,
+       .target = &metrics->aue.rendered_path,
        .choices = "FILE.csv",
        .help = "AUE (action unit error): OpenFace's table of the rendered frames, a row each"},
-      {.name = "true-action-units",
+      {.name = "recorded-action-units",
+       .alias = "true-action-units",
        .kind = OPTION_TEXT,
-       .target = &metrics->aue.true_path,
+       .target = &metrics->aue.recorded_path,
        .choices = "FILE.csv",
        .help = "AUE: OpenFace's table of the same frames of the clip"},
       {.name = "inception",
@@ -53,15 +54,20 @@ void paper_metrics_options(struct paper_metrics *metrics, struct option options[
 }
 
 int paper_metrics_check(const struct paper_metrics *metrics, const struct args *args, struct session *session) {
-  const char *const inputs[] = {
-      metrics->lmd.path,        metrics->aue.drawn_path,  metrics->aue.true_path,         metrics->fid.path,
-      metrics->sync.video_path, metrics->sync.audio_path, metrics->lpips.weights.network, metrics->lpips.weights.heads};
+  const char *const inputs[] = {metrics->lmd.path,
+                                metrics->aue.rendered_path,
+                                metrics->aue.recorded_path,
+                                metrics->fid.path,
+                                metrics->sync.video_path,
+                                metrics->sync.audio_path,
+                                metrics->lpips.weights.network,
+                                metrics->lpips.weights.heads};
   for (size_t i = 0, next = 0; i < sizeof inputs / sizeof *inputs; i++) {
     while (next < SESSION_INPUTS && session->inputs[next] != NULL) next++;
     if (inputs[i] != NULL && next < SESSION_INPUTS) session->inputs[next] = inputs[i];
   }
-  if ((metrics->aue.drawn_path == NULL) != (metrics->aue.true_path == NULL))
-    return args_refuse(args, "--action-units and --true-action-units: one is given, expected both or neither");
+  if ((metrics->aue.rendered_path == NULL) != (metrics->aue.recorded_path == NULL))
+    return args_refuse(args, "--action-units and --recorded-action-units: one is given, expected both or neither");
   if ((metrics->sync.video_path == NULL) != (metrics->sync.audio_path == NULL))
     return args_refuse(args, "--syncnet-video and --syncnet-audio: one is given, expected both or neither");
   return lpips_weights_check(&metrics->lpips.weights, args);
@@ -97,7 +103,7 @@ void paper_metrics_close(struct paper_metrics *metrics) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-/* What a metric needs that compares with true frames. */
+/* What a metric needs that compares with recorded frames. */
 static const char *truth_or(const struct paper_metrics *metrics, const char *needs) {
   return metrics->other_speech ? setting_no_truth : needs;
 }

@@ -19,10 +19,10 @@ struct paper_metrics {
   struct action_units aue;
   struct inception fid;
   struct syncnet sync;
-  bool other_speech; /* set before paper_metrics_open: --setting synchronization, so there are no true frames */
+  bool other_speech; /* set before paper_metrics_open: --setting synchronization, so there are no recorded frames */
 };
 
-/* --landmarks --action-units --true-action-units --inception
+/* --landmarks --action-units --recorded-action-units --inception
  * --syncnet-video --syncnet-audio --lpips-network --lpips-heads. */
 void paper_metrics_options(struct paper_metrics *metrics, struct option options[PAPER_METRICS_OPTIONS]);
 /* EXIT_USAGE after a sentence where one option needs another, else -1. The session learns of the inputs. */

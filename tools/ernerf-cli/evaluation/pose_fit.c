@@ -209,7 +209,7 @@ static int take_truth(struct search *search, size_t k) {
 
 int pose_fit(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
              struct pose_fit *fit) {
-  enum { PICTURES = N + 4 }; /* slopes; the truth, the best, two of a central difference */
+  enum { PICTURES = N + 4 }; /* slopes; the recorded frame, the best, two of a central difference */
   const int width = evaluation->info.width, height = evaluation->info.height;
   struct search search = {.evaluation = evaluation,
                           .renderer = renderer,

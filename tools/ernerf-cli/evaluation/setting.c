@@ -41,7 +41,7 @@ int setting_check(int *setting, const struct args *args, struct portrait *portra
   if (!audio)
     return args_refuse(args, "--setting synchronization needs --audio: other speech for the poses of the clip");
   if (!args_given(args, "split")) portrait->split = FRAME_SOURCE_ALL;
-  return args_forbid(args, "refine-poses sheet lpips-network lpips-heads landmarks action-units true-action-units",
+  return args_forbid(args, "refine-poses sheet lpips-network lpips-heads landmarks action-units recorded-action-units",
                      setting_no_truth);
 }
 

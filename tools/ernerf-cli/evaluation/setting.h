@@ -7,8 +7,8 @@
 #include "evaluation/evaluate.h"
 
 enum setting {
-  SETTING_RECONSTRUCTION,  /* frames that were not trained on, with the clip's own speech: each has its true frame */
-  SETTING_SYNCHRONIZATION, /* other speech over the clip's poses: there are no true frames of it */
+  SETTING_RECONSTRUCTION, /* frames that were not trained on, with the clip's own speech: each has its recorded frame */
+  SETTING_SYNCHRONIZATION, /* other speech over the clip's poses: there are no recorded frames of it */
   SETTING_NONE             /* neither: trained frames, or --audio without --setting */
 };
 
@@ -26,7 +26,7 @@ int setting_open(int setting, struct evaluation *evaluation, const struct portra
 const char *setting_name(int setting);
 /* What is compared, in words. */
 const char *setting_words(int setting);
-/* Why a figure that compares with true frames is not there: of SETTING_SYNCHRONIZATION. */
+/* Why a figure that compares with recorded frames is not there: of SETTING_SYNCHRONIZATION. */
 extern const char setting_no_truth[];
 
 #endif

@@ -26,7 +26,7 @@ struct syncnet {
   float *heard;                        /* [windows][width] */
   struct sync_score score[SYNC_SIDES]; /* by syncnet_finish */
   bool known;
-  bool drawn_alone; /* set before syncnet_open: the true frames do not speak the sound, and have no score */
+  bool drawn_alone; /* set before syncnet_open: the recorded frames do not speak the sound, and have no score */
 };
 
 /* The square of frame k of `count` frames with these landmarks: see docs/evaluation.md. */

@@ -69,7 +69,7 @@ struct compare_summary compare_summarise(const struct compare *c, size_t figure)
 /* Figures that are of all frames together, such as the motion of the mouth. NaN where the clip does not tell. */
 struct compare_measure {
   const char *title;
-  const char *best; /* what the truth itself has */
+  const char *best; /* what the recorded frame itself has */
   double value[COMPARE_SIDES];
 };
 void compare_measures(const struct compare *c, struct compare_measure measures[COMPARE_MEASURES]);

@@ -126,7 +126,7 @@ int compare_files_open(struct compare *c) {
 
 /* ---- after ------------------------------------------------------------------------------------------------------- */
 
-/* A PNG of A, B, the truth and 4 times the differences from it. */
+/* A PNG of A, B, the recorded frame and 4 times the differences from it. */
 static int write_picture(struct compare *c, size_t shown) {
   struct session *session = &c->session;
   const struct source_frame *frame = compare_frame(c, c->shown[shown]);

@@ -11,7 +11,7 @@
 /* EXACT_STEPS: the most samples a ray whose steps are as long as with 16, the length that models are trained with. */
 enum { DEFAULT_FRAMES = 4, EXACT_STEPS = 128, LEAST_FRAMES = 2, PLANNED_TURNS = 6, LEAST_CHOICES = 3 };
 
-static const double most_db = 100; /* of a picture that is the truth itself */
+static const double most_db = 100; /* of a picture that is the recorded frame itself */
 /* Share of the time that single changes may take with their turns; the rest is for combinations. */
 static const double single_share = 0.75;
 

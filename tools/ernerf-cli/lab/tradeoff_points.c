@@ -36,7 +36,7 @@ size_t tradeoff_points_choices(const struct tradeoff *t, struct choice choices[T
     for (size_t a = 0; a < sizeof ladders / sizeof *ladders; a++)
       if (rung < ladders[a].count)
         wanted[axes++] = (struct choice){ladders[a].axis, ladders[a].values[rung], NULL, NULL};
-    if (rung < t->unit_count && strcmp(t->units[rung].isa, "ref64") != 0) { /* the truth itself */
+    if (rung < t->unit_count && strcmp(t->units[rung].isa, "ref64") != 0) { /* the exact render itself */
       const struct unit *unit = &t->units[rung];
       wanted[axes++] = (struct choice){AXIS_UNIT, unit->device, unit->backend, unit->isa};
     }
