@@ -340,8 +340,7 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
   /* the pictures of an earlier training are replaced after the first save, as all of it is */
   if (validate && t->output != NULL && t->run.fresh && access(t->run.curve, F_OK) == 0) ERN_TRY(ern_trainer_save(t));
   if (validate) status = ern_trainer_validate(t, hooks, &validation);
-  const bool stop = status == ERN_E_CANCELLED && t->output != NULL; /* within the validation */
-  if (status != ERN_OK) return save || stop ? save_after(t, status) : status;
+  if (status != ERN_OK) return t->output != NULL ? save_after(t, status) : status;
   const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
   if (say) {
     const ern_train_report report = tell(t, tally);

@@ -39,6 +39,14 @@ static void test_failed_validation_saves(void **state) {
   ern_trainer_free(&trainer);
   train_to(&m, "seen.safetensors", 4, 2, 2);
   expect_same("unseen.safetensors", "seen.safetensors");
+  /* also where no save is due */
+  clear_run("early");
+  config.output = "early.safetensors", config.save_every = 4;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA, "step 2 is saved", NULL);
+  assert_int_equal(access("early.run/state.safetensors", F_OK), 0);
+  ern_trainer_free(&trainer);
+  config.save_every = 2;
   /* values that are not sound are not saved */
   clear_run("unsound");
   answer = ERN_E_NONFINITE;
