@@ -35,7 +35,9 @@ ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int heig
 /* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z to the right
  * in the picture of a face that looks into the camera; the scene is the cube [-bound, bound]^3. Plain data, final. */
 typedef struct ern_camera {
-  float pose[16];      /* camera to world, row-major */
+  float pose[16];      /* camera to scene, row-major; the last column in scene units. The camera's own x points to the
+                          right of its picture, its y down, its z into the scene (ern_camera_pose makes such a pose of a
+                          transforms matrix) */
   float focal, cx, cy; /* pixels */
   int width, height;   /* pixels, 1..8192 */
   ern_box frame;       /* the part of the picture that shows what a training frame shows (ern_fit_box); coordinates of
@@ -100,9 +102,9 @@ ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const e
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
 
 /* weights[features->windows]: ern_frame_input.silence_weight for each frame of a speech in features of the same kind.
- * It is 0 in speech and in pauses of less than 8 frames. In silence it is 0.2, 0.4, 0.6, 0.8 and then 1; where the
- * recording begins with silence it is 1 at once. It is 0 again from the first frame of speech on. ERN_E_MISMATCH:
- * features of another width. */
+ * It is 0 in speech and in pauses of less than 8 frames. In a longer silence it is 0.2, 0.4, 0.6 and 0.8 in the
+ * first four frames and 1 in all later ones; where the speech begins with such a silence it is 1 from the first frame
+ * on. ERN_E_MISMATCH: features of another width. */
 ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence, const ern_features *features,
                                                      float *weights);
 
@@ -169,8 +171,9 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const
 
 /* Lets the frames from now on reuse parts of the frame before. Background and torso pictures are reused when the same
  * ones are handed in again, the model's own torso under the same pose. Rays of the head are reused while camera,
- * head_pose and size stay the same. A ray without samples is not rendered again. After four such frames the rays with
- * samples are rendered at up to 16 keyframes: inputs chosen among `windows` and `eyes`, each as different as possible
+ * head_pose, size and individual stay the same, and the same of the outputs depth, attention and eye are wanted. A ray
+ * without samples is not rendered again. After four frames in which all of these stayed the same, the rays with samples
+ * are rendered at up to 16 keyframes: inputs chosen among `windows` and `eyes`, each as different as possible
  * from those chosen before. That takes as long as 16 frames. A ray that the other keyframes predict well at each
  * keyframe is interpolated from then on; every other ray is rendered in each frame.
  * bound: largest error of a pixel over a background, 0..1; 0.5/255 is half a grey level. It is measured at the
@@ -229,7 +232,8 @@ typedef struct ern_frame_output {
   float *alpha;     /* [height][width], 0..1, of the whole picture */
   float *opacity;   /* [height][width], 0..1, of the head alone: sum of weights */
   float *depth;     /* [height][width] sum of weight * distance from the camera, scene units; 0 without samples */
-  float *attention; /* [height][width] sum over samples of the norm of ern_attention's weights; zeros without any */
+  float *attention; /* [height][width] sum over samples of the Euclidean norm of the weights that
+                       multiply the speech's vector; zeros with ERN_ATTENTION_CONCAT */
   float *eye;       /* [height][width] sum over samples of the eye attention; zeros without one */
 } ern_frame_output;
 
@@ -265,7 +269,7 @@ typedef struct ern_rate_controller {
   size_t count;       /* >= 1 */
   double budget;      /* ms a frame, > 0 */
   size_t at;          /* the setting to use now */
-  double slowness;    /* time of a frame over its cost, averaged over the last frames */
+  double slowness;    /* time of a frame over its cost: a running mean in which the newest frame has weight 0.2 */
   double late;        /* ms behind the budget, at most 24 frames' budget; negative: ahead, at most 8 frames' budget */
   int calm;           /* frames in a row in which a better setting would have fitted */
   size_t better;      /* the one that would have fitted in all of them */
