@@ -227,7 +227,7 @@ static void test_head_that_cannot_be_told(void **state) {
 
 /* Mean opacity in the middle of the picture and beside it, after a training. */
 static void opacity_of_head(bool over_random, double *inside, double *outside) {
-  enum { STEPS = 800, FEW = 64 };
+  enum { STEPS = 1600, FEW = 64 }; /* after 800 the opacity inside was only 0.43 with avx2, after 1600 0.75 */
   ern_dataset data = made.data;
   float opacity[PIXELS];
   double count[2] = {0}, sum[2] = {0};
