@@ -102,9 +102,9 @@ ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const e
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
 
 /* weights[features->windows]: ern_frame_input.silence_weight for each frame of a speech in features of the same kind.
- * It is 0 in speech and in pauses of less than 8 frames. In a longer silence it is 0.2, 0.4, 0.6 and 0.8 in the
- * first four frames and 1 in all later ones; where the speech begins with such a silence it is 1 from the first frame
- * on. ERN_E_MISMATCH: features of another width. */
+ * It is 0 in speech and in pauses of less than 8 frames. In a silence of 8 frames or more it is 0.2, 0.4, 0.6
+ * and 0.8 in the first four frames and 1 in all later ones; where the speech begins with such a silence it is 1 from
+ * the first frame on. ERN_E_MISMATCH: features of another width. */
 ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence, const ern_features *features,
                                                      float *weights);
 
@@ -120,8 +120,9 @@ typedef struct ern_render_options {
   float transmittance_stop; /* a ray ends when less than this share of its light is left, 0 <= x < 1; default 1e-4, as
                                in training. `ernerf render` has 3e-3, which is faster and less accurate */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
-  bool smooth_lips;         /* audio code = w * the last frame's + (1 - w) * this one's; w is 0.35 at 25 frames a second
-                               and 0.35^(25 / frame_rate) in general, so that the lips are as fast at any rate */
+  bool smooth_lips;         /* default false; true: audio code = w * the last frame's + (1 - w) * this one's; w is 0.35
+                               at 25 frames a second and 0.35^(25 / frame_rate) in general, so that the lips are as
+                               fast at any rate */
   float frame_rate;         /* frames a second of the video, 1..1000, default 25; smooth_lips needs it */
   float image_scale;        /* the head is rendered at this multiple of the picture's width and height, and upsampled
                                (bicubic) before it is composited over the background, which stays sharp; 0.25..1,

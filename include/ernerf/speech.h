@@ -43,9 +43,9 @@ ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream
 
 /* Moves up to `count` rows, the oldest first, into rows[count][ERN_SPEECH_WIDTH], and returns their number; 0 where a
  * pointer is NULL. Row r belongs to the sound from 0.02 r to 0.02 (r + 1) seconds. It is computed from that sound and
- * 2.5 ms more at either end. It can be pulled when the sound up to 0.02 r + 0.033 seconds has been pushed, as sound is
- * processed in pieces of 10 ms, and the delay of the resampler more: none at 16 kHz, about 2 ms at usual rates, less
- * than 20 ms at 1000 samples a second. */
+ * 2.5 ms more at either end. As sound is processed in pieces of 10 ms, it can be pulled when the sound up to
+ * 0.02 r + 0.033 seconds has been pushed. The delay of the resampler is added to that: none at 16 kHz, about 2 ms at
+ * usual rates, less than 20 ms at 1000 samples a second. */
 ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
 
 /* Computes the built-in features of a sound file: [windows][16][13]. FFmpeg reads the file; the sound has 1000 samples
@@ -64,8 +64,9 @@ ERN_API const char *ern_speech_kind(const ern_features *features);
 /* Reads the features in a .npy file, or computes the built-in features of a sound file. ern_speech_is_sound decides
  * which of the two the file is. kind: the kind that the model needs (ern_model_info.speech, which is "" where it is not
  * known); NULL: any. A sound is ERN_E_UNSUPPORTED unless kind is NULL or ERN_SPEECH_CEPSTRA, as every other kind needs
- * its network. Of a .npy file kind is not checked: ern_renderer_accepts says whether its features fit a model. On
- * success the caller owns *features (ern_features_free). */
+ * its network. Of a .npy file kind is not checked, as the file does not say it. ern_renderer_accepts compares its
+ * width and window length with a model's; features of another kind and the same width pass. On success the caller owns
+ * *features (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const char *path, const char *kind,
                                                  ern_features *features);
 

@@ -21,8 +21,7 @@ static inline size_t ern_patch_filter_count(size_t side) {
   return count;
 }
 
-/* For x, y one channel of a patch of the rendered and of the recorded picture, at each scale the means over the other's
- * half:
+/* For x, y one channel of a patch, rendered and recorded, at each scale the means over the other's half:
  *
  *   m_x = A x A^T,   v_x = A x^2 A^T - m_x^2,   v_xy = A xy A^T - m_x m_y,   C1 = 0.01^2, C2 = 0.03^2
  *   SSIM = (2 m_x m_y + C1)(2 v_xy + C2) / ((m_x^2 + m_y^2 + C1)(v_x + v_y + C2))

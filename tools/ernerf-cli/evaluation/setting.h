@@ -7,7 +7,7 @@
 #include "evaluation/evaluate.h"
 
 enum setting {
-  SETTING_RECONSTRUCTION, /* frames that were not trained on, with the clip's own speech: each has its recorded frame */
+  SETTING_RECONSTRUCTION,  /* frames that were not trained on, with the clip's own speech: each was recorded */
   SETTING_SYNCHRONIZATION, /* other speech over the clip's poses: there are no recorded frames of it */
   SETTING_NONE             /* neither: trained frames, or --audio without --setting */
 };
