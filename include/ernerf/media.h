@@ -27,9 +27,9 @@ typedef struct ern_image {
 
 /* How a picture or video was made, which its file then says: as an XMP packet (ISO 16684-1) with IPTC's
  * DigitalSourceType, and with the label of GB 45438-2025 ("AIGC"). PNG and JPEG have the packet in the place that XMP
- * gives it, OpenEXR as the attribute "xmp", an mp4 file as a box at its end. An mp4 file has tags too; Matroska, FLV,
- * NUT and a streamed mp4 have tags alone. MPEG-TS, y4m and raw pictures say nothing. Texts are UTF-8 and read during
- * the call alone. Plain data, may grow. */
+ * gives it, OpenEXR as the attribute "xmp", an mp4 or mov file as a box at its end, a gif as an application extension.
+ * mp4 and mov files have tags too; Matroska, WebM, FLV, NUT and a streamed mp4 have tags alone. MPEG-TS, y4m and raw
+ * pictures say nothing. Texts are UTF-8 and read during the call alone. Plain data, may grow. */
 typedef struct ern_provenance {
   uint32_t cookie, size; /* set by ern_provenance_default() */
   bool all_trained;      /* false (default): a trained model's picture together with recorded ones, such as a background
@@ -182,10 +182,11 @@ static inline ern_video_options ern_video_options_default(int width, int height)
 /* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,
  * ffv1), .webm (vp9, av1), .gif (256 colours); any other is an mp4. Pictures are yuv420p (BT.709, limited range, tagged
  * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm rounded to a
- * millisecond, and with sound all later by its first packet (in a .mkv 1024 samples, 64 ms at 16 kHz), in a .gif to the
- * nearest 1/100 s. ERN_E_UNSUPPORTED: the file does not hold the codec, or FFmpeg lacks its encoder. Written to a
- * temporary file, which close renames to `path` (base.h, "How files are written"). On success the caller owns *writer,
- * and ends it by close or abandon. One thread at a time uses a writer. */
+ * millisecond, and with sound all later by the delay of its encoder (in a .mkv 1024 samples, 64 ms at 16 kHz, in a
+ * .webm 6.5 ms), in a .gif, which has at most 100 frames a second, to the nearest 1/100 s. ERN_E_UNSUPPORTED: the file
+ * does not hold the codec, or FFmpeg lacks its encoder. Written to a temporary file, which close renames to `path`
+ * (base.h, "How files are written"). On success the caller owns *writer, and ends it by close or abandon. One thread at
+ * a time uses a writer. */
 typedef struct ern_video_writer ern_video_writer;
 ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, const char *path,
                                                        const ern_video_options *options, ern_video_writer **writer);
@@ -199,7 +200,8 @@ ERN_API void ern_video_writer_abandon(ern_video_writer **writer);
 /* Joins `count` (1 or more) mp4 files of writers with the same size, rate and quality to one mp4: their coded pictures
  * as they are, one after the other, frame k of all shown at exactly k/rate seconds. It has the provenance of the first.
  * `sound` and `sound_start` are as in ern_video_options; the sound of the segments is left out. ERN_E_MISMATCH: one has
- * another size, rate, codec, encoder setting or model. Atomic. */
+ * another size, rate, codec, encoder setting that the codec's header has (of vp9 and av1 not the quality) or model.
+ * Atomic. */
 ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char *path, const char *const *segments,
                                                 size_t count, const ern_sound *sound, double sound_start);
 

@@ -98,10 +98,11 @@ static inline ern_stream_options ern_stream_options_default(int width, int heigh
 }
 
 /* A stream that is being written. Let rate be rate_numerator / rate_denominator. Picture k is shown at exactly k / rate
- * seconds, and sample k of each channel is heard at exactly k / sound_rate seconds; both count from 0. The caller hands
- * over picture k together with the samples floor(k sound_rate / rate) to floor((k + 1) sound_rate / rate) - 1, which
- * ern_live_frame has. The writer does not check that. It does not wait for the clock either: it writes as fast as it is
- * called. One thread at a time uses a writer. */
+ * seconds, and sample k of each channel is heard at exactly k / sound_rate seconds; both count from 0. matroska and flv
+ * round to 1 ms, mpegts to 1/90000 s, and in these three all is later by 1024 samples where there is sound. The caller
+ * hands over picture k together with the samples floor(k sound_rate / rate) to floor((k + 1) sound_rate / rate) - 1,
+ * which ern_live_frame has. The writer does not check that. It does not wait for the clock either: it writes as fast as
+ * it is called. One thread at a time uses a writer. */
 typedef struct ern_stream_writer ern_stream_writer;
 
 /* url: one of

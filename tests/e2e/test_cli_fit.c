@@ -130,6 +130,23 @@ static void test_background_is_not_stretched(void **state) {
   free(wide), free(cut);
 }
 
+/* A strip that would be 16,000 pixels wide at the picture's height, more than an image may have. The head is far away.
+ */
+static void test_background_that_is_cut_before_it_is_scaled(void **state) {
+  (void)state;
+  static uint8_t pixels[3 * 1000 * 4];
+  const ern_image image = {.width = 1000, .height = 4, .channels = 3, .data = pixels};
+  ern_context *context = support_context();
+  for (int i = 0; i < 1000 * 4; i++) pixels[3 * i] = i % 1000 < 500 ? 200 : 40; /* left half bright */
+  support_clear("strip.png");
+  support_ok(context, ern_image_write(context, "strip.png", &image, 100));
+  uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --fit cover --bg_img strip.png");
+  assert_int_equal(found[0], 200);
+  assert_int_equal(found[4 * (SIDE - 1)], 40);
+  free(found);
+  ern_context_free(&context);
+}
+
 /* Where a background is transparent the clip's own shows. The head is far away. */
 static void test_clear_background(void **state) {
   (void)state;
@@ -174,8 +191,11 @@ static void test_boxes(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_nothing_is_distorted), cmocka_unit_test(test_still_edges),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_nothing_is_distorted),
+                                     cmocka_unit_test(test_still_edges),
                                      cmocka_unit_test(test_background_is_not_stretched),
-                                     cmocka_unit_test(test_clear_background), cmocka_unit_test(test_boxes)};
+                                     cmocka_unit_test(test_background_that_is_cut_before_it_is_scaled),
+                                     cmocka_unit_test(test_clear_background),
+                                     cmocka_unit_test(test_boxes)};
   return cmocka_run_group_tests(tests, make_models, NULL);
 }

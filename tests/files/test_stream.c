@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -296,6 +297,27 @@ static uint16_t free_port(void) {
   return ntohs(address.sin_port);
 }
 
+/* The scheme of an address decides, whatever its path ends with. */
+static void test_scheme_decides_before_ending(void **state) {
+  (void)state;
+  struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  socklen_t bytes = sizeof address;
+  const struct timeval patience = {5, 0};
+  unsigned char packet[2048] = {0};
+  char url[64];
+  const int receiver = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  assert_true(receiver >= 0);
+  assert_int_equal(bind(receiver, (const struct sockaddr *)&address, bytes), 0);
+  assert_int_equal(getsockname(receiver, (struct sockaddr *)&address, &bytes), 0);
+  assert_int_equal(setsockopt(receiver, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience), 0);
+  snprintf(url, sizeof url, "udp://127.0.0.1:%d/live.mp4", ntohs(address.sin_port));
+  const ern_stream_options options = options_of_stream(NULL);
+  support_ok(context, write_stream(url, &options));
+  assert_true(recv(receiver, packet, sizeof packet, 0) >= 188);
+  assert_int_equal(packet[0], 0x47); /* MPEG-TS */
+  (void)close(receiver);
+}
+
 /* An address of RTSP is connected to, though its format is not among those that are found out. */
 static void test_rtsp_is_connected_to(void **state) {
   (void)state;
@@ -429,10 +451,11 @@ static void test_options_are_checked(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_each_form_has_exact_times),  cmocka_unit_test(test_raw_pictures_and_y4m),
-      cmocka_unit_test(test_sound_is_read_as_it_comes),  cmocka_unit_test(test_what_is_no_sound_is_refused),
-      cmocka_unit_test(test_rtsp_is_connected_to),       cmocka_unit_test(test_waits_end_when_asked_to),
-      cmocka_unit_test(test_a_browser_comes_and_leaves), cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_each_form_has_exact_times),    cmocka_unit_test(test_raw_pictures_and_y4m),
+      cmocka_unit_test(test_sound_is_read_as_it_comes),    cmocka_unit_test(test_what_is_no_sound_is_refused),
+      cmocka_unit_test(test_scheme_decides_before_ending), cmocka_unit_test(test_rtsp_is_connected_to),
+      cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_a_browser_comes_and_leaves),
+      cmocka_unit_test(test_options_are_checked),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -72,26 +72,24 @@ static ern_status check_options(ern_context *context, const char *url, const ern
   return ern_image_check_sides(context, url, o->width, o->height);
 }
 
-static bool means(const struct form *form, const char *url) {
+/* Whether `url` begins with one of the form's schemes, or ends with one of its endings. */
+static bool means(const struct form *form, const char *url, bool scheme) {
   const size_t length = strlen(url);
   for (size_t i = 0; form->endings[i] != NULL; i++) {
     const size_t own = strlen(form->endings[i]);
-    const bool ending = form->endings[i][0] == '.';
-    if (own <= length && strncmp(ending ? url + length - own : url, form->endings[i], own) == 0) return true;
+    if (scheme == (form->endings[i][0] == '.') || own > length) continue;
+    if (strncmp(scheme ? url : url + length - own, form->endings[i], own) == 0) return true;
   }
   return false;
 }
 
-/* An address says more than the ending of its name. */
+/* By the format's name; else by the scheme of an address, whatever it ends with; else by the ending. */
 static ern_status choose_form(ern_stream_writer *w) {
-  const bool address = strstr(w->url, "://") != NULL;
-  for (size_t i = 0; i < FORMS && w->form == NULL; i++) {
-    const struct form *form = &forms[i];
-    if (w->options.format != NULL ? strcmp(w->options.format, form->name) == 0 : means(form, w->url) && !address)
-      w->form = form;
-  }
-  for (size_t i = 0; i < FORMS && w->form == NULL && w->options.format == NULL; i++)
-    if (means(&forms[i], w->url)) w->form = &forms[i];
+  const char *name = w->options.format;
+  for (size_t i = 0; i < FORMS && w->form == NULL; i++)
+    if (name != NULL ? strcmp(name, forms[i].name) == 0 : means(&forms[i], w->url, true)) w->form = &forms[i];
+  for (size_t i = 0; i < FORMS && w->form == NULL && name == NULL; i++)
+    if (means(&forms[i], w->url, false)) w->form = &forms[i];
   if (w->form != NULL) return ERN_OK;
   if (w->options.format != NULL)
     return ern_fail(w->context, ERN_E_UNSUPPORTED,

@@ -140,16 +140,27 @@ static ern_status look_at_all(struct joined *j, const char *const *segments, siz
   return status;
 }
 
+static uint64_t big_endian(const unsigned char *from, size_t bytes) {
+  uint64_t value = 0;
+  for (size_t i = 0; i < bytes; i++) value = value << 8 | from[i];
+  return value;
+}
+
 /* The XMP packet in the last box of the first segment, where there is one. */
 static ern_status read_xmp(struct joined *j, const char *path) {
   unsigned char head[24];
   FILE *file = fopen(path, "rb");
   ern_status status = ERN_OK;
   while (file != NULL && fread(head, 1, 8, file) == 8) {
-    const size_t size = (size_t)head[0] << 24 | (size_t)head[1] << 16 | (size_t)head[2] << 8 | (size_t)head[3];
-    const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && size > sizeof head && size < MOST_XMP;
-    if (size < 8) break; /* of 64 bits, or to the end: no box of ours */
-    if (!is_xmp && fseek(file, (long)size - 8, SEEK_CUR) != 0) break;
+    uint64_t size = big_endian(head, 4), header = 8;
+    if (size == 1) { /* the size follows in 64 bits */
+      if (fread(head + 8, 1, 8, file) != 8) break;
+      size = big_endian(head + 8, 8);
+      header = 16;
+    }
+    if (size < header || size > INT64_MAX) break; /* 0: to the end, no box of ours */
+    const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && header == 8 && size > sizeof head && size < MOST_XMP;
+    if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) break;
     if (!is_xmp) continue;
     ERN_TRY(ERN_NEW(j->context, size - sizeof head + 1, &j->xmp));
     if (fread(head + 8, 1, 16, file) != 16 || fread(j->xmp, 1, size - sizeof head, file) != size - sizeof head) {
@@ -180,7 +191,9 @@ static ern_status open_output(struct joined *j, const char *path, const struct s
   if (error >= 0) error = av_dict_copy(&j->stream->metadata, first->stream->metadata, 0);
   if (error >= 0) error = av_dict_copy(&muxer->container->metadata, first->container->metadata, 0);
   if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_NO_MEMORY, path, "make an mp4", error));
-  j->stream->codecpar->codec_tag = 0;
+  const unsigned tag = j->stream->codecpar->codec_tag; /* kept where an mp4 has it, such as hvc1 beside hev1 */
+  if (av_codec_get_id(muxer->container->oformat->codec_tag, tag) != j->stream->codecpar->codec_id)
+    j->stream->codecpar->codec_tag = 0;
   j->stream->time_base = (AVRational){j->rate.den, j->rate.num};
   j->stream->avg_frame_rate = j->rate;
   ERN_TRY(ern_sound_track_open(muxer, sound, sound_start, AV_CODEC_ID_AAC, &j->sound));

@@ -21,6 +21,16 @@ static int64_t bit_rate_for(int rate) {
   return wanted < 32000 ? 32000 : wanted > 128000 ? 128000 : wanted;
 }
 
+/* Opus has no layout with a subwoofer but 5.1, 6.1 and 7.1 (RFC 7845, 5.1.1.2): FFmpeg's default of 3 and 4 is none. */
+static void choose_layout(AVChannelLayout *layout, enum AVCodecID id, int channels) {
+  if (id == AV_CODEC_ID_OPUS && channels == 3)
+    *layout = (AVChannelLayout)AV_CHANNEL_LAYOUT_SURROUND;
+  else if (id == AV_CODEC_ID_OPUS && channels == 4)
+    *layout = (AVChannelLayout)AV_CHANNEL_LAYOUT_QUAD;
+  else
+    av_channel_layout_default(layout, channels);
+}
+
 static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *track, int rate, enum AVCodecID id) {
   const AVCodec *codec = avcodec_find_encoder(id);
   if (codec == NULL || codec->sample_fmts == NULL) {
@@ -36,7 +46,7 @@ static ern_status open_codec(struct ern_muxer *muxer, struct ern_sound_track *tr
   made->sample_rate = rate_for(codec, rate);
   made->bit_rate = bit_rate_for(made->sample_rate) * track->channels;
   made->time_base = (AVRational){1, made->sample_rate};
-  av_channel_layout_default(&made->ch_layout, track->channels);
+  choose_layout(&made->ch_layout, id, track->channels);
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   int error = avcodec_open2(made, codec, NULL);
   if (error >= 0) error = avcodec_parameters_from_context(track->stream->codecpar, made);

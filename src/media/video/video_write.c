@@ -103,6 +103,10 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
     ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: there is a sound for it, and a %s holds none", path,
                      made->form->muxer));
   av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, MAX_RATE_PART);
+  if (strcmp(made->form->muxer, "gif") == 0 && av_cmp_q(made->rate, (AVRational){100, 1}) > 0)
+    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT,
+                     "%s: %g frames a second, expected at most 100 in a gif, whose times are in 1/100 s", path,
+                     av_q2d(made->rate)));
   ERN_TRY(ern_file_writer_open(context, path, ERN_EXISTING_BY_CONTEXT, &made->file));
   made->muxer = (struct ern_muxer){.context = context, .path = made->file.path, .packet = av_packet_alloc()};
   const int error = avformat_alloc_output_context2(&made->muxer.container, NULL, made->form->muxer, NULL);

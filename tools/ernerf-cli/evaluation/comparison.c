@@ -25,7 +25,7 @@ int comparison_open(struct comparison *comparison, const struct evaluation *eval
   if (sound != NULL && access(sound, F_OK) == 0 && follow(&evaluation->frame_source)) {
     if (ern_sound_read(session->context, sound, &comparison->sound) != ERN_OK) return session_fail(session);
     options.sound = &comparison->sound;
-    options.sound_start = (double)evaluation->frame_source.source_frame[0].pose.img_id / 25;
+    options.sound_start = frame_source_seconds(&evaluation->frame_source, 0);
   }
   if (ern_video_writer_open(session->context, path, &options, &comparison->writer) != ERN_OK)
     return session_fail(session);

@@ -148,7 +148,7 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
               t->exact_seconds);
   bytes_print(page,
               "PSNR is of the whole picture, 100 dB where nothing differs. A point is better in time where the mean "
-              "ratio by turn is further from 1 than its standard error allows at 95&nbsp;%% and than a hundredth, "
+              "ratio by turn is further from 1 than its standard error allows at 99&nbsp;%% and than a hundredth, "
               "and in quality where the mean difference by frame is further from 0 than its standard error allows at "
               "95&nbsp;%% and than 0.01 dB. The (Pareto) front holds the settings that no other betters in time or "
               "quality without being worse in the other.");
@@ -160,7 +160,7 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
       page,
       "</p>\n<p><b>scale</b>: the head drawn at so many times the size and enlarged (<code>--image_scale</code>). "
       "<b>samples</b>: of a ray at most (<code>--max_steps</code>). <b>stop</b>: light left at which a ray ends "
-      "(<code>--transmittance_stop</code>). <b>thin</b>: density under which cells are left out "
+      "(<code>--transmittance_stop</code>). <b>threshold</b>: density under which cells are left out "
       "(<code>--occupancy_threshold</code>). Names of instruction sets: <code>--isa</code>; avx512bf16 "
       "multiplies pairs of bf16, the others are fp32. What a name does not mention is as in &ldquo;");
   bytes_print_html(page, t->base_name);

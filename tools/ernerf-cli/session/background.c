@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "session/background.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,6 +40,32 @@ static ern_status place_image(ern_context *context, const ern_image *image, cons
   return ERN_OK;
 }
 
+/* *fitted = what of the image is in the picture, scaled by `resize`: for a box whose sides no image can have. Its edges
+ * are at whole pixels of the image. */
+static ern_status cut_image(ern_context *context, const ern_image *image, const ern_box *box, int width, int height,
+                            resize_function *resize, ern_image *fitted) {
+  const double across = (double)image->width / (box->right - box->left);
+  const double down = (double)image->height / (box->bottom - box->top);
+  ern_box part = {.left = (int)(-box->left * across),
+                  .top = (int)(-box->top * down),
+                  .right = (int)ceil((width - box->left) * across),
+                  .bottom = (int)ceil((height - box->top) * down)};
+  if (part.right > image->width) part.right = image->width;
+  if (part.bottom > image->height) part.bottom = image->height;
+  const ern_box whole = {.right = part.right - part.left, .bottom = part.bottom - part.top};
+  const size_t channels = (size_t)image->channels;
+  const ern_image from = {
+      .width = image->width,
+      .height = image->height,
+      .channels = image->channels,
+      .data = image->data + channels * ((size_t)part.top * (size_t)image->width + (size_t)part.left)};
+  ern_image cut = {0};
+  ern_status status = place_image(context, &from, &whole, whole.right, whole.bottom, &cut);
+  if (status == ERN_OK) status = resize(context, &cut, width, height, fitted);
+  ern_image_free(context, &cut);
+  return status;
+}
+
 /* *fitted = the image, scaled by `resize` and placed. */
 static ern_status fit_image(const struct background *background, ern_context *context, const ern_image *image,
                             resize_function *resize, ern_image *fitted) {
@@ -48,6 +75,8 @@ static ern_status fit_image(const struct background *background, ern_context *co
   ern_image scaled = {0};
   if (wide == image->width && high == image->height) return place_image(context, image, &box, width, height, fitted);
   if (wide == width && high == height) return resize(context, image, width, height, fitted);
+  if (wide > ERN_IMAGE_MAX_SIDE || high > ERN_IMAGE_MAX_SIDE)
+    return cut_image(context, image, &box, width, height, resize, fitted);
   ern_status status = resize(context, image, wide, high, &scaled);
   if (status == ERN_OK) status = place_image(context, &scaled, &box, width, height, fitted);
   ern_image_free(context, &scaled);
