@@ -46,10 +46,11 @@ typedef struct ern_live_options {
                                            25, 1. Between two frames at 25 a second windows are interpolated */
   ern_audio_pad pad; /* the windows before the first and after the last: ern_model_info.audio_pad of the model; default
                         ERN_AUDIO_PAD_EDGE */
-  bool rests;        /* false (default): a pull returns no frame before its sound is there. true: every ern_live_pull
-                        returns a frame until ern_live_end. Where sound is missing after its `wait` seconds, it first
-                        uses less look-ahead, down to 2 (windows: 1), then inserts silence as ern_live_rest does. So
-                        sound may come up to 0.04 (look_ahead - 2) s late without inserted silence */
+  /* false (default): a pull returns no frame before its sound is there. true: every ern_live_pull returns a frame until
+   * ern_live_end. Where sound is missing after its `wait` seconds, it first uses less look-ahead, down to 2 (windows:
+   * 1), then inserts silence as ern_live_insert_silence does. So sound may come up to 0.04 (look_ahead - 2) s late
+   * without inserted silence */
+  bool insert_silence;
   const ern_silence *silence; /* finds pauses in the speech that is pushed (ern_silence_learn); NULL (default): only
                                  inserted silence counts as a pause. Must outlive the session */
   const float *silence_code;  /* [32] the mean audio code (ern_renderer_code) of the silent frames of a clip, which the
@@ -81,7 +82,7 @@ typedef struct ern_live_frame {
   const float *sound;        /* [samples][channels]: what is heard while it is shown; NULL where windows are pushed */
   size_t samples;            /* of `sound`, in a channel: rate / frames a second, to within one; in the last frame after
                                 ern_live_end 1 or more */
-  bool resting;              /* its sound is inserted silence */
+  bool inserted_silence;     /* its sound is inserted silence */
   bool repeat;               /* ERN_LIVE_REPEAT: the caller shows the last picture again and need not render this one */
   uint64_t dropped;          /* frames so far that ERN_LIVE_DROP dropped */
   double waiting;            /* seconds of sound that wait after this frame's */
@@ -102,9 +103,10 @@ ERN_API ERN_NODISCARD ern_status ern_live_push_windows(ern_live *live, const flo
 
 /* Inserts silence up to the end of the frame (25 a second) that has begun, at least one sample. Windows: the last one
  * again. It does not block. ERN_E_STATE: there is no room (never with ERN_LIVE_DROP), or the sound has ended. */
-ERN_API ERN_NODISCARD ern_status ern_live_rest(ern_live *live);
+ERN_API ERN_NODISCARD ern_status ern_live_insert_silence(ern_live *live);
 /* Inserts so much silence that every frame with sound can be pulled. What is pushed later follows it. It does not
- * block; errors as ern_live_rest. Where there is no room for all of the silence, a part of it may be inserted. */
+ * block; errors as ern_live_insert_silence. Where there is no room for all of the silence, a part of it may be
+ * inserted. */
 ERN_API ERN_NODISCARD ern_status ern_live_flush(ern_live *live);
 /* Drops the sound that waits, except the next 40 to 80 ms, which fade out (windows: drops all), and ends a push that is
  * blocked. ERN_E_STATE: the sound has ended. */

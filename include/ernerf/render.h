@@ -84,8 +84,8 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
 /* Like ern_audio_windows, with neighbours taken from a list of `count` frames, such as a split of a clip. Frame k of
- * the list uses window rows[k] of `features`; `index` counts in the list. Before its first and after its last frame
- * windows are zeros (ERN_AUDIO_PAD_ZERO). */
+ * the list uses window rows[k] of `features`, a row outside of them the first or last window; `index` counts in the
+ * list. Before its first and after its last frame windows are zeros (ERN_AUDIO_PAD_ZERO). */
 ERN_API void ern_audio_windows_of_rows(float *windows, const ern_features *features, const int64_t *rows, size_t count,
                                        int64_t index);
 
@@ -94,9 +94,9 @@ typedef struct ern_silence ern_silence;
 
 /* Learns to recognise silence from a recording, such as the clip that a model was trained on. loudness:
  * [features->windows], the level of each frame's sound in dB, with any reference level; NULL: frames whose features
- * change little from frame to frame, compared with the others, count as quiet. ERN_E_STATE: silence cannot be
- * recognised, and the message has the reason: too few quiet or loud frames, too small a difference of level, or
- * features that do not separate the two. On success the caller owns *silence. */
+ * change little from frame to frame, compared with the others, count as quiet. -infinity is digital silence.
+ * ERN_E_STATE: silence cannot be recognised, and the message has the reason: too few quiet or loud frames, too small a
+ * difference of level, or features that do not separate the two. On success the caller owns *silence. */
 ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const ern_features *features,
                                                    const float *loudness, ern_silence **silence);
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
@@ -155,7 +155,8 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_accepts(const ern_renderer *render
  * input is a set of audio windows and an eye value of the speech to come. For example, where samples are 0.027 scene
  * units apart, a skipped sample of density 0.1 would have absorbed 0.3 % of the light. windows:
  * [count][8][window_length][width] (ern_audio_windows); eyes: [count], 0..1. Each call replaces the one before; density
- * 0 or count 0 skips nothing. Errors: ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+ * 0 or count 0 skips nothing; with count 0 `windows` and `eyes` may be NULL, and window_length is ignored. Errors:
+ * ERN_E_ARGUMENT, ERN_E_MISMATCH (window_length is not the model's), ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *windows,
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
@@ -181,8 +182,9 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_skip(ern_renderer *renderer, const
  * keyframes, with a margin. A frame that is farther from the keyframes than they are from each other is rendered whole.
  * 0: only what cannot change is reused. Below 0, as at the beginning: nothing is reused.
  * windows: [count][8][window_length][width] (ern_audio_windows), frames spread over the speech, the more the better;
- * eyes: [count], 0..1. count may be 0 for a bound of 0 or less. The call forgets what was kept before. Errors:
- * ERN_E_ARGUMENT, ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
+ * eyes: [count], 0..1. For a bound of 0 or less count may be 0 and both NULL; window_length is ignored. The call
+ * forgets what was kept before. Errors: ERN_E_ARGUMENT, ERN_E_MISMATCH (window_length is not the model's),
+ * ERN_E_NONFINITE, ERN_E_NO_MEMORY. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer, const float *windows,
                                                          int window_length, const float *eyes, size_t count,
                                                          float bound);
@@ -212,11 +214,12 @@ static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer 
 typedef struct ern_frame_input {
   ern_camera camera;      /* of the picture */
   const float *head_pose; /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
-  const float *windows;   /* [8][window_length][width] (ern_audio_windows), each -1e30 to 1e30 */
-  int window_length;      /* 1..16, that of ern_model_info where it is known */
-  float eye;              /* 0 open .. 1 closed; ignored by a model without an eye branch */
-  size_t individual; /* 0..ern_model_info.codes - 1: the individual code of that training frame; ERN_INDIVIDUAL_MEAN:
-                        the mean of all, for any other frame. Ignored by a model without codes */
+  const float *windows; /* [8][window_length][ern_model_info.feature_width] (ern_audio_windows), each -1e30 to 1e30; of
+                           another width memory past its end is read: ern_renderer_accepts compares them */
+  int window_length;    /* 1..16, that of ern_model_info where it is known */
+  float eye;            /* 0 open .. 1 closed; ignored by a model without an eye branch */
+  size_t individual;    /* 0..ern_model_info.codes - 1: the individual code of that training frame; ERN_INDIVIDUAL_MEAN:
+                           the mean of all, for any other frame. Ignored by a model without codes */
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso; /* [height][width][4] RGBA, alpha not premultiplied, drawn between background and head; NULL:
                            none. A model with a torso draws its own over it. */
@@ -287,10 +290,11 @@ ERN_API size_t ern_rate_controller_next(ern_rate_controller *controller, double 
 /* Whether the cheapest setting holds the budget at the machine's present speed. */
 ERN_API bool ern_rate_controller_holds(const ern_rate_controller *controller);
 
-/* ---- judging ----------------------------------------------------------------------------------------------------- */
+/* ---- evaluation -------------------------------------------------------------------------------------------------- */
 
-/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all); 100 dB at most.
- * NaN where rgb or truth is NULL, or a side is below 1. */
+/* 10 log10(1/MSE) of rgb [height][width][3] in [0, 1] against bytes/255, inside the box (NULL: all), of which the part
+ * in the picture counts; 100 dB at most, and where no pixel counts. NaN where rgb or truth is NULL, or a side is
+ * below 1. */
 ERN_API double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, const ern_box *box);
 
 /* Mean SSIM (Wang et al. 2004): 11 x 11 Gaussian window, sigma 1.5, K 0.01 and 0.03, per channel, windows inside the

@@ -377,8 +377,8 @@ typedef struct ern_train_hooks {
 /* Trains until `iters` steps are done or `seconds` have passed. Blocks, saves and validates at the intervals of the
  * configuration and at the end. Where hooks->progress returns a value other than 0, it stops: the state is saved, and
  * the result is ERN_E_CANCELLED. Where a step fails, the steps since the last save are saved before the error is
- * returned, unless it is ERN_E_NONFINITE, ERN_E_DEVICE or ERN_E_NO_MEMORY. Where a validation fails, the state is saved
- * only if a save was due at that step or the error is ERN_E_CANCELLED, and never after ERN_E_NONFINITE or ERN_E_DEVICE.
+ * returned, unless it is ERN_E_NONFINITE, ERN_E_DEVICE or ERN_E_NO_MEMORY. Where a validation fails, the state is
+ * saved, but not after ERN_E_NONFINITE or ERN_E_DEVICE.
  * Without an output nothing is saved. hooks NULL: none. */
 ERN_API ERN_NODISCARD ern_status ern_trainer_run_sized(ern_trainer *trainer, const ern_train_hooks *hooks,
                                                        size_t bytes);

@@ -12,8 +12,8 @@ enum { FFT = 512, BINS = FFT / 2 + 1, BANDS = ERN_CEPSTRA_BANDS };
 
 static const double pi = 3.14159265358979323846, lowest = 60, highest = 7600; /* Hz, of the bands */
 /* The level that bands are relative to: the loudest row's power, forgotten with 10 s while anything within 30 dB of it
- * is heard, and no less than -50 dB of full scale, so that noise is not taken for speech. */
-static const float memory_seconds = 10, heard = 1e-3f, least_level = 1e-5f;
+ * is audible, and no less than -50 dB of full scale, so that noise is not taken for speech. */
+static const float memory_seconds = 10, audible = 1e-3f, least_level = 1e-5f;
 static const float band_floor = 1e-3f; /* of the level: what is quieter is silence */
 /* Means and standard deviations over eight made-up voices in three languages: they bring the values near 0 and 1. */
 static const float mean[ERN_CEPSTRA_WIDTH] = {-42.9f, 7.71f,  2.48f,  2.73f, -0.89f, -0.84f, -0.64f,
@@ -110,7 +110,7 @@ static float middle_of(const float frame[ERN_CEPSTRA_FRAME]) {
 
 void ern_cepstra_bands(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float log_band[BANDS]) {
   const float middle = middle_of(frame), power = power_of(frame, middle);
-  if (power > heard * c->level) c->level *= c->forget;
+  if (power > audible * c->level) c->level *= c->forget;
   c->level = fmaxf(fmaxf(power, c->level), least_level);
   memset(c->time, 0, FFT * sizeof *c->time);
   for (int i = 0; i < ERN_CEPSTRA_FRAME; i++) c->time[i] = (frame[i] - middle) * c->window[i];

@@ -25,8 +25,8 @@ struct own {
   bool (*interrupted)(void);
   bool given_up; /* a message may still be under way */
   int rank, size;
-  unsigned char *out, *in; /* [room]: packed values that this process sends, and that another one sent */
-  size_t room;
+  unsigned char *out, *in; /* [capacity]: packed values that this process sends, and that another one sent */
+  size_t capacity;
   double *figures;
   size_t figure_count;
 };
@@ -122,24 +122,24 @@ static void unpack(float *to, const unsigned char *from, size_t count, bool add)
 
 /* ---- the sum ----------------------------------------------------------------------------------------------------- */
 
-static ern_status make_room(struct own *own, size_t values, size_t figures, char words[ERN_COMMUNICATOR_WORDS]) {
+static ern_status reserve(struct own *own, size_t values, size_t figures, char words[ERN_COMMUNICATOR_WORDS]) {
   const size_t bytes = packed_most(values);
   if (values > INT_MAX / 8 || figures > INT_MAX) {
     snprintf(words, ERN_COMMUNICATOR_WORDS, "MPI: %zu values, expected at most %d", values, INT_MAX / 8);
     return ERN_E_UNSUPPORTED;
   }
-  if (own->room < bytes) {
+  if (own->capacity < bytes) {
     free(own->out);
     free(own->in);
     own->out = malloc(bytes);
     own->in = malloc(bytes);
-    own->room = own->out != NULL && own->in != NULL ? bytes : 0;
+    own->capacity = own->out != NULL && own->in != NULL ? bytes : 0;
   }
   double *more_figures =
       own->figure_count < figures ? realloc(own->figures, figures * sizeof *own->figures) : own->figures;
   if (more_figures != NULL && own->figure_count < figures) own->figure_count = figures;
   if (more_figures != NULL) own->figures = more_figures;
-  if (own->room >= bytes && own->figure_count >= figures) return ERN_OK;
+  if (own->capacity >= bytes && own->figure_count >= figures) return ERN_OK;
   snprintf(words, ERN_COMMUNICATOR_WORDS, "no memory for %zu values of another process", values);
   return ERN_E_NO_MEMORY;
 }
@@ -175,7 +175,7 @@ static ern_status sum(void *user, float *values, size_t count, double *figures, 
   struct own *own = user;
   struct half mine = {0, count}, sent[MOST_LEVELS];
   int level = 0;
-  ern_status status = make_room(own, count - count / 2, figure_count, words);
+  ern_status status = reserve(own, count - count / 2, figure_count, words);
   for (int apart = 1; apart < own->size && status == ERN_OK; apart *= 2, level++) {
     const struct half low = {mine.begin, mine.count / 2},
                       high = {mine.begin + mine.count / 2, mine.count - mine.count / 2};

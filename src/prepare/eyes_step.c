@@ -208,7 +208,7 @@ static ern_status from_table(struct ern_prepare_job *job) {
   ERN_TRY(ERN_NEW(job->context, job->frames, &values));
   ERN_TRY(ern_openface_lids(job, job->options->au, values, &held));
   ERN_TRY(write_table(job, values, job->frames));
-  if (held > 0) ern_openface_judge(job, job->options->au, held);
+  if (held > 0) ern_openface_check(job, job->options->au, held);
 fail:
   ern_release(job->context, values);
   return status;
@@ -231,11 +231,12 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
   if (count > 0) {
     ERN_TRY(write_table(job, eyes.signal, job->frames));
     if ((double)count > 80 * minutes + 3)
-      ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                        "%zu blinks in %.1f minutes are implausibly many; --au FILE.csv takes those of OpenFace", count,
-                        minutes);
+      ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                             "%zu blinks in %.1f minutes are implausibly many; --au FILE.csv takes those of OpenFace",
+                             count, minutes);
   } else {
-    ern_prepare_judge(job, ERN_PREPARE_GOOD, "no blink was found, so there is no au.csv and no blinking is learnt");
+    ern_prepare_add_reason(job, ERN_PREPARE_GOOD,
+                           "no blink was found, so there is no au.csv and no blinking is learnt");
   }
 fail:
   ern_release(job->context, eyes.crops);

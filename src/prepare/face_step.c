@@ -266,10 +266,11 @@ static ern_status scan_part(struct scan *s, bool *found) {
   if (s->found == 0 || (double)s->frames <= longer_than * ERN_PREPARE_RATE) goto fail;
   ERN_TRY(ern_segment_choose(job, &search, EVERY, length, found));
   if (!*found) {
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "no stretch of %g s is without a cut, expected one camera that stands still; --segment SECONDS "
-                      "asks for fewer, --from and --to choose a part",
-                      length);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_REFUSED,
+        "no stretch of %g s is without a cut, expected one camera that stands still; --segment SECONDS "
+        "asks for fewer, --from and --to choose a part",
+        length);
     goto fail;
   }
   ern_release(job->context, s->faces);
@@ -340,10 +341,11 @@ static ern_status write_sound(struct scan *s) {
   const size_t length = s->frames * (SOUND_RATE / ERN_PREPARE_RATE);
   const double end = (double)count / SOUND_RATE - begin, wanted = (double)length / SOUND_RATE;
   if (end + SOUND_SHORTER < wanted)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the sound ends at %.2f s of the %.2f s of pictures, and silence follows; expected sound to the "
-                      "end, or --to %.2f",
-                      fmax(end, 0), wanted, footage.from + fmax(end, 0));
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "the sound ends at %.2f s of the %.2f s of pictures, and silence follows; expected sound to the "
+        "end, or --to %.2f",
+        fmax(end, 0), wanted, footage.from + fmax(end, 0));
   ERN_TRY(ERN_NEW(job->context, length, &data));
   for (size_t i = 0; i < length; i++) {
     const long long at = first + (long long)i;
@@ -370,7 +372,7 @@ static void describe_part(const struct scan *s, double from, double to, char tex
 }
 
 /* What can be said before a crop; true where it is to go on. */
-static bool judge_scan(struct scan *s) {
+static bool check_scan(struct scan *s) {
   struct ern_prepare_job *job = s->job;
   const double share = s->looks > 0 ? (double)s->found / (double)s->looks : 0;
   const double seconds = (double)s->frames / ERN_PREPARE_RATE;
@@ -382,44 +384,48 @@ static bool judge_scan(struct scan *s) {
   ern_prepare_figure(job, "faces", share);
   ern_prepare_figure(job, "sound", s->has_sound);
   if (s->frames < FEWEST_FRAMES)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, better minutes",
-                      part, seconds);
+    ern_prepare_add_reason(job, ERN_PREPARE_REFUSED, "the part%s is %.2f s long, expected at least 1 s, better minutes",
+                           part, seconds);
   else if (s->found == 0)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "no face was found in %.0f s, expected a person who looks into the camera, the face at least a "
-                      "ninth of the picture's shorter side",
-                      seconds);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_REFUSED,
+        "no face was found in %.0f s, expected a person who looks into the camera, the face at least a "
+        "ninth of the picture's shorter side",
+        seconds);
   else if (s->cut > 0)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "the picture changes at once at %.2f s, as at a cut; expected one camera that stands still: "
-                      "--from and --to choose a part without cuts",
-                      from + (double)s->cut / ERN_PREPARE_RATE);
+    ern_prepare_add_reason(job, ERN_PREPARE_REFUSED,
+                           "the picture changes at once at %.2f s, as at a cut; expected one camera that stands still: "
+                           "--from and --to choose a part without cuts",
+                           from + (double)s->cut / ERN_PREPARE_RATE);
   else if (s->most_change < 0.3f)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED, "the picture never changes, expected a person who speaks and moves");
+    ern_prepare_add_reason(job, ERN_PREPARE_REFUSED,
+                           "the picture never changes, expected a person who speaks and moves");
   else if (share < 0.5)
-    ern_prepare_judge(job, ERN_PREPARE_REFUSED,
-                      "a face that looks into the camera was found in %.0f %% of the frames, expected at least 50 %%; "
-                      "--from and --to choose a part without profile views",
-                      100 * share);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_REFUSED,
+        "a face that looks into the camera was found in %.0f %% of the frames, expected at least 50 %%; "
+        "--from and --to choose a part without profile views",
+        100 * share);
   if (job->verdict->grade == ERN_PREPARE_REFUSED) return false;
   if (share < 0.8)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "a face that looks into the camera was found in %.0f %% of the frames, expected at least 80 %%",
-                      100 * share);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "a face that looks into the camera was found in %.0f %% of the frames, expected at least 80 %%", 100 * share);
   if (s->frames < FEW_FRAMES)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the part is %.1f s long; to learn the mouth takes 60 s or more",
-                      seconds);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the part is %.1f s long; to learn the mouth takes 60 s or more",
+                           seconds);
   if (s->end > 0 && s->end + PART_SHORTER < to)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
   if (4 * s->with_others > s->looks)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "more than one face was found in %.0f %% of the frames; the largest that stays in its place is "
-                      "taken",
-                      100.0 * (double)s->with_others / (double)s->looks);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "more than one face was found in %.0f %% of the frames; the largest that stays in its place is "
+        "taken",
+        100.0 * (double)s->with_others / (double)s->looks);
   return true;
 }
 
-static void judge_crop(struct scan *s, double face, const double region[4]) {
+static void check_crop(struct scan *s, double face, const double region[4]) {
   struct ern_prepare_job *job = s->job;
   size_t out = 0;
   for (size_t i = 0; i < s->looks; i++) {
@@ -431,12 +437,12 @@ static void judge_crop(struct scan *s, double face, const double region[4]) {
   const double share = (double)out / (double)s->found, large = face / region[2] * job->side;
   ern_prepare_figure(job, "face_pixels", large);
   if (share > 0.02)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the face touches the picture's edge in %.0f %% of the frames",
-                      100 * share);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the face touches the picture's edge in %.0f %% of the frames",
+                           100 * share);
   if (region[3] * 1.6 < job->side)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the head is small: %.0f pixels of the video become %d; --size %.0f avoids the enlargement",
-                      region[3], job->side, fmax(128, region[3]));
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "the head is small: %.0f pixels of the video become %d; --size %.0f avoids the enlargement",
+                           region[3], job->side, fmax(128, region[3]));
 }
 
 ern_status ern_prepare_face(struct ern_prepare_job *job) {
@@ -446,10 +452,10 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   bool found = false;
   ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
-  if (!found || !judge_scan(&scan)) goto fail;
+  if (!found || !check_scan(&scan)) goto fail;
   ERN_TRY(drop_strays(&scan, &face));
   place_crop(&scan, face, region);
-  judge_crop(&scan, face, region);
+  check_crop(&scan, face, region);
   ERN_TRY(begin_frames(&scan));
   ERN_TRY(write_frames(&scan, region));
   ERN_TRY(write_sound(&scan));

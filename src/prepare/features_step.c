@@ -15,9 +15,9 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);
   if (features.windows + ERN_PREPARE_MORE < job->frames)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "%s has %zu windows for %zu frames; the frames after the last window repeat it",
-                      job->options->features, features.windows, job->frames);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "%s has %zu windows for %zu frames; the frames after the last window repeat it",
+                           job->options->features, features.windows, job->frames);
   ERN_TRY(ern_prepare_claim(job, "aud.npy", path));
   ERN_TRY(ern_features_save(job->context, path, &features));
 fail:

@@ -444,38 +444,40 @@ static void give_verdict(struct ern_prepare_job *job, const struct findings *f) 
   ern_prepare_grade grade;
   bool followed = true;
   if (is_beyond(f->residual, 1, 4, &grade)) {
-    ern_prepare_judge(job, grade, "the head's points are %.1f pixels off, expected 1 at most", f->residual);
+    ern_prepare_add_reason(job, grade, "the head's points are %.1f pixels off, expected 1 at most", f->residual);
     followed = false;
   }
   if (is_beyond(f->lost, 0.02, 0.3, &grade)) {
-    ern_prepare_judge(job, grade, "%.1f %% of the frames show too few of the head's points, expected 2 %% at most",
-                      100 * f->lost);
+    ern_prepare_add_reason(job, grade, "%.1f %% of the frames show too few of the head's points, expected 2 %% at most",
+                           100 * f->lost);
     followed = false;
   }
   if (is_beyond(f->tremble, 0.6, 1.5, &grade)) {
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, grade, "the head's turning changes by %.2f degrees from frame to frame, expected 0.6 at most", f->tremble);
     followed = false;
   }
   if (f->points < 150)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the face shows %.0f points that can be followed, expected 150 or more: it is small, smooth or "
-                      "partly hidden",
-                      f->points);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "the face shows %.0f points that can be followed, expected 150 or more: it is small, smooth or "
+        "partly hidden",
+        f->points);
   if (f->hidden > 0.03) {
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "a third of the face's points are gone in %.0f %% of the frames, as with a hand or hair before "
-                      "the face, or a profile view",
-                      100 * f->hidden);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "a third of the face's points are gone in %.0f %% of the frames, as with a hand or hair before "
+        "the face, or a profile view",
+        100 * f->hidden);
     followed = false;
   }
-  ern_prepare_judge_turn(job, f->turn);
+  ern_prepare_check_turn(job, f->turn);
   if (!followed)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "--landmarks or --poses take the results of other programs, --from and --to choose a part");
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "--landmarks or --poses take the results of other programs, --from and --to choose a part");
 }
 
-static ern_status judge(struct tracking *t) {
+static ern_status check_tracking(struct tracking *t) {
   enum { FEW = 25 }; /* points that hardly hold a pose */
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
@@ -529,10 +531,10 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   ERN_TRY(ERN_NEW(context, job->frames, &t.seen));
   if (choose_reference(&t, faces, count, distances, &chosen)) {
     ERN_TRY(track(&t, &faces[chosen]));
-    ERN_TRY(judge(&t));
+    ERN_TRY(check_tracking(&t));
     ERN_TRY(ern_prepare_poses_write(job, t.poses));
   } else {
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_REFUSED,
         "no frame shows a face with both eyes open, expected one that looks into the camera now and then; --poses "
         "FILE takes poses of another program");

@@ -5,15 +5,15 @@
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
 
-void ern_prepare_judge_turn(struct ern_prepare_job *job, double turn) {
+void ern_prepare_check_turn(struct ern_prepare_job *job, double turn) {
   ern_prepare_figure(job, "turn", turn);
   if (turn < 1)
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "the head turns by %.1f degrees in all, which is too little to measure its depth, expected 1 degree or more",
         turn);
   if (turn > 35)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", turn);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", turn);
 }
 
 /* A pose beside the face that was found in its frame. */
@@ -72,42 +72,43 @@ static struct agreement agree(const struct ern_prepare_job *job, const struct er
   return a;
 }
 
-static void judge_agreement(struct ern_prepare_job *job, const struct agreement *a) {
+static void check_agreement(struct ern_prepare_job *job, const struct agreement *a) {
   const char *file = job->options->poses;
   const double size = exp(a->size);
   ern_prepare_figure(job, "astray", a->count > 0 ? (double)a->astray / (double)a->count : 0);
   ern_prepare_figure(job, "face_over_head", size);
   if (a->astray > 0)
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "%s: in %zu of the %zu frames where a face was found the pose has the head elsewhere, furthest in "
         "frame %ld; expected it within a third of a face of what was found",
         file, a->astray, a->count, a->worst);
   if (a->count > 0 && (size < 0.8 || size > 1.8))
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "%s: the faces that were found are %.2f times as wide as the poses have the head, expected 0.8 to "
         "1.8; the focal length or the unit of distances may be another",
         file, size);
   for (int c = 0; c < 2; c++)
     if (a->count >= 8 && a->moved[c] > 0.025 && a->follows[c] < 0.4)
-      ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                        "%s: the poses do not move %s as the faces do that were found (correlation %.2f, expected 0.4 "
-                        "or more); they may be of other frames, another video or a mirrored one",
-                        file, c == 0 ? "sideways" : "up and down", a->follows[c]);
+      ern_prepare_add_reason(
+          job, ERN_PREPARE_DOUBTFUL,
+          "%s: the poses do not move %s as the faces do that were found (correlation %.2f, expected 0.4 "
+          "or more); they may be of other frames, another video or a mirrored one",
+          file, c == 0 ? "sideways" : "up and down", a->follows[c]);
 }
 
 /* What was brought, beside what the step "face" found. */
-static ern_status judge_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
+static ern_status check_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
   ern_status status = ERN_OK;
   struct ern_found_face *faces = NULL;
   size_t count = 0;
   double turn = 0;
   ERN_TRY(ern_prepare_faces_read(job, &faces, &count));
   for (size_t i = 1; i < job->frames; i++) turn = fmax(turn, ern_head_turn(&poses[i], &poses[0]));
-  ern_prepare_judge_turn(job, turn);
+  ern_prepare_check_turn(job, turn);
   const struct agreement agreement = agree(job, poses, faces, count);
-  judge_agreement(job, &agreement);
+  check_agreement(job, &agreement);
 fail:
   ern_release(job->context, faces);
   return status;
@@ -119,13 +120,14 @@ ern_status ern_prepare_poses_take(struct ern_prepare_job *job) {
   size_t unheard = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
   ERN_TRY(ern_prepare_poses_bring(job, poses, &unheard));
-  ERN_TRY(judge_brought(job, poses));
+  ERN_TRY(check_brought(job, poses));
   ERN_TRY(ern_prepare_poses_write(job, poses));
   if (unheard > 0)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: in the clip, each frame "
-                      "has the speech window of its own number",
-                      unheard, job->frames, job->options->poses);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: in the clip, each frame "
+        "has the speech window of its own number",
+        unheard, job->frames, job->options->poses);
 fail:
   ern_release(job->context, poses);
   return status;

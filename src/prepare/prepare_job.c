@@ -73,7 +73,7 @@ ern_status ern_prepare_progress(struct ern_prepare_job *job, size_t done, size_t
   return ern_fail(job->context, ERN_E_CANCELLED, "%s: stopped in the step \"%s\"", job->folder, job->verdict->step);
 }
 
-void ern_prepare_judge(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...) {
+void ern_prepare_add_reason(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...) {
   ern_prepare_verdict *verdict = job->verdict;
   const size_t used = strlen(verdict->words);
   char *to = verdict->words + used;

@@ -90,7 +90,7 @@ ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, co
 /* poses_brought.c. The step "pose" with the poses of options->poses. */
 ERN_NODISCARD ern_status ern_prepare_poses_take(struct ern_prepare_job *job);
 /* The verdict of how far the head turns in all, degrees. */
-void ern_prepare_judge_turn(struct ern_prepare_job *job, double turn);
+void ern_prepare_check_turn(struct ern_prepare_job *job, double turn);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). The eyes are where the landmarks of
  * options->landmarks have them, if the user brought any. */
@@ -130,7 +130,8 @@ ERN_NODISCARD ern_status ern_prepare_progress(struct ern_prepare_job *job, size_
 
 /* Adds a reason to the step's verdict, which gets the worse of its grade and this one. The words name what was found,
  * what was expected, and what helps. */
-void ern_prepare_judge(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...) ERN_PRINTF(3, 4);
+void ern_prepare_add_reason(struct ern_prepare_job *job, ern_prepare_grade grade, const char *format, ...)
+    ERN_PRINTF(3, 4);
 /* A number for prepare.json and the report. */
 void ern_prepare_figure(struct ern_prepare_job *job, const char *name, double value);
 

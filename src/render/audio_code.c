@@ -88,29 +88,29 @@ fail:
   return status;
 }
 
-ern_status ern_renderer_keyframes(ern_renderer *r, const float *windows, int window_length, const float *eyes,
-                                  size_t count, struct ern_keyframe **moment) {
+ern_status ern_renderer_speech_frames(ern_renderer *r, const float *windows, int window_length, const float *eyes,
+                                      size_t count, struct ern_speech_frame **frames) {
   ern_context *context = r->context;
-  struct ern_keyframe *made = NULL;
+  struct ern_speech_frame *made = NULL;
   ern_status status = ERN_OK;
-  *moment = NULL;
-  status = ern_window_length_check(context, &r->field, "render", window_length);
+  *frames = NULL;
+  if (count > 0) status = ern_window_length_check(context, &r->field, "render", window_length);
   if (status != ERN_OK) return status;
   const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)window_length * (size_t)r->field.config.feature_width;
   ERN_TRY(ERN_NEW(context, count, &made));
   for (size_t k = 0; k < count; k++) {
-    made[k] = (struct ern_keyframe){windows + k * values, window_length, eyes[k]};
+    made[k] = (struct ern_speech_frame){windows + k * values, window_length, eyes[k]};
     if (!(eyes[k] >= 0 && eyes[k] <= 1))
-      ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: moment %zu of the speech: eye is %g, expected 0 to 1", k,
+      ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "render: frame %zu of the speech: eye is %g, expected 0 to 1", k,
                        (double)eyes[k]));
     for (size_t i = 0; i < values; i++) {
       char where[64];
       if (ern_feature_fits(made[k].windows[i])) continue;
-      snprintf(where, sizeof where, "render: moment %zu of the speech", k);
+      snprintf(where, sizeof where, "render: frame %zu of the speech", k);
       ERN_TRY(ern_feature_refuse(context, where, i, made[k].windows[i]));
     }
   }
-  *moment = made;
+  *frames = made;
   return ERN_OK;
 fail:
   ern_release(context, made);

@@ -12,15 +12,15 @@ enum { SIDE = ERN_KEYFRAMES + 1 };
 static const double kernel_width = 3; /* widths of the speech */
 static const double nugget = 1e-10;   /* on the diagonal: the matrix can be inverted in double */
 
-ern_status ern_keyframe_code(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
-                             const struct ern_keyframe *moment, ern_span *code) {
-  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)moment->window_length * (size_t)field->config.feature_width;
+ern_status ern_speech_frame_code(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
+                                 const struct ern_speech_frame *frame, ern_span *code) {
+  const size_t values = (size_t)ERN_AUDIO_WINDOWS * (size_t)frame->window_length * (size_t)field->config.feature_width;
   struct ern_audio_fwd_args args = {.parameters = parameters, .net = field->audio};
   ern_status status = ERN_OK;
-  args.net.window_length = moment->window_length;
+  args.net.window_length = frame->window_length;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &args.code));
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, values, &args.windows));
-  ERN_TRY(stream->backend->upload_reals(stream, args.windows, moment->windows, values));
+  ERN_TRY(stream->backend->upload_reals(stream, args.windows, frame->windows, values));
   ERN_TRY(stream->backend->audio_fwd(stream, &args));
   *code = args.code;
 fail:
@@ -64,17 +64,17 @@ static double scale_of(const float *code, size_t count) {
 
 /* ---- the choice -------------------------------------------------------------------------------------------------- */
 
-/* away: [count], how far each moment is from those that were chosen */
-static void choose(struct ern_keyframes *m, const float *code, const struct ern_keyframe *moment, double *away,
+/* away: [count], how far each frame is from those that were chosen */
+static void choose(struct ern_keyframes *m, const float *code, const struct ern_speech_frame *frame, double *away,
                    size_t count) {
   const double least = 1e-4; /* closer ones are the same */
   for (size_t k = 0; k < count; k++) away[k] = INFINITY;
   for (size_t next = 0; m->count < ERN_KEYFRAMES;) {
     const size_t chosen = m->count++;
     memcpy(m->code[chosen], code + next * ERN_AUDIO_CODE, sizeof m->code[chosen]);
-    m->eye[chosen] = moment[next].eye;
+    m->eye[chosen] = frame[next].eye;
     for (size_t k = 0; k < count; k++)
-      away[k] = fmin(away[k], distance(m, chosen, code + k * ERN_AUDIO_CODE, moment[k].eye));
+      away[k] = fmin(away[k], distance(m, chosen, code + k * ERN_AUDIO_CODE, frame[k].eye));
     for (size_t k = 0; k < count; k++)
       if (away[k] > away[next]) next = k;
     if (!(away[next] > least)) break;
@@ -120,28 +120,29 @@ static bool solve(struct ern_keyframes *m) {
   return true;
 }
 
-ern_status ern_keyframes_choose(struct ern_keyframes *moments, struct ern_stream *stream, const struct ern_field *field,
-                                ern_span parameters, const struct ern_keyframe *moment, size_t count) {
+ern_status ern_keyframes_choose(struct ern_keyframes *keyframes, struct ern_stream *stream,
+                                const struct ern_field *field, ern_span parameters,
+                                const struct ern_speech_frame *frame, size_t count) {
   ern_context *context = stream->backend->context;
   float *code = NULL;
   double *away = NULL;
   ern_status status = ERN_OK;
-  *moments = (struct ern_keyframes){0};
+  *keyframes = (struct ern_keyframes){0};
   ERN_TRY(ERN_NEW(context, count * ERN_AUDIO_CODE, &code));
   ERN_TRY(ERN_NEW(context, count, &away));
   for (size_t k = 0; k < count && status == ERN_OK; k++) {
     const struct ern_arena_mark mark = ern_arena_mark(stream);
-    ern_span heard;
-    status = ern_keyframe_code(stream, field, parameters, &moment[k], &heard);
+    ern_span span;
+    status = ern_speech_frame_code(stream, field, parameters, &frame[k], &span);
     if (status == ERN_OK)
-      status = stream->backend->download_reals(stream, code + k * ERN_AUDIO_CODE, heard, ERN_AUDIO_CODE);
+      status = stream->backend->download_reals(stream, code + k * ERN_AUDIO_CODE, span, ERN_AUDIO_CODE);
     ern_arena_release(stream, mark);
   }
   if (status != ERN_OK) goto fail;
-  moments->scale = scale_of(code, count);
-  choose(moments, code, moment, away, count);
-  if (!solve(moments))
-    status = ern_fail(context, ERN_E_NONFINITE, "render: the audio codes of the speech's moments are not numbers");
+  keyframes->scale = scale_of(code, count);
+  choose(keyframes, code, frame, away, count);
+  if (!solve(keyframes))
+    status = ern_fail(context, ERN_E_NONFINITE, "render: the audio codes of the speech's frames are not numbers");
 fail:
   ern_release(context, away);
   ern_release(context, code);
@@ -162,7 +163,7 @@ bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes
     explained += near[k] * sum;
     if (k < n) weight[k] = (float)sum;
   }
-  return kernel(0) - explained <= m->variance; /* the variance at z, as far from the moments as it lies */
+  return kernel(0) - explained <= m->variance; /* the variance at z, as far from the keyframes as it lies */
 }
 
 void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *m, const float *value, size_t stride) {

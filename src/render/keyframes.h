@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * Moments of a speech that are far from each other, and what lies between them.
+ * Keyframes: frames of the speech that are far from each other, between which others are interpolated.
  *
  * A ray's light is a smooth function of audio code and eye value nearly everywhere, so it is interpolated: between the
- * moments z_k = (code/width of the speech, eye) with a kernel K_kj = k(|z_k - z_j|) and a constant (ordinary kriging;
- * Matern's kernel 5/2, as wide as three times the speech). At z the weights w of the moments solve
+ * keyframes z_k = (code/width of the speech, eye) with a kernel K_kj = k(|z_k - z_j|) and a constant (ordinary kriging;
+ * Matern's kernel 5/2, as wide as three times the speech). At z the weights w of the keyframes solve
  *   [K 1; 1' 0] [w; m] = [k(|z - z_k|); 1].
- * With B the first rows and columns of the inverse, moment k itself is predicted from the others with the error
+ * With B the first rows and columns of the inverse, keyframe k itself is predicted from the others with the error
  *   e_k = sum_j B_kj y_j / B_kk (Dubrule 1983),
  * of the variance 1/B_kk: so it is known, ray by ray, how well it goes, and frame by frame, whether z is any farther
- * from the moments than they are from each other. */
+ * from the keyframes than they are from each other. */
 #ifndef ERN_RENDER_KEYFRAMES_H
 #define ERN_RENDER_KEYFRAMES_H
 
@@ -17,8 +17,8 @@
 
 enum { ERN_KEYFRAMES = 16 };
 
-/* One of the moments of a speech. */
-struct ern_keyframe {
+/* What a frame of the speech shows. */
+struct ern_speech_frame {
   const float *windows; /* [ERN_AUDIO_WINDOWS][window_length][width], on the host, finite */
   int window_length;
   float eye;
@@ -32,21 +32,23 @@ struct ern_keyframes {
   double variance;                                      /* the largest 1/B_kk */
 };
 
-/* *code = the audio code of the keyframe, real [A], in the stream's scratch. */
-ERN_NODISCARD ern_status ern_keyframe_code(struct ern_stream *stream, const struct ern_field *field,
-                                           ern_span parameters, const struct ern_keyframe *moment, ern_span *code);
+/* *code = the audio code of the frame, real [A], in the stream's scratch. */
+ERN_NODISCARD ern_status ern_speech_frame_code(struct ern_stream *stream, const struct ern_field *field,
+                                               ern_span parameters, const struct ern_speech_frame *frame,
+                                               ern_span *code);
 
-/* The first moment, then always the one that is farthest from those that were chosen. moment: [count], >= 1. */
-ERN_NODISCARD ern_status ern_keyframes_choose(struct ern_keyframes *moments, struct ern_stream *stream,
+/* The first frame, then always the one that is farthest from those that were chosen. frame: [count], >= 1. */
+ERN_NODISCARD ern_status ern_keyframes_choose(struct ern_keyframes *keyframes, struct ern_stream *stream,
                                               const struct ern_field *field, ern_span parameters,
-                                              const struct ern_keyframe *moment, size_t count);
+                                              const struct ern_speech_frame *frame, size_t count);
 
-/* weight[k] of moment k, which sum to 1. False where nothing is known of what is heard and seen. */
-bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes *moments,
+/* weight[k] of keyframe k, which sum to 1. False where audio code and eye are too far from all keyframes. */
+bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes *keyframes,
                          const float code[ERN_AUDIO_CODE], float eye);
 
-/* error[k] = what value[k * stride] differs by from what the other moments say; fewer than 3 moments say nothing. */
-void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *moments, const float *value,
+/* error[k] = what value[k * stride] differs by from what the other keyframes say; fewer than 3 keyframes say nothing.
+ */
+void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *keyframes, const float *value,
                          size_t stride);
 
 #endif

@@ -25,7 +25,7 @@ fail:
 }
 
 ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
-                               const struct ern_keyframe *moment, size_t moments, float least, uint8_t *bits) {
+                               const struct ern_speech_frame *frame, size_t frames, float least, uint8_t *bits) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_context *context = stream->backend->context;
   uint32_t *cell = NULL;
@@ -36,9 +36,9 @@ ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field
   ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_CELLS, &dense));
   ERN_TRY(ERN_NEW(context, (size_t)CHUNK * ERN_EIGHTHS, &density));
   const size_t count = ern_cells_list(cell, bits);
-  for (size_t s = 0; s < moments; s++) {
-    struct ern_head_density_args args = {.parameters = parameters, .field = field, .eye_value = moment[s].eye};
-    ERN_TRY(ern_keyframe_code(stream, field, parameters, &moment[s], &args.code));
+  for (size_t s = 0; s < frames; s++) {
+    struct ern_head_density_args args = {.parameters = parameters, .field = field, .eye_value = frame[s].eye};
+    ERN_TRY(ern_speech_frame_code(stream, field, parameters, &frame[s], &args.code));
     for (size_t begin = 0; begin < count; begin += CHUNK)
       ERN_TRY(look_at(stream, &args, cell + begin, count - begin < CHUNK ? count - begin : CHUNK, least, density,
                       dense + begin));

@@ -8,9 +8,9 @@
 #include "render/keyframes.h"
 
 /* Clears the bits of cells whose density is under `least` at all of 8 points (the middles of a cell's eighths) in all
- * of the moments. bits: [ERN_OCCUPANCY_BYTES], on the host, in and out. */
+ * of the frames. bits: [ERN_OCCUPANCY_BYTES], on the host, in and out. */
 ERN_NODISCARD ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field *field,
-                                             ern_span parameters, const struct ern_keyframe *moment, size_t moments,
+                                             ern_span parameters, const struct ern_speech_frame *frame, size_t frames,
                                              float least, uint8_t *bits);
 
 #endif

@@ -31,24 +31,24 @@ ern_status ern_renderer_reuse_rays(ern_renderer *renderer, const float *windows,
     ERN_NEED(renderer->context, eyes);
   }
   struct ern_ray_reuse *s = &renderer->reuse;
-  struct ern_keyframe *moment = NULL;
+  struct ern_speech_frame *frame = NULL;
   ern_status status = ERN_OK;
   if (!(bound <= 1))
     return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound is %g, expected at most 1, or below 0 for off",
                     (double)bound);
   if (bound > 0 && count == 0)
-    return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound %g needs moments of the speech, found none",
+    return ern_fail(renderer->context, ERN_E_ARGUMENT, "render: bound %g needs frames of the speech, found none",
                     (double)bound);
   ern_ray_reuse_free(renderer);
   *s = (struct ern_ray_reuse){.on = bound >= 0, .bound = bound};
   if (!(bound > 0)) return ERN_OK;
-  ERN_TRY(ern_renderer_keyframes(renderer, windows, window_length, eyes, count, &moment));
-  for (size_t k = 0; k < count && !renderer->field.config.eye; k++) moment[k].eye = 0;
-  ERN_TRY(ern_keyframes_choose(&s->moments, renderer->stream, &renderer->field,
-                               ern_whole(renderer->parameters, renderer->field.parameters), moment, count));
+  ERN_TRY(ern_renderer_speech_frames(renderer, windows, window_length, eyes, count, &frame));
+  for (size_t k = 0; k < count && !renderer->field.config.eye; k++) frame[k].eye = 0;
+  ERN_TRY(ern_keyframes_choose(&s->keyframes, renderer->stream, &renderer->field,
+                               ern_whole(renderer->parameters, renderer->field.parameters), frame, count));
 fail:
   if (status != ERN_OK) s->on = false;
-  ern_release(renderer->context, moment);
+  ern_release(renderer->context, frame);
   return status;
 }
 
@@ -194,17 +194,17 @@ fail:
 /* The rays that are interpolated, to their places. */
 static ern_status interpolate(ern_renderer *r, const struct ern_render_rays_args *all, const float *weight) {
   const struct ern_ray_reuse *s = &r->reuse;
-  const size_t moments = s->moments.count;
+  const size_t keyframes = s->keyframes.count;
   ern_rows to[ERN_RAY_REUSE_CHANNELS];
   const size_t channels = ern_ray_reuse_rows(to, r, all);
   struct ern_blend_args blend = {.pixel = {s->rays.list, 0, s->rays.steady}, .n = s->rays.steady};
   ern_status status = ERN_OK;
   if (blend.n == 0) return ERN_OK;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, moments, &blend.weight));
-  ERN_TRY(r->backend->upload_reals(r->stream, blend.weight, weight, moments));
+  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, keyframes, &blend.weight));
+  ERN_TRY(r->backend->upload_reals(r->stream, blend.weight, weight, keyframes));
   for (size_t c = 0; c < channels; c++) {
     blend.to = to[c].span;
-    blend.from = ern_rows_part(s->rays.moments, (int)(c * moments), (int)moments);
+    blend.from = ern_rows_part(s->rays.known_rows, (int)(c * keyframes), (int)keyframes);
     ERN_TRY(r->backend->blend(r->stream, &blend));
   }
 fail:
@@ -218,7 +218,7 @@ static ern_status lay_over(ern_renderer *r, const struct ern_render_rays_args *a
   return r->backend->overlay(r->stream, &overlay);
 }
 
-/* A frame of the view of the one before, at another moment. */
+/* A frame of the view of the one before, of other speech. */
 static ern_status render_part(ern_renderer *r, const struct ern_render_rays_args *all, bool over, const float *weight) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
@@ -242,7 +242,7 @@ ern_status ern_ray_reuse_head(ern_renderer *r, const struct ern_render_rays_args
   s->known = false;                                                /* until all is there */
   if (stands && same && (!exact || !over || !s->behind_changed)) { /* laying over rounds once more */
     if (over && s->behind_changed) ERN_TRY(lay_over(r, all));
-  } else if (stands && (exact || (s->stood >= PATIENCE && ern_keyframes_weigh(weight, &s->moments, code, eye)))) {
+  } else if (stands && (exact || (s->stood >= PATIENCE && ern_keyframes_weigh(weight, &s->keyframes, code, eye)))) {
     ERN_TRY(render_part(r, all, over, weight));
   } else {
     if (!stands) ern_reused_rays_free(r);

@@ -3,8 +3,8 @@
  *
  * A ray keeps its sum w rgb and its opacity, so it can go over another background; depth and attention likewise where
  * they are wanted. While a view stands still its rays are of three kinds (ray_reuse_sort.c): without samples; steady,
- * whose light follows speech and eyes so smoothly that it is interpolated between moments of the speech (keyframes.h);
- * and those that are rendered anew. */
+ * whose light follows speech and eyes so smoothly that it is interpolated between keyframes of the speech
+ * (keyframes.h); and those that are rendered anew. */
 #ifndef ERN_RENDER_RAY_REUSE_H
 #define ERN_RENDER_RAY_REUSE_H
 

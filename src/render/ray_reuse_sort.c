@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * The rays of a view that stands still: those that have samples are rendered at each of the speech's moments. Where
- * each moment is what the others say it would be, the ray is steady, and from then on interpolated; what jumps, such as
- * an edge of the lips or of the lids, is not. This sees the picture's own samples and what hides them, which no map of
- * the cells does. */
+ * The rays of a view that stands still: those that have samples are rendered at each of the speech's keyframes. Where
+ * each keyframe is what the others say it would be, the ray is steady, and from then on interpolated; what jumps, such
+ * as an edge of the lips or of the lids, is not. This sees the picture's own samples and what hides them, which no map
+ * of the cells does. */
 #include <math.h>
 #include <string.h>
 
@@ -93,39 +93,40 @@ fail:
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-/* Rows of the hits at each of the moments: channel c at moment k is row c * moments + k. */
+/* Rows of the hits at each of the keyframes: channel c at keyframe k is row c * keyframes + k. */
 struct measured {
-  float *value; /* [channels * moments][hits] */
-  size_t channels, moments;
+  float *value; /* [channels * keyframes][hits] */
+  size_t channels, keyframes;
 };
 
-static ern_status try_moment(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span ray,
-                             ern_span code) {
+static ern_status render_keyframe(const struct sorting *s, struct measured *m, size_t k, ern_span list, ern_span ray,
+                                  ern_span code) {
   ern_renderer *r = s->r;
-  const struct ern_keyframes *moments = &r->reuse.moments;
+  const struct ern_keyframes *keyframes = &r->reuse.keyframes;
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   struct ern_render_rays_args all = *s->all, some;
   ern_rows rows[ERN_RAY_REUSE_CHANNELS];
   ern_status status = ERN_OK;
   all.code = code;
-  all.eye_value = moments->eye[k];
-  ERN_TRY(r->backend->upload_reals(r->stream, code, moments->code[k], ERN_AUDIO_CODE));
+  all.eye_value = keyframes->eye[k];
+  ERN_TRY(r->backend->upload_reals(r->stream, code, keyframes->code[k], ERN_AUDIO_CODE));
   ERN_TRY(ern_ray_reuse_render(r, &all, list, ray, &some));
   ern_ray_reuse_rows(rows, r, &some);
   for (size_t c = 0; c < m->channels; c++)
-    ERN_TRY(r->backend->download_reals(r->stream, m->value + (c * m->moments + k) * s->count, rows[c].span, s->count));
+    ERN_TRY(
+        r->backend->download_reals(r->stream, m->value + (c * m->keyframes + k) * s->count, rows[c].span, s->count));
 fail:
   ern_arena_release(r->stream, mark);
   return status;
 }
 
-/* Whether each moment of a ray is what the others say, up to `most`, over any background: over black the error of a
+/* Whether each keyframe of a ray is what the others say, up to `most`, over any background: over black the error of a
  * channel is that of its colour, over white that of colour minus opacity, and between them it lies between. */
-static bool is_steady(const struct ern_keyframes *moments, const struct measured *m, size_t hits, size_t i,
+static bool is_steady(const struct ern_keyframes *keyframes, const struct measured *m, size_t hits, size_t i,
                       float most) {
   float error[4][ERN_KEYFRAMES];
-  for (size_t c = 0; c < 4; c++) ern_keyframes_doubt(error[c], moments, m->value + c * m->moments * hits + i, hits);
-  for (size_t k = 0; k < m->moments; k++)
+  for (size_t c = 0; c < 4; c++) ern_keyframes_doubt(error[c], keyframes, m->value + c * m->keyframes * hits + i, hits);
+  for (size_t k = 0; k < m->keyframes; k++)
     for (size_t c = 0; c < 3; c++)
       if (!(fabsf(error[c][k]) <= most && fabsf(error[c][k] - error[3][k]) <= most)) return false;
   return true;
@@ -133,7 +134,7 @@ static bool is_steady(const struct ern_keyframes *moments, const struct measured
 
 /* Moves what belongs to the steady ones to the front, pixel by pixel; the order in each kind stays. */
 static ern_status part_hits(struct sorting *s, struct measured *m, const bool *steady, size_t count) {
-  const size_t hits = s->count, rows = m->channels * m->moments;
+  const size_t hits = s->count, rows = m->channels * m->keyframes;
   int32_t *parted = NULL;
   size_t front = 0, back = count;
   ern_status status = ERN_OK;
@@ -151,60 +152,60 @@ fail:
   return status;
 }
 
-/* Keeps what the steady rays have at the moments. */
-static ern_status keep_moments(const struct sorting *s, const struct measured *m, struct ern_reused_rays *rays) {
+/* Keeps what the steady rays have at the keyframes. */
+static ern_status keep_known(const struct sorting *s, const struct measured *m, struct ern_reused_rays *rays) {
   const ern_renderer *r = s->r;
-  const size_t rows = m->channels * m->moments, stride = rays->steady;
+  const size_t rows = m->channels * m->keyframes, stride = rays->steady;
   ern_status status = ERN_OK;
   if (rays->steady == 0) return ERN_OK;
   ERN_TRY(r->backend->buffer_make(r->backend, ERN_ELEMENT_REAL, rows * stride, &rays->known));
-  rays->moments = (ern_rows){ern_whole(rays->known, rows * stride), stride, (int)rows, ERN_PER_SAMPLE};
+  rays->known_rows = (ern_rows){ern_whole(rays->known, rows * stride), stride, (int)rows, ERN_PER_SAMPLE};
   for (size_t row = 0; row < rows; row++)
-    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(rays->moments, (int)row, stride),
+    ERN_TRY(r->backend->upload_reals(r->stream, ern_span_of_row(rays->known_rows, (int)row, stride),
                                      m->value + row * s->count, stride));
 fail:
   return status;
 }
 
 /* Parts the hits by what they are found to be; rays->samples is that of those rendered anew. */
-static ern_status judge(struct sorting *s, struct measured *m, float most, struct ern_reused_rays *rays) {
+static ern_status part_steady(struct sorting *s, struct measured *m, float most, struct ern_reused_rays *rays) {
   bool *steady = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(s->r->context, s->count, &steady));
   for (size_t i = 0; i < s->count; i++) {
-    steady[i] = is_steady(&s->r->reuse.moments, m, s->count, i, most);
+    steady[i] = is_steady(&s->r->reuse.keyframes, m, s->count, i, most);
     rays->steady += steady[i];
     if (steady[i]) rays->samples -= (uint64_t)s->samples[i];
   }
   ERN_TRY(part_hits(s, m, steady, rays->steady));
-  status = keep_moments(s, m, rays);
+  status = keep_known(s, m, rays);
 fail:
   ern_release(s->r->context, steady);
   return status;
 }
 
-/* A cubic that enlarges has weights whose magnitudes sum to 1.25 an axis. The moments predict each other from fewer and
- * farther ones than a frame is predicted from, and yet frames err by up to twice as much as the worst of them: hence
- * the share of the bound. */
+/* A cubic that enlarges has weights whose magnitudes sum to 1.25 an axis. The keyframes predict each other from fewer
+ * and farther ones than a frame is predicted from, and yet frames err by up to twice as much as the worst of them:
+ * hence the share of the bound. */
 static ern_status measure(struct sorting *s, struct ern_reused_rays *rays) {
   const float share = 0.4f, gain = s->r->options.image_scale < 1 ? 1.25f * 1.25f : 1;
   ern_renderer *r = s->r;
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_rows rows[ERN_RAY_REUSE_CHANNELS];
-  struct measured m = {.channels = ern_ray_reuse_rows(rows, r, s->all), .moments = r->reuse.moments.count};
+  struct measured m = {.channels = ern_ray_reuse_rows(rows, r, s->all), .keyframes = r->reuse.keyframes.count};
   ern_span list, ray, code;
   ern_status status = ERN_OK;
-  if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.moments)) return ERN_OK;
-  ERN_TRY(ERN_NEW(r->context, m.channels * m.moments * s->count, &m.value));
+  if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.keyframes)) return ERN_OK;
+  ERN_TRY(ERN_NEW(r->context, m.channels * m.keyframes * s->count, &m.value));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &ray));
   ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(r->backend->upload_int32(r->stream, list, s->pixel, s->count));
   ERN_TRY(r->backend->upload_int32(r->stream, ray, s->ray, s->count));
-  for (size_t k = 0; k < m.moments; k++) ERN_TRY(try_moment(s, &m, k, list, ray, code));
-  r->reuse.work.rays += (double)m.moments;
-  r->reuse.work.samples += (double)m.moments;
-  status = judge(s, &m, share / gain * r->reuse.bound, rays);
+  for (size_t k = 0; k < m.keyframes; k++) ERN_TRY(render_keyframe(s, &m, k, list, ray, code));
+  r->reuse.work.rays += (double)m.keyframes;
+  r->reuse.work.samples += (double)m.keyframes;
+  status = part_steady(s, &m, share / gain * r->reuse.bound, rays);
 fail:
   ern_arena_release(r->stream, mark);
   ern_release(r->context, m.value);

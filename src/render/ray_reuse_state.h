@@ -13,8 +13,8 @@ struct ern_reused_rays {
   size_t hits, steady;           /* rays with samples; and those of them that are interpolated */
   struct ern_buffer *list;       /* int32 [hits]: pixel numbers, the steady ones first, ascending in each kind */
   struct ern_buffer *ray;        /* int32 [hits]: numbers of the pixels that their rays go through */
-  struct ern_buffer *known;      /* real: channels of the steady rays at each moment */
-  ern_rows moments;              /* of it: [moments * channels] per steady ray */
+  struct ern_buffer *known;      /* real: channels of the steady rays at each keyframe */
+  ern_rows known_rows;           /* of it: [keyframes * channels] per steady ray */
   uint64_t samples, all_samples; /* in occupied cells: of the rays that are rendered anew; of all */
 };
 
@@ -30,8 +30,8 @@ struct ern_ray_reuse_background {
 
 struct ern_ray_reuse {
   bool on;
-  float bound;                  /* most that a pixel may be off, 0..1 */
-  struct ern_keyframes moments; /* of the speech to come, where bound > 0 */
+  float bound;                    /* most that a pixel may be off, 0..1 */
+  struct ern_keyframes keyframes; /* of the speech to come, where bound > 0 */
   struct ern_ray_reuse_background behind;
   bool behind_changed; /* since the frame before */
   bool known;          /* the head's rows are those of: */

@@ -185,24 +185,24 @@ ern_status ern_renderer_prune_occupancy(ern_renderer *renderer, const float *win
     ERN_NEED(context, windows);
     ERN_NEED(context, eyes);
   }
-  struct ern_keyframe *moment = NULL;
+  struct ern_speech_frame *frame = NULL;
   uint8_t *bits = NULL;
   ern_status status = ERN_OK;
   if (!(density >= 0) || !isfinite(density))
     ERN_TRY(
         ern_fail(context, ERN_E_ARGUMENT, "render: density to leave out is %g, expected 0 or more", (double)density));
-  ERN_TRY(ern_renderer_keyframes(renderer, windows, window_length, eyes, count, &moment));
+  ERN_TRY(ern_renderer_speech_frames(renderer, windows, window_length, eyes, count, &frame));
   ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_BYTES, &bits));
   memcpy(bits, renderer->model->bits, ERN_OCCUPANCY_BYTES);
   if (density > 0 && count > 0)
     ERN_TRY(ern_occupancy_prune(renderer->stream, &renderer->field,
-                                ern_whole(renderer->parameters, renderer->field.parameters), moment, count, density,
+                                ern_whole(renderer->parameters, renderer->field.parameters), frame, count, density,
                                 bits));
   ern_ray_reuse_forget(renderer);
   status = renderer->backend->upload_bytes(renderer->stream, ern_whole(renderer->bits, ERN_OCCUPANCY_BYTES), bits,
                                            ERN_OCCUPANCY_BYTES);
 fail:
-  ern_release(context, moment);
+  ern_release(context, frame);
   ern_release(context, bits);
   return status;
 }

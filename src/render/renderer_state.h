@@ -72,11 +72,11 @@ static inline ern_span ern_whole(struct ern_buffer *buffer, size_t count) { retu
 ERN_NODISCARD ern_status ern_renderer_buffer(ern_renderer *r, enum buffer buffer, ern_element element, size_t count,
                                              ern_span *span);
 
-/* *moment: [count], to be released, around what a caller has handed in, which has been checked. */
-ERN_NODISCARD ern_status ern_renderer_keyframes(ern_renderer *r, const float *windows, int window_length,
-                                                const float *eyes, size_t count, struct ern_keyframe **moment);
+/* *frames: [count], to be released, around what a caller has handed in, which has been checked. */
+ERN_NODISCARD ern_status ern_renderer_speech_frames(ern_renderer *r, const float *windows, int window_length,
+                                                    const float *eyes, size_t count, struct ern_speech_frame **frames);
 
-/* r->code = what is heard in the windows. */
+/* r->code = the audio code of the windows. */
 ERN_NODISCARD ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input);
 
 /* The audio code of the frame: smoothed over frames where that is asked for, and blended with the silence code. */

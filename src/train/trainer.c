@@ -375,8 +375,8 @@ static ern_status stopped(const ern_trainer *t, ern_status status) {
 
 static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *divergence) {
   char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
-  t->declined = t->output != NULL && t->saved > 0;
-  if (t->declined)
+  t->diverged = t->output != NULL && t->saved > 0;
+  if (t->diverged)
     snprintf(kept, sizeof kept,
              "; the next save keeps the state of before as %s, which --from goes on from, to another output",
              t->run.good);

@@ -102,7 +102,7 @@ struct ern_trainer {
   double late;                     /* with a communicator: seconds of the last step, not yet in `seconds` */
   struct ern_run_folder run;
   uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
-  bool declined;  /* since the last save, with a state of before in the folder */
+  bool diverged;  /* since the last save, with a state of before in the folder */
 
   struct ern_run_folder torso_run; /* of config.torso_output: locked, and nothing else */
 

@@ -133,11 +133,11 @@ fail:
 /* After a divergence the oldest state is kept for good: it is from before, the newer one perhaps not. */
 static ern_status keep_good(ern_trainer *t) {
   const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
-  if (t->declined && access(oldest, F_OK) == 0) {
+  if (t->diverged && access(oldest, F_OK) == 0) {
     const ern_status status = move(t->context, oldest, t->run.good);
     if (status != ERN_OK) return status;
   }
-  t->declined = false;
+  t->diverged = false;
   return ERN_OK;
 }
 
@@ -371,7 +371,7 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
   return best->model != NULL ? ERN_OK : damaged;
 }
 
-/* A torso goes on under the head that it was trained under. The individual codes of a head are not drawn with a
+/* A torso goes on with the head that it was trained for. The individual codes of a head are not drawn with a
  * torso's, and a longer clip has added to them. */
 static ern_status check_same_head(ern_trainer *t, const ern_model *found, const char *path) {
   for (int r = 0; t->config.torso && r < t->model->table.rows; r++) {
@@ -379,7 +379,7 @@ static ern_status check_same_head(ern_trainer *t, const ern_model *found, const 
     if (row->torso || strcmp(row->name, "individual_codes") == 0) continue;
     if (memcmp(found->block + row->at, t->model->block + row->at, row->count * sizeof(float)) != 0)
       return ern_fail(t->context, ERN_E_MISMATCH,
-                      "%s: %s is that of another head, expected the head that this torso was trained under", path,
+                      "%s: %s is that of another head, expected the head that this torso was trained for", path,
                       row->name);
   }
   return ERN_OK;

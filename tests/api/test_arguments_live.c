@@ -65,7 +65,7 @@ CHECK(ern_live_push_windows) {
   support_expect(w.context, ern_live_push_windows(w.windows, values, 1), ERN_E_FORMAT, "place 1", NULL);
   support_expect(w.context, ern_live_push_windows(w.live, values, 1), ERN_E_STATE, "expected sound", NULL);
 }
-CHECK(ern_live_rest) { REFUSED_ALONE(ern_live_rest(NULL)); }
+CHECK(ern_live_insert_silence) { REFUSED_ALONE(ern_live_insert_silence(NULL)); }
 CHECK(ern_live_flush) { REFUSED_ALONE(ern_live_flush(NULL)); }
 CHECK(ern_live_cancel) { REFUSED_ALONE(ern_live_cancel(NULL)); }
 CHECK(ern_live_end) { REFUSED_ALONE(ern_live_end(NULL)); }
@@ -93,12 +93,18 @@ CHECK(ern_live_draw) {
   REFUSED_ALONE(ern_live_draw(&frame, NULL, &(ern_frame_input){0}, &(ern_frame_output){0}, NULL));
 }
 
-static const struct arguments_check table[] = {ROW(ern_live_options_fill), ROW(ern_live_options_default),
-                                               ROW(ern_live_open),         ROW(ern_live_free),
-                                               ROW(ern_live_push),         ROW(ern_live_push_windows),
-                                               ROW(ern_live_rest),         ROW(ern_live_flush),
-                                               ROW(ern_live_cancel),       ROW(ern_live_end),
-                                               ROW(ern_live_pull),         ROW(ern_live_draw_sized),
+static const struct arguments_check table[] = {ROW(ern_live_options_fill),
+                                               ROW(ern_live_options_default),
+                                               ROW(ern_live_open),
+                                               ROW(ern_live_free),
+                                               ROW(ern_live_push),
+                                               ROW(ern_live_push_windows),
+                                               ROW(ern_live_insert_silence),
+                                               ROW(ern_live_flush),
+                                               ROW(ern_live_cancel),
+                                               ROW(ern_live_end),
+                                               ROW(ern_live_pull),
+                                               ROW(ern_live_draw_sized),
                                                ROW(ern_live_draw)};
 enum { CHECKS = sizeof table / sizeof *table };
 

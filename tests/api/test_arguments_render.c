@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What cameras, speech, renderers, rate and judging do with NULL, with numbers out of range and with structures that
+ * What cameras, speech, renderers, rate and evaluation do with NULL, with numbers out of range and with structures that
  * nobody initialised (base.h). */
 #include <math.h>
 
@@ -259,7 +259,8 @@ CHECK(ern_renderer_frame_sized) {
                 ern_renderer_frame_sized(w.renderer, &input, in, &output, sizeof output + 8, NULL, 0));
 }
 
-/* ---- render.h: rate, judging ------------------------------------------------------------------------------------- */
+/* ---- render.h: rate, evaluation -------------------------------------------------------------------------------------
+ */
 
 CHECK(ern_rate_controller_begin) {
   const double cost = 1;

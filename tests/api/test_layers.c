@@ -87,7 +87,7 @@ static const struct rule *rule_of(const char *folder) {
 }
 
 /* NULL where `header`, written in a file `name` of `folder`, is fine; else what is wrong. */
-static const char *judge_quoted(const char *folder, const char *name, const char *header) {
+static const char *check_quoted(const char *folder, const char *name, const char *header) {
   const struct rule *rule = rule_of(folder);
   if (rule == NULL) return "no rule for the folder";
   const size_t length = strlen(folder);
@@ -104,7 +104,7 @@ static const char *judge_quoted(const char *folder, const char *name, const char
   return "may not see";
 }
 
-static const char *judge_bracketed(const char *folder, const char *header) {
+static const char *check_bracketed(const char *folder, const char *header) {
   for (size_t i = 0; i < sizeof outside / sizeof *outside; i++) {
     if (fnmatch(outside[i].header, header, 0) != 0) continue;
     for (size_t k = 0; k < 6 && outside[i].folders[k] != NULL; k++)
@@ -137,7 +137,7 @@ static void check_file(struct tally *tally, const char *path, const char *folder
   for (int number = 1; fgets(line, sizeof line, file) != NULL; number++) {
     if (!parse_include(line, header, &bracket)) continue;
     tally->includes++;
-    const char *wrong = bracket == '"' ? judge_quoted(folder, name, header) : judge_bracketed(folder, header);
+    const char *wrong = bracket == '"' ? check_quoted(folder, name, header) : check_bracketed(folder, header);
     if (wrong != NULL) fault(tally, path, number, wrong, header);
   }
   fclose(file);
@@ -247,18 +247,18 @@ static void test_rules(void **state) {
       {"attic", "a.c", "core/types.h", false},
   };
   for (size_t i = 0; i < sizeof quoted / sizeof *quoted; i++) {
-    const char *wrong = judge_quoted(quoted[i].folder, quoted[i].name, quoted[i].header);
+    const char *wrong = check_quoted(quoted[i].folder, quoted[i].name, quoted[i].header);
     if ((wrong == NULL) != quoted[i].fine)
       fail_msg("%s/%s with \"%s\": %s", quoted[i].folder, quoted[i].name, quoted[i].header,
                wrong != NULL ? wrong : "let pass");
   }
-  assert_null(judge_bracketed("core", "stdio.h"));
-  assert_null(judge_bracketed("io", "sys/stat.h"));
-  assert_null(judge_bracketed("media", "opencv2/imgproc.hpp"));
-  assert_non_null(judge_bracketed("model", "libavutil/log.h"));
-  assert_non_null(judge_bracketed("mlp", "immintrin.h"));
-  assert_non_null(judge_bracketed("train", "CL/cl.h"));
-  assert_non_null(judge_bracketed("core", "gsl/gsl.h"));
+  assert_null(check_bracketed("core", "stdio.h"));
+  assert_null(check_bracketed("io", "sys/stat.h"));
+  assert_null(check_bracketed("media", "opencv2/imgproc.hpp"));
+  assert_non_null(check_bracketed("model", "libavutil/log.h"));
+  assert_non_null(check_bracketed("mlp", "immintrin.h"));
+  assert_non_null(check_bracketed("train", "CL/cl.h"));
+  assert_non_null(check_bracketed("core", "gsl/gsl.h"));
   char header[LINE_BYTES], bracket = 0;
   assert_true(parse_include("  # include <math.h> /* x */", header, &bracket) && bracket == '<');
   assert_string_equal(header, "math.h");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * `ernerf ablate`: its tables on a small budget, going on after a stop, its refusals. Which row wins is not judged. */
+ * `ernerf ablate`: its tables on a small budget, going on after a stop, its refusals. Which row wins is not checked. */
 #include "cli.h"
 
 #include <math.h>
@@ -94,8 +94,8 @@ static void ablate_again(const char *folder, const char *more, double *psnr, dou
   json_decref(object);
 }
 
-/* All trainings are done: a second call judges them anew and finds the same, also in the seconds behind them. Another
- * rate is another training. */
+/* All trainings are done: a second call evaluates them anew and finds the same, also in the seconds behind them.
+ * Another rate is another training. */
 static void test_resume(void **state) {
   (void)state;
   double psnr[3], seconds[3], lr_net[3];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * `ernerf bench`: its object, its table, its refusals. The figures themselves are not judged. */
+ * `ernerf bench`: its object, its table, its refusals. The figures themselves are not checked. */
 #include "cli.h"
 
 #include <math.h>

@@ -374,8 +374,8 @@ static double own_psnr(size_t k) {
   return psnr;
 }
 
-/* The pictures of a video are judged as they are. The model's own differ from them by the rounding to 8 bits: a colour
- * by half a step, so the root of the mean square by half a step at most. */
+/* The pictures of a video are evaluated as they are. The model's own differ from them by the rounding to 8 bits: a
+ * colour by half a step, so the root of the mean square by half a step at most. */
 static void test_video(void **state) {
   (void)state;
   const double half_step = 0.5 / 255;

@@ -56,7 +56,7 @@ static void test_head_and_torso(void **state) {
   assert_true(steps > 1);
   assert_true(has_torso("p.safetensors"));
   cli_run(&cli, "train clip -o p.safetensors --time 12s --resume");
-  cli_expect(&cli, 1, "p.safetensors: its torso is trained under a head of --time 6 s", NULL);
+  cli_expect(&cli, 1, "p.safetensors: its torso is trained for a head of --time 6 s", NULL);
 }
 
 static void test_head_alone(void **state) {

@@ -21,7 +21,7 @@ static int train_head(void **state) {
   return 0;
 }
 
-static double judged(const char *words) {
+static double eval_psnr(const char *words) {
   cli_run(&cli, "eval %s --json -", words);
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
@@ -32,17 +32,17 @@ static double judged(const char *words) {
 
 static void test_seen_as_trained(void **state) {
   (void)state;
-  const double plain = judged("m.safetensors clip");
+  const double plain = eval_psnr("m.safetensors clip");
   assert_null(strstr(cli.err, "was trained with"));
-  assert_true(plain == judged("m.safetensors clip " UNUSUAL));
+  assert_true(plain == eval_psnr("m.safetensors clip " UNUSUAL));
   assert_null(strstr(cli.err, "was trained with"));
-  assert_true(plain != judged("m.safetensors clip --scale 4 --audio-pad edge"));
+  assert_true(plain != eval_psnr("m.safetensors clip --scale 4 --audio-pad edge"));
   cli_expect(&cli, 0,
              "m.safetensors was trained with --scale 3 --audio-pad zero; it is drawn with --scale 4 --audio-pad edge",
              NULL);
   cli_run(&cli, "convert m.safetensors m.pth");
   cli_expect(&cli, 0, "give the public program --scale 3 --dt_gamma 0.01 --max_steps 24", NULL);
-  assert_true(plain == judged("m.pth clip"));
+  assert_true(plain == eval_psnr("m.pth clip"));
   cli_run(&cli, "info m.pth");
   cli_expect_out(&cli, 0, "scale 3, dt_gamma 0.01, 24 samples a ray, torso_shrink 0.8, audio-pad zero\n", NULL);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Live speech: the same frames as from a file, however sound is cut; pauses, rest, and what happens when one side is
- * slow. */
+ * Live speech: the same frames as from a file, however sound is cut; pauses, inserted silence, and what happens when
+ * one side is slow. */
 #include <math.h>
 #include <pthread.h>
 #include <time.h>
@@ -174,7 +174,8 @@ static void test_look_ahead(void **state) {
   free(sound.data);
 }
 
-/* ---- rest, pauses, cancelling ------------------------------------------------------------------------------------ */
+/* ---- inserted silence, pauses, cancelling
+ * ------------------------------------------------------------------------------------ */
 
 static void test_rest(void **state) {
   (void)state;
@@ -185,29 +186,29 @@ static void test_rest(void **state) {
   ern_live *live = NULL;
   options.silence_code = code;
   support_ok(context, ern_live_open(context, &options, &live));
-  for (int i = 0; i < 20; i++) support_ok(context, ern_live_rest(live));
+  for (int i = 0; i < 20; i++) support_ok(context, ern_live_insert_silence(live));
   support_ok(context, ern_live_push(live, sound, RATE / 5)); /* five ticks */
   support_ok(context, ern_live_flush(live));
-  for (int i = 0; i < 12; i++) support_ok(context, ern_live_rest(live));
+  for (int i = 0; i < 12; i++) support_ok(context, ern_live_insert_silence(live));
   float last = 1;
-  bool seen_speech = false, rests_again = false;
+  bool seen_speech = false, silent_again = false;
   size_t given = 0;
   for (const ern_live_frame *f = pull(live); f != NULL; f = pull(live), given++) {
     assert_int_equal(f->number, given);
     assert_memory_equal(f->silence_code, code, sizeof code);
     assert_true(f->silence_weight - last <= 0.2001f && last - f->silence_weight <= 0.3334f); /* no jump */
-    if (given >= 20 && given < 25) assert_true(f->silence_weight < 1e-6f && !f->resting);
-    if (given < 16) assert_true(f->silence_weight >= 1 && f->resting);
-    seen_speech |= !f->resting;
-    rests_again |= seen_speech && f->silence_weight >= 1;
+    if (given >= 20 && given < 25) assert_true(f->silence_weight < 1e-6f && !f->inserted_silence);
+    if (given < 16) assert_true(f->silence_weight >= 1 && f->inserted_silence);
+    seen_speech |= !f->inserted_silence;
+    silent_again |= seen_speech && f->silence_weight >= 1;
     last = f->silence_weight;
   }
-  assert_true(given >= 25 && rests_again);
+  assert_true(given >= 25 && silent_again);
   ern_live_free(&live);
 }
 
 /* A picture that must go on: a frame at each pull, whatever comes; sound that comes late by less than the look-ahead
- * leaves no gap in the sound, and what is said after rest is heard whole. */
+ * leaves no gap in the sound, and what is said after inserted silence is heard whole. */
 static void test_goes_on(void **state) {
   (void)state;
   enum { TICK = RATE / 25, SPOKEN = 20 };
@@ -215,7 +216,7 @@ static void test_goes_on(void **state) {
   ern_live *live = NULL;
   float sound[TICK * SPOKEN * CHANNELS];
   for (size_t i = 0; i < TICK * SPOKEN * CHANNELS; i++) sound[i] = 0.5f + 0.4f * (float)uniform(5, i);
-  options.rests = true;
+  options.insert_silence = true;
   support_ok(context, ern_live_open(context, &options, &live));
   size_t pushed = 0, heard = 0;
   bool gap = false;
@@ -408,7 +409,7 @@ static void test_hostile_sound(void **state) {
   support_ok(context, ern_live_push(live, samples, 100));
   support_ok(context, ern_live_end(live));
   support_expect(context, ern_live_push(live, samples, 1), ERN_E_STATE, "has ended", NULL);
-  support_expect(context, ern_live_rest(live), ERN_E_STATE, "has ended", NULL);
+  support_expect(context, ern_live_insert_silence(live), ERN_E_STATE, "has ended", NULL);
   const ern_live_frame *f = pull(live); /* the refused calls left nothing behind */
   assert_non_null(f);
   assert_int_equal(f->samples, 100);

@@ -131,7 +131,7 @@ static void test_overlay_of_odd_values(void **state) {
   }
 }
 
-/* ---- judging ---- */
+/* ---- evaluation ---- */
 
 /* Equal pictures are 100 dB and an SSIM of 1; a NaN anywhere is a NaN, which is no agreement. */
 static void test_metrics_of_equal_and_broken_pictures(void **state) {

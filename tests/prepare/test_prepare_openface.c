@@ -101,7 +101,7 @@ static void test_held(void **state) {
       const size_t row = !gone ? i : gaps[n].gap > 0 ? gaps[n].gap - 1 : gaps[n].end;
       expect_points((const float(*)[POINTS][2])points, i, (double)row / 25);
     }
-    ern_openface_judge(&m.job, "video.csv", held);
+    ern_openface_check(&m.job, "video.csv", held);
     assert_int_equal(m.verdict.grade, ERN_PREPARE_DOUBTFUL);
     assert_non_null(strstr(m.verdict.words, "success is 0 in"));
     made_job_close(&m);

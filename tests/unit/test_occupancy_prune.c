@@ -126,8 +126,9 @@ static void test_bad_arguments(void **state) {
   support_expect(scene.context, prune_occupancy(&scene, NAN), ERN_E_ARGUMENT, "density", NULL);
   support_expect(scene.context, ern_renderer_prune_occupancy(scene.renderer, scene.windows, 17, scene.eyes, MOMENTS, 1),
                  ERN_E_ARGUMENT, "window_length", "17", NULL);
+  support_ok(scene.context, ern_renderer_prune_occupancy(scene.renderer, NULL, 0, NULL, 0, 0));
   scene.windows[MOMENT + 3] = INFINITY;
-  support_expect(scene.context, prune_occupancy(&scene, 1), ERN_E_NONFINITE, "moment 1", "value 3", NULL);
+  support_expect(scene.context, prune_occupancy(&scene, 1), ERN_E_NONFINITE, "frame 1", "value 3", NULL);
   scene_free(&scene);
 }
 

@@ -367,15 +367,15 @@ static void test_bad_arguments(void **state) {
   support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 1, 1.5f),
                  ERN_E_ARGUMENT, "bound", "1.5", NULL);
   support_expect(scene.context, ern_renderer_reuse_rays(renderer, NULL, LENGTH, NULL, 0, half_a_level), ERN_E_ARGUMENT,
-                 "moments", "none", NULL);
+                 "frames of the speech", "none", NULL);
   support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, 17, scene.eyes, 1, half_a_level),
                  ERN_E_ARGUMENT, "window_length", "17", NULL);
   scene.eyes[2] = 2;
   support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 3, half_a_level),
-                 ERN_E_ARGUMENT, "moment 2", "eye", NULL);
+                 ERN_E_ARGUMENT, "frame 2", "eye", NULL);
   scene.windows[MOMENT + 3] = INFINITY;
   support_expect(scene.context, ern_renderer_reuse_rays(renderer, scene.windows, LENGTH, scene.eyes, 2, half_a_level),
-                 ERN_E_NONFINITE, "moment 1", "value 3", NULL);
+                 ERN_E_NONFINITE, "frame 1", "value 3", NULL);
   ern_renderer_free(&renderer);
   scene_free(&scene);
 }

@@ -39,7 +39,7 @@ static void test_words(void **state) {
     assert_int_equal(settings_changes(&s, &base), i + 1);
   }
   settings_name(&s, &base, "default", &text);
-  expect_text(&text, "scale 0.5, 8 samples, thin 1, avx512bf16");
+  expect_text(&text, "scale 0.5, 8 samples, threshold 1, avx512bf16");
   settings_options(&s, &base, &text);
   expect_text(&text, " --max_steps 8 --occupancy_threshold 1 --image_scale 0.5 --isa avx512bf16");
   const struct choice device = {AXIS_UNIT, 3, "opencl", ""};

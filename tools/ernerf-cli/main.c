@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf: trains, renders and judges talking portraits. Finds the verb and hands over to it. */
+ * ernerf: trains, renders and evaluates talking portraits. Finds the verb and hands over to it. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>

@@ -177,7 +177,8 @@ static double stream_of(double bytes, const ern_bench_machine *machine, const er
 }
 
 /* The least seconds that the machine would need: for the arithmetic, for the arrays, for the random reads. */
-static void judge(ern_bench_kernel *kernel, const ern_bench_machine *machine, size_t index, bool alone, size_t real) {
+static void compute_share(ern_bench_kernel *kernel, const ern_bench_machine *machine, size_t index, bool alone,
+                          size_t real) {
   kernel->share = (double)NAN;
   kernel->bound = "";
   if (machine == NULL || index >= machine->peaks) return;
@@ -248,7 +249,7 @@ static ern_status measure(struct kernels *kernels, size_t number, double seconds
                                .bytes = cost->bytes,
                                .reads = cost->reads,
                                .seconds = timing[k]};
-    judge(&kernel, machine, k, kernels->alone, subject->backend->real_bytes);
+    compute_share(&kernel, machine, k, kernels->alone, subject->backend->real_bytes);
     if (say(user, &kernel) != 0)
       status = ern_fail(subject->backend->context, ERN_E_CANCELLED, "bench: stopped at the kernel %s", cost->name);
   }

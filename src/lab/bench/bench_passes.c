@@ -146,7 +146,7 @@ static ern_status make_trainer(struct subject *s, const ern_bench_options *optio
 }
 
 /* The peaks of all threads. */
-static void judge(ern_bench_pass *pass, const ern_bench_machine *machine, size_t index) {
+static void compute_share(ern_bench_pass *pass, const ern_bench_machine *machine, size_t index) {
   pass->share = (double)NAN;
   if (machine != NULL && index < machine->peaks && pass->flops > 0)
     pass->share = pass->flops / pass->seconds.least / machine->peak[index].flops.all;
@@ -281,7 +281,7 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
     ERN_TRY(call_apart(&passes, k, &timing[k], draw));
     sum_frame(&passes.subject[k]);
     ERN_TRY(count_frame(&passes.subject[k]));
-    judge(&results[k], machine, k);
+    compute_share(&results[k], machine, k);
   }
   status = ern_bench_tell(context, &chosen, 1, 1);
 fail:
@@ -384,7 +384,7 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
   for (size_t k = 0; k < count; k++) {
     ERN_TRY(call_apart(&passes, k, &timing[k], step));
     add_sixteenth(&passes.subject[k], &timing[k], torso);
-    judge(&results[k], machine, k);
+    compute_share(&results[k], machine, k);
   }
   status = ern_bench_tell(context, &chosen, 2, 2);
 fail:

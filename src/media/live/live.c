@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A session of live speech: its clock is the count of samples that were pushed, silence by ern_live_rest among them.
- * Windows that are pushed count as samples at 25 a second. */
+ * A session of live speech: its clock is the count of samples that were pushed, silence by ern_live_insert_silence
+ * among them. Windows that are pushed count as samples at 25 a second. */
 #include "ernerf/live.h"
 
 #include <errno.h>
@@ -19,8 +19,8 @@ enum {
   CODE = 32,
   MOST_CAPACITY = 1000,
   MOST_RATE_PART = 1000000,
-  REST_TICKS = 2048, /* a power of two above MOST_CAPACITY and all that is looked at before and after */
-  PAUSE_BEFORE = 16, /* ticks before a frame and after it in which its pause is looked for */
+  SILENCE_TICKS = 2048, /* a power of two above MOST_CAPACITY and all that is looked at before and after */
+  PAUSE_BEFORE = 16,    /* ticks before a frame and after it in which its pause is looked for */
   PAUSE_AFTER = 3,
   PAUSE_TICKS = PAUSE_BEFORE + 1 + PAUSE_AFTER,
   WINDOWS_AFTER = 3,
@@ -37,17 +37,17 @@ struct ern_live {
   pthread_mutex_t mutex;
   pthread_cond_t moved;
   struct ern_live_speech speech;
-  float *sound; /* [room][channels]: from the beginning of the next frame on */
-  size_t room;
-  uint64_t first, samples; /* number of sound[0], and of all that were pushed */
-  bool rest[REST_TICKS];   /* of tick t at t % REST_TICKS: made by ern_live_rest */
-  uint64_t next;           /* number of the next frame */
-  uint64_t weighed;        /* tick of the last weight */
+  float *sound; /* [capacity][channels]: from the beginning of the next frame on */
+  size_t capacity;
+  uint64_t first, samples;      /* number of sound[0], and of all that were pushed */
+  bool inserted[SILENCE_TICKS]; /* of tick t at t % SILENCE_TICKS: made by ern_live_insert_silence */
+  uint64_t next;                /* number of the next frame */
+  uint64_t weighed;             /* tick of the last weight */
   uint64_t cancels, dropped;
   float weight, code[CODE];
   bool has_weight, ended;
   float *windows, *second, *pause; /* [8][...] given; [8][...] to interpolate with; [PAUSE_TICKS][...] */
-  float *heard;                    /* the sound of the frame that was given */
+  float *frame_sound;              /* the sound of the frame that was given */
   ern_live_frame frame;
 };
 
@@ -106,7 +106,7 @@ static void free_parts(ern_live *live) {
   ern_release(live->context, live->windows);
   ern_release(live->context, live->second);
   ern_release(live->context, live->pause);
-  ern_release(live->context, live->heard);
+  ern_release(live->context, live->frame_sound);
 }
 
 ern_status ern_live_open(ern_context *context, const ern_live_options *options, ern_live **live) {
@@ -139,12 +139,12 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
   made->speech.pad = chosen.pad;
   const size_t window = (size_t)made->speech.window_length * (size_t)made->speech.width;
   const size_t tick = (size_t)made->rate / ERN_LIVE_TICKS_A_SECOND + 1;
-  made->room = (size_t)chosen.capacity * tick;
-  ERN_TRY(ERN_NEW(context, made->room * (size_t)chosen.channels, &made->sound));
+  made->capacity = (size_t)chosen.capacity * tick;
+  ERN_TRY(ERN_NEW(context, made->capacity * (size_t)chosen.channels, &made->sound));
   ERN_TRY(ERN_NEW(context, ERN_LIVE_WINDOWS * window, &made->windows));
   ERN_TRY(ERN_NEW(context, ERN_LIVE_WINDOWS * window, &made->second));
   ERN_TRY(ERN_NEW(context, PAUSE_TICKS * window, &made->pause));
-  ERN_TRY(ERN_NEW(context, ((size_t)made->rate + 1) * (size_t)chosen.channels, &made->heard));
+  ERN_TRY(ERN_NEW(context, ((size_t)made->rate + 1) * (size_t)chosen.channels, &made->frame_sound));
   if (chosen.silence_code != NULL) memcpy(made->code, chosen.silence_code, sizeof made->code);
   ERN_TRY(make_lock(made));
   *live = made;
@@ -214,17 +214,17 @@ static void forget(ern_live *l) {
 /* ---- sound in ---------------------------------------------------------------------------------------------------- */
 
 /* Room for samples; a policy may make it. 0: there is none. */
-static size_t find_room(ern_live *l) {
-  while (l->options.policy == ERN_LIVE_DROP && l->samples - l->first >= l->room) {
+static size_t find_space(ern_live *l) {
+  while (l->options.policy == ERN_LIVE_DROP && l->samples - l->first >= l->capacity) {
     l->next++;
     l->dropped++;
     forget(l);
   }
-  return l->room - (size_t)(l->samples - l->first);
+  return l->capacity - (size_t)(l->samples - l->first);
 }
 
-/* Samples for which there is room; resting: by ern_live_rest. */
-static ern_status take(ern_live *l, const float *data, size_t count, bool resting) {
+/* Samples for which there is room; silence: by ern_live_insert_silence. */
+static ern_status take(ern_live *l, const float *data, size_t count, bool silence) {
   const size_t values = l->options.channels > 0 ? (size_t)l->options.channels : l->speech.values;
   const uint64_t from = l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate;
   const ern_status status = ern_live_speech_push(&l->speech, data, count);
@@ -235,8 +235,8 @@ static ern_status take(ern_live *l, const float *data, size_t count, bool restin
   l->samples += count;
   const uint64_t to = (l->samples - 1) * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate;
   for (uint64_t t = from; t <= to; t++) {
-    bool *rest = &l->rest[t % REST_TICKS];
-    *rest = resting && (t > from || begun || *rest);
+    bool *inserted = &l->inserted[t % SILENCE_TICKS];
+    *inserted = silence && (t > from || begun || *inserted);
   }
   (void)pthread_cond_broadcast(&l->moved);
   return ERN_OK;
@@ -248,13 +248,13 @@ static ern_status push_part(ern_live *l, const float *data, size_t values, size_
     if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no more can be pushed");
     if (l->cancels != cancels)
       return ern_fail(l->context, ERN_E_CANCELLED, "live: the sound that waited was cancelled");
-    size_t room = find_room(l);
-    if (room == 0) {
+    size_t space = find_space(l);
+    if (space == 0) {
       (void)pthread_cond_wait(&l->moved, &l->mutex);
       continue;
     }
-    if (room > PART) room = PART;
-    const size_t taken = count < room ? count : room;
+    if (space > PART) space = PART;
+    const size_t taken = count < space ? count : space;
     ERN_TRY(take(l, data, taken, false));
     data += taken * values;
     count -= taken;
@@ -306,14 +306,15 @@ ern_status ern_live_push_windows(ern_live *live, const float *windows, size_t co
 }
 
 /* With the lock. */
-static ern_status rest(ern_live *l) {
+static ern_status insert_frame(ern_live *l) {
   const uint64_t until = sample_of_tick(l, whole_ticks(l) + 1);
   ern_status status = ERN_OK;
-  if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no rest can follow");
-  if (l->room - (size_t)(l->samples - l->first) < (size_t)(until - l->samples) && l->options.policy != ERN_LIVE_DROP)
-    return ern_fail(l->context, ERN_E_STATE, "live: no room for rest, %d frames of sound wait", l->options.capacity);
+  if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no silence can follow");
+  if (l->capacity - (size_t)(l->samples - l->first) < (size_t)(until - l->samples) &&
+      l->options.policy != ERN_LIVE_DROP)
+    return ern_fail(l->context, ERN_E_STATE, "live: no room for silence, %d frames of sound wait", l->options.capacity);
   while (l->samples < until) {
-    const size_t room = find_room(l), left = (size_t)(until - l->samples), most = room < PART ? room : PART;
+    const size_t space = find_space(l), left = (size_t)(until - l->samples), most = space < PART ? space : PART;
     if (l->options.channels > 0) {
       ERN_TRY(take(l, zeros, left < most ? left : most, true));
     } else {
@@ -325,11 +326,11 @@ fail:
   return status;
 }
 
-ern_status ern_live_rest(ern_live *live) {
+ern_status ern_live_insert_silence(ern_live *live) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, live);
   (void)pthread_mutex_lock(&live->mutex);
-  const ern_status status = rest(live);
+  const ern_status status = insert_frame(live);
   (void)pthread_mutex_unlock(&live->mutex);
   return status;
 }
@@ -339,7 +340,7 @@ ern_status ern_live_flush(ern_live *live) {
   ERN_NEED(NULL, live);
   ern_status status = ERN_OK;
   (void)pthread_mutex_lock(&live->mutex);
-  for (int i = 0; i < live->options.look_ahead + 2 && status == ERN_OK; i++) status = rest(live);
+  for (int i = 0; i < live->options.look_ahead + 2 && status == ERN_OK; i++) status = insert_frame(live);
   (void)pthread_mutex_unlock(&live->mutex);
   return status;
 }
@@ -424,7 +425,7 @@ static ern_status weigh(ern_live *l, uint64_t tick) {
   ern_status status = ERN_OK;
   if (l->options.silence_code == NULL) return ERN_OK;
   const uint64_t known = whole_ticks(l);
-  for (uint64_t t = tick; t <= tick + PAUSE_AFTER && t < known; t++) quiet &= l->rest[t % REST_TICKS];
+  for (uint64_t t = tick; t <= tick + PAUSE_AFTER && t < known; t++) quiet &= l->inserted[t % SILENCE_TICKS];
   if (!quiet && l->options.silence != NULL) ERN_TRY(find_pause(l, tick, &quiet));
   const float target = quiet ? 1 : 0, ticks = (float)(tick - l->weighed);
   if (!l->has_weight)
@@ -454,7 +455,7 @@ static ern_status give(ern_live *l) {
   }
   ERN_TRY(weigh(l, tick));
   if (channels > 0)
-    memcpy(l->heard, l->sound + (size_t)(begin - l->first) * channels,
+    memcpy(l->frame_sound, l->sound + (size_t)(begin - l->first) * channels,
            (size_t)(end - begin) * channels * sizeof(float));
   *f = (ern_live_frame){.number = number,
                         .seconds = (double)number * l->options.rate_denominator / l->options.rate_numerator,
@@ -463,13 +464,13 @@ static ern_status give(ern_live *l) {
                         .width = l->speech.width,
                         .silence_weight = l->weight,
                         .silence_code = l->options.silence_code != NULL ? l->code : NULL,
-                        .sound = channels > 0 ? l->heard : NULL,
+                        .sound = channels > 0 ? l->frame_sound : NULL,
                         .samples = channels > 0 ? (size_t)(end - begin) : 0,
-                        .resting = l->rest[tick % REST_TICKS],
+                        .inserted_silence = l->inserted[tick % SILENCE_TICKS],
                         .dropped = l->dropped,
                         .waiting = (double)(l->samples - end) / l->rate};
   f->repeat = l->options.policy == ERN_LIVE_REPEAT &&
-              (size_t)(l->samples - end) > l->room / 2 + (size_t)sample_of_tick(l, (uint64_t)l->options.look_ahead);
+              (size_t)(l->samples - end) > l->capacity / 2 + (size_t)sample_of_tick(l, (uint64_t)l->options.look_ahead);
   l->next++;
   forget(l);
   (void)pthread_cond_broadcast(&l->moved);
@@ -477,18 +478,18 @@ fail:
   return status;
 }
 
-/* What ern_live_options.rests says. *ahead: the look-ahead that the next frame is given with. */
-static ern_status make_rest(ern_live *l, int *ahead) {
+/* What ern_live_options.insert_silence says. *ahead: the look-ahead that the next frame is given with. */
+static ern_status fill_missing(ern_live *l, int *ahead) {
   ern_status status = ERN_OK;
   while (status == ERN_OK && !is_ready(l, *ahead)) {
     const uint64_t whole = whole_ticks(l);
-    const bool resting = whole == 0 || l->rest[(whole - 1) % REST_TICKS];
+    const bool silent = whole == 0 || l->inserted[(whole - 1) % SILENCE_TICKS];
     const int least = l->options.channels > 0 ? ERN_LIVE_LEAST_LOOK_AHEAD : 1;
-    if (!resting && is_ready(l, least)) {
+    if (!silent && is_ready(l, least)) {
       *ahead = least;
       return ERN_OK;
     }
-    status = rest(l);
+    status = insert_frame(l);
   }
   return status;
 }
@@ -521,7 +522,7 @@ ern_status ern_live_pull(ern_live *live, double wait, const ern_live_frame **fra
   (void)pthread_mutex_lock(&live->mutex);
   for (int error = 0; !is_ready(live, ahead) && !live->ended && error != ETIMEDOUT && wait > 0;)
     error = pthread_cond_timedwait(&live->moved, &live->mutex, &until);
-  if (live->options.rests && !live->ended) status = make_rest(live, &ahead);
+  if (live->options.insert_silence && !live->ended) status = fill_missing(live, &ahead);
   if (status == ERN_OK && is_ready(live, ahead)) {
     status = give(live);
     if (status == ERN_OK) *frame = &live->frame;

@@ -20,9 +20,9 @@ ern_status ern_live_speech_open(ern_context *context, int rate, int channels, in
                                      .rows_a_tick = sound ? 2 : 1};
   const size_t window = (size_t)speech->window_length * (size_t)speech->width;
   speech->values = sound ? (size_t)speech->width : window;
-  speech->room = (ticks + KEPT_BEFORE + SPARE) * (size_t)speech->rows_a_tick;
+  speech->capacity = (ticks + KEPT_BEFORE + SPARE) * (size_t)speech->rows_a_tick;
   if (sound) ERN_TRY(ern_speech_stream_open(context, rate, channels, 1, &speech->stream));
-  ERN_TRY(ERN_NEW(context, speech->room * speech->values, &speech->row));
+  ERN_TRY(ERN_NEW(context, speech->capacity * speech->values, &speech->row));
 fail:
   if (status != ERN_OK) ern_live_speech_close(speech);
   return status;
@@ -39,7 +39,7 @@ static ern_status add_row(struct ern_live_speech *s, const float *row) {
     s->skip--;
     return ERN_OK;
   }
-  if (s->count == s->room)
+  if (s->count == s->capacity)
     return ern_fail(s->context, ERN_E_STATE, "live: %zu rows of speech wait, which is all that there is room for",
                     s->count);
   memcpy(s->row + s->count++ * s->values, row, s->values * sizeof *row);

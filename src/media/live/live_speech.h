@@ -17,8 +17,8 @@ struct ern_live_speech {
   size_t values;        /* of a row */
   uint64_t rows_a_tick; /* 2, of windows 1 */
   ern_audio_pad pad;
-  float *row; /* [room][values] */
-  size_t room, count;
+  float *row; /* [capacity][values] */
+  size_t capacity, count;
   uint64_t first;         /* number of row[0] */
   uint64_t skip_at, skip; /* so many rows are left out once row skip_at is the next */
   bool ended;

@@ -132,10 +132,11 @@ static ern_status fit_mouth(struct fit *fit) {
   ern_prepare_figure(fit->job, "mouth_mm", 1000 * fit->mouth);
   ern_prepare_figure(fit->job, "mouth_contrast", contrast);
   if (contrast < 2)
-    ern_prepare_judge(fit->job, ERN_PREPARE_DOUBTFUL,
-                      "the mouth changes %.1f times as much as the rest of the lower face, expected 2 or more of a "
-                      "person who speaks; --landmarks takes points of another program",
-                      contrast);
+    ern_prepare_add_reason(
+        fit->job, ERN_PREPARE_DOUBTFUL,
+        "the mouth changes %.1f times as much as the rest of the lower face, expected 2 or more of a "
+        "person who speaks; --landmarks takes points of another program",
+        contrast);
 fail:
   ern_release(fit->job->context, variance);
   return status;
@@ -256,7 +257,7 @@ fail:
 }
 
 /* How far what was brought lies from the heads. */
-static ern_status judge_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses,
+static ern_status check_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses,
                                 const float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
   float *apart = NULL, guess[ERN_LANDMARKS][2];
@@ -272,7 +273,7 @@ static ern_status judge_brought(struct ern_prepare_job *job, const struct ern_he
   ern_prepare_figure(job, "apart", (double)ern_quantile(apart, job->frames, 0.5));
   ern_prepare_figure(job, "astray", share);
   if (share > 0.02)
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "the landmarks of %s lie more than half an eye distance from where the poses have the head in %.0f "
         "%% of the frames, expected 2 %% at most; overlay.mp4 shows them",
@@ -294,8 +295,8 @@ static ern_status from_user(struct ern_prepare_job *job) {
   if (!files) ERN_TRY(ern_prepare_poses_read(job, poses));
   ERN_TRY(ern_landmarks_bring(job, NULL, poses, job->frames, points, &held));
   for (size_t i = 0; i < job->frames; i++) ERN_TRY(write_points(job, i, (const float(*)[2])points[i]));
-  if (held > 0) ern_openface_judge(job, job->options->landmarks, held);
-  if (!files) ERN_TRY(judge_brought(job, poses, (const float(*)[ERN_LANDMARKS][2])points));
+  if (held > 0) ern_openface_check(job, job->options->landmarks, held);
+  if (!files) ERN_TRY(check_brought(job, poses, (const float(*)[ERN_LANDMARKS][2])points));
 fail:
   ern_release(job->context, poses);
   ern_release(job->context, points);

@@ -143,12 +143,12 @@ fail:
   return status;
 }
 
-void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t held) {
+void ern_openface_check(struct ern_prepare_job *job, const char *path, size_t held) {
   const double share = (double)held / (double)job->frames;
   ern_prepare_figure(job, "held", share);
   if (share > 0.1)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "%s: success is 0 in %.0f %% of the frames, which get the values of the last frame with 1; "
-                      "expected 10 %% at most",
-                      path, 100 * share);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "%s: success is 0 in %.0f %% of the frames, which get the values of the last frame with 1; "
+                           "expected 10 %% at most",
+                           path, 100 * share);
 }

@@ -18,6 +18,6 @@ ERN_NODISCARD ern_status ern_openface_landmarks(struct ern_prepare_job *job, con
  * value is not of 0 to 5. */
 ERN_NODISCARD ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held);
 /* The verdict's words where many frames are held. */
-void ern_openface_judge(struct ern_prepare_job *job, const char *path, size_t held);
+void ern_openface_check(struct ern_prepare_job *job, const char *path, size_t held);
 
 #endif

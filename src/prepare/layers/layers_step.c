@@ -269,39 +269,42 @@ fail:
   return status;
 }
 
-static void judge_place(struct ern_prepare_job *job, const struct ern_person_found *found) {
+static void check_place(struct ern_prepare_job *job, const struct ern_person_found *found) {
   const double shift = found->shift * 512 / job->side;
   if (found->shifted >= 0.5 && shift > 1.5)
-    ern_prepare_judge(job, shift > 12 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
-                      "the camera moves: what is behind the person shifts by %.1f pixels of %d, expected a camera that "
-                      "stands still (1.5 at most); footage from a tripod helps, or a stretch of it (--from, --to)",
-                      found->shift, job->side);
+    ern_prepare_add_reason(
+        job, shift > 12 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
+        "the camera moves: what is behind the person shifts by %.1f pixels of %d, expected a camera that "
+        "stands still (1.5 at most); footage from a tripod helps, or a stretch of it (--from, --to)",
+        found->shift, job->side);
   else if (found->unlike > 0.15)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
-                      "--masks helps, or a stretch where it stands still (--from, --to)",
-                      100 * found->unlike);
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
+                           "--masks helps, or a stretch where it stands still (--from, --to)",
+                           100 * found->unlike);
   if (found->brought_difference > 23)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "--background %s differs from what is seen beside the person by %.0f grey values, expected 23 at "
-                      "most: a picture of the same place from the same camera",
-                      job->options->background, found->brought_difference);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "--background %s differs from what is seen beside the person by %.0f grey values, expected 23 at "
+        "most: a picture of the same place from the same camera",
+        job->options->background, found->brought_difference);
 }
 
-static void judge_shoulders(const struct layers *l) {
+static void check_shoulders(const struct layers *l) {
   ern_prepare_figure(l->job, "narrow_shoulders", l->low > 0 ? (double)l->narrow / (double)l->low : 0);
   if (2 * l->narrow > l->low && !l->job->options->head_only)
-    ern_prepare_judge(l->job, ERN_PREPARE_DOUBTFUL,
-                      "the person has no shoulders in %zu of the %zu frames that reach down to them, as where clothes "
-                      "that never move are taken for the background; parsing and torso_imgs show it, --masks or "
-                      "--head-only helps",
-                      l->narrow, l->low);
+    ern_prepare_add_reason(
+        l->job, ERN_PREPARE_DOUBTFUL,
+        "the person has no shoulders in %zu of the %zu frames that reach down to them, as where clothes "
+        "that never move are taken for the background; parsing and torso_imgs show it, --masks or "
+        "--head-only helps",
+        l->narrow, l->low);
 }
 
 /* Figures and verdict. The bounds are those of footage that was looked at. covered: mean share of the picture that the
  * person takes; trembles[job->frames], which is sorted; border: colour distances along the border, bins of 16. */
-static void judge(struct ern_prepare_job *job, const struct ern_person_found *found, double covered, float *trembles,
-                  const size_t border[16]) {
+static void check_person(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
+                         float *trembles, const size_t border[16]) {
   size_t all = 0;
   for (int i = 0; i < 16; i++) all += border[i];
   const double faint = all > 0 ? (double)(border[0] + border[1]) / (double)all : 1;
@@ -315,21 +318,22 @@ static void judge(struct ern_prepare_job *job, const struct ern_person_found *fo
   ern_prepare_figure(job, "border_faint", faint);
   if (job->options->background != NULL) ern_prepare_figure(job, "background_difference", found->brought_difference);
   if (covered < 0.08 || covered > 0.92)
-    ern_prepare_judge(job, covered < 0.02 || covered > 0.98 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
-                      "the person takes %.0f %% of the picture, expected 8 to 92 %%; --masks or --background helps",
-                      100 * covered);
-  judge_place(job, found);
+    ern_prepare_add_reason(
+        job, covered < 0.02 || covered > 0.98 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
+        "the person takes %.0f %% of the picture, expected 8 to 92 %%; --masks or --background helps", 100 * covered);
+  check_place(job, found);
   if (tremble > 0.04)
-    ern_prepare_judge(
+    ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "the person's outline trembles: its area changes by %.1f %% from frame to frame, expected 4 %% at "
         "most; --masks or --background helps, or --head-only where only the shoulders are wrong",
         100 * tremble);
   if (faint > 0.4)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "%.0f %% of the person's outline has the colour of what is behind it, expected 40 %% at most; "
-                      "--masks helps, or footage before another background",
-                      100 * faint);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "%.0f %% of the person's outline has the colour of what is behind it, expected 40 %% at most; "
+        "--masks helps, or footage before another background",
+        100 * faint);
 }
 
 ern_status ern_prepare_layers(struct ern_prepare_job *job) {
@@ -345,11 +349,12 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   ERN_TRY(ern_prepare_claim(job, "bc.jpg", path));
   ERN_TRY(ern_image_write(job->context, path, &background, QUALITY));
   if (l.place > 0 && l.place < 0.99)
-    ern_prepare_judge(job, ERN_PREPARE_DOUBTFUL,
-                      "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
-                      job->options->background, 1 / l.place);
-  judge(job, &l.found, l.covered, l.trembles, l.border);
-  judge_shoulders(&l);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
+        job->options->background, 1 / l.place);
+  check_person(job, &l.found, l.covered, l.trembles, l.border);
+  check_shoulders(&l);
 fail:
   close_layers(&l);
   return status;

@@ -95,7 +95,7 @@ int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const e
   return status == ERN_OK ? 0 : session_fail(evaluation->session);
 }
 
-int evaluate_judge(struct evaluation *evaluation, size_t k, struct evaluated *evaluated) {
+int evaluate_picture(struct evaluation *evaluation, size_t k, struct evaluated *evaluated) {
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
   ern_image truth = {0};
   ern_box box;
@@ -119,5 +119,5 @@ int evaluate_judge(struct evaluation *evaluation, size_t k, struct evaluated *ev
 int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                    struct evaluated *evaluated) {
   const int status = evaluate_draw(evaluation, renderer, model, k, evaluated);
-  return status == 0 ? evaluate_judge(evaluation, k, evaluated) : status;
+  return status == 0 ? evaluate_picture(evaluation, k, evaluated) : status;
 }

@@ -26,7 +26,7 @@ struct evaluation {
   const float *head_pose;    /* [16] for evaluate_input in the place of the frame's own; NULL, the default: that */
   float *rgb;                /* [height][width][3], as drawn last; so is the next one */
   uint8_t *rgba;             /* [height][width][4] */
-  struct measures *measures; /* evaluate_judge adds its frame; NULL: not wanted */
+  struct measures *measures; /* evaluate_picture adds its frame; NULL: not wanted */
   bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
 };
 
@@ -34,7 +34,7 @@ struct evaluation {
 struct evaluated {
   double psnr, ssim, head, mouth; /* head, mouth: PSNR in dB of the regions, where has_head, has_mouth */
   bool has_head, has_mouth;
-  double ms; /* drawing to 8-bit pixels: without reading and judging */
+  double ms; /* drawing to 8-bit pixels: without reading and evaluation */
   ern_frame_times times;
 };
 
@@ -42,7 +42,7 @@ struct evaluated {
 int evaluate_open(struct evaluation *evaluation, struct session *session, ern_clip *clip, enum frame_source_split split,
                   float scale, ern_audio_pad pad);
 /* The same for a portrait, which it opens: the frames of its --split that --frames asks for. portrait_close in either
- * case. measures: takes the frames that are judged. Returns an exit status after a message. */
+ * case. measures: takes the frames that are evaluated. Returns an exit status after a message. */
 int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portrait, struct session *session,
                            const struct args *args, struct measures *measures);
 void evaluate_close(struct evaluation *evaluation);
@@ -54,8 +54,8 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                   struct evaluated *evaluated);
 /* The figures of frame k, whose picture is in `rgb`, wherever it comes from; ms and times stay. */
-int evaluate_judge(struct evaluation *evaluation, size_t k, struct evaluated *evaluated);
-/* Draws and judges frame k. */
+int evaluate_picture(struct evaluation *evaluation, size_t k, struct evaluated *evaluated);
+/* Draws and evaluates frame k. */
 int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                    struct evaluated *evaluated);
 

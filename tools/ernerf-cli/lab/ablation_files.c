@@ -25,7 +25,7 @@ const char *const ablation_files[ABLATION_FILES] = {"ablation.json", "ablation.c
 static const double paper_volume = 835186, paper_plane[3] = {138345, 31041, 26048};
 
 /* Milliseconds of a frame. */
-static struct quartiles pace_of(const struct ablation_row *row) {
+static struct quartiles frame_ms_of(const struct ablation_row *row) {
   double ms[ABLATION_TIMES];
   if (row->times == 0) return (struct quartiles){NAN, NAN, NAN};
   memcpy(ms, row->ms, row->times * sizeof *ms);
@@ -50,14 +50,14 @@ static json_t *figure(const double *values, size_t count, double frames) {
 }
 
 static json_t *row_json(const struct ablation_row *row) {
-  const struct quartiles pace = pace_of(row);
+  const struct quartiles frame_ms = frame_ms_of(row);
   return json_pack("{s:s, s:s, s:s, s:o, s:o, s:o, s:o, s:{s:o, s:o, s:o, s:I}, s:b, s:o, s:I, s:I, s:o, s:o}", "name",
                    row->kind->name, "backbone", ern_backbone_name(row->kind->backbone), "attention",
                    ern_attention_name(row->kind->attention), "psnr", figure(row->psnr, row->seeds, row->psnr_frames),
                    "ssim", figure(row->ssim, row->seeds, row->ssim_frames), "psnr_mouth",
                    row->has_mouth ? figure(row->mouth, row->seeds, row->mouth_frames) : json_null(), "training_seconds",
-                   figure(row->seconds, row->seeds, NAN), "ms_per_frame", "median", session_number(pace.median),
-                   "quartile_1", session_number(pace.low), "quartile_3", session_number(pace.high), "count",
+                   figure(row->seconds, row->seeds, NAN), "ms_per_frame", "median", session_number(frame_ms.median),
+                   "quartile_1", session_number(frame_ms.low), "quartile_3", session_number(frame_ms.high), "count",
                    (json_int_t)row->times, "fused", row->fused, "sample_flops", session_number(row->sample_flops),
                    "parameters", (json_int_t)row->parameters, "model_bytes", (json_int_t)row->bytes, "paper_psnr",
                    session_number(row->kind->paper_psnr), "paper_lmd", session_number(row->kind->paper_lmd));
@@ -93,7 +93,7 @@ static void add_row(struct bytes *text, const struct ablation_row *row) {
                                   ssim = figure_of(row->ssim, row->seeds, row->ssim_frames),
                                   mouth = figure_of(row->mouth, row->seeds, row->mouth_frames),
                                   seconds = figure_of(row->seconds, row->seeds, 0);
-  const struct quartiles pace = pace_of(row);
+  const struct quartiles frame_ms = frame_ms_of(row);
   bytes_print(text, "| %s | %s | %.2f ± %.2f | %.4f ± %.4f |", ern_backbone_name(row->kind->backbone),
               ern_attention_name(row->kind->attention), psnr.mean, psnr.deviation, ssim.mean, ssim.deviation);
   if (row->has_mouth)
@@ -102,9 +102,9 @@ static void add_row(struct bytes *text, const struct ablation_row *row) {
     bytes_print(text, " - |");
   bytes_print(text, " %.1f", seconds.mean);
   if (row->seeds > 1) bytes_print(text, " ± %.1f", seconds.deviation);
-  bytes_print(text, " | %.2f (%.2f to %.2f)%s | %.1f | %.3f | %.2f | %.2f |\n", 1000 / pace.median, 1000 / pace.high,
-              1000 / pace.low, row->fused ? "" : " *", row->sample_flops / 1000, (double)row->parameters / 1e6,
-              (double)row->bytes / 1e6, row->kind->paper_psnr);
+  bytes_print(text, " | %.2f (%.2f to %.2f)%s | %.1f | %.3f | %.2f | %.2f |\n", 1000 / frame_ms.median,
+              1000 / frame_ms.high, 1000 / frame_ms.low, row->fused ? "" : " *", row->sample_flops / 1000,
+              (double)row->parameters / 1e6, (double)row->bytes / 1e6, row->kind->paper_psnr);
 }
 
 static void add_collisions(struct bytes *text, const ern_bench_collision_table *table) {
@@ -168,15 +168,16 @@ static void add_csv(const struct ablation *ablation, struct bytes *text) {
                                     ssim = figure_of(row->ssim, row->seeds, row->ssim_frames),
                                     mouth = figure_of(row->mouth, row->seeds, row->mouth_frames),
                                     seconds = figure_of(row->seconds, row->seeds, 0);
-    const struct quartiles pace = pace_of(row);
+    const struct quartiles frame_ms = frame_ms_of(row);
     bytes_print(text, "%s,%s,%.4f,%.4f,%.6f,%.6f,", ern_backbone_name(row->kind->backbone),
                 ern_attention_name(row->kind->attention), psnr.mean, psnr.deviation, ssim.mean, ssim.deviation);
     if (row->has_mouth)
       bytes_print(text, "%.4f,%.4f,", mouth.mean, mouth.deviation);
     else
       bytes_print(text, ",,");
-    bytes_print(text, "%.3f,%.3f,%.3f,%.3f,%.3f,%d,%.0f,%zu,%zu,%.2f\n", seconds.mean, seconds.deviation, pace.median,
-                pace.low, pace.high, row->fused, row->sample_flops, row->parameters, row->bytes, row->kind->paper_psnr);
+    bytes_print(text, "%.3f,%.3f,%.3f,%.3f,%.3f,%d,%.0f,%zu,%zu,%.2f\n", seconds.mean, seconds.deviation,
+                frame_ms.median, frame_ms.low, frame_ms.high, row->fused, row->sample_flops, row->parameters,
+                row->bytes, row->kind->paper_psnr);
   }
 }
 

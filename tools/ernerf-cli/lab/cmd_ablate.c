@@ -258,7 +258,7 @@ static ern_status train(struct ablate_job *job, const struct ablation_row *row, 
   return status;
 }
 
-/* ---- judging ----------------------------------------------------------------------------------------------------- */
+/* ---- evaluation -------------------------------------------------------------------------------------------------- */
 
 /* Figures of all frames with one model, their means and deviations into the row. values: room for 3 a frame. */
 static int evaluate_frames(struct ablate_job *job, struct ablation_row *row, size_t seed, const ern_model *model,
@@ -307,7 +307,7 @@ static int open_model(struct ablate_job *job, const char *path, ern_model **mode
   return 0;
 }
 
-/* Trains and judges one model; that of the first seed is kept to be timed. */
+/* Trains and evaluates one model; that of the first seed is kept to be timed. */
 static int run_one(struct ablate_job *job, size_t r, size_t seed) {
   struct session *session = &job->session;
   struct ablation_row *row = &job->result.row[r];

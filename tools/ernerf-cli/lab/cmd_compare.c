@@ -54,11 +54,11 @@ static int open_all(struct compare *c, const struct args *args) {
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
 
-/* Draws frame k, or reads it, and judges it. */
-static int judge_side(struct compare *c, size_t side, size_t k) {
+/* Draws frame k, or reads it, and evaluates it. */
+static int evaluate_side(struct compare *c, size_t side, size_t k) {
   struct compare_side *of = &c->side[side];
   if (compare_side_draw(of, k, &c->evaluated[side][k]) != 0 ||
-      evaluate_judge(&of->evaluation, k, &c->evaluated[side][k]) != 0)
+      evaluate_picture(&of->evaluation, k, &c->evaluated[side][k]) != 0)
     return EXIT_FAILURE;
   return c->lpips[side] != NULL ? perceptual_distance_of(&c->perceptual, &of->evaluation, k, &c->lpips[side][k]) : 0;
 }
@@ -74,7 +74,7 @@ static int compare_all(struct compare *c) {
     if (session_interrupted())
       return session_stop_with(session, "stopped at frame %zu of %zu, nothing was written", k, count);
     for (size_t side = 0; side < COMPARE_SIDES; side++)
-      if (judge_side(c, side, k) != 0) return EXIT_FAILURE;
+      if (evaluate_side(c, side, k) != 0) return EXIT_FAILURE;
     if (comparison_add(&c->comparison, &c->side[0].evaluation, drawn, k) != 0) return EXIT_FAILURE;
     progress_at(&progress, k + 1, count, "");
   }

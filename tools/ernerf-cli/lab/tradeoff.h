@@ -46,7 +46,7 @@ struct tradeoff {
   struct session session;
   struct portrait portrait;
   struct evaluation evaluation;
-  struct frame_source speech; /* all frames of the split: what thin cells are looked for in */
+  struct frame_source speech; /* all frames of the split: in which cells of low density are searched */
   const char *folder;         /* of the results */
   bool made_folder;           /* it was not there before */
   float seconds;              /* for all of it, about */

@@ -179,7 +179,8 @@ static int scout_choices(struct tradeoff *t, double until, struct effect *effect
   return 0;
 }
 
-/* What it takes to make a renderer with these settings, milliseconds: thin cells are what takes long to find. */
+/* What it takes to make a renderer with these settings, milliseconds: what takes long is the search for cells of low
+ * density. */
 static double preparing_ms(const struct tradeoff *t, const struct settings *settings) {
   double most = 0;
   for (size_t i = 0; i < t->count; i++)

@@ -246,7 +246,7 @@ static int open_live(struct live_job *job) {
   options.pad = (ern_audio_pad)job->portrait.audio_pad;
   options.silence = job->silence_pose.silence;
   options.silence_code = job->silence_pose.known ? job->silence_pose.code : NULL;
-  options.rests = !job->as_fast;
+  options.insert_silence = !job->as_fast;
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 

@@ -84,8 +84,8 @@ static void sleep_until(double due) {
   const double left = due - session_seconds();
   if (left <= 0) return;
   const double whole = floor(left);
-  const struct timespec rest = {(time_t)whole, (long)((left - whole) * 1e9)};
-  (void)nanosleep(&rest, NULL);
+  const struct timespec time = {(time_t)whole, (long)((left - whole) * 1e9)};
+  (void)nanosleep(&time, NULL);
 }
 
 static double due_of(const struct live_job *job) { return job->began + (double)job->frames / rate_value(job->rate); }

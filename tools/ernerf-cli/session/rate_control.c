@@ -34,7 +34,8 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
        .target = &g->quality,
        .choices = "exact|balanced|draft",
        .help = "settings that do not change: exact: the most accurate; balanced: the fastest whose frames have a "
-               "PSNR of 40 dB or more against those of exact; draft: the fastest"},
+               "PSNR of 40 dB or more against the exact render or, without a file of tradeoff, against those of exact; "
+               "draft: the fastest"},
       {.name = "front",
        .kind = OPTION_TEXT,
        .target = &g->front,
@@ -78,6 +79,8 @@ static bool own_front(const struct rate_control *g, char path[4096]) {
   return snprintf(path, 4096, "%.*s.tradeoff/tradeoff.json", (int)stem, model) < 4096 && access(path, R_OK) == 0;
 }
 
+enum { MOST_CORES = 256 }; /* as ern_backend_info.threads, which `tradeoff` writes */
+
 struct machine {
   char cpu[PARETO_NAME_BYTES];
   int cores;
@@ -86,7 +89,7 @@ static void take_cpu(void *user, const ern_device_info *device) {
   struct machine *machine = user;
   if (strcmp(device->kind, "cpu") != 0) return;
   snprintf(machine->cpu, sizeof machine->cpu, "%s", device->name);
-  machine->cores = (int)device->compute_units;
+  machine->cores = device->compute_units < MOST_CORES ? (int)device->compute_units : MOST_CORES;
 }
 
 /* What of it is of another model, machine or size, in `why`; "" where all fits. */
@@ -177,7 +180,7 @@ static int refuse_budget(const struct rate_control *g) {
 }
 
 static void say_choice(const struct rate_control *g) {
-  const struct rung *rung = &g->rung[g->pace.at];
+  const struct rung *rung = &g->rung[g->controller.at];
   char price[96] = "";
   if (isfinite(rung->price))
     snprintf(price, sizeof price, ", %.2f dB less than the best against the clip's frames", rung->price);
@@ -206,16 +209,16 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   if (status != 0) return status;
   if (g->quality >= 0) keep_quality(g);
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
-  ern_rate_controller_begin(&g->pace, g->cost, g->count, budget_of(g));
-  if (!ern_rate_controller_holds(&g->pace) && !g->goes_on) return refuse_budget(g);
-  if (!ern_rate_controller_holds(&g->pace))
+  ern_rate_controller_begin(&g->controller, g->cost, g->count, budget_of(g));
+  if (!ern_rate_controller_holds(&g->controller) && !g->goes_on) return refuse_budget(g);
+  if (!ern_rate_controller_holds(&g->controller))
     session_warn(session,
                  "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms a frame",
                  1000 / budget_of(g), g->rung[g->count - 1].name, g->rung[g->count - 1].ms);
   /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
    */
-  for (size_t i = g->pace.at > 0 ? g->pace.at - 1 : 0; i < g->count; i++)
-    if ((i == g->pace.at || g->rung[i].settings.occupancy_threshold > 0) && rung_make(g, &g->rung[i]) != 0)
+  for (size_t i = g->controller.at > 0 ? g->controller.at - 1 : 0; i < g->count; i++)
+    if ((i == g->controller.at || g->rung[i].settings.occupancy_threshold > 0) && rung_make(g, &g->rung[i]) != 0)
       return EXIT_FAILURE;
   say_choice(g);
   return 0;
@@ -224,19 +227,19 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
 
 ern_renderer *rate_control_renderer(struct rate_control *g) {
-  struct rung *rung = &g->rung[g->pace.at];
+  struct rung *rung = &g->rung[g->controller.at];
   rung->frames++;
   return rung_make(g, rung) == 0 ? rung->renderer : NULL;
 }
 
-const char *rate_control_name(const struct rate_control *g) { return g->rung[g->pace.at].name; }
+const char *rate_control_name(const struct rate_control *g) { return g->rung[g->controller.at].name; }
 
 void rate_control_took(struct rate_control *g, double ms) {
-  const size_t before = g->pace.at;
-  g->changes += ern_rate_controller_next(&g->pace, ms) != before;
+  const size_t before = g->controller.at;
+  g->changes += ern_rate_controller_next(&g->controller, ms) != before;
 }
 
-void rate_control_late(struct rate_control *g, double ms) { g->pace.late = ms > 0 ? ms : 0; }
+void rate_control_late(struct rate_control *g, double ms) { g->controller.late = ms > 0 ? ms : 0; }
 
 void rate_control_summary(const struct rate_control *g, double ms_per_frame) {
   for (size_t i = 0; i < g->count; i++)

@@ -33,8 +33,8 @@ struct rate_control {
   struct rung rung[RATE_CONTROL_RUNGS]; /* the most accurate first */
   double cost[RATE_CONTROL_RUNGS];
   size_t count, changes;
-  ern_rate_controller pace; /* of --quality: one rung, and no budget */
-  char source[4096];        /* the file of the front; "": a quick look */
+  ern_rate_controller controller; /* of --quality: one rung, and no budget */
+  char source[4096];              /* the file of the front; "": a quick look */
   struct {
     char backend[16], isa[24];
     int device;

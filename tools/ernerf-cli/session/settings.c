@@ -51,7 +51,8 @@ void settings_name(const struct settings *s, const struct settings *base, const 
   if (!same(s->image_scale, base->image_scale)) add(name, "scale %.3g", (double)s->image_scale);
   if (s->max_steps != base->max_steps) add(name, "%d sample%s", s->max_steps, s->max_steps == 1 ? "" : "s");
   if (!same(s->transmittance_stop, base->transmittance_stop)) add(name, "stop %.3g", (double)s->transmittance_stop);
-  if (!same(s->occupancy_threshold, base->occupancy_threshold)) add(name, "thin %.3g", (double)s->occupancy_threshold);
+  if (!same(s->occupancy_threshold, base->occupancy_threshold))
+    add(name, "threshold %.3g", (double)s->occupancy_threshold);
   if (!same_unit(s, base) && s->isa[0] == 0) add(name, "OpenCL device %d", s->device);
   if (!same_unit(s, base) && s->isa[0] != 0) add(name, "%s", s->isa);
   if (same_unit(s, base) && s->threads != base->threads)

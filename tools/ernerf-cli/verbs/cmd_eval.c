@@ -69,7 +69,7 @@ static json_t *row_of(const struct source_frame *source_frame, const struct eval
                    region_number(evaluated->mouth, evaluated->has_mouth), "ms", session_number(evaluated->ms));
 }
 
-/* Draws frame k, and judges it where there is a recorded frame of it; else its figures are not known. */
+/* Draws frame k, and evaluates it where there is a recorded frame of it; else its figures are not known. */
 static int evaluate_own(struct eval_job *job, size_t k, struct evaluated *evaluated) {
   if (job->setting != SETTING_SYNCHRONIZATION)
     return evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, evaluated);

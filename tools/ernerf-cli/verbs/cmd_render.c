@@ -395,8 +395,8 @@ static json_t *report_stages(const struct render_job *job) {
 
 static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->frame_source.count;
-  json_t *pace = rate_control_asked(&job->rate_control) ? rate_control_json(&job->rate_control) : json_null();
-  json_t *still = frame_reuse_report(&job->frame_reuse, &job->portrait);
+  json_t *rate_control = rate_control_asked(&job->rate_control) ? rate_control_json(&job->rate_control) : json_null();
+  json_t *ray_reuse = frame_reuse_report(&job->frame_reuse, &job->portrait);
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
   return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
@@ -407,7 +407,7 @@ static json_t *report(const struct render_job *job, double seconds) {
                    session_number(seconds), "fps", session_number(frames / seconds), "ms_per_frame",
                    session_number(1000 * seconds / frames), "ms_by_stage", report_stages(job), "sound",
                    job->sound.data != NULL, "backend", job->session.backend_info.name, "isa",
-                   job->session.backend_info.isa, "rate_control", pace, "ray_reuse", still);
+                   job->session.backend_info.isa, "rate_control", rate_control, "ray_reuse", ray_reuse);
 }
 
 /* Those of every frame, or of the rate control with the number of frames that each drew. */
@@ -420,8 +420,11 @@ static json_t *settings_used(const struct render_job *job) {
                               .image_scale = render->image_scale,
                               .threads = job->session.threads};
   if (rate_control_asked(&job->rate_control)) return rate_control_json(&job->rate_control);
+  const bool device = strcmp(backend->name, "opencl") == 0; /* whose `isa` is its name */
+  settings.device = device ? job->session.device : 0;
+  if (device) settings.threads = 0;
   snprintf(settings.backend, sizeof settings.backend, "%s", backend->name);
-  snprintf(settings.isa, sizeof settings.isa, "%s", backend->isa);
+  snprintf(settings.isa, sizeof settings.isa, "%s", device ? "" : backend->isa);
   return settings_json(&settings);
 }
 
@@ -489,7 +492,7 @@ int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
   struct option own[OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS],
       shared[PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
-      pace[RATE_CONTROL_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+      rate[RATE_CONTROL_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
   struct word words[] = {{"MODEL", &job.portrait.model_path, "a .safetensors or .pth file: a head, or head and torso"}};
   struct args args = {
       .verb = "render",
@@ -511,7 +514,7 @@ int cmd_render(int argc, char **argv) {
                   OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS},
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS + FRAME_REUSE_OPTIONS},
-                 {"A time budget instead of single settings:", pace, RATE_CONTROL_OPTIONS},
+                 {"A time budget instead of single settings:", rate, RATE_CONTROL_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
   own_options(&job, own);
   sink_options(&job.sink, own + OWN_OPTIONS);
@@ -522,7 +525,7 @@ int cmd_render(int argc, char **argv) {
   control_options(&job.control, control);
   silence_pose_options(&job.silence_pose, control + CONTROL_OPTIONS);
   frame_reuse_options(&job.frame_reuse, shared + PORTRAIT_OPTIONS);
-  rate_control_options(&job.rate_control, pace);
+  rate_control_options(&job.rate_control, rate);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);

@@ -30,7 +30,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
     progress_duration(head->budget / HEAD_SHARE, trained + strlen(trained));
   }
   return session_fail_with(session,
-                           "%s: its torso is trained under a head of %s, which would change; expected %sanother -o, or "
+                           "%s: its torso is trained for a head of %s, which would change; expected %sanother -o, or "
                            "--overwrite, which begins the torso anew",
                            job->portrait, trained, head->budget > 0 ? "that time, " : "");
 }

@@ -29,7 +29,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .kind = OPTION_TEXT,
        .target = &job->head_path,
        .choices = "MODEL",
-       .help = "the head that the torso is trained under; it does not change"},
+       .help = "the head that the torso is trained for; it does not change"},
       {.name = "force",
        .kind = OPTION_FLAG,
        .target = &config->force,
