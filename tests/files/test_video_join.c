@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT
+ * ern_video_join: what of the first segment the joined file has. Its pictures, times and sound: e2e/test_cli_join. */
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "ernerf/media.h"
+#include "media/ffmpeg.h"
+#include "support.h"
+
+enum { SIDE = 32, FRAMES = 5 };
+
+static ern_context *context;
+
+static int set_up(void **state) {
+  (void)state;
+  context = support_context();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+static void write_video(const char *path, const ern_video_options *options) {
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_writer *writer = NULL;
+  unlink(path);
+  support_ok(context, ern_video_writer_open(context, path, options, &writer));
+  for (int k = 0; k < FRAMES; k++) {
+    for (size_t i = 0; i < sizeof rgba; i++) rgba[i] = (uint8_t)(7 * k + (int)(i / 4 % SIDE));
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+}
+
+static unsigned tag_of(const char *path) {
+  struct ern_decoder decoder;
+  support_ok(context, ern_decoder_open(context, path, AVMEDIA_TYPE_VIDEO, 1, &decoder));
+  const unsigned tag = decoder.stream->codecpar->codec_tag;
+  ern_decoder_close(&decoder);
+  return tag;
+}
+
+/* How often `text` is in a file. */
+static int times_in(const char *path, const char *text) {
+  static unsigned char bytes[1 << 20];
+  FILE *file = fopen(path, "rb");
+  assert_non_null(file);
+  const size_t count = fread(bytes, 1, sizeof bytes, file), length = strlen(text);
+  fclose(file);
+  int times = 0;
+  for (size_t i = 0; i + length <= count; i++) times += memcmp(bytes + i, text, length) == 0;
+  return times;
+}
+
+/* Gives the box of the pictures a size of 64 bits, as one of 4 GiB has; FFmpeg leaves 8 bytes before it for that. */
+static void write_long_size(const char *path) {
+  static unsigned char bytes[1 << 20];
+  FILE *file = fopen(path, "r+b");
+  assert_non_null(file);
+  const size_t count = fread(bytes, 1, sizeof bytes, file);
+  size_t at = 0;
+  while (at + 16 < count && (memcmp(bytes + at,
+                                    "\0\0\0\x08"
+                                    "free",
+                                    8) != 0 ||
+                             memcmp(bytes + at + 12, "mdat", 4) != 0))
+    at++;
+  assert_true(at + 16 < count);
+  unsigned char *box = bytes + at, size[4];
+  memcpy(size, box + 8, 4);
+  memcpy(box, "\0\0\0\x01mdat\0\0\0\0", 12);
+  const unsigned longer = (unsigned)(size[0] << 24 | size[1] << 16 | size[2] << 8 | size[3]) + 8;
+  for (int i = 0; i < 4; i++) box[12 + i] = (unsigned char)(longer >> (24 - 8 * i));
+  rewind(file);
+  assert_int_equal(fwrite(bytes, 1, count, file), count);
+  fclose(file);
+}
+
+/* What a player goes by, and what the file says of itself, are those of the first segment. */
+static void test_join_keeps_tag_and_provenance(void **state) {
+  (void)state;
+  const char *const parts[] = {"part.mp4", "part.mp4"};
+  const ern_provenance made = ern_provenance_default();
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  options.provenance = &made;
+  options.codec = "hevc";
+  write_video("part.mp4", &options);
+  const int marks = times_in("part.mp4", "AIGC");
+  assert_true(marks > 0);
+  for (int k = 0; k < 2; k++) {
+    if (k == 1) write_long_size("part.mp4");
+    unlink("joined.mp4");
+    support_ok(context, ern_video_join(context, "joined.mp4", parts, 2, NULL, 0));
+    assert_int_equal(tag_of("joined.mp4"), MKTAG('h', 'v', 'c', '1'));
+    assert_int_equal(times_in("joined.mp4", "AIGC"), marks);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join_keeps_tag_and_provenance)};
+  return cmocka_run_group_tests_name("video_join", tests, set_up, tear_down);
+}
