@@ -31,7 +31,8 @@ ERN_API ERN_NODISCARD ern_status ern_features_save(ern_context *context, const c
                                                    const ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */
 
-/* Eye values: how far the eyelids are closed, one for each video frame. Plain data, final. */
+/* Eye values: how far the eyelids are closed, one for each video frame (25 a second, from frame 0). In a clip's au.csv
+ * value i is that of the frame whose img_id is i (ern_pose). Plain data, final. */
 typedef struct ern_eyes {
   float *data;  /* [count], 0 (open) to 1 (closed) */
   size_t count; /* frames, >= 1 */

@@ -193,7 +193,7 @@ typedef struct ern_train_config {
   ern_precision precision; /* default ERN_PRECISION_DEFAULT */
   ern_ray_sampling ray_sampling; /* default regions */
   double seconds; /* 0 (default): train for `iters` steps. Above 0, up to 1e9: stop after the first step that ends past
-                     this time, which includes saves, validations and the earlier runs of a resumed training. Learning
+                     this time, which includes saves, validations and the time of a state that it continues. Learning
                      rates and loss weights then follow the share of the time that has passed instead of step/iters
                      (before a fine stage: of the time up to its beginning). `iters`, `save_every` and `validate_every`
                      are ignored: the trainer saves every minute, and validates at each tenth of the time, at most once

@@ -517,7 +517,11 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
     ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, t->model->field.parameters));
     *(t->config.torso ? &t->model->torso_steps : &t->model->head_steps) = 0;
   }
-  if (t->step >= t->config.iters)
+  if (t->config.seconds > 0 && t->seconds + t->beside >= t->config.seconds)
+    ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+                     "%s: has been trained for %.1f s already, expected less than the %.1f s of this training", path,
+                     t->seconds + t->beside, t->config.seconds));
+  if (!(t->config.seconds > 0) && t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "%s: is already at step %llu, expected below the %llu of --iters", path,
                      (unsigned long long)t->step, (unsigned long long)t->config.iters));
 fail:

@@ -394,6 +394,12 @@ static void test_from(void **state) {
   config.iters = 6;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_STATE, "already at step 6",
                  NULL);
+  config.seconds = 3600; /* steps do not count then, but the time does */
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  ern_trainer_free(&trainer);
+  config.seconds = 1e-5;
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_STATE, "trained for",
+                 NULL);
   made_close(&m);
 }
 

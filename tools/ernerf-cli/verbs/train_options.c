@@ -71,7 +71,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .high = 1e9,
        .help = "train for T in all, such as 10m, instead of --iters steps: five sixths of T the head, as "
                "X.head.safetensors, then the torso for it, as X.safetensors; if the clip has no torso, the head "
-               "alone, as X.safetensors. With --resume T includes the time before"},
+               "alone, as X.safetensors. With --resume or --from T includes the time before"},
       {.name = "paper",
        .kind = OPTION_FLAG,
        .target = &job->paper,
