@@ -126,6 +126,10 @@ static ern_status portrait_open(ern_context *context, char **words, struct portr
   if (status == ERN_OK) status = ern_pose_list_load(context, words[2], &portrait->poses);
   if (status != ERN_OK) return status;
   ern_model_describe(portrait->model, &portrait->info);
+  if (portrait->info.speech != ERN_SPEECH_CEPSTRA) {
+    fprintf(stderr, "%s: was trained on speech features that a live session does not compute\n", words[1]);
+    return ERN_E_MISMATCH;
+  }
   const size_t bytes = 3 * (size_t)portrait->poses.width * (size_t)portrait->poses.height;
   portrait->background = malloc(bytes);
   if (portrait->background == NULL) return ERN_E_NO_MEMORY;

@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* What a push does where `capacity` is used up, as frames are pulled more slowly than sound is pushed. With WAIT
- * and REPEAT a push can block until another thread pulls. So a program with a single thread must pull until *frame is
- * NULL before each push, and push 0.04 (capacity - look_ahead - 2) s of sound at most (25 frames a second). */
+ * and REPEAT a push can block until another thread pulls: where more than 0.04 capacity - `waiting` s are pushed after
+ * a frame was pulled (ern_live_frame.waiting; 0 before the first frame). A program with a single thread pushes no more
+ * than that between two pulls. */
 typedef enum ern_live_policy {
   ERN_LIVE_WAIT = 0,  /* it blocks until a pull makes room: every frame is given */
   ERN_LIVE_DROP = 1,  /* it drops the oldest frames with their sound, and never blocks */
@@ -121,7 +122,8 @@ ERN_API ERN_NODISCARD ern_status ern_live_pull(ern_live *live, double wait, cons
 
 /* Renders a frame, before the next pull: ern_renderer_frame with windows and silence of `frame` in place of the
  * input's; `output` and `times` are as in that function. It renders a frame that is marked `repeat` too. Another thread
- * may push meanwhile. */
+ * may push meanwhile. ERN_E_MISMATCH: the renderer's model takes features of another width or window length than the
+ * session's (13 and 16 where sound is pushed: ern_model_info.speech is then ERN_SPEECH_CEPSTRA). */
 ERN_API ERN_NODISCARD ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *renderer,
                                                      const ern_frame_input *input, size_t input_bytes,
                                                      const ern_frame_output *output, size_t output_bytes,

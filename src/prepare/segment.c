@@ -10,7 +10,8 @@
 #include "prepare/stabilized_crop.h"
 
 enum { SOUND_RATE = 16000, TRIED = 100 /* places in the length of a stretch at which one may begin */ };
-static const double auto_length = 180, auto_longer = 300, shortest = 1, longest = 7200; /* seconds */
+static const double auto_length = 180, auto_longer = 300, shortest = 1,
+                    longest = 1800; /* seconds; ERN_PREPARE_FRAMES */
 
 struct ern_segment_look {
   float place[3]; /* middle x, y and log of the width, in widths */

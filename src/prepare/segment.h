@@ -7,7 +7,7 @@
 #include "prepare/prepare_job.h"
 
 /* ern_prepare_options.segment: *length seconds of a part that is longer than *longer_than. ERN_E_ARGUMENT for what is
- * neither "auto" nor a number of 1 to 7200. */
+ * neither "auto" nor a number of 1 to 1800. */
 ERN_NODISCARD ern_status ern_segment_read(ern_context *context, const char *text, double *length, double *longer_than);
 
 /* The looks at a video, in order and equally far apart; zeroed at the beginning. */

@@ -39,6 +39,10 @@ CHECK(ern_live_open) {
   options.rate_numerator = 1;
   options.capacity = 24; /* a frame of one second has 25 */
   REFUSED(w.context, "capacity is 24, expected 25 to 1000", ern_live_open(w.context, &options, &live));
+  options.rate_numerator = 1000;
+  options.rate_denominator = 999;
+  options.capacity = 25; /* a frame that begins within 1/25 s has parts of 26 */
+  REFUSED(w.context, "capacity is 25, expected 26 to 1000", ern_live_open(w.context, &options, &live));
   options = ern_live_options_default();
   float code[32] = {0};
   code[3] = NAN;

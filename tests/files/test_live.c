@@ -6,9 +6,11 @@
 #include <time.h>
 
 #include "core/rng.h"
+#include "ernerf/backend.h"
 #include "ernerf/live.h"
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
+#include "model/model.h"
 #include "support.h"
 
 enum { RATE = 22050, CHANNELS = 2, SECONDS = 3, WINDOW = 16, WIDTH = 13, HEARD = 8 * WINDOW * WIDTH };
@@ -174,8 +176,8 @@ static void test_look_ahead(void **state) {
   free(sound.data);
 }
 
-/* ---- inserted silence, pauses, cancelling
- * ------------------------------------------------------------------------------------ */
+/* ---- inserted silence, pauses, cancelling --------------------------------------------------------------------------
+ */
 
 static void test_rest(void **state) {
   (void)state;
@@ -395,6 +397,82 @@ static void test_windows(void **state) {
   ern_live_free(&live);
 }
 
+/* Windows that nobody pulls: dropped without an end, or no more than the capacity. */
+static void test_windows_that_wait(void **state) {
+  (void)state;
+  enum { LENGTH = 2, WIDE = 3 };
+  float window[LENGTH * WIDE] = {0};
+  ern_live_options options = ern_live_options_default();
+  ern_live *live = NULL;
+  options.window_length = LENGTH;
+  options.width = WIDE;
+  options.policy = ERN_LIVE_DROP;
+  support_ok(context, ern_live_open(context, &options, &live));
+  for (int k = 0; k < 500; k++) support_ok(context, ern_live_push_windows(live, window, 1));
+  ern_live_free(&live);
+  options.policy = ERN_LIVE_WAIT;
+  support_ok(context, ern_live_open(context, &options, &live));
+  for (int k = 0; k < options.capacity; k++) support_ok(context, ern_live_push_windows(live, window, 1));
+  support_expect(context, ern_live_insert_silence(live), ERN_E_STATE, "no room", NULL);
+  ern_live_free(&live);
+}
+
+/* A flush makes room for the look-ahead of the last frame that has sound, however long a frame is. */
+static void test_flush_at_each_rate(void **state) {
+  (void)state;
+  static const int rates[][2] = {{1, 1}, {2, 1}, {7, 3}, {6, 1}, {24, 1}, {25, 1}, {60, 1}, {100, 1}};
+  float sound[RATE * CHANNELS] = {0};
+  for (size_t i = 0; i < sizeof rates / sizeof *rates; i++)
+    for (int ahead = ERN_LIVE_LEAST_LOOK_AHEAD; ahead <= ERN_LIVE_LOOK_AHEAD; ahead += 5) {
+      ern_live_options options = options_of_sound();
+      ern_live *live = NULL;
+      options.rate_numerator = rates[i][0];
+      options.rate_denominator = rates[i][1];
+      options.look_ahead = ahead;
+      support_ok(context, ern_live_open(context, &options, &live));
+      support_ok(context, ern_live_push(live, sound, RATE / 9));
+      support_ok(context, ern_live_flush(live));
+      size_t samples = 0;
+      for (const ern_live_frame *f = pull(live); f != NULL; f = pull(live)) samples += f->samples;
+      if (samples < RATE / 9) fail_msg("%d/%d frames a second: %zu samples came", rates[i][0], rates[i][1], samples);
+      ern_live_free(&live);
+    }
+}
+
+/* A model of other features than the session's 13: refused, as its windows are longer. */
+static void test_model_of_other_features(void **state) {
+  (void)state;
+  enum { SIDE = 8 };
+  const struct ern_model_config config = {
+      .levels = 2, .feature_width = 29, .window_length = WINDOW, .head = true, .bound = 1};
+  ern_model *model = NULL;
+  ern_backend *backend = NULL;
+  ern_renderer *renderer = NULL;
+  ern_live *live = NULL;
+  uint8_t rgba[SIDE * SIDE * 4];
+  const ern_frame_input input = {.camera = {.pose = {[0] = 1, [5] = 1, [10] = 1, [15] = 1},
+                                            .focal = SIDE,
+                                            .cx = SIDE / 2,
+                                            .cy = SIDE / 2,
+                                            .width = SIDE,
+                                            .height = SIDE}};
+  const ern_frame_output output = {.rgba = rgba};
+  support_ok(context, ern_model_make(&model, context, &config));
+  support_ok(context, ern_backend_create(&backend, context, NULL));
+  support_ok(context, ern_renderer_create(&renderer, backend, model, NULL));
+  support_ok(context, ern_live_open(context, NULL, &live));
+  support_ok(context, ern_live_flush(live));
+  for (int i = 0; i < 9; i++) support_ok(context, ern_live_insert_silence(live));
+  const ern_live_frame *f = pull(live);
+  assert_non_null(f);
+  support_expect(context, ern_live_draw(f, renderer, &input, &output, NULL), ERN_E_MISMATCH, "live", "13 wide",
+                 "expected 29", NULL);
+  ern_live_free(&live);
+  ern_renderer_free(&renderer);
+  ern_model_free(&model);
+  ern_backend_free(&backend);
+}
+
 static void test_hostile_sound(void **state) {
   (void)state;
   ern_live_options options = options_of_sound();
@@ -426,6 +504,9 @@ int main(void) {
                                      cmocka_unit_test(test_policies),
                                      cmocka_unit_test(test_cancel_ends_a_wait),
                                      cmocka_unit_test(test_windows),
+                                     cmocka_unit_test(test_windows_that_wait),
+                                     cmocka_unit_test(test_flush_at_each_rate),
+                                     cmocka_unit_test(test_model_of_other_features),
                                      cmocka_unit_test(test_hostile_sound)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

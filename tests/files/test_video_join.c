@@ -100,7 +100,21 @@ static void test_join_keeps_tag_and_provenance(void **state) {
   }
 }
 
+static void test_sound_is_checked(void **state) {
+  (void)state;
+  const char *const parts[] = {"part.mp4"};
+  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  const ern_sound sounds[] = {
+      {.rate = 16000, .channels = 1, .frames = 16000}, {.rate = 0, .channels = 1}, {.rate = 16000, .channels = 9}};
+  write_video("part.mp4", &options);
+  for (size_t i = 0; i < sizeof sounds / sizeof *sounds; i++)
+    support_expect(context, ern_video_join(context, "whole.mp4", parts, 1, &sounds[i], 0), ERN_E_ARGUMENT, "whole.mp4",
+                   "sound has", NULL);
+  assert_int_equal(access("whole.mp4", F_OK), -1);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join_keeps_tag_and_provenance)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join_keeps_tag_and_provenance),
+                                     cmocka_unit_test(test_sound_is_checked)};
   return cmocka_run_group_tests_name("video_join", tests, set_up, tear_down);
 }

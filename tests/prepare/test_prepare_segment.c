@@ -103,7 +103,7 @@ static void test_words(void **state) {
   assert_true(length == 42.5 && longer == 42.5);
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     support_expect(context, ern_segment_read(context, bad[i], &length, &longer), ERN_E_ARGUMENT, "segment is",
-                   "\"auto\"", "1 to 7200", NULL);
+                   "\"auto\"", "1 to 1800", NULL);
     ern_prepare_options options = ern_prepare_options_default();
     ern_prepare_result result;
     options.segment = bad[i];

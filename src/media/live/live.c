@@ -74,8 +74,9 @@ static ern_status check_options(ern_context *context, const ern_live_options *o)
   if (o->rate_numerator < o->rate_denominator || o->rate_numerator > 100 * (int64_t)o->rate_denominator)
     return ern_fail(context, ERN_E_ARGUMENT, "live: %d/%d frames a second, expected 1 to 100", o->rate_numerator,
                     o->rate_denominator);
-  const int64_t frame =
-      ((int64_t)ERN_LIVE_TICKS_A_SECOND * o->rate_denominator + o->rate_numerator - 1) / o->rate_numerator;
+  const int64_t ticks = (int64_t)ERN_LIVE_TICKS_A_SECOND * o->rate_denominator; /* of rate_numerator frames */
+  const bool between = ticks % o->rate_numerator != 0;                          /* a frame may begin within a tick */
+  const int64_t frame = (ticks + o->rate_numerator - 1) / o->rate_numerator + between;
   if (o->capacity < frame)
     return ern_fail(context, ERN_E_ARGUMENT, "live: capacity is %d, expected %d to %d, which one frame of %d/%d needs",
                     o->capacity, (int)frame, MOST_CAPACITY, o->rate_numerator, o->rate_denominator);
@@ -138,7 +139,7 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
                                (size_t)chosen.capacity, &made->speech));
   made->speech.pad = chosen.pad;
   const size_t window = (size_t)made->speech.window_length * (size_t)made->speech.width;
-  const size_t tick = (size_t)made->rate / ERN_LIVE_TICKS_A_SECOND + 1;
+  const size_t tick = windows ? 1 : (size_t)made->rate / ERN_LIVE_TICKS_A_SECOND + 1;
   made->capacity = (size_t)chosen.capacity * tick;
   ERN_TRY(ERN_NEW(context, made->capacity * (size_t)chosen.channels, &made->sound));
   ERN_TRY(ERN_NEW(context, ERN_LIVE_WINDOWS * window, &made->windows));
@@ -184,14 +185,15 @@ static uint64_t tick_of_frame(const ern_live *l, uint64_t number, double *toward
 }
 static uint64_t whole_ticks(const ern_live *l) { return l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate; }
 
-/* Whether the next frame is there with so many ticks of look-ahead. */
-static bool is_ready(const ern_live *l, int look_ahead) {
+/* Whether a frame is there with so many ticks of look-ahead; is_ready: the next one. */
+static bool is_frame_ready(const ern_live *l, uint64_t number, int look_ahead) {
   double toward;
-  const uint64_t tick = tick_of_frame(l, l->next, &toward);
-  if (l->ended) return sample_of_frame(l, l->next) < l->samples;
+  const uint64_t tick = tick_of_frame(l, number, &toward);
+  if (l->ended) return sample_of_frame(l, number) < l->samples;
   return whole_ticks(l) >= tick + (toward > 0) + (uint64_t)look_ahead + 1 &&
-         l->samples >= sample_of_frame(l, l->next + 1);
+         l->samples >= sample_of_frame(l, number + 1);
 }
+static bool is_ready(const ern_live *l, int look_ahead) { return is_frame_ready(l, l->next, look_ahead); }
 
 /* Rows that tick `tick` may hear, counted from the first. */
 static uint64_t rows_heard(const ern_live *l, uint64_t tick) {
@@ -340,7 +342,12 @@ ern_status ern_live_flush(ern_live *live) {
   ERN_NEED(NULL, live);
   ern_status status = ERN_OK;
   (void)pthread_mutex_lock(&live->mutex);
-  for (int i = 0; i < live->options.look_ahead + 2 && status == ERN_OK; i++) status = insert_frame(live);
+  const uint64_t samples = live->samples;
+  uint64_t last = live->next; /* the last frame that has sound */
+  while (sample_of_frame(live, last + 1) < samples) last++;
+  while (status == ERN_OK && sample_of_frame(live, last) < samples &&
+         !is_frame_ready(live, last, live->options.look_ahead))
+    status = insert_frame(live);
   (void)pthread_mutex_unlock(&live->mutex);
   return status;
 }
@@ -540,7 +547,12 @@ ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *render
   ERN_NEED(NULL, renderer);
   ERN_NEED(NULL, input);
   ern_frame_input own = {0};
-  const ern_status status = ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes);
+  const ern_features windows = {.data = (float *)(uintptr_t)frame->windows,
+                                .windows = ERN_LIVE_WINDOWS,
+                                .window_length = frame->window_length,
+                                .width = frame->width};
+  ern_status status = ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes);
+  if (status == ERN_OK) status = ern_renderer_accepts(renderer, &windows, "live");
   if (status != ERN_OK) return status;
   own.windows = frame->windows;
   own.window_length = frame->window_length;

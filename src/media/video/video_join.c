@@ -264,8 +264,7 @@ ern_status ern_video_join(ern_context *context, const char *path, const char *co
   ern_status status = ERN_OK;
   ern_av_hush();
   if (count == 0) return ern_fail(context, ERN_E_ARGUMENT, "%s: 0 videos are to be joined, expected 1 or more", path);
-  if (!(sound_start >= 0 && sound_start < 1e9))
-    return ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 to 1e9", path, sound_start);
+  ERN_TRY(ern_sound_track_check(context, path, sound, sound_start));
   for (size_t k = 0; k < count; k++) ERN_NEED(context, segments[k]);
   ERN_TRY(look_at_all(&j, segments, count, &first));
   ERN_TRY(read_xmp(&j, segments[0]));

@@ -74,6 +74,16 @@ static ern_status open_buffers(struct ern_muxer *muxer, struct ern_sound_track *
   return error >= 0 ? ERN_OK : ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the sound", error);
 }
 
+ern_status ern_sound_track_check(ern_context *context, const char *path, const ern_sound *sound, double start) {
+  if (!(start >= 0 && start < 1e9))
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 to 1e9", path, start);
+  if (sound == NULL || (sound->rate >= 1 && sound->rate <= 384000 && sound->channels >= 1 && sound->channels <= 8 &&
+                        (sound->data != NULL || sound->frames == 0)))
+    return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "%s: sound has %d Hz and %d channels%s, expected 1 to 384000 and 1 to 8",
+                  path, sound->rate, sound->channels, sound->data == NULL ? ", no samples" : "");
+}
+
 ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start, enum AVCodecID id,
                                 struct ern_sound_track *track) {
   ern_status status = ERN_OK;

@@ -21,6 +21,9 @@ struct ern_sound_track {
   int64_t encoded; /* samples at the codec's rate */
 };
 
+/* ERN_E_ARGUMENT where a caller's sound (NULL: none) or the second in it at which to begin is out of its range. */
+ERN_NODISCARD ern_status ern_sound_track_check(ern_context *context, const char *path, const ern_sound *sound,
+                                               double start);
 /* Adds a stream to the muxer's container, whose header is not written yet. Where nothing of the sound is left at
  * `start` seconds, the track is silent and no stream is added. */
 ERN_NODISCARD ern_status ern_sound_track_open(struct ern_muxer *muxer, const ern_sound *sound, double start,

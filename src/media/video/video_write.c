@@ -30,22 +30,13 @@ struct ern_video_writer {
 
 static ern_status check_options(ern_context *context, const char *path, const ern_video_options *options) {
   ern_status status = ERN_OK;
-  const ern_sound *sound = options->sound;
   ERN_TRY(ern_image_check_sides(context, path, options->width, options->height));
   if (options->rate_numerator < 1 || options->rate_denominator < 1 || options->rate_numerator > MAX_RATE_PART ||
       options->rate_denominator > MAX_RATE_PART) {
     ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: %d/%d frames a second, expected both parts in 1 to %d", path,
                      options->rate_numerator, options->rate_denominator, MAX_RATE_PART));
   }
-  if (!(options->sound_start >= 0 && options->sound_start < 1e9)) {
-    ERN_TRY(
-        ern_fail(context, ERN_E_ARGUMENT, "%s: sound starts at %g s, expected 0 to 1e9", path, options->sound_start));
-  }
-  if (sound != NULL && (sound->rate < 1 || sound->rate > 384000 || sound->channels < 1 || sound->channels > 8 ||
-                        (sound->data == NULL && sound->frames > 0))) {
-    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: sound has %d Hz and %d channels%s, expected 1 to 384000 and 1 to 8",
-                     path, sound->rate, sound->channels, sound->data == NULL ? ", no samples" : ""));
-  }
+  status = ern_sound_track_check(context, path, options->sound, options->sound_start);
 fail:
   return status;
 }

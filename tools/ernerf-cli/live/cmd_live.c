@@ -174,6 +174,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
         args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not for it");
   if (status < 0 && job->as_fast && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
+  if (status < 0 && job->as_fast && job->sound.stays) status = args_refuse(args, "--as-fast and --stay: choose one");
   if (status < 0) status = label_check(&job->label, args);
   if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0) status = control_check(&job->control, args);

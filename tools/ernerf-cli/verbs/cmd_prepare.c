@@ -86,7 +86,7 @@ static int make(struct prepare_job *job) {
   session_note(session, "%s: %zu frames of %d x %d; next: ernerf %s %s%s%s", job->folder, result.frames, options->side,
                options->side, left[0] == 0 ? "train" : "prepare VIDEO -o", job->folder,
                left[0] == 0 ? " --time 10m -o portrait.safetensors"
-                            : ", for the steps that are left or depend on changed ones: ",
+                            : " with the same options, for the steps that are left or depend on changed ones: ",
                left);
   return session_report(session,
                         json_pack("{s:o, s:o, s:I, s:i, s:o, s:o}", "video", session_text(job->video), "clip",
@@ -121,7 +121,7 @@ int cmd_prepare(int argc, char **argv) {
                           .kind = OPTION_TEXT,
                           .target = &o->segment,
                           .choices = "auto|SECONDS",
-                          .help = "take only the best part of the video, of this length (1 to 7200 s); auto: of 180 "
+                          .help = "take only the best part of the video, of this length (1 to 1800 s); auto: of 180 "
                                   "s, if the part from --from to --to is longer than 300 s"},
                          {.name = "size",
                           .kind = OPTION_INT,
