@@ -212,6 +212,19 @@ static void test_train(void **state) {
   json_decref(report);
 }
 
+/* A head of a clip whose torso pictures are transparent goes on as a head alone, also with --time. */
+static void test_from_without_torso(void **state) {
+  (void)state;
+  static const char small[] = "--rays 32 --levels 2 --validate-frames 1";
+  support_clear("b.safetensors"), support_clear("b.run"), support_clear("c.safetensors"), support_clear("c.run");
+  cli_run(&cli, "train bust -o b.safetensors --iters 4 %s --quiet", small);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train bust -o c.safetensors --from b.safetensors --time 1s %s", small);
+  cli_expect(&cli, 0, "effects eye, ", "done, c.safetensors", NULL);
+  assert_null(strstr(cli.err, "torso"));
+  assert_false(cli_there("c.head.safetensors"));
+}
+
 /* A model without a view is drawn, goes on, gets a torso, and is told from others. */
 static void test_use(void **state) {
   (void)state;
@@ -270,9 +283,14 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),  cmocka_unit_test(test_blink),
-                                     cmocka_unit_test(test_camera), cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_speech), cmocka_unit_test(test_train),
-                                     cmocka_unit_test(test_use),    cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
+                                     cmocka_unit_test(test_blink),
+                                     cmocka_unit_test(test_camera),
+                                     cmocka_unit_test(test_torso),
+                                     cmocka_unit_test(test_speech),
+                                     cmocka_unit_test(test_train),
+                                     cmocka_unit_test(test_from_without_torso),
+                                     cmocka_unit_test(test_use),
+                                     cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

@@ -68,7 +68,12 @@ static int choose_effects(struct train_job *job) {
   struct effects *effects = &job->effects;
   ern_clip_measures measures;
   if (chosen && job->has_from && !job->config.torso) {
-    const bool layer = job->clip_info.has_torso && (!job->state.has_settings || job->state.torso_layer);
+    bool layer = job->clip_info.has_torso && (!job->state.has_settings || job->state.torso_layer);
+    if (layer && !job->has_state) { /* no model file says it, so the clip does */
+      if (ern_clip_measure(job->clip, &measures) != ERN_OK) return session_fail(&job->session);
+      effects_choose(&measures, effects);
+      layer = effects->has[EFFECT_TORSO];
+    }
     *effects = (struct effects){{job->from.has_eye, job->from.has_codes, job->from.has_view, layer}};
     return 0;
   }
