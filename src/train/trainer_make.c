@@ -479,10 +479,10 @@ static ern_status fill(ern_trainer *t) {
       ERN_TRY(ern_fail(t->context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
                        t->run.folder, t->step, t->config.iters));
-    if (!resumed)
-      ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   }
   if (t->output != NULL) ERN_TRY(check_output(t, resumed));
+  if (t->config.resume && t->output != NULL && !resumed)
+    ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
   if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
   if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
     ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
