@@ -12,6 +12,7 @@
  * ern_stream_writer_open takes. A file is read as fast as frames are drawn. */
 #include <ernerf/ernerf.h>
 #include <ernerf/live.h>
+#include <ernerf/speech.h>
 #include <ernerf/stream.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -126,7 +127,7 @@ static ern_status portrait_open(ern_context *context, char **words, struct portr
   if (status == ERN_OK) status = ern_pose_list_load(context, words[2], &portrait->poses);
   if (status != ERN_OK) return status;
   ern_model_describe(portrait->model, &portrait->info);
-  if (portrait->info.speech != ERN_SPEECH_CEPSTRA) {
+  if (strcmp(portrait->info.speech, ERN_SPEECH_CEPSTRA) != 0) {
     fprintf(stderr, "%s: was trained on speech features that a live session does not compute\n", words[1]);
     return ERN_E_MISMATCH;
   }

@@ -25,7 +25,7 @@ static void test_rays(void **state) {
   struct ern_view view;
   int32_t pixel[MOST_SIZE] = {0};
   for (size_t w = 0; w < WIDTHS; w++) {
-    for (uint64_t seed = 0; seed < (is_small() ? 4 : 40); seed++) {
+    for (uint64_t seed = 0; seed < (is_small() ? 4 : is_emulated() ? 12 : 40); seed++) {
       aim_camera(&view, pixel, widths[w], seed);
       check_rays(&view, pixel, sizes[seed % SIZES]);
     }
@@ -165,7 +165,7 @@ static void test_adversarial(void **state) {
     memset(scene.bits, full ? 0xff : 0x10, sizeof scene.bits);
     const struct many bits = many_of(ERN_ELEMENT_BYTE, scene.bits, sizeof scene.bits);
     for (size_t k = 0; k < ODD; k++) {
-      for (uint64_t seed = 0; seed < 30; seed += is_small() ? 13 : 1) {
+      for (uint64_t seed = 0; seed < 30; seed += is_small() ? 13 : is_emulated() ? 4 : 1) {
         const size_t n = seed % 3 == 1 && !is_small() ? MOST : sizes[seed % SIZES];
         aim_oddly(&scene, seed);
         check_march(n, bits, &odd_settings[k], seed % 2 == 0, seed % 5 == 0);
