@@ -165,7 +165,7 @@ static void test_adversarial(void **state) {
     memset(scene.bits, full ? 0xff : 0x10, sizeof scene.bits);
     const struct many bits = many_of(ERN_ELEMENT_BYTE, scene.bits, sizeof scene.bits);
     for (size_t k = 0; k < ODD; k++) {
-      for (uint64_t seed = 0; seed < 30; seed += is_small() ? 13 : is_emulated() ? 4 : 1) {
+      for (uint64_t seed = 0; seed < 30; seed += is_small() ? 13 : is_emulated() ? 7 : 1) {
         const size_t n = seed % 3 == 1 && !is_small() ? MOST : sizes[seed % SIZES];
         aim_oddly(&scene, seed);
         check_march(n, bits, &odd_settings[k], seed % 2 == 0, seed % 5 == 0);
