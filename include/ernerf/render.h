@@ -161,8 +161,9 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_prune_occupancy(ern_renderer *rend
                                                               int window_length, const float *eyes, size_t count,
                                                               float density);
 
-/* The audio code of windows [8][window_length][width], as a frame would have it without smooth_lips. The mean of a
- * clip's silent frames is its silence code (ern_frame_input). */
+/* The audio code of windows [8][window_length][width], as a frame would have it without smooth_lips. The
+ * silence code of a clip (ern_frame_input) is the mean of this code over its frames of weight 1 (ern_silence_weights).
+ */
 ERN_API ERN_NODISCARD ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int window_length,
                                                    float code[32]);
 
@@ -189,10 +190,11 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer,
                                                          int window_length, const float *eyes, size_t count,
                                                          float bound);
 
-/* The work of the frames since ern_renderer_reuse_rays. A keyframe counts as a frame of share 1. Plain data, may grow.
- */
+/* The work of the frames since ern_renderer_reuse_rays. Each keyframe adds 1 to `rays` and to `samples`, and nothing to
+ * `frames`: rays/frames is the work of a frame in shares of a whole one, and may be above 1 in a short video. Plain
+ * data, may grow. */
 typedef struct ern_ray_reuse_work {
-  uint64_t frames; /* keyframes included */
+  uint64_t frames; /* that were rendered, without keyframes */
   double rays;    /* of each frame the share of its rays with samples that was rendered, 0..1, summed over the frames */
   double samples; /* likewise of their samples in occupied cells */
 } ern_ray_reuse_work;
@@ -223,7 +225,7 @@ typedef struct ern_frame_input {
   const uint8_t *background; /* [height][width][3] RGB; NULL: transparent */
   const uint8_t *torso; /* [height][width][4] RGBA, alpha not premultiplied, drawn between background and head; NULL:
                            none. A model with a torso draws its own over it. */
-  const float *silence_code; /* [32] mean audio code of silent frames; may be NULL where silence_weight is 0 */
+  const float *silence_code; /* [32] that of a clip (ern_renderer_code); may be NULL where silence_weight is 0 */
   float
       silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
 } ern_frame_input;
