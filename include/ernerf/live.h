@@ -54,9 +54,8 @@ typedef struct ern_live_options {
   bool insert_silence;
   const ern_silence *silence; /* finds pauses in the speech that is pushed (ern_silence_learn); NULL (default): only
                                  inserted silence counts as a pause. Must outlive the session */
-  const float
-      *silence_code; /* [32] the silence code of a clip (ern_renderer_code), the mean of its silent frames, which the
-                        mouth takes in pauses; copied. NULL (default): the mouth follows the sound alone */
+  const float *silence_code;  /* [32] the silence code of a clip (ern_renderer_code), which the mouth takes in pauses;
+                                 copied. NULL (default): the mouth follows the sound alone */
 } ern_live_options;
 
 /* The defaults. */
