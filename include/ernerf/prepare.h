@@ -42,8 +42,8 @@ typedef struct ern_prepare_options {
   int (*progress)(void *user, const char *step, size_t done, size_t total);
   void *user; /* handed to `progress` */
   /* Take only the best stretch of from..to: without a cut, with a face that is seen and moves, and loud sound. "auto":
-   * 180 s where from..to is longer than 300 s, else all of it; "1" to "1800": so many
-   * seconds, or all of it where it is not longer. NULL: all of it. */
+   * 180 s where from..to is longer than 300 s, else all of it; "1" to "1800": so many seconds, or all of it
+   * where it is not longer. NULL: all of it. */
   const char *segment;
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;

@@ -216,8 +216,8 @@ static inline ern_ray_reuse_work ern_renderer_ray_reuse_work(const ern_renderer 
 typedef struct ern_frame_input {
   ern_camera camera;      /* of the picture */
   const float *head_pose; /* [16] pose for the head alone, a refined one (ern_model_refine); NULL: the camera's */
-  const float *windows; /* [8][window_length][ern_model_info.feature_width] (ern_audio_windows), each -1e30 to 1e30; of
-                           another width memory past its end is read: ern_renderer_accepts compares them */
+  const float *windows; /* [8][window_length][ern_model_info.feature_width] (ern_audio_windows), each -1e30 to 1e30. The
+                           width is not checked here: ern_renderer_accepts does that for the features */
   int window_length;    /* 1..16, that of ern_model_info where it is known */
   float eye;            /* 0 open .. 1 closed; ignored by a model without an eye branch */
   size_t individual;    /* 0..ern_model_info.codes - 1: the individual code of that training frame; ERN_INDIVIDUAL_MEAN:

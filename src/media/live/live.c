@@ -345,6 +345,7 @@ ern_status ern_live_flush(ern_live *live) {
   const uint64_t samples = live->samples;
   uint64_t last = live->next; /* the last frame that has sound */
   while (sample_of_frame(live, last + 1) < samples) last++;
+  if (live->ended) status = ern_fail(live->context, ERN_E_STATE, "live: the sound has ended, no silence can follow");
   while (status == ERN_OK && sample_of_frame(live, last) < samples &&
          !is_frame_ready(live, last, live->options.look_ahead))
     status = insert_frame(live);
