@@ -191,8 +191,8 @@ ERN_API ERN_NODISCARD ern_status ern_renderer_reuse_rays(ern_renderer *renderer,
                                                          float bound);
 
 /* The work of the frames since ern_renderer_reuse_rays. Each keyframe adds 1 to `rays` and to `samples`, and nothing to
- * `frames`: rays/frames is the work of a frame in shares of a whole one, and may be above 1 in a short video. Plain
- * data, may grow. */
+ * `frames`: rays/frames is the work of a frame in shares of a whole one, and may be above 1 in a short video.
+ * Plain data, may grow. */
 typedef struct ern_ray_reuse_work {
   uint64_t frames; /* that were rendered, without keyframes */
   double rays;    /* of each frame the share of its rays with samples that was rendered, 0..1, summed over the frames */

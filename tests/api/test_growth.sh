@@ -15,7 +15,7 @@ rm -rf "$work" && mkdir -p "$work"
 kinds() { # of a header: "grows NAME", "final NAME", "object NAME" or "unknown NAME"
   awk '
     /^\/\*/ { comment = "" }
-    { was = comment; comment = comment " " $0 }
+    { was = comment; line = $0; sub(/^ \* /, "", line); comment = comment " " line }
     /^typedef struct/ {
       name = $3; sub(/;/, "", name)
       if ($0 ~ /;$/) print (was ~ /thread/ ? "object" : "unknown"), name
