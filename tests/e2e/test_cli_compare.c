@@ -95,8 +95,8 @@ static void render_all(const char *model, uint8_t *frames) {
 
 static int make_all(void **state) {
   (void)state;
-  static const char *const old[] = {"clip", "a.safetensors", "a.run", "b.safetensors", "b.run", "out",  "self",
-                                    "film", "part",          "mine",  "torn",          "full",  "left", "plain"};
+  static const char *const old[] = {"clip", "a.safetensors", "a.run", "b.safetensors", "b.run", "out",   "self", "film",
+                                    "part", "mine",          "torn",  "full",          "left",  "plain", "late"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   context = support_context();
   cli_run(&cli, "synth clip --size 64 --frames 66 --seed 3 --quiet");
@@ -405,6 +405,43 @@ static void test_video(void **state) {
   json_decref(report);
 }
 
+/* The sound begins where the speech of the first frame is: at its aud_id, which need not be its img_id. */
+static void test_sound(void **state) {
+  (void)state;
+  enum { EARLIER = 30 /* windows before the frame's own */ };
+  ern_sound sound = {0}, whole = {0};
+  assert_int_equal(system("rm -rf late && cp -r clip late"), 0);
+  json_t *list = json_load_file("late/transforms_val.json", 0, NULL), *frame;
+  size_t k;
+  json_array_foreach(json_object_get(list, "frames"), k, frame) {
+    const json_int_t aud_id = json_integer_value(member(frame, "aud_id")) - EARLIER;
+    assert_int_equal(json_object_set_new(frame, "aud_id", json_integer(aud_id)), 0);
+  }
+  assert_int_equal(json_dump_file(list, "late/transforms_val.json", 0), 0);
+  json_decref(list);
+  cli_run(&cli, "compare a.safetensors own.avi late -o part -y --quiet --force");
+  cli_expect(&cli, 0, NULL);
+  support_ok(context, ern_sound_read(context, "part/compare.mp4", &sound));
+  support_ok(context, ern_sound_read(context, "late/aud.wav", &whole));
+  assert_int_equal(sound.rate, whole.rate);
+  assert_true(sound.channels == 1 && whole.channels == 1 && sound.frames <= whole.frames);
+  /* to a millisecond: no other place fits as well */
+  const size_t step = (size_t)sound.rate / 1000;
+  size_t best = 0;
+  double least = INFINITY;
+  for (size_t lag = 0; lag + sound.frames <= whole.frames; lag += step) {
+    double sum = 0;
+    for (size_t i = 0; i < sound.frames; i++) sum += pow((double)sound.data[i] - (double)whole.data[lag + i], 2);
+    if (sum < least) {
+      least = sum;
+      best = lag;
+    }
+  }
+  assert_int_equal(best / step, (FIRST - EARLIER) * 1000 / 25);
+  ern_sound_free(context, &sound);
+  ern_sound_free(context, &whole);
+}
+
 static void test_odd_videos(void **state) {
   (void)state;
   write_avi("small.avi", own, 2, SIDE / 2, 25);
@@ -538,11 +575,17 @@ static void test_killed_before_names(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_figures),        cmocka_unit_test(test_page),
-                                     cmocka_unit_test(test_self),           cmocka_unit_test(test_video),
-                                     cmocka_unit_test(test_odd_videos),     cmocka_unit_test(test_foreign_folders),
-                                     cmocka_unit_test(test_nothing_left),   cmocka_unit_test(test_earlier_folders),
-                                     cmocka_unit_test(test_left_over),      cmocka_unit_test(test_killed_before_names),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_figures),
+                                     cmocka_unit_test(test_page),
+                                     cmocka_unit_test(test_self),
+                                     cmocka_unit_test(test_video),
+                                     cmocka_unit_test(test_sound),
+                                     cmocka_unit_test(test_odd_videos),
+                                     cmocka_unit_test(test_foreign_folders),
+                                     cmocka_unit_test(test_nothing_left),
+                                     cmocka_unit_test(test_earlier_folders),
+                                     cmocka_unit_test(test_left_over),
+                                     cmocka_unit_test(test_killed_before_names),
                                      cmocka_unit_test(test_without_weights)};
   return cmocka_run_group_tests(tests, make_all, end_all);
 }

@@ -392,11 +392,24 @@ static void test_no_cache(void **state) {
   assert_int_equal(setenv("XDG_CACHE_HOME", before, 1), 0);
 }
 
+/* What the file beside a picture says of a device: no instruction set, and no threads, which it has no use for. */
+static void test_provenance(void **state) {
+  (void)state;
+  assert_int_equal(draw("said%d.png"), 0);
+  json_t *about = cli_json(&cli, "saidall.png.provenance.json");
+  const json_t *settings = json_object_get(about, "settings");
+  assert_string_equal(json_string_value(json_object_get(settings, "backend")), "opencl");
+  assert_string_equal(json_string_value(json_object_get(settings, "isa")), "");
+  assert_int_equal(json_integer_value(json_object_get(settings, "threads")), 0);
+  json_decref(about);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_no_driver),           cmocka_unit_test(test_no_device),   cmocka_unit_test(test_build),
-      cmocka_unit_test(test_no_memory),           cmocka_unit_test(test_some_memory), cmocka_unit_test(test_lost_early),
-      cmocka_unit_test(test_lost_after_save),     cmocka_unit_test(test_from_cpu),    cmocka_unit_test(test_cache),
-      cmocka_unit_test(test_driver_with_a_cache), cmocka_unit_test(test_no_cache)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_driver),       cmocka_unit_test(test_no_device),
+                                     cmocka_unit_test(test_build),           cmocka_unit_test(test_no_memory),
+                                     cmocka_unit_test(test_some_memory),     cmocka_unit_test(test_lost_early),
+                                     cmocka_unit_test(test_lost_after_save), cmocka_unit_test(test_from_cpu),
+                                     cmocka_unit_test(test_cache),           cmocka_unit_test(test_driver_with_a_cache),
+                                     cmocka_unit_test(test_no_cache),        cmocka_unit_test(test_provenance)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }
