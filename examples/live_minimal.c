@@ -23,7 +23,6 @@ enum { MOST_SESSIONS = 16, SAMPLE_RATE = 16000, SAMPLES_READ = 640, GREY = 96 };
 
 /* What all sessions share, and only read. */
 struct portrait {
-  ern_backend *backend;
   ern_model *model;
   ern_model_info info;
   ern_pose_list poses;
@@ -34,7 +33,8 @@ struct portrait {
 struct session {
   const struct portrait *portrait;
   const char *sound, *output;
-  ern_context *context; /* of its own, so that an error text is this session's */
+  ern_context *context; /* of its own, as is the backend: the texts of errors are this session's */
+  ern_backend *backend;
   ern_sound_reader *reader;
   ern_live *live;
   ern_renderer *renderer;
@@ -59,7 +59,8 @@ static ern_status session_open(struct session *session) {
   ern_status status = session->rgba != NULL ? ern_context_create(&session->context, NULL) : ERN_E_NO_MEMORY;
   if (status == ERN_OK) status = ern_sound_reader_open(session->context, session->sound, &reader, &session->reader);
   if (status == ERN_OK) status = ern_live_open(session->context, &live, &session->live);
-  if (status == ERN_OK) status = ern_renderer_create(&session->renderer, portrait->backend, portrait->model, &render);
+  if (status == ERN_OK) status = ern_backend_create(&session->backend, session->context, NULL);
+  if (status == ERN_OK) status = ern_renderer_create(&session->renderer, session->backend, portrait->model, &render);
   if (status == ERN_OK) status = ern_stream_writer_open(session->context, session->output, &stream, &session->writer);
   return status;
 }
@@ -115,6 +116,7 @@ static void *session_run(void *user) {
 static void session_free(struct session *session) {
   ern_stream_writer_abandon(&session->writer); /* what was closed is NULL */
   ern_renderer_free(&session->renderer);
+  ern_backend_free(&session->backend);
   ern_live_free(&session->live);
   ern_sound_reader_free(&session->reader);
   ern_context_free(&session->context);
@@ -122,8 +124,7 @@ static void session_free(struct session *session) {
 }
 
 static ern_status portrait_open(ern_context *context, char **words, struct portrait *portrait) {
-  ern_status status = ern_backend_create(&portrait->backend, context, NULL);
-  if (status == ERN_OK) status = ern_model_load(&portrait->model, context, words[1]);
+  ern_status status = ern_model_load(&portrait->model, context, words[1]);
   if (status == ERN_OK) status = ern_pose_list_load(context, words[2], &portrait->poses);
   if (status != ERN_OK) return status;
   ern_model_describe(portrait->model, &portrait->info);
@@ -174,7 +175,6 @@ int main(int count, char **words) {
   free(portrait.background);
   ern_pose_list_free(context, &portrait.poses);
   ern_model_free(&portrait.model);
-  ern_backend_free(&portrait.backend);
   ern_context_free(&context);
   return status == ERN_OK && failed == 0 ? 0 : 1;
 }

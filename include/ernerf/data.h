@@ -67,7 +67,9 @@ typedef struct ern_pose_list {
 } ern_pose_list;
 
 /* Reads a transforms_*.json file. Every field is checked for presence, type and range; the error text names file,
- * frame, field, found and expected. On success the caller owns the list (ern_pose_list_free). */
+ * frame, field, found and expected. ERN_E_FORMAT: a field is missing, or has another type or range. ERN_E_SHAPE: a
+ * matrix is not 4x4, or the file is too large. ERN_E_MISSING: no such file. On success the caller owns the list
+ * (ern_pose_list_free). */
 ERN_API ERN_NODISCARD ern_status ern_pose_list_load(ern_context *context, const char *path, ern_pose_list *list);
 ERN_API void ern_pose_list_free(ern_context *context, ern_pose_list *list); /* accepts NULL and an empty one */
 

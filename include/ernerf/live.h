@@ -123,7 +123,8 @@ ERN_API ERN_NODISCARD ern_status ern_live_pull(ern_live *live, double wait, cons
 /* Renders a frame, before the next pull: ern_renderer_frame with windows and silence of `frame` in place of the
  * input's; `output` and `times` are as in that function. It renders a frame that is marked `repeat` too. Another thread
  * may push meanwhile. ERN_E_MISMATCH: the renderer's model takes features of another width or window length than the
- * session's (13 and 16 where sound is pushed: ern_model_info.speech is then ERN_SPEECH_CEPSTRA). */
+ * session's (13 and 16 where sound is pushed: ern_model_info.speech is then ERN_SPEECH_CEPSTRA). The text of an error
+ * is in the renderer's context. */
 ERN_API ERN_NODISCARD ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *renderer,
                                                      const ern_frame_input *input, size_t input_bytes,
                                                      const ern_frame_output *output, size_t output_bytes,

@@ -60,10 +60,11 @@ typedef struct ern_model ern_model;
  * that the authors of ER-NeRF published. The file's content decides which it is, not its name. A .pth is the zip that
  * torch.save writes since PyTorch 1.6; nothing in it is executed. Every tensor must be there, with its shape and finite
  * values, else the error text names the first that is wrong. ERN_E_MISSING: no file, or a tensor is not in it.
- * ERN_E_IO: it cannot be read. ERN_E_FORMAT: it has neither form, or its metadata is wrong. ERN_E_SHAPE: a tensor has
- * another shape. ERN_E_NONFINITE: a value is not finite. ERN_E_MISMATCH: a tensor has another type, or one that
- * the configuration determines (aabb_train, aabb_infer, .offsets) has other values. ERN_E_UNSUPPORTED: a form that this
- * version does not read. On success the caller owns *model. */
+ * ERN_E_IO: it cannot be read. ERN_E_FORMAT: it has neither form, its metadata is wrong, or it has a tensor that no
+ * model has. ERN_E_SHAPE: a tensor has another shape, or the file is larger than 1 GiB. ERN_E_NONFINITE: a value is not
+ * finite. ERN_E_MISMATCH: a tensor has another type, or one that the configuration determines (aabb_train, aabb_infer,
+ * .offsets) has other values. ERN_E_UNSUPPORTED: a form that this version does not read. On success the caller owns
+ * *model. */
 ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *context, const char *path);
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 
@@ -104,8 +105,8 @@ typedef struct ern_model_info {
   ern_audio_pad audio_pad; /* (edge) */
   size_t cameras;          /* training frames whose poses have trained corrections (ern_model_refine); 0: none */
   uint64_t head_steps, torso_steps; /* training steps behind it; 0 where the file does not say */
-  char clip[65];            /* identity of the clip it was trained on, the SHA-256 of ern_clip_info.identity; "" where
-                               the file does not say */
+  char clip[65];            /* identity of the clip it was trained on (ern_clip_info.identity, ern_dataset.identity);
+                               "" where the file does not say */
   size_t parameters;        /* number of trained values */
   size_t parameter_bytes;   /* of these as 32-bit floats */
   char speech[64];          /* kind of the speech features it was trained on, such as "cepstra-1"; "": unknown */
@@ -132,7 +133,8 @@ typedef struct ern_tensor_info {
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 
-/* SHA-256 of the bytes of a file of at most 1 GiB, as 64 lower-case hex digits: tells one model from another. */
+/* SHA-256 of the bytes of a file, as 64 lower-case hex digits: tells one model from another. ERN_E_SHAPE: the file is
+ * larger than 1 GiB. */
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
 /* Applies the correction that training found for the pose of a training frame, in place; the model stays as it is.

@@ -35,10 +35,11 @@ ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int heig
 /* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z to the right
  * in the picture of a face that looks into the camera; the scene is the cube [-bound, bound]^3. Plain data, final. */
 typedef struct ern_camera {
-  float pose[16];      /* camera to scene, row-major; the last column in scene units. The camera's own x points to the
+  float pose[16];      /* camera to scene, row-major, the last column in scene units. The camera's own x points to the
                           right of its picture, its y down, its z into the scene (ern_camera_pose makes such a pose of a
-                          transforms matrix) */
-  float focal, cx, cy; /* pixels */
+                          transforms matrix). The matrix can be inverted; entries of its rotation are at most 1000 */
+  float focal, cx, cy; /* pixels, focal > 0; cx, cy from the picture's top left corner: the centre of the first pixel is
+                          at (0.5, 0.5) */
   int width, height;   /* pixels, 1..8192 */
   ern_box frame;       /* the part of the picture that shows what a training frame shows (ern_fit_box); coordinates of
                           -32768 to 32768. Pixels outside it repeat the nearest pixel's head and torso. All zeros: the
@@ -56,8 +57,9 @@ ERN_API void ern_camera_pose(float pose[16], const float matrix[16], float scale
  */
 ERN_API void ern_pose_turn(float matrix[16], double yaw, double pitch);
 
-/* The same view as a picture of another size: the frame is scaled and placed as ern_fit_box says. Background and torso
- * pictures that are handed in must be placed likewise. */
+/* The same view as a picture of another size: the whole picture of `camera` is scaled and placed as ern_fit_box says,
+ * and that box is the result's `frame`. camera->frame is not read. Background and torso pictures that are handed in
+ * must be placed likewise. */
 ERN_API ern_camera ern_camera_fitted(const ern_camera *camera, int width, int height, ern_fit fit);
 /* The same with ERN_FIT_CONTAIN. Both: all zeros for a side below 1. */
 ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int height);
@@ -67,7 +69,9 @@ ERN_API ern_camera ern_camera_resized(const ern_camera *camera, int width, int h
 ERN_API size_t ern_pose_index(size_t frame, size_t count);
 
 /* Smooths a path of transforms matrices in place: each translation becomes the mean, and each rotation the chordal mean
- * (the rotation nearest to the mean matrix), over a window of `window` frames (odd, >= 1) cut at the ends. */
+ * (the rotation nearest to the mean matrix), over a window of `window` frames (odd, >= 1) cut at the ends.
+ * ERN_E_FORMAT: the mean matrix of a window is singular, so it has no nearest rotation. After an error the poses are as
+ * they were. */
 ERN_API ERN_NODISCARD ern_status ern_poses_smooth(ern_context *context, ern_pose *poses, size_t count, int window);
 
 /* The pose between two transforms matrices, or two camera poses: the rotation by slerp (constant speed about one axis,
@@ -80,7 +84,9 @@ ERN_API void ern_pose_interpolate(float out[16], const float from[16], const flo
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
 /* windows[8][window_length][width] = the windows index-4 .. index+3 of `features`; any index will do. Nothing is
- * written where a size of the features is out of its range (ern_features). */
+ * written where a size of the features is out of its range (ern_features). Frame k of a video of another rate R lies at
+ * index t = 25 k/R: interpolate each number of the windows of floor(t) and floor(t) + 1 linearly, and eye values and
+ * silence weights likewise (docs/effects.md, "Another rate"). A live session does so itself (live.h). */
 ERN_API void ern_audio_windows(float *windows, const ern_features *features, int64_t index, ern_audio_pad pad);
 
 /* Like ern_audio_windows, with neighbours taken from a list of `count` frames, such as a split of a clip. Frame k of
@@ -122,7 +128,8 @@ typedef struct ern_render_options {
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
   bool smooth_lips;         /* default false; true: audio code = w * the last frame's + (1 - w) * this one's; w is 0.35
                                at 25 frames a second and 0.35^(25 / frame_rate) in general, so that the lips are as
-                               fast at any rate */
+                               fast at any rate. The renderer's first frame has its own code alone: each video needs a
+                               new renderer */
   float frame_rate;         /* frames a second of the video, 1..1000, default 25; smooth_lips needs it */
   float image_scale;        /* the head is rendered at this multiple of the picture's width and height, and upsampled
                                (bicubic) before it is composited over the background, which stays sharp; 0.25..1,
@@ -140,7 +147,8 @@ static inline ern_render_options ern_render_options_default(void) {
 /* One renderer is used by one thread at a time; several may share a model and a backend. */
 typedef struct ern_renderer ern_renderer;
 
-/* `model` and `backend` must outlive the renderer. options NULL: the defaults. */
+/* `model` and `backend` must outlive the renderer. options NULL: the defaults. The renderer has the context of
+ * `backend`: the texts of its errors are there. The model may have another context. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend,
                                                      const ern_model *model, const ern_render_options *options);
 ERN_API void ern_renderer_free(ern_renderer **renderer); /* accepts NULL and a pointer to NULL */
@@ -251,8 +259,8 @@ typedef struct ern_frame_times {
 } ern_frame_times;
 
 /* Renders one frame. times may be NULL. Errors: ERN_E_ARGUMENT names the field; ERN_E_MISMATCH: window_length is not
- * the model's; ERN_E_NONFINITE: a pose or window is not finite, or the picture is not (values too large; never black
- * pixels instead); ERN_E_NO_MEMORY; ERN_E_DEVICE: an OpenCL device failed. */
+ * the model's; ERN_E_NONFINITE: a pose, window or silence_code is not finite, or the audio code or an output is not
+ * (values too large; never black pixels instead); ERN_E_NO_MEMORY; ERN_E_DEVICE: an OpenCL device failed. */
 ERN_API ERN_NODISCARD ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_input *input,
                                                           size_t input_bytes, const ern_frame_output *output,
                                                           size_t output_bytes, ern_frame_times *times,

@@ -110,9 +110,11 @@ ERN_API void ern_speech_network_watch(ern_speech_network *network, int (*watch)(
                                       void *user);
 
 /* Computes the features of a sound file: [windows][16 or 2][width], with `window_rows` and `width` of the description.
- * FFmpeg reads the file; the sound lasts 4 hours at most. The whole wave, its rows and its windows are in memory at the
- * same time. ERN_E_SHAPE: the sound is too long, or too short for one window, or the network's output has another shape
- * than described. ERN_E_NONFINITE, ERN_E_FORMAT: the sound or the output has a NaN, an infinity, or a number beyond 1e6
+ * Of n rows, windows of 16 rows are floor(n/2) + 1, with zeros before the first row and after the last; windows of 2
+ * rows are floor(n/2) (docs/speech.md). FFmpeg reads the file; the sound has 1000 samples a second at least and lasts 4
+ * hours at most. The whole wave, its rows and its windows are in memory at the same time. ERN_E_SHAPE: the sound has
+ * fewer samples a second, is too long, or too short for one window, or the network's output has another shape than
+ * described. ERN_E_NONFINITE, ERN_E_FORMAT: the sound or the output has a NaN, an infinity, or a number beyond 1e6
  * (sound) or 1e30 (output). ERN_E_ARGUMENT: the file holds features. On success the caller owns *features
  * (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_network_features(ern_speech_network *network, const char *path,

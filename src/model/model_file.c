@@ -308,7 +308,7 @@ static ern_status take_occupancy(ern_model *model, const struct ern_tensor_file 
   } else {
     ERN_TRY(find_exact(model->context, file, path, "density_bitfield", 1, (size_t[]){ERN_OCCUPANCY_BYTES}, &bits));
     if (bits->dtype != ERN_U8)
-      ERN_TRY(ern_fail(model->context, ERN_E_FORMAT, "%s: tensor density_bitfield is %s, expected U8", path,
+      ERN_TRY(ern_fail(model->context, ERN_E_MISMATCH, "%s: tensor density_bitfield is %s, expected U8", path,
                        ern_dtype_name(bits->dtype)));
     memcpy(model->bits, bits->data, ERN_OCCUPANCY_BYTES);
   }
@@ -338,7 +338,7 @@ static ern_status check_derived(const ern_model *model, const struct ern_tensor_
     if (ern_tensor_file_find(file, own->name) == NULL) continue;
     ERN_TRY(find_exact(model->context, file, path, own->name, own->dims, own->shape, &theirs));
     if (theirs->dtype != own->dtype)
-      ERN_TRY(ern_fail(model->context, ERN_E_FORMAT, "%s: tensor %s is %s, expected %s", path, own->name,
+      ERN_TRY(ern_fail(model->context, ERN_E_MISMATCH, "%s: tensor %s is %s, expected %s", path, own->name,
                        ern_dtype_name(theirs->dtype), ern_dtype_name(own->dtype)));
     for (size_t i = 0; i < own->count; i++)
       if (!(value_of(theirs, i) == value_of(own, i)))

@@ -546,14 +546,15 @@ ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *render
                                ern_frame_times *times, size_t times_bytes) {
   ERN_NEED(NULL, frame);
   ERN_NEED(NULL, renderer);
-  ERN_NEED(NULL, input);
   ern_frame_input own = {0};
   const ern_features windows = {.data = (float *)(uintptr_t)frame->windows,
                                 .windows = ERN_LIVE_WINDOWS,
                                 .window_length = frame->window_length,
                                 .width = frame->width};
-  ern_status status = ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes);
-  if (status == ERN_OK) status = ern_renderer_accepts(renderer, &windows, "live");
+  if (input == NULL ||
+      ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes) != ERN_OK) /* refused there, in words */
+    return ern_renderer_frame_sized(renderer, input, input_bytes, output, output_bytes, times, times_bytes);
+  const ern_status status = ern_renderer_accepts(renderer, &windows, "live");
   if (status != ERN_OK) return status;
   own.windows = frame->windows;
   own.window_length = frame->window_length;

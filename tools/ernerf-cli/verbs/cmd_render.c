@@ -75,7 +75,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
       {.name = "wav",
        .kind = OPTION_TEXT,
        .target = &job->wav,
-       .help = "sound for the video (default that of --audio, where it is a sound, or the clip's)"},
+       .help = "sound for the video (default that of --audio, where it is a sound; without --audio that of the clip)"},
       {.name = "o",
        .alias = "output",
        .kind = OPTION_TEXT,
