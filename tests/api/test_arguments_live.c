@@ -90,7 +90,6 @@ CHECK(ern_live_draw_sized) {
   ern_renderer *renderer = (ern_renderer *)(void *)&w; /* not looked at */
   REFUSED_ALONE(ern_live_draw_sized(NULL, renderer, &input, sizeof input, &output, sizeof output, NULL, 0));
   REFUSED_ALONE(ern_live_draw_sized(&frame, NULL, &input, sizeof input, &output, sizeof output, NULL, 0));
-  REFUSED_ALONE(ern_live_draw_sized(&frame, renderer, NULL, 0, &output, sizeof output, NULL, 0));
 }
 CHECK(ern_live_draw) {
   const ern_live_frame frame = {0};

@@ -467,6 +467,10 @@ static void test_model_of_other_features(void **state) {
   assert_non_null(f);
   support_expect(context, ern_live_draw(f, renderer, &input, &output, NULL), ERN_E_MISMATCH, "live", "13 wide",
                  "expected 29", NULL);
+  support_expect(context, ern_live_draw_sized(f, renderer, NULL, 0, &output, sizeof output, NULL, 0), ERN_E_ARGUMENT,
+                 "input is NULL", NULL);
+  support_expect(context, ern_live_draw_sized(f, renderer, &input, sizeof input + 8, &output, sizeof output, NULL, 0),
+                 ERN_E_UNSUPPORTED, "a later version", NULL);
   ern_live_free(&live);
   ern_renderer_free(&renderer);
   ern_model_free(&model);
