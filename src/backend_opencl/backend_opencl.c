@@ -118,7 +118,8 @@ static void measure_now(struct ern_cl_backend *backend, int number, bool asked) 
           seconds);
   ern_status status = ern_cl_backend_open(context, number, false, &bench);
   if (status == ERN_OK)
-    status = ern_cl_measure(bench, asked ? ~0u : ern_cl_unknown_knobs(backend->measured), seconds, backend->measured);
+    status =
+        ern_cl_measure(bench, asked ? ~0u : ern_cl_unknown_tunables(backend->measured), seconds, backend->measured);
   if (status != ERN_OK) ern_log_error(context, ERN_LOG_INFO, "OpenCL: measuring ended early: ");
   if (bench != NULL) bench->table.free(&bench->table);
   if (!ern_cl_tune_write(context, &backend->device, backend->measured))
@@ -154,12 +155,12 @@ ern_status ern_opencl_backend_make(ern_context *context, int number, bool determ
 
 void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {
   const struct ern_cl_backend *own = (const struct ern_cl_backend *)backend;
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const struct ern_cl_measured *m = &own->measured[knob];
-    const ern_tuning tuning = {.name = ern_cl_knob_name(knob),
-                               .standard = ern_cl_standard_size(&own->device, knob),
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    const struct ern_cl_measured *m = &own->measured[tunable];
+    const ern_tuning tuning = {.name = ern_cl_tunable_name(tunable),
+                               .standard = ern_cl_standard_size(&own->device, tunable),
                                .best = m->standard_ns > 0 ? m->best : 0,
-                               .used = own->size[knob],
+                               .used = own->size[tunable],
                                .standard_seconds = 1e-9 * (double)m->standard_ns,
                                .best_seconds = 1e-9 * (double)m->best_ns};
     say(user, &tuning);
@@ -197,8 +198,8 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
   for (int i = 0; i < count; i++) {
     if (!usable[i]) continue;
     struct ern_cl_device device = {.platform = found[i].platform, .id = found[i].device};
-    ern_cl_device_ask(&device);
-    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+    ern_cl_device_query(&device);
+    struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
     ern_cl_tune_read(context, &device, measured);
     const ern_device_info info = {.kind = "opencl",
                                   .number = i,

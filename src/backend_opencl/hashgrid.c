@@ -50,10 +50,10 @@ struct plan {
   size_t group, groups, table_groups;
 };
 
-static struct plan plan_grid(struct ern_stream *stream, ern_cl_knob knob, const struct ern_grid *grid, size_t n) {
+static struct plan plan_grid(struct ern_stream *stream, ern_cl_tunable tunable, const struct ern_grid *grid, size_t n) {
   const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
   const struct ern_cl_device *device = &backend->device;
-  const size_t size = (size_t)backend->size[knob];
+  const size_t size = (size_t)backend->size[tunable];
   struct plan plan = {.group = device->cpu ? 1 : size};
   const size_t block = size * (size_t)device->width, blocks = n / block + (n % block != 0);
   bool divide = false;

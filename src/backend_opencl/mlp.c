@@ -46,14 +46,14 @@ static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, si
   return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
 }
 
-/* The largest tile that fits, of the knob's size at most. */
-static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_knob knob, size_t channels,
+/* The largest tile that fits, of the tunable's size at most. */
+static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
                       size_t turned) {
   const struct ern_cl_device *device = &backend->device;
   *plan = (struct plan){.group = 1, .vectors = 1, .lanes = 1};
   if (device->cpu) {
     plan->lanes = device->width;
-    plan->vectors = backend->size[knob];
+    plan->vectors = backend->size[tunable];
     while (local_bytes(plan, true, channels, turned) > device->local_bytes && plan->vectors * plan->lanes > 1) {
       if (plan->vectors > 1)
         plan->vectors--;
@@ -61,7 +61,7 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
         plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
     }
   } else {
-    plan->group = backend->size[knob];
+    plan->group = backend->size[tunable];
     while (((size_t)plan->group > device->group_most ||
             local_bytes(plan, false, channels, turned) > device->local_bytes) &&
            plan->group > 1)

@@ -10,15 +10,15 @@ enum { CUBES = ERN_OCCUPANCY_CELLS / 8, BLOCKS = ERN_OCCUPANCY_CELLS / 64 };
 
 /* ---- cells that a camera sees ------------------------------------------------------------------------------------ */
 
-enum { SIGHT = 14 }; /* floats of a camera, see occupancy.cl */
+enum { FRUSTUM = 14 }; /* floats of a camera, see occupancy.cl */
 
-static void sight_of(float sight[SIGHT], const struct ern_view *view) {
+static void frustum_of(float frustum[FRUSTUM], const struct ern_view *view) {
   for (int k = 0; k < 3; k++) {
-    for (int axis = 0; axis < 3; axis++) sight[3 * axis + k] = view->pose[4 * k + axis];
-    sight[9 + k] = view->pose[4 * k + 3];
+    for (int axis = 0; axis < 3; axis++) frustum[3 * axis + k] = view->pose[4 * k + axis];
+    frustum[9 + k] = view->pose[4 * k + 3];
   }
-  sight[12] = view->cx / view->focal;
-  sight[13] = view->cy / view->focal;
+  frustum[12] = view->cx / view->focal;
+  frustum[13] = view->cy / view->focal;
 }
 
 ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy_mark_args *a) {
@@ -26,27 +26,27 @@ ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const bool cpu = ern_cl_backend_of(stream)->device.cpu;
   ern_status status = ERN_OK;
-  float *sight = NULL;
+  float *frustum = NULL;
   size_t floats = 0;
-  ern_span sights = {0};
-  if (!ern_size_multiply(a->view_count, SIGHT, &floats))
+  ern_span frusta = {0};
+  if (!ern_size_multiply(a->view_count, FRUSTUM, &floats))
     ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "occupancy: %zu views are too many", a->view_count));
   if (floats > 0) {
-    ERN_TRY(ERN_NEW(context, floats, &sight));
-    for (size_t k = 0; k < a->view_count; k++) sight_of(sight + k * SIGHT, &a->views[k]);
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, floats, &sights));
-    ERN_TRY(stream->backend->upload_reals(stream, sights, sight, floats));
+    ERN_TRY(ERN_NEW(context, floats, &frustum));
+    for (size_t k = 0; k < a->view_count; k++) frustum_of(frustum + k * FRUSTUM, &a->views[k]);
+    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, floats, &frusta));
+    ERN_TRY(stream->backend->upload_reals(stream, frusta, frustum, floats));
   }
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_mark", "");
   ern_cl_span(&call, a->grid);
-  ern_cl_span(&call, sights);
+  ern_cl_span(&call, frusta);
   ern_cl_float(&call, a->bound * (127.0f / 128.0f));
   ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * a->bound);
   ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * 4 * a->bound);
   ern_cl_size(&call, a->view_count);
   ERN_TRY(ern_cl_each(&call, cpu ? BLOCKS : ERN_OCCUPANCY_CELLS));
 fail:
-  ern_release(context, sight);
+  ern_release(context, frustum);
   ern_arena_release(stream, mark);
   return status;
 }

@@ -33,11 +33,12 @@ ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place 
   return ern_cl_each(&call, rows * columns);
 }
 
-struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows) {
+struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_tunable tunable, int outputs,
+                                   size_t rows) {
   const struct ern_cl_device *device = &backend->device;
   const size_t column = rows * (size_t)device->width * sizeof(float);
   const bool vectors = device->width > 1;
-  size_t size = (size_t)backend->size[knob];
+  size_t size = (size_t)backend->size[tunable];
   while (size > 1 && (size * column > device->local_bytes || (!vectors && size > device->group_most))) size /= 2;
   return vectors ? (struct ern_cl_form){(int)size, outputs, 1} : (struct ern_cl_form){1, outputs, (int)size};
 }

@@ -35,11 +35,12 @@ static inline ern_span ern_cl_from(ern_span span, size_t at) { return ern_span_p
 static inline int ern_cl_outputs(const struct ern_cl_device *device, int widest) {
   return device->width == 1 ? widest : device->width == 8 ? 4 : 8;
 }
-/* The form for tiles of `rows`, with the knob's vectors or items where local memory has room for them. */
-struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_knob knob, int outputs, size_t rows);
+/* The form for tiles of `rows`, with the tunable's vectors or items where local memory has room for them. */
+struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_tunable tunable, int outputs,
+                                   size_t rows);
 /* Work-groups that keep a device busy whose items take work off a counter until there is none. */
-static inline size_t ern_cl_groups(const struct ern_cl_backend *backend, ern_cl_knob knob) {
-  return backend->device.units * (size_t)backend->size[knob];
+static inline size_t ern_cl_groups(const struct ern_cl_backend *backend, ern_cl_tunable tunable) {
+  return backend->device.units * (size_t)backend->size[tunable];
 }
 
 #endif

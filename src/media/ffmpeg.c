@@ -28,7 +28,7 @@ ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *p
   return ern_fail(context, code, "%s: cannot %s: %s", path, doing, reason);
 }
 
-void ern_av_hush(void) {
+void ern_av_disable_log(void) {
   if (av_log_get_level() == AV_LOG_INFO) av_log_set_level(AV_LOG_FATAL);
 }
 
@@ -125,7 +125,7 @@ ern_status ern_decoder_open(ern_context *context, const char *path, enum AVMedia
                             struct ern_decoder *decoder) {
   ern_status status = ERN_OK;
   *decoder = (struct ern_decoder){.context = context};
-  ern_av_hush();
+  ern_av_disable_log();
   ERN_TRY(ern_input_check(context, path));
   ERN_TRY(ern_string_copy(context, path, &decoder->path));
   ERN_TRY(open_container(decoder));
@@ -176,7 +176,7 @@ ern_status ern_decoder_open_live(ern_context *context, const char *path, const s
                                  struct ern_decoder *decoder) {
   ern_status status = ERN_OK;
   *decoder = (struct ern_decoder){.context = context};
-  ern_av_hush();
+  ern_av_disable_log();
   ERN_TRY(ern_string_copy(context, path, &decoder->path));
   ERN_TRY(open_live(decoder, input));
   ERN_TRY(open_decoder(decoder, AVMEDIA_TYPE_AUDIO, 1));

@@ -18,7 +18,7 @@ ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *p
 /* FFmpeg writes what it thinks to stderr, by one level for the whole process, and a library must not. The level is set
  * to AV_LOG_FATAL where the program has left it at FFmpeg's default; any other choice of the program stays. What goes
  * wrong is in our error text in any case. */
-void ern_av_hush(void);
+void ern_av_disable_log(void);
 
 /* "file:PATH", so that no name is taken for an address; owned by the caller (ern_release). */
 ERN_NODISCARD ern_status ern_av_url(ern_context *context, const char *path, char **url);

@@ -57,7 +57,7 @@ ern_status check_claim(ern_context *context, const char *path, const OIIO::Image
 
 /* Opens a still by its content and checks what its header says. OpenImageIO would take parts of a name for options or
  * for a video, so the reader is chosen here. Alpha stays as stored: not multiplied into the colours. */
-ern_status open_still(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
+ern_status open_picture(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
   const char *format = "";
   ern_status status = ern_input_check(context, path);
   if (status == ERN_OK) status = ern_image_check_head(context, path, &format);
@@ -104,7 +104,7 @@ void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int chann
 
 ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
   std::unique_ptr<OIIO::ImageInput> opened;
-  ern_status status = open_still(context, path, opened);
+  ern_status status = open_picture(context, path, opened);
   if (status != ERN_OK) return status;
   OIIO::ImageInput &input = *opened;
   const OIIO::ImageSpec spec = input.spec();
@@ -216,7 +216,7 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
   *width = *height = 0;
   return guarded(context, path, [&] {
     std::unique_ptr<OIIO::ImageInput> opened;
-    const ern_status status = open_still(context, path, opened);
+    const ern_status status = open_picture(context, path, opened);
     if (status == ERN_OK) {
       *width = opened->spec().width;
       *height = opened->spec().height;

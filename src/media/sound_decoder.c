@@ -62,7 +62,7 @@ static ern_status find_silence(struct ern_sound_decoder *sound) {
 }
 
 /* What is odd about times, in a line of the log; a file may have any number of such places. */
-static void tell(struct ern_sound_decoder *sound, const char *what, double from, double to) {
+static void log_times(struct ern_sound_decoder *sound, const char *what, double from, double to) {
   if (sound->told == MOST_TOLD) return;
   sound->told++;
   ern_log(sound->decoder.context, ERN_LOG_WARNING, "%s: at %.3f s %s %.3f s%s", sound->decoder.path, from, what, to,
@@ -117,19 +117,19 @@ static ern_status find_place(struct ern_sound_decoder *sound) {
   const ern_status status = look_ahead(sound, end, &fits);
   if (status != ERN_OK) return status;
   if (fits) {
-    tell(sound, "one piece of its sound is kept in its place, though its time stamp is", end, at);
+    log_times(sound, "one piece of its sound is kept in its place, though its time stamp is", end, at);
   } else if (late > MAX_SILENCE) {
     return ern_fail(decoder->context, ERN_E_UNSUPPORTED,
                     "%s: its sound has a gap from %.3f s to %.3f s, expected %d s at most", decoder->path, end, at,
                     MAX_SILENCE);
   } else if (late > 0) {
-    tell(sound, "a gap of its sound becomes silence, up to", end, at);
+    log_times(sound, "a gap of its sound becomes silence, up to", end, at);
     sound->silence = (size_t)(late * sound->rate + 0.5);
   } else if (late < -BEGINS_ANEW) {
-    tell(sound, "its sound is continued, though its time stamps go back to", end, at);
+    log_times(sound, "its sound is continued, though its time stamps go back to", end, at);
     sound->begin = at - (double)sound->position / sound->rate;
   } else {
-    tell(sound, "the repeated part of its sound is left out, as its time stamps go back to", end, at);
+    log_times(sound, "the repeated part of its sound is left out, as its time stamps go back to", end, at);
     sound->skip = (size_t)(-late * sound->rate + 0.5);
   }
   return ERN_OK;
@@ -289,7 +289,7 @@ fail:
   return status;
 }
 
-ern_status ern_sound_hear(ern_context *context, const char *path, ern_sound_taker *take, void *user) {
+ern_status ern_sound_decode(ern_context *context, const char *path, ern_sound_taker *take, void *user) {
   struct hearing hearing = {.context = context, .take = take, .user = user};
   ern_status status = ERN_OK;
   bool end = false;

@@ -40,6 +40,6 @@ void ern_sound_decoder_close(struct ern_sound_decoder *sound); /* accepts a zero
 typedef ern_status ern_sound_taker(void *user, int rate, int channels, const float *samples, size_t frames);
 /* Hands over the whole sound of a file, without the padding of its last piece. ERN_E_SHAPE where there are no samples,
  * or more than 4 hours. */
-ERN_NODISCARD ern_status ern_sound_hear(ern_context *context, const char *path, ern_sound_taker *take, void *user);
+ERN_NODISCARD ern_status ern_sound_decode(ern_context *context, const char *path, ern_sound_taker *take, void *user);
 
 #endif

@@ -72,7 +72,7 @@ ern_status ern_speech_features(ern_context *context, const char *path, float war
   struct job job = {.context = context, .path = path, .warp = warp};
   ern_status status = ERN_OK;
   ERN_TRY(ern_cepstra_check_warp(context, warp));
-  ERN_TRY(ern_sound_hear(context, path, push, &job));
+  ERN_TRY(ern_sound_decode(context, path, push, &job));
   ERN_TRY(take_rows(&job, features));
 fail:
   if (status != ERN_OK) ern_features_free(context, features);

@@ -89,7 +89,7 @@ ern_status ern_speech_wave(ern_context *context, const char *path, int rate, flo
   struct wave wave = {.context = context, .path = path, .rate = rate};
   ern_status status = ERN_OK;
   static const float zeros[BLOCK] = {0};
-  ERN_TRY(ern_sound_hear(context, path, take, &wave));
+  ERN_TRY(ern_sound_decode(context, path, take, &wave));
   if (wave.resampler != NULL) ERN_TRY(resample(&wave, NULL, 0));
   const size_t wanted = (size_t)(wave.frames * (uint64_t)rate / (uint64_t)wave.from);
   while (wave.count < wanted) ERN_TRY(append(&wave, zeros, wanted - wave.count < BLOCK ? wanted - wave.count : BLOCK));

@@ -53,7 +53,7 @@ static ern_status find_eyes(struct eyes *eyes, const struct ern_head_pose *poses
     for (int e = 0; e < 2 && both; e++) {
       double pixel[2] = {0, 0};
       for (int k = 0; k < 12; k++) pixel[k % 2] += (double)points[36 + 6 * e + k / 2][k % 2] / 6;
-      both = ern_head_meet(&poses[frame], job->focal, 0.5 * job->side, pixel, false, met[e]);
+      both = ern_head_intersect(&poses[frame], job->focal, 0.5 * job->side, pixel, false, met[e]);
     }
     if (!both) continue;
     for (int k = 0; k < 4; k++) values[k][n] = (float)met[k / 2][k % 2];

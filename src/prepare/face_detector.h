@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Faces that look into the camera, and their eyes, by OpenCV's cascades (Viola and Jones, "Rapid Object Detection using
- * a Boosted Cascade of Simple Features", CVPR 2001), or by a network that the user brings. */
+ * a Boosted Cascade of Simple Features", CVPR 2001), or by a network that the user supplies. */
 #ifndef ERN_PREPARE_FACE_DETECTOR_H
 #define ERN_PREPARE_FACE_DETECTOR_H
 

@@ -185,7 +185,7 @@ fail:
 }
 
 /* Takes away what was found elsewhere than the face mostly is. */
-static ern_status drop_strays(struct scan *s, double *width) {
+static ern_status drop_outliers(struct scan *s, double *width) {
   ern_status status = ERN_OK;
   float *values = NULL, middle[3] = {0, 0, 0};
   ERN_TRY(ERN_NEW(s->job->context, s->looks, &values));
@@ -453,7 +453,7 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
   if (!found || !check_scan(&scan)) goto fail;
-  ERN_TRY(drop_strays(&scan, &face));
+  ERN_TRY(drop_outliers(&scan, &face));
   place_crop(&scan, face, region);
   check_crop(&scan, face, region);
   ERN_TRY(begin_frames(&scan));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The step "features": those that the user brings are checked and put into the clip; else aud.wav speaks for itself,
+ * The step "features": those that the user supplies are checked and put into the clip; else aud.wav speaks for itself,
  * and a video without sound is refused before any frame is read. */
 #include <stdio.h>
 #include <string.h>

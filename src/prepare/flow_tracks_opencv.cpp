@@ -49,15 +49,15 @@ ern_status guarded(ern_context *context, const char *what, Work work) {
 }
 
 /* The frame as the warp brings it onto the reference's region. */
-cv::Mat bring(const struct ern_flow_reference &r, const cv::Mat &frame, const double warp[4]) {
+cv::Mat warp_picture(const struct ern_flow_reference &r, const cv::Mat &frame, const double warp[4]) {
   const double s = 1 / r.scale;
   /* region pixel -> reference pixel -> frame pixel */
   const double x0 = r.region.x + 0.5 * s - 0.5, y0 = r.region.y + 0.5 * s - 0.5;
   const cv::Matx23d map(warp[0] * s, -warp[1] * s, warp[0] * x0 - warp[1] * y0 + warp[2], warp[1] * s, warp[0] * s,
                         warp[1] * x0 + warp[0] * y0 + warp[3]);
-  cv::Mat brought;
-  cv::warpAffine(frame, brought, map, r.picture.size(), cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
-  return brought;
+  cv::Mat warped;
+  cv::warpAffine(frame, warped, map, r.picture.size(), cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  return warped;
 }
 
 cv::Point2f sample(const cv::Mat &flow, float x, float y) {
@@ -73,7 +73,7 @@ void make(struct ern_flow_reference *r, const cv::Mat &frame, bool (*keep)(const
   const double s = 1 / r->scale;
   const double none[4] = {1, 0, 0, 0};
   r->picture = cv::Mat(cvRound(r->region.height * r->scale), cvRound(r->region.width * r->scale), CV_8UC1);
-  r->picture = bring(*r, frame, none);
+  r->picture = warp_picture(*r, frame, none);
   cv::Mat texture;
   cv::cornerMinEigenVal(r->picture, texture, 7, 3, cv::BORDER_REPLICATE);
   texture *= 255.0 * 255.0; /* OpenCV scales pictures of bytes to 0..1 */
@@ -87,10 +87,10 @@ void make(struct ern_flow_reference *r, const cv::Mat &frame, bool (*keep)(const
 }
 
 void find(struct ern_flow_reference *r, const cv::Mat &frame, double warp[4], float (*seen)[2]) {
-  const cv::Mat brought = bring(*r, frame, warp);
+  const cv::Mat warped = warp_picture(*r, frame, warp);
   cv::Mat forward, backward;
-  r->flow->calc(r->picture, brought, forward);
-  r->flow->calc(brought, r->picture, backward);
+  r->flow->calc(r->picture, warped, forward);
+  r->flow->calc(warped, r->picture, backward);
   std::vector<cv::Point2f> from, to;
   for (size_t i = 0; i < r->points.size(); i++) {
     const cv::Point2f p = r->points[i];
@@ -98,8 +98,8 @@ void find(struct ern_flow_reference *r, const cv::Mat &frame, double warp[4], fl
     const float v = static_cast<float>((p.y + 0.5 - r->region.y) * r->scale - 0.5);
     const cv::Point2f way = sample(forward, u, v), at(u + way.x, v + way.y);
     const cv::Point2f back = sample(backward, at.x, at.y);
-    const bool inside = at.x >= 2 && at.y >= 2 && at.x < static_cast<float>(brought.cols - 2) &&
-                        at.y < static_cast<float>(brought.rows - 2);
+    const bool inside = at.x >= 2 && at.y >= 2 && at.x < static_cast<float>(warped.cols - 2) &&
+                        at.y < static_cast<float>(warped.rows - 2);
     seen[i][0] = seen[i][1] = std::numeric_limits<float>::quiet_NaN();
     if (!inside || std::hypot(way.x + back.x, way.y + back.y) > agreement) continue;
     const double x = r->region.x + (at.x + 0.5) / r->scale - 0.5, y = r->region.y + (at.y + 0.5) / r->scale - 0.5;

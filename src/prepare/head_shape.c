@@ -44,7 +44,7 @@ double ern_head_surface(double x, double y) {
 }
 
 /* Where the line of sight o + along d, in the head's frame, meets an ellipsoid first. */
-static bool meet(const double axes[3], const double o[3], const double d[3], double point[3]) {
+static bool intersect(const double axes[3], const double o[3], const double d[3], double point[3]) {
   double dd = 0, od = 0, oo = 0;
   for (int i = 0; i < 3; i++) {
     dd += d[i] * d[i] / (axes[i] * axes[i]);
@@ -58,8 +58,8 @@ static bool meet(const double axes[3], const double o[3], const double d[3], dou
   return true;
 }
 
-bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
-                   double point[3]) {
+bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
+                        double point[3]) {
   static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
   const double high[3] = {ERN_HEAD_WIDE, forehead, ERN_HEAD_DEEP};
   const double way[3] = {(pixel[0] - centre) / focal, (centre - pixel[1]) / focal, -1};
@@ -71,9 +71,9 @@ bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre
       d[i] += pose->rotation[k][i] * way[k];
     }
   }
-  if (!meet(axes, o, d, point)) return false;
+  if (!intersect(axes, o, d, point)) return false;
   if (!face) return true;
-  if (point[1] > 0) (void)meet(high, o, d, point);
+  if (point[1] > 0) (void)intersect(high, o, d, point);
   /* the nose's height is along z; one step along the line of sight is near enough where that is nearly z */
   if (point[2] > 0 && fabs(d[2]) > 0.5) {
     const double step = nose_height(point[0], point[1]) / fabs(d[2]);

@@ -28,8 +28,8 @@ bool ern_head_project(const struct ern_head_pose *pose, double focal, double cen
 double ern_head_turn(const struct ern_head_pose *a, const struct ern_head_pose *b);
 /* Where the line of sight through a pixel meets the ellipsoid first, or with `face` the face on it, forehead and nose;
  * false where it passes the ellipsoid by. */
-bool ern_head_meet(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
-                   double point[3]);
+bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
+                        double point[3]);
 /* z of the face (ellipsoid, forehead and nose) over x, y; 0 past the ellipsoid's outline. */
 double ern_head_surface(double x, double y);
 /* The box around the projected ellipsoid: least x, least y, greatest x, greatest y, pixels. */

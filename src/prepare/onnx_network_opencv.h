@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A network that the user brings as an ONNX file, on OpenCV's DNN module: one picture of three channels in (NCHW). */
+ * A network that the user supplies as an ONNX file, on OpenCV's DNN module: one picture of three channels in (NCHW). */
 #ifndef ERN_PREPARE_ONNX_NETWORK_OPENCV_H
 #define ERN_PREPARE_ONNX_NETWORK_OPENCV_H
 

@@ -60,7 +60,7 @@ static bool is_rigid(const void *user, float x, float y) {
   const struct tracking *t = wanted->tracking;
   const double pixel[2] = {(double)x, (double)y};
   double p[3];
-  if (!ern_head_meet(&wanted->pose, t->job->focal, t->centre, pixel, false, p)) return false;
+  if (!ern_head_intersect(&wanted->pose, t->job->focal, t->centre, pixel, false, p)) return false;
   const double out[3] = {p[0] / (ERN_HEAD_WIDE * ERN_HEAD_WIDE), p[1] / (ERN_HEAD_TALL * ERN_HEAD_TALL),
                          p[2] / (ERN_HEAD_DEEP * ERN_HEAD_DEEP)}; /* along the normal */
   const double *back = wanted->pose.rotation[2];
@@ -113,7 +113,7 @@ static ern_status lay_out(struct tracking *t, size_t before) {
     for (size_t k = 0; k < count; k++) {
       const double pixel[2] = {(double)at[k][0], (double)at[k][1]};
       const size_t to = t->first[r] + k;
-      (void)ern_head_meet(&t->poses[t->at[r]], t->job->focal, t->centre, pixel, true, prior[to]);
+      (void)ern_head_intersect(&t->poses[t->at[r]], t->job->focal, t->centre, pixel, true, prior[to]);
       memcpy(shape[to], prior[to], sizeof shape[to]);
       weights[to] = 1;
     }

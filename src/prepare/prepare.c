@@ -21,7 +21,7 @@ enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_MARK + 600 };
 static const struct step {
   const char *name;
   ern_status (*run)(struct ern_prepare_job *job);
-  ern_status (*check)(struct ern_prepare_job *job); /* reads what is brought for it, and changes nothing */
+  ern_status (*check)(struct ern_prepare_job *job); /* reads what is supplied for it, and changes nothing */
 } steps[ERN_PREPARE_STEPS] = {{"face", ern_prepare_face, NULL},
                               {"pose", ern_prepare_pose, ern_prepare_pose_check},
                               {"landmarks", ern_prepare_landmarks, ern_prepare_landmarks_check},
@@ -68,7 +68,7 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
   keep_text(settings);
 }
 
-/* The video and what is brought may not lie where the clip's files are written and removed. */
+/* The video and what is supplied may not lie where the clip's files are written and removed. */
 static ern_status keep_inputs(const struct ern_prepare_job *job) {
   const ern_prepare_options *o = job->options;
   const char *const inputs[] = {job->video, o->background, o->landmarks, o->poses,
@@ -105,8 +105,8 @@ static ern_status check_paths(ern_context *context, const ern_prepare_options *o
   return ERN_OK;
 }
 
-/* Before the frames are there: whether each file and folder that is brought can be opened. */
-static ern_status open_brought(const struct ern_prepare_job *job) {
+/* Before the frames are there: whether each file and folder that is supplied can be opened. */
+static ern_status open_supplied(const struct ern_prepare_job *job) {
   const ern_prepare_options *o = job->options;
   const char *place = o->background != NULL && strcmp(o->background, "key") == 0 ? NULL : o->background;
   const char *const paths[] = {place, o->landmarks, o->poses, o->masks, o->au, o->features, o->detector};
@@ -118,12 +118,12 @@ static ern_status open_brought(const struct ern_prepare_job *job) {
   return ERN_OK;
 }
 
-/* What is brought is read before `step`, the first of those that are due after "face", and "face" itself take away what
- * an earlier call made. What a step was done with is not read again. */
-static ern_status check_brought(struct ern_prepare_job *job, size_t step) {
+/* What is supplied is read before `step`, the first of those that are due after "face", and "face" itself take away
+ * what an earlier call made. What a step was done with is not read again. */
+static ern_status check_supplied(struct ern_prepare_job *job, size_t step) {
   ern_status status = ERN_OK;
   const size_t frames = job->frames;
-  if (step == 0) ERN_TRY(open_brought(job));
+  if (step == 0) ERN_TRY(open_supplied(job));
   if (step == 0) job->frames = 0;                                                      /* those of an earlier call */
   for (size_t k = step == 0 ? ERN_PREPARE_STEPS - 1 : 1; k < ERN_PREPARE_STEPS; k++) { /* features need no frames */
     char settings[SETTINGS];
@@ -238,7 +238,7 @@ static ern_status run_steps(struct ern_prepare_job *job, size_t only, ern_prepar
     *job->verdict = (ern_prepare_verdict){.step = steps[i].name};
     status = ern_prepare_progress(job, 0, 1);
     if (!checked && status == ERN_OK) status = check_files(job, i, only);
-    if (!checked && status == ERN_OK) status = check_brought(job, i);
+    if (!checked && status == ERN_OK) status = check_supplied(job, i);
     checked = i > 0;
     if (status == ERN_OK) status = run_step(job, i, settings);
     if (status != ERN_OK && job->verdict->grade != ERN_PREPARE_REFUSED) *job->verdict = (ern_prepare_verdict){0};

@@ -6,7 +6,7 @@
 
 #include "io/csv.h"
 #include "io/file.h"
-#include "prepare/landmarks/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_supplied.h"
 #include "prepare/prepare_job.h"
 
 /* Eyes that were not found are -1. */
@@ -66,7 +66,7 @@ ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_
                                       .has_eyes = values[5][i] >= 0 && values[7][i] >= 0,
                                       .eyes = {{values[5][i], values[6][i]}, {values[7][i], values[8][i]}}};
   }
-  if (job->options->landmarks != NULL) ERN_TRY(ern_landmarks_bring_eyes(job, made, rows));
+  if (job->options->landmarks != NULL) ERN_TRY(ern_landmarks_supplied_eyes(job, made, rows));
   *faces = made;
   *count = rows;
   made = NULL;

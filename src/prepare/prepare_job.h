@@ -84,16 +84,16 @@ ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, 
 ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses);
 /* The same from the file that options->poses names, whose focal length and distances are those of a head in a picture.
  * *unheard: frames whose aud_id is not their img_id. */
-ERN_NODISCARD ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses,
-                                                 size_t *unheard);
+ERN_NODISCARD ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses,
+                                                    size_t *unheard);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
-/* poses_brought.c. The step "pose" with the poses of options->poses. */
+/* poses_supplied.c. The step "pose" with the poses of options->poses. */
 ERN_NODISCARD ern_status ern_prepare_poses_take(struct ern_prepare_job *job);
 /* The verdict of how far the head turns in all, degrees. */
 void ern_prepare_check_turn(struct ern_prepare_job *job, double turn);
 
 /* *faces[*count] in the order of frames; the caller owns it (ern_release). The eyes are where the landmarks of
- * options->landmarks have them, if the user brought any. */
+ * options->landmarks have them, if the user supplied any. */
 ERN_NODISCARD ern_status ern_prepare_faces_read(struct ern_prepare_job *job, struct ern_found_face **faces,
                                                 size_t *count);
 ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern_found_face *faces,
@@ -102,7 +102,7 @@ ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, co
 /* prepare_files.c. What the user brings, by its path, its bytes and its time, of a folder by the count, the bytes and
  * the newest time of its files: another content is another mark. Returns `mark`, "" for NULL. */
 const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]);
-/* Files of a brought folder by the names ID.ENDING (".lms"): ERN_E_MISMATCH where there are more than frames, as they
+/* Files of a supplied folder by the names ID.ENDING (".lms"): ERN_E_MISMATCH where there are more than frames, as they
  * are then those of a longer video, of which the clip may be another part. */
 ERN_NODISCARD ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder,
                                                  const char *ending);
@@ -142,7 +142,7 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job);      /* -> transforms_
 ern_status ern_prepare_landmarks(struct ern_prepare_job *job); /* -> ori_imgs/ID.lms */
 ern_status ern_prepare_layers(struct ern_prepare_job *job);    /* -> parsing, bc.jpg, torso_imgs, gt_imgs */
 ern_status ern_prepare_eyes(struct ern_prepare_job *job);      /* -> au.csv */
-ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are brought */
+ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are supplied */
 /* What the user brings for a step, read as the step reads it, once the frames are there, and what is missing for it;
  * nothing is written. */
 ERN_NODISCARD ern_status ern_prepare_pose_check(struct ern_prepare_job *job);

@@ -8,7 +8,7 @@
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
 
-/* Sides of the picture: the height of a head whose pose is brought. */
+/* Sides of the picture: the height of a head whose pose is supplied. */
 static const double least_head = 0.1, most_head = 3;
 /* Degrees, of most frames of those: about the line of sight, and between the way the face looks and the camera. */
 static const double most_roll = 60, most_aside = 60;
@@ -140,7 +140,7 @@ static ern_status check_angle(struct ern_prepare_job *job, const char *path, con
 }
 
 /* Takes the poses of a file by img_id; seen[frames] says which frames have one. `unheard`: as in
- * ern_prepare_poses_bring(), counted on; NULL: a file of the clip's own. */
+ * ern_prepare_poses_supplied(), counted on; NULL: a file of the clip's own. */
 static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen,
                             size_t *unheard) {
   ern_pose_list list = {0};
@@ -178,7 +178,7 @@ fail:
 }
 
 /* From one file, or with NULL from the clip's two. */
-static ern_status read_poses(struct ern_prepare_job *job, const char *brought, struct ern_head_pose *poses,
+static ern_status read_poses(struct ern_prepare_job *job, const char *supplied, struct ern_head_pose *poses,
                              size_t *unheard) {
   static const char *const parts[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
@@ -186,20 +186,20 @@ static ern_status read_poses(struct ern_prepare_job *job, const char *brought, s
   bool *seen = NULL;
   if (unheard != NULL) *unheard = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &seen));
-  if (brought != NULL) ERN_TRY(read_file(job, brought, poses, seen, unheard));
-  for (int i = 0; i < 2 && brought == NULL; i++) {
+  if (supplied != NULL) ERN_TRY(read_file(job, supplied, poses, seen, unheard));
+  for (int i = 0; i < 2 && supplied == NULL; i++) {
     ERN_TRY(ern_prepare_path(job, path, "%s", parts[i]));
     ERN_TRY(read_file(job, path, poses, seen, unheard));
   }
   for (size_t i = 0; i < job->frames; i++)
     if (!seen[i])
       ERN_TRY(ern_fail(job->context, ERN_E_MISSING, "%s: has no pose of frame %zu, expected all of 0 to %zu",
-                       brought != NULL ? brought : job->folder, i, job->frames - 1));
-  if (brought != NULL)
-    ERN_TRY(check_angle(job, brought, poses, roll_of, most_roll, "rolled",
+                       supplied != NULL ? supplied : job->folder, i, job->frames - 1));
+  if (supplied != NULL)
+    ERN_TRY(check_angle(job, supplied, poses, roll_of, most_roll, "rolled",
                         "an upright head, and a camera whose y goes up"));
-  if (brought != NULL)
-    ERN_TRY(check_angle(job, brought, poses, aside_of, most_aside, "turned away from the camera",
+  if (supplied != NULL)
+    ERN_TRY(check_angle(job, supplied, poses, aside_of, most_aside, "turned away from the camera",
                         "a face that looks into the camera, along the head's z"));
 fail:
   ern_release(job->context, seen);
@@ -210,7 +210,7 @@ ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_p
   return read_poses(job, NULL, poses, NULL);
 }
 
-ern_status ern_prepare_poses_bring(struct ern_prepare_job *job, struct ern_head_pose *poses, size_t *unheard) {
+ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses, size_t *unheard) {
   return read_poses(job, job->options->poses, poses, unheard);
 }
 
@@ -219,7 +219,7 @@ ern_status ern_prepare_pose_check(struct ern_prepare_job *job) {
   size_t unheard = 0;
   if (job->options->poses == NULL) return ERN_OK;
   ern_status status = ERN_NEW(job->context, job->frames, &poses);
-  if (status == ERN_OK) status = ern_prepare_poses_bring(job, poses, &unheard);
+  if (status == ERN_OK) status = ern_prepare_poses_supplied(job, poses, &unheard);
   ern_release(job->context, poses);
   return status;
 }

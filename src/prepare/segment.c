@@ -63,7 +63,8 @@ void ern_segment_free(ern_context *context, struct ern_segment_search *search) {
 
 /* Looks whose sound, up to the next look, is louder than a tenth (-20 dB) of the video's loud parts. All are where
  * there is no sound. */
-static ern_status hear(struct ern_prepare_job *job, struct ern_segment_look *looks, size_t count, size_t every) {
+static ern_status measure_sound(struct ern_prepare_job *job, struct ern_segment_look *looks, size_t count,
+                                size_t every) {
   ern_status status = ERN_OK;
   struct ern_footage footage = {0};
   float *samples = NULL, *levels = NULL, *sorted = NULL;
@@ -124,7 +125,7 @@ ern_status ern_segment_choose(struct ern_prepare_job *job, const struct ern_segm
   const size_t span = wanted < search->count ? wanted : search->count;
   const size_t step = span > TRIED ? span / TRIED : 1;
   double best = -1;
-  ERN_TRY(hear(job, search->looks, search->count, every));
+  ERN_TRY(measure_sound(job, search->looks, search->count, every));
   ERN_TRY(ERN_NEW(job->context, span, &values));
   for (size_t begin = 0; begin + span <= search->count; begin += step) {
     const bool cut = begin + span < search->count ? search->looks[begin + span].cut_before : search->cut > 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The audio code of a frame: windows that the frame before had too are not heard twice. */
+ * The audio code of a frame: windows that the frame before had too are not encoded again. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -45,7 +45,7 @@ static ern_status keep_windows(ern_renderer *r, const ern_frame_input *input) {
   return ERN_OK;
 }
 
-ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input) {
+ern_status ern_renderer_encode_windows(ern_renderer *r, const ern_frame_input *input) {
   const size_t values =
       (size_t)ERN_AUDIO_WINDOWS * (size_t)input->window_length * (size_t)r->field.config.feature_width;
   const ern_span code = ern_whole(r->code, ERN_AUDIO_CODE);
@@ -63,11 +63,11 @@ fail:
   return status;
 }
 
-ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input) {
+ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_frame_input *input) {
   const ern_span code = ern_whole(r->code, ERN_AUDIO_CODE);
   float now[ERN_AUDIO_CODE];
   ern_status status = ERN_OK;
-  ERN_TRY(ern_renderer_hear_alone(r, input));
+  ERN_TRY(ern_renderer_encode_windows(r, input));
   if (!r->options.smooth_lips && !(input->silence_weight > 0)) return ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
   for (int c = 0; c < ERN_AUDIO_CODE; c++) /* before it is kept for the frames to come */

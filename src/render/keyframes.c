@@ -166,7 +166,7 @@ bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes
   return kernel(0) - explained <= m->variance; /* the variance at z, as far from the keyframes as it lies */
 }
 
-void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *m, const float *value, size_t stride) {
+void ern_keyframes_error(float error[ERN_KEYFRAMES], const struct ern_keyframes *m, const float *value, size_t stride) {
   for (size_t k = 0; k < m->count; k++) {
     double sum = 0;
     for (size_t j = 0; j < m->count; j++) sum += m->inverse[k][j] * (double)value[j * stride];

@@ -48,7 +48,7 @@ bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes
 
 /* error[k] = what value[k * stride] differs by from what the other keyframes say; fewer than 3 keyframes say nothing.
  */
-void ern_keyframes_doubt(float error[ERN_KEYFRAMES], const struct ern_keyframes *keyframes, const float *value,
+void ern_keyframes_error(float error[ERN_KEYFRAMES], const struct ern_keyframes *keyframes, const float *value,
                          size_t stride);
 
 #endif

@@ -27,24 +27,24 @@ enum { BLOCK_SIDE = 4, BLOCK_CELLS = ERN_OCCUPANCY_BLOCK };
 
 /* A camera as the test for cells needs it: q = transpose(R)(p - o); q2 > 0, |q0| < x q2 + slack, |q1| < y q2 + slack.
  */
-struct sight {
+struct frustum {
   float column[3][3], origin[3], slope_x, slope_y, slack;
 };
 
-static struct sight sight_of(const struct ern_view *view, float bound) {
-  struct sight sight = {
+static struct frustum frustum_of(const struct ern_view *view, float bound) {
+  struct frustum frustum = {
       .slope_x = view->cx / view->focal, .slope_y = view->cy / view->focal, .slack = 2.0f / ERN_OCCUPANCY_SIDE * bound};
   for (int k = 0; k < 3; k++) {
-    sight.origin[k] = view->pose[4 * k + 3];
-    for (int axis = 0; axis < 3; axis++) sight.column[axis][k] = view->pose[4 * k + axis];
+    frustum.origin[k] = view->pose[4 * k + 3];
+    for (int axis = 0; axis < 3; axis++) frustum.column[axis][k] = view->pose[4 * k + axis];
   }
-  return sight;
+  return frustum;
 }
 
 static float dot(const float a[3], float x, float y, float z) { return a[0] * x + a[1] * y + a[2] * z; }
 
 /* Whether a point is seen; with reach > 0, whether one in the ball of that radius around it may be. */
-static int sees(const struct sight *s, float x, float y, float z, float reach) {
+static int sees(const struct frustum *s, float x, float y, float z, float reach) {
   const float dx = x - s->origin[0], dy = y - s->origin[1], dz = z - s->origin[2];
   const float depth = dot(s->column[2], dx, dy, dz) + reach, slack = s->slack + reach;
   const int before = depth > 0, across = fabsf(dot(s->column[0], dx, dy, dz)) < s->slope_x * depth + slack,
@@ -71,11 +71,11 @@ static void mark_block(ern_real *grid, const struct ern_view *views, size_t view
   const float reach = 2.0f / ERN_OCCUPANCY_SIDE * BLOCK_SIDE * bound;
   bool all_seen = false;
   for (size_t k = 0; k < view_count && !all_seen; k++) {
-    const struct sight sight = sight_of(&views[k], bound);
-    if (!sees(&sight, middle[0], middle[1], middle[2], reach)) continue;
+    const struct frustum frustum = frustum_of(&views[k], bound);
+    if (!sees(&frustum, middle[0], middle[1], middle[2], reach)) continue;
     int least = 1;
     for (int i = 0; i < BLOCK_CELLS; i++) {
-      seen[i] |= sees(&sight, x[i], y[i], z[i], 0);
+      seen[i] |= sees(&frustum, x[i], y[i], z[i], 0);
       least &= seen[i];
     }
     all_seen = least == 1;

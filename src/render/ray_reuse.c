@@ -110,7 +110,7 @@ static unsigned wanted_of(const struct ern_render_rays_args *all) {
 }
 
 /* Whether the rows that are there are of this view. */
-static bool stands_still(const struct ern_ray_reuse *s, const struct ern_render_rays_args *all) {
+static bool is_unchanged(const struct ern_ray_reuse *s, const struct ern_render_rays_args *all) {
   return s->known && memcmp(&s->view, &all->view, sizeof s->view) == 0 && s->individual == all->individual &&
          wanted_of(all) == s->wanted;
 }
@@ -234,7 +234,7 @@ fail:
 ern_status ern_ray_reuse_head(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
   struct ern_ray_reuse *s = &r->reuse;
   const float eye = eye_of(r, all);
-  const bool stands = stands_still(s, all), exact = !(s->bound > 0);
+  const bool stands = is_unchanged(s, all), exact = !(s->bound > 0);
   float code[ERN_AUDIO_CODE], weight[ERN_KEYFRAMES] = {0};
   ern_status status = ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, code, all->code, ERN_AUDIO_CODE));

@@ -125,7 +125,7 @@ fail:
 static bool is_steady(const struct ern_keyframes *keyframes, const struct measured *m, size_t hits, size_t i,
                       float most) {
   float error[4][ERN_KEYFRAMES];
-  for (size_t c = 0; c < 4; c++) ern_keyframes_doubt(error[c], keyframes, m->value + c * m->keyframes * hits + i, hits);
+  for (size_t c = 0; c < 4; c++) ern_keyframes_error(error[c], keyframes, m->value + c * m->keyframes * hits + i, hits);
   for (size_t k = 0; k < m->keyframes; k++)
     for (size_t c = 0; c < 3; c++)
       if (!(fabsf(error[c][k]) <= most && fabsf(error[c][k] - error[3][k]) <= most)) return false;

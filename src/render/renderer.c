@@ -350,7 +350,7 @@ ern_status ern_renderer_code(ern_renderer *renderer, const float *windows, int w
   const ern_frame_input input = {.windows = windows, .window_length = window_length};
   ern_status status = ERN_OK;
   ERN_TRY(ern_frame_windows_check(renderer->context, &renderer->field, &input));
-  ERN_TRY(ern_renderer_hear_alone(renderer, &input));
+  ERN_TRY(ern_renderer_encode_windows(renderer, &input));
   ERN_TRY(renderer->backend->download_reals(renderer->stream, code, ern_whole(renderer->code, ERN_AUDIO_CODE),
                                             ERN_AUDIO_CODE));
 fail:
@@ -366,7 +366,7 @@ ern_status ern_renderer_skip(ern_renderer *renderer, const float *windows, int w
   const ern_frame_input input = {.windows = windows, .window_length = window_length};
   ern_status status = ERN_OK;
   ERN_TRY(ern_frame_windows_check(renderer->context, &renderer->field, &input));
-  if (renderer->options.smooth_lips) status = ern_renderer_hear(renderer, &input);
+  if (renderer->options.smooth_lips) status = ern_renderer_encode_audio(renderer, &input);
 fail:
   ern_arena_release(renderer->stream, mark);
   return status;
@@ -382,7 +382,7 @@ static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *inpu
   choose_codes(renderer, input->individual);
   ERN_TRY(size_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height));
   ERN_TRY(take_wanted(renderer, output));
-  ERN_TRY(ern_renderer_hear(renderer, input));
+  ERN_TRY(ern_renderer_encode_audio(renderer, input));
   at[1] = milliseconds();
   ERN_TRY(ern_renderer_behind(renderer, input));
   at[2] = milliseconds();

@@ -77,10 +77,10 @@ ERN_NODISCARD ern_status ern_renderer_speech_frames(ern_renderer *r, const float
                                                     const float *eyes, size_t count, struct ern_speech_frame **frames);
 
 /* r->code = the audio code of the windows. */
-ERN_NODISCARD ern_status ern_renderer_hear_alone(ern_renderer *r, const ern_frame_input *input);
+ERN_NODISCARD ern_status ern_renderer_encode_windows(ern_renderer *r, const ern_frame_input *input);
 
 /* The audio code of the frame: smoothed over frames where that is asked for, and blended with the silence code. */
-ERN_NODISCARD ern_status ern_renderer_hear(ern_renderer *r, const ern_frame_input *input);
+ERN_NODISCARD ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_frame_input *input);
 
 /* What stands behind the head, to the frame's background rows: background, torso picture, the model's own torso. */
 ERN_NODISCARD ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input);

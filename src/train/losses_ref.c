@@ -147,8 +147,8 @@ double ERN_REF(ern_key_points_loss)(ern_real *danchors, const ern_real *anchors)
 }
 
 /* sum += u (a cross da), of sample i */
-static void add_moment(double sum[3], double u, const ern_real *da, size_t da_stride, const ern_real *a,
-                       size_t a_stride, size_t i) {
+static void add_cross(double sum[3], double u, const ern_real *da, size_t da_stride, const ern_real *a, size_t a_stride,
+                      size_t i) {
   const double x = (double)a[i], y = (double)a[a_stride + i], z = (double)a[2 * a_stride + i];
   const double dx = (double)da[i], dy = (double)da[da_stride + i], dz = (double)da[2 * da_stride + i];
   sum[0] += u * (y * dz - z * dy);
@@ -161,8 +161,8 @@ void ERN_REF(ern_pose_bwd)(double dpose[ERN_POSE_SLOPES], const ern_real *dx, si
                            const ern_real *weight, size_t n) {
   for (size_t i = 0; i < n; i++) {
     const double u = weight != NULL ? (double)weight[i] : 1;
-    add_moment(dpose, u, dx, dx_stride, x, x_stride, i);
-    if (dd != NULL) add_moment(dpose, u, dd, dd_stride, d, d_stride, i);
+    add_cross(dpose, u, dx, dx_stride, x, x_stride, i);
+    if (dd != NULL) add_cross(dpose, u, dd, dd_stride, d, d_stride, i);
     for (size_t axis = 0; axis < 3; axis++) dpose[3 + axis] += u * (double)dx[axis * dx_stride + i];
   }
 }

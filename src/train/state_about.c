@@ -267,7 +267,7 @@ static ern_status refuse(const ern_trainer *t, const char *path, const struct ch
                   c->found.text, c->here.text);
 }
 
-static void tell(const ern_trainer *t, const char *path, const struct change *c) {
+static void log_change(const ern_trainer *t, const char *path, const struct change *c) {
   ern_log(t->context, ERN_LOG_WARNING, "%s: %s was %s, going on with %s", path, c->name, c->found.text, c->here.text);
 }
 
@@ -277,7 +277,7 @@ static ern_status compare(const ern_trainer *t, const char *path, const struct c
   for (size_t i = 0; i < stricts; i++)
     if (strcmp(strict[i].found.text, strict[i].here.text) != 0) return refuse(t, path, &strict[i]);
   for (size_t i = 0; i < looses; i++)
-    if (strcmp(loose[i].found.text, loose[i].here.text) != 0) tell(t, path, &loose[i]);
+    if (strcmp(loose[i].found.text, loose[i].here.text) != 0) log_change(t, path, &loose[i]);
   return ERN_OK;
 }
 

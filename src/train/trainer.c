@@ -211,7 +211,7 @@ static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern
 /* Processes that train together have the time of rank 0, as it was before the step: its own seconds count with the next
  * one's. */
 static void count_seconds(ern_trainer *t, const struct ern_step_sum *sum, double spent_now) {
-  if (t->together.size == 1) {
+  if (t->communicator.size == 1) {
     t->seconds += spent_now;
   } else {
     t->seconds = sum->seconds;
@@ -227,7 +227,7 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   struct ern_batch batches[ERN_STEP_BATCHES_MOST];
   ern_status status = ERN_OK;
   /* processes that train together agree on the time at the end of a step alone */
-  if (t->step < t->config.iters && t->together.size == 1) ern_trainer_follow_time(t, t->step + 1);
+  if (t->step < t->config.iters && t->communicator.size == 1) ern_trainer_follow_time(t, t->step + 1);
   ern_trainer_fine_due(t);
   const size_t frames = ern_trainer_step_frames(t), own = ern_trainer_own_batches(t);
   *report = (ern_train_report){.iters = t->config.iters};
@@ -277,7 +277,7 @@ struct tally {
   double validated; /* of the seconds of the training, at the last validation */
 };
 
-static ern_train_report tell(const ern_trainer *t, struct tally *tally) {
+static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
   const double now = seconds_now(), n = tally->steps > 0 ? (double)tally->steps : 1;
   ern_train_report report = {.step = t->step,
                              .iters = t->config.iters,
@@ -330,7 +330,7 @@ static ern_status save_after(ern_trainer *t, ern_status failed) {
 }
 
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
-  if (t->together.rank > 0) return ERN_OK;
+  if (t->communicator.rank > 0) return ERN_OK;
   const bool last = t->step == t->config.iters;
   const bool validate = last || validation_due(t, tally);
   const bool save = t->output != NULL && (last || save_due(t, tally));
@@ -343,7 +343,7 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
   if (status != ERN_OK) return t->output != NULL ? save_after(t, status) : status;
   const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
   if (say) {
-    const ern_train_report report = tell(t, tally);
+    const ern_train_report report = make_report(t, tally);
     ERN_TRY(note(t, &report, validation));
     if (hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
       if (t->output != NULL) ERN_TRY(ern_trainer_save(t));

@@ -106,7 +106,7 @@ struct ern_trainer {
 
   struct ern_run_folder torso_run; /* of config.torso_output: locked, and nothing else */
 
-  ern_communicator together;      /* size 1: this process is alone */
+  ern_communicator communicator;  /* size 1: this process is alone */
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
   struct ern_pool *pool;   /* for work on the host */
@@ -144,7 +144,7 @@ void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);
 /* The camera refinement, into a model without one. */
 ERN_NODISCARD ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from);
 /* A line of the log where a file has another number of individual codes than this training. */
-void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found);
+void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found);
 
 /* trainer_data.c: what the dataset's callbacks give, looked at. Internal code calls these, never the callbacks. */
 ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
@@ -191,7 +191,7 @@ size_t ern_trainer_step_batches(const ern_trainer *t);
 /* Those of this process, a range. */
 size_t ern_trainer_first_batch(const ern_trainer *t);
 static inline size_t ern_trainer_own_batches(const ern_trainer *t) {
-  return ern_trainer_step_batches(t) / (size_t)t->together.size;
+  return ern_trainer_step_batches(t) / (size_t)t->communicator.size;
 }
 ERN_NODISCARD ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config *config);
 ERN_NODISCARD ern_status ern_trainer_parts_make(ern_trainer *t);
@@ -199,7 +199,7 @@ void ern_trainer_parts_free(ern_trainer *t);
 /* Gradient and sum of a step from this process's batches and those of the others. */
 ERN_NODISCARD ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum);
 
-/* trainer_together.c */
+/* trainer_distributed.c */
 /* Of `count` values on the backend this process has those that ern_communicator.gather says; afterwards all. */
 ERN_NODISCARD ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count);
 /* The state of rank 0 in all processes, after a look at whether they train the same on the same. Waits for all. */
@@ -216,7 +216,7 @@ size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
 /* The camera of a frame. */
 ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view);
 /* A training frame of [data_begin, data_end), by a random word. */
-size_t ern_trainer_pick(const ern_trainer *t, uint32_t word);
+size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word);
 /* Row of the individual codes of a training frame. */
 static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
   return t->model->field.config.codes > 0 ? frame : 0;

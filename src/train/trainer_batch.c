@@ -27,7 +27,7 @@ ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struc
   return ern_pose_check(t->context, name, view->pose);
 }
 
-size_t ern_trainer_pick(const ern_trainer *t, uint32_t word) {
+size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
   return t->config.data_begin + ern_below(word, (uint32_t)(t->config.data_end - t->config.data_begin));
 }
 
@@ -62,11 +62,11 @@ struct draw {
   float part[256]; /* n/255 */
 };
 
-struct portion {
+struct range {
   size_t begin, end;
 };
-static struct portion portion_of(const struct draw *draw, size_t shard) {
-  return (struct portion){draw->rays * shard / ERN_SHARDS, draw->rays * (shard + 1) / ERN_SHARDS};
+static struct range range_of(const struct draw *draw, size_t shard) {
+  return (struct range){draw->rays * shard / ERN_SHARDS, draw->rays * (shard + 1) / ERN_SHARDS};
 }
 
 static uint32_t tile_of(const struct draw *draw, int32_t pixel) {
@@ -154,7 +154,7 @@ static void draw_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
-  const struct portion p = portion_of(draw, shard);
+  const struct range p = range_of(draw, shard);
   for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
@@ -211,7 +211,7 @@ static void fill_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
-  const struct portion p = portion_of(draw, shard);
+  const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
     const size_t to = (size_t)draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
     t->host_pixels[to] = draw->pixel[i];
@@ -251,7 +251,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
   const ern_trainer *t = draw->t;
-  const struct portion p = portion_of(draw, shard);
+  const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     t->host_rows[7 * draw->rays + i] = ern_uniform(random.word[1]);
@@ -295,7 +295,7 @@ size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) {
   const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
   if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
     return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
-  return ern_trainer_pick(t, random.word[0]);
+  return ern_trainer_random_frame(t, random.word[0]);
 }
 
 ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {

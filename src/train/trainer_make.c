@@ -256,7 +256,7 @@ ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
   return ERN_OK;
 }
 
-void ern_trainer_tell_codes(const ern_trainer *t, const char *path, int found) {
+void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found) {
   const int here = t->model->field.config.codes;
   if (found < here)
     ern_log(t->context, ERN_LOG_INFO,
@@ -321,7 +321,7 @@ static ern_status make_model(ern_trainer *t) {
   if (t->config.torso && t->config.head != NULL) {
     ern_trainer_copy_rows(t->model, t->config.head, false);
     if (!ern_trainer_is_foreign(t, t->config.head)) ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
-    ern_trainer_tell_codes(t, "the head", t->config.head->field.config.codes);
+    ern_trainer_log_codes(t, "the head", t->config.head->field.config.codes);
   }
 fail:
   return status;
@@ -519,8 +519,8 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->config = chosen;
   t->run.lock = t->torso_run.lock = -1;
   t->fine_from = UINT64_MAX;
-  t->together = (ern_communicator){.size = 1};
-  if (chosen.communicator != NULL) t->together = *chosen.communicator;
+  t->communicator = (ern_communicator){.size = 1};
+  if (chosen.communicator != NULL) t->communicator = *chosen.communicator;
   t->config.communicator = NULL;
   ERN_TRY(ern_trainer_fine_take(t));
   ERN_TRY(check_data(t));
@@ -541,7 +541,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
     ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
   }
-  if (chosen.output != NULL || t->together.size > 1) name_features(t);
+  if (chosen.output != NULL || t->communicator.size > 1) name_features(t);
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));

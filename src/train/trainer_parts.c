@@ -10,7 +10,7 @@ static bool is_power_of_2(int value) { return value > 0 && (value & (value - 1))
 
 ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config *c) {
   const int parts = c->step_parts;
-  const ern_communicator *together = c->communicator;
+  const ern_communicator *communicator = c->communicator;
   if (!is_power_of_2(parts) || parts > ERN_STEP_PARTS_MOST)
     return ern_fail(context, ERN_E_ARGUMENT, "train: step_parts is %d, expected a power of 2 from 1 to %d", parts,
                     ERN_STEP_PARTS_MOST);
@@ -21,15 +21,15 @@ ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config 
     return ern_fail(context, ERN_E_ARGUMENT,
                     "train: step_parts is %d and frames_per_step %d, expected that one divides the other", parts,
                     c->frames_per_step);
-  if (together == NULL) return ERN_OK;
-  if (together->sum == NULL || together->gather == NULL || together->broadcast == NULL || together->rank < 0 ||
-      together->rank >= together->size)
+  if (communicator == NULL) return ERN_OK;
+  if (communicator->sum == NULL || communicator->gather == NULL || communicator->broadcast == NULL ||
+      communicator->rank < 0 || communicator->rank >= communicator->size)
     return ern_fail(context, ERN_E_ARGUMENT, "train: the communicator lacks a function, or is of rank %d of %d",
-                    together->rank, together->size);
-  if (parts % together->size != 0)
+                    communicator->rank, communicator->size);
+  if (parts % communicator->size != 0)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "train: %d processes share the %d parts of a step (step_parts), expected a number that divides it",
-                    together->size, parts);
+                    communicator->size, parts);
   return ERN_OK;
 }
 
@@ -38,7 +38,9 @@ size_t ern_trainer_step_batches(const ern_trainer *t) {
   return frames > parts ? frames : parts;
 }
 
-size_t ern_trainer_first_batch(const ern_trainer *t) { return ern_trainer_own_batches(t) * (size_t)t->together.rank; }
+size_t ern_trainer_first_batch(const ern_trainer *t) {
+  return ern_trainer_own_batches(t) * (size_t)t->communicator.rank;
+}
 
 /* From the first to the last row that is trained; what lies between and is not has no gradient. */
 static void find_values(ern_trainer *t) {
@@ -59,11 +61,11 @@ ern_status ern_trainer_parts_make(ern_trainer *t) {
   size_t levels = 2; /* one more than the tree over this process's parts is high */
   ern_status status = ERN_OK;
   if (t->config.step_parts == 1) return ERN_OK;
-  for (int own = t->config.step_parts / t->together.size; own > 1; own /= 2) levels++;
+  for (int own = t->config.step_parts / t->communicator.size; own > 1; own /= 2) levels++;
   find_values(t);
   ERN_TRY(ERN_NEW(t->context, levels * parts->count, &parts->values));
   ERN_TRY(ERN_NEW(t->context, levels, &parts->sums));
-  if (t->together.size > 1 && !t->config.torso) ERN_TRY(ERN_NEW(t->context, ERN_REFRESH_CHUNK, &parts->gathered));
+  if (t->communicator.size > 1 && !t->config.torso) ERN_TRY(ERN_NEW(t->context, ERN_REFRESH_CHUNK, &parts->gathered));
 fail:
   return status;
 }
@@ -104,7 +106,7 @@ fail:
 
 ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   struct ern_trainer_parts *parts = &t->parts;
-  const size_t own = (size_t)(t->config.step_parts / t->together.size), each = ern_trainer_own_batches(t) / own;
+  const size_t own = (size_t)(t->config.step_parts / t->communicator.size), each = ern_trainer_own_batches(t) / own;
   const size_t frames = ern_trainer_step_frames(t), all = ern_trainer_step_batches(t);
   size_t height = 0;
   ern_status status = ERN_OK;
@@ -112,7 +114,7 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
     ERN_TRY(part_step(t, batches + p * each, each, height++));
     for (size_t above = p + 1; above % 2 == 0; above /= 2) merge(parts, height--);
   }
-  if (t->together.rank == 0) {
+  if (t->communicator.rank == 0) {
     parts->sums[0].seconds = t->seconds + t->late;
     parts->sums[0].beside = t->beside;
   }

@@ -23,7 +23,7 @@ struct moment {
   int64_t at;
   size_t frame;
 };
-static int by_moment(const void *left, const void *right) {
+static int by_time(const void *left, const void *right) {
   const struct moment *a = left, *b = right;
   if (a->at != b->at) return a->at < b->at ? -1 : 1;
   return a->frame < b->frame ? -1 : a->frame > b->frame;
@@ -42,7 +42,7 @@ static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
     p->beside[2 * i] = p->beside[2 * i + 1] = i;
   }
   for (size_t i = 0; i < count; i++) moment[i] = (struct moment){p->moment[begin + i], begin + i};
-  qsort(moment, count, sizeof *moment, by_moment);
+  qsort(moment, count, sizeof *moment, by_time);
   for (size_t i = 1; i < count; i++) {
     if (moment[i].at != moment[i - 1].at + 1) continue;
     p->beside[2 * moment[i].frame] = moment[i - 1].frame;

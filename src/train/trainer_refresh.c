@@ -61,7 +61,7 @@ ern_status ern_trainer_list(ern_trainer *t) {
  * together look at a share each. */
 static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const size_t rank = (size_t)t->together.rank, size = (size_t)t->together.size;
+  const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
   const size_t first = n * rank / size, own = n * (rank + 1) / size - first;
   const ern_span cells = ern_span_part(t->cells, begin, n);
   ern_span sigma;
@@ -153,7 +153,8 @@ fail:
 }
 
 ern_status ern_trainer_refresh(ern_trainer *t) {
-  const size_t frame = ern_trainer_pick(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
+  const size_t frame =
+      ern_trainer_random_frame(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
   return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
 }
 

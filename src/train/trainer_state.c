@@ -484,7 +484,7 @@ static ern_status take_over(ern_trainer *t, const char *path, ern_model **model)
   made->head_steps = t->model->head_steps;
   if (t->config.head == NULL) ern_trainer_copy_rows(made, *model, false);
   if (t->config.torso) ern_trainer_copy_rows(made, *model, true);
-  ern_trainer_tell_codes(t, path, (*model)->field.config.codes);
+  ern_trainer_log_codes(t, path, (*model)->field.config.codes);
   ern_model_free(model);
   *model = made;
   return ERN_OK;

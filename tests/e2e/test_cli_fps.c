@@ -196,7 +196,7 @@ static void test_control(void **state) {
 }
 
 /* What is heard of the file, one channel; the caller frees it. */
-static ern_sound heard(const char *words) {
+static ern_sound sound_of(const char *words) {
   ern_sound sound = {0};
   clear_outputs();
   cli_run(&cli, "render m.safetensors --clip clip %s -o w.mp4 --quiet", words);
@@ -208,7 +208,7 @@ static ern_sound heard(const char *words) {
 /* The same sound at any rate, from the time of the first frame on. */
 static void test_sound(void **state) {
   (void)state;
-  ern_sound plain = heard(""), fast = heard("--fps 60"), part = heard("--fps 50 --frames 5:24"), truth = {0};
+  ern_sound plain = sound_of(""), fast = sound_of("--fps 60"), part = sound_of("--fps 50 --frames 5:24"), truth = {0};
   support_ok(context, ern_sound_read(context, "clip/aud.wav", &truth));
   assert_int_equal(plain.rate, fast.rate);
   assert_int_equal(plain.rate, truth.rate);

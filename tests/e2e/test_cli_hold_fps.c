@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * A budget instead of knobs: `ernerf render --hold-fps`, `--budget`, `--quality`, with a stored front and with a quick
- * look; the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not checked. */
+ * A budget in place of settings: `ernerf render --hold-fps`, `--budget`, `--quality`, with a stored front and with a
+ * quick look; the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not checked.
+ */
 #include "../made_lpips.h"
 #include "cli.h"
 

@@ -13,7 +13,7 @@
 #include "model/model.h"
 #include "support.h"
 
-enum { RATE = 22050, CHANNELS = 2, SECONDS = 3, WINDOW = 16, WIDTH = 13, HEARD = 8 * WINDOW * WIDTH };
+enum { RATE = 22050, CHANNELS = 2, SECONDS = 3, WINDOW = 16, WIDTH = 13, WINDOW_VALUES = 8 * WINDOW * WIDTH };
 
 static ern_context *context;
 
@@ -70,7 +70,7 @@ static const ern_live_frame *pull(ern_live *live) {
 
 /* windows of frame n of a file's features, at num/den frames a second. */
 static void windows_of_file(const ern_features *features, uint64_t n, int num, int den, ern_audio_pad pad, float *out) {
-  static float second[HEARD];
+  static float second[WINDOW_VALUES];
   const uint64_t place = n * (uint64_t)den * 25;
   const float toward = (float)((double)(place % (uint64_t)num) / num);
   int64_t rows[500];
@@ -83,7 +83,7 @@ static void windows_of_file(const ern_features *features, uint64_t n, int num, i
     else
       ern_audio_windows(to[k], features, tick, ERN_AUDIO_PAD_EDGE);
   }
-  for (int i = 0; i < HEARD && toward > 0; i++) out[i] += toward * (second[i] - out[i]);
+  for (int i = 0; i < WINDOW_VALUES && toward > 0; i++) out[i] += toward * (second[i] - out[i]);
 }
 
 /* Pushes the sound in pieces of any size, pulls when it likes, and holds every frame against the file's. */
@@ -91,7 +91,7 @@ static void check_against_file(const ern_features *features, const float *sample
                                ern_audio_pad pad, uint32_t seed) {
   ern_live_options options = options_of_sound();
   ern_live *live = NULL;
-  static float expected[HEARD];
+  static float expected[WINDOW_VALUES];
   options.rate_numerator = num;
   options.rate_denominator = den;
   options.pad = pad;
@@ -167,7 +167,7 @@ static void test_look_ahead(void **state) {
       support_ok(context, ern_live_push(one, samples + (needed - 1) * CHANNELS, 1));
       const ern_live_frame *early = pull(one), *late = pull(other);
       assert_non_null(early);
-      assert_memory_equal(early->windows, late->windows, HEARD * sizeof(float));
+      assert_memory_equal(early->windows, late->windows, WINDOW_VALUES * sizeof(float));
     }
     ern_live_free(&one);
     ern_live_free(&other);

@@ -24,7 +24,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   static char key[ERN_CL_KEY_BYTES], path[256];
   static uint8_t entry[HEAD + MOST];
   ern_context *context = fuzz_context();
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   if (path[0] == 0) make_path(context, &device, key, path);
   if (count == 0 || count > MOST) return 0;
   const bool fits = bytes[0] % 2 != 0;
@@ -38,12 +38,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   else
     fuzz_file(path, bytes + 1, count - 1);
   ern_cl_tune_read(context, &device, measured);
-  for (int knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const struct ern_cl_measured *m = &measured[knob];
+  for (int tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    const struct ern_cl_measured *m = &measured[tunable];
     if (m->standard_ns == 0) continue;
     FUZZ_REQUIRE(fits && m->standard_ns > 0 && m->best_ns > 0 && m->best_ns < INT64_MAX / 105 && m->best >= 1 &&
                  m->best <= 1024);
-    FUZZ_REQUIRE(m->standard == ern_cl_standard_size(&device, (ern_cl_knob)knob));
+    FUZZ_REQUIRE(m->standard == ern_cl_standard_size(&device, (ern_cl_tunable)tunable));
     FUZZ_REQUIRE(ern_cl_size_kept(m) >= 1);
   }
   return 0;

@@ -18,7 +18,7 @@ static struct ern_cl_device device;
 static int number;
 
 /* Sizes that no measurement would choose. */
-static const int odd_size[2][ERN_CL_KNOB_COUNT] = {
+static const int odd_size[2][ERN_CL_TUNABLE_COUNT] = {
     {[ERN_CL_SIZE_mlp_fwd] = 24,
      [ERN_CL_SIZE_mlp_bwd] = 24,
      [ERN_CL_SIZE_grid_fwd] = 8,
@@ -39,8 +39,8 @@ static const int odd_size[2][ERN_CL_KNOB_COUNT] = {
 
 /* An entry by which `size` is much faster than the standard. */
 static void make_entry(struct ern_cl_measured *measured, const int *size) {
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++)
-    measured[knob] = (struct ern_cl_measured){ern_cl_standard_size(&device, knob), size[knob], 2000, 1000};
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++)
+    measured[tunable] = (struct ern_cl_measured){ern_cl_standard_size(&device, tunable), size[tunable], 2000, 1000};
 }
 
 static void entry_path(char path[256]) {
@@ -56,7 +56,7 @@ static void forget_entry(void) {
 }
 
 static bool is_known(void) {
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   ern_cl_tune_read(context, &device, measured);
   return ern_cl_is_tuned(measured);
 }
@@ -64,7 +64,7 @@ static bool is_known(void) {
 /* ---- entries ----------------------------------------------------------------------------------------------------- */
 
 static void test_entry(void **state) {
-  struct ern_cl_measured written[ERN_CL_KNOB_COUNT], read[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured written[ERN_CL_TUNABLE_COUNT], read[ERN_CL_TUNABLE_COUNT];
   (void)state;
   forget_entry();
   assert_false(is_known());
@@ -87,7 +87,7 @@ static void test_entry(void **state) {
 
 /* Cut, flipped or another device's file: no entry, and written anew. */
 static void test_damage(void **state) {
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   uint8_t *bytes = NULL;
   size_t count = 0;
   char path[256];
@@ -124,7 +124,7 @@ static void test_damage(void **state) {
 
 /* Whole files that say what cannot be. */
 static void test_nonsense(void **state) {
-  struct ern_cl_measured good[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured good[ERN_CL_TUNABLE_COUNT];
   const struct ern_cl_measured bad[] = {{0, 8, 2000, 1000},   {64, 0, 2000, 1000},   {64, -8, 2000, 1000},
                                         {64, 8, -5, 1000},    {64, 8, 2000, 0},      {64, 1 << 20, 2000, 1000},
                                         {64, 12, 2000, 1000}, {64, INT32_MIN, 5, 5}, {64, 8, 2000, -1}};
@@ -132,7 +132,7 @@ static void test_nonsense(void **state) {
   make_entry(good, odd_size[device.cpu]);
   assert_int_equal(ern_cl_standard_size(&device, ERN_CL_SIZE_grid_fwd), 64);
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+    struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
     memcpy(measured, good, sizeof good);
     measured[ERN_CL_SIZE_grid_fwd] = bad[i];
     assert_true(ern_cl_tune_write(context, &device, measured));
@@ -156,7 +156,7 @@ static void close_backend(struct ern_cl_backend *own) {
 
 /* Where nothing can be kept, all goes on. */
 static void test_no_folder(void **state) {
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   (void)state;
   support_write("file", "x", 1);
   char *const before = strdup(getenv("XDG_CACHE_HOME"));
@@ -176,15 +176,15 @@ static void test_no_folder(void **state) {
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
 static void test_budget(void **state) {
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT] = {{0}};
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT] = {{0}};
   struct ern_cl_backend *bench = NULL;
   (void)state;
   support_ok(context, ern_cl_backend_open(context, number, false, &bench));
   support_ok(context, ern_cl_measure(bench, ~0u, 0, measured));
   support_ok(context, ern_cl_measure(bench, ~0u, 1e-6, measured));
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    assert_true(measured[knob].standard_ns == 0);
-    assert_int_equal(bench->size[knob], ern_cl_standard_size(&bench->device, knob));
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    assert_true(measured[tunable].standard_ns == 0);
+    assert_int_equal(bench->size[tunable], ern_cl_standard_size(&bench->device, tunable));
   }
   bench->table.free(&bench->table);
 }
@@ -200,13 +200,13 @@ static ern_status picky_grid_fwd(struct ern_stream *stream, struct ern_grid_fwd_
                       "grid_fwd");
 }
 
-/* One knob is measured, the others are not; sizes that the device does not take are passed over. */
+/* One tunable is measured, the others are not; sizes that the device does not take are passed over. */
 static void test_measure(void **state) {
   const unsigned wanted = 1u << ERN_CL_SIZE_grid_fwd;
   struct ern_cl_backend *bench = NULL;
   (void)state;
   for (int refused = 0; refused < 2; refused++) {
-    struct ern_cl_measured measured[ERN_CL_KNOB_COUNT] = {{0}};
+    struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT] = {{0}};
     support_ok(context, ern_cl_backend_open(context, number, false, &bench));
     grid_fwd = bench->table.grid_fwd;
     if (refused) bench->table.grid_fwd = picky_grid_fwd;
@@ -216,25 +216,26 @@ static void test_measure(void **state) {
                 (!refused || m->best == 256));
     assert_int_equal(refusals, refused ? device.cpu ? 1 : 2 : 0);
     assert_int_equal(bench->size[ERN_CL_SIZE_grid_fwd], ern_cl_size_kept(m));
-    for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++)
-      assert_true(knob == ERN_CL_SIZE_grid_fwd || measured[knob].standard_ns == 0);
+    for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++)
+      assert_true(tunable == ERN_CL_SIZE_grid_fwd || measured[tunable].standard_ns == 0);
     bench->table.free(&bench->table);
   }
 }
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-static float *result_of(struct ern_cl_backend *backend, struct ern_cl_loads *loads, ern_cl_knob knob, ern_span span) {
+static float *result_of(struct ern_cl_backend *backend, struct ern_cl_loads *loads, ern_cl_tunable tunable,
+                        ern_span span) {
   float *values = malloc(span.count * sizeof *values);
   assert_non_null(values);
-  support_ok(context, ern_cl_load_prepare(loads, knob, loads->stream));
-  support_ok(context, ern_cl_load_run(loads, knob, loads->stream));
+  support_ok(context, ern_cl_load_prepare(loads, tunable, loads->stream));
+  support_ok(context, ern_cl_load_run(loads, tunable, loads->stream));
   support_ok(context, backend->table.download_reals(loads->stream, values, span, span.count));
   return values;
 }
 
-static ern_span output_of(const struct ern_cl_loads *loads, ern_cl_knob knob) {
-  switch (knob) {
+static ern_span output_of(const struct ern_cl_loads *loads, ern_cl_tunable tunable) {
+  switch (tunable) {
     case ERN_CL_SIZE_mlp_fwd: return loads->mlp.forward.y.span;
     case ERN_CL_SIZE_mlp_bwd: return loads->mlp.dparameters;
     case ERN_CL_SIZE_grid_fwd: return loads->grid.forward.f.span;
@@ -256,9 +257,9 @@ static void make_small(struct ern_cl_loads *loads) {
 static const double reordered = 1e-3;
 
 static void test_results(void **state) {
-  static const ern_cl_knob looked_at[] = {ERN_CL_SIZE_mlp_fwd,  ERN_CL_SIZE_mlp_bwd,   ERN_CL_SIZE_grid_fwd,
-                                          ERN_CL_SIZE_grid_bwd, ERN_CL_SIZE_rays_tile, ERN_CL_SIZE_torso_tile};
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  static const ern_cl_tunable looked_at[] = {ERN_CL_SIZE_mlp_fwd,  ERN_CL_SIZE_mlp_bwd,   ERN_CL_SIZE_grid_fwd,
+                                             ERN_CL_SIZE_grid_bwd, ERN_CL_SIZE_rays_tile, ERN_CL_SIZE_torso_tile};
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   struct ern_cl_backend *backend[2];
   struct ern_cl_loads *loads[2];
   (void)state;
@@ -270,22 +271,22 @@ static void test_results(void **state) {
     support_ok(context, ern_cl_loads_make(backend[odd], &loads[odd]));
     make_small(loads[odd]);
   }
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const bool used = knob != ERN_CL_SIZE_mlp_bwd; /* whose sums would be others */
-    assert_int_equal(backend[1]->size[knob], used ? odd_size[device.cpu][knob] : backend[0]->size[knob]);
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    const bool used = tunable != ERN_CL_SIZE_mlp_bwd; /* whose sums would be others */
+    assert_int_equal(backend[1]->size[tunable], used ? odd_size[device.cpu][tunable] : backend[0]->size[tunable]);
   }
   for (size_t i = 0; i < sizeof looked_at / sizeof *looked_at; i++) {
-    const ern_cl_knob knob = looked_at[i];
-    const ern_span span = output_of(loads[0], knob);
-    if (knob == ERN_CL_SIZE_mlp_bwd) backend[1]->size[knob] = odd_size[device.cpu][knob];
-    float *standard = result_of(backend[0], loads[0], knob, span);
-    float *odd = result_of(backend[1], loads[1], knob, output_of(loads[1], knob));
-    if (knob == ERN_CL_SIZE_mlp_bwd) {
+    const ern_cl_tunable tunable = looked_at[i];
+    const ern_span span = output_of(loads[0], tunable);
+    if (tunable == ERN_CL_SIZE_mlp_bwd) backend[1]->size[tunable] = odd_size[device.cpu][tunable];
+    float *standard = result_of(backend[0], loads[0], tunable, span);
+    float *odd = result_of(backend[1], loads[1], tunable, output_of(loads[1], tunable));
+    if (tunable == ERN_CL_SIZE_mlp_bwd) {
       for (size_t k = 0; k < span.count; k++)
         if (!is_near(odd[k], standard[k], reordered, reordered))
           fail_msg("weight %zu: %g, expected %g", k, (double)odd[k], (double)standard[k]);
     } else if (memcmp(odd, standard, span.count * sizeof *odd) != 0) {
-      fail_msg("knob %d changes a result", (int)knob);
+      fail_msg("tunable %d changes a result", (int)tunable);
     }
     free(standard), free(odd);
   }

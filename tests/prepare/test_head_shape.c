@@ -20,7 +20,7 @@ static void test_meet_and_project(void **state) {
     double pixel[2], point[3], again[2];
     assert_true(ern_head_project(&pose, focal, centre, middle, pixel));
     for (int c = 0; c < 2; c++) pixel[c] += 260 * made_random(&random);
-    if (!ern_head_meet(&pose, focal, centre, pixel, false, point)) continue;
+    if (!ern_head_intersect(&pose, focal, centre, pixel, false, point)) continue;
     met++;
     assert_true(ern_head_project(&pose, focal, centre, point, again));
     assert_true(hypot(again[0] - pixel[0], again[1] - pixel[1]) < 1e-6);
@@ -51,8 +51,8 @@ static void test_face(void **state) {
     for (double v = -140; v <= 60; v += 1) {
       double bare[3], face[3], seen[2];
       const double pixel[2] = {centre + u, centre + v};
-      assert_true(ern_head_meet(&pose, focal, centre, pixel, false, bare));
-      assert_true(ern_head_meet(&pose, focal, centre, pixel, true, face));
+      assert_true(ern_head_intersect(&pose, focal, centre, pixel, false, bare));
+      assert_true(ern_head_intersect(&pose, focal, centre, pixel, true, face));
       assert_true(ern_head_project(&pose, focal, centre, face, seen));
       assert_true(hypot(seen[0] - pixel[0], seen[1] - pixel[1]) < 1e-6);
       assert_true(face[2] >= bare[2]);
@@ -99,7 +99,7 @@ static void test_box(void **state) {
       const double share[2] = {(k % 200 - 20) / 160.0, (k / 200 - 20) / 160.0};
       const double pixel[2] = {box[0] + share[0] * (box[2] - box[0]), box[1] + share[1] * (box[3] - box[1])};
       double point[3];
-      if (!ern_head_meet(&pose, focal, centre, pixel, false, point)) continue;
+      if (!ern_head_intersect(&pose, focal, centre, pixel, false, point)) continue;
       for (int c = 0; c < 2; c++) {
         least[c] = fmin(least[c], pixel[c]);
         most[c] = fmax(most[c], pixel[c]);

@@ -3,7 +3,7 @@
  * and files that are no such network. */
 #include "../made_onnx.h"
 #include "ernerf/media.h"
-#include "prepare/landmarks/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_supplied.h"
 #include "prepare_test.h"
 
 enum { SIDE = 256, FRAMES = 12, POINTS = ERN_LANDMARKS, INPUT = 32, MOST = 98 };

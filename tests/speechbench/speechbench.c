@@ -84,7 +84,7 @@ static void make_voice(ern_context *context, const struct spoken_text *text, str
 typedef enum features { LOG_MEL, CEPSTRA } features;
 
 /* How a sound is heard. noise: white, relative to the speech's root mean square; 0: none. */
-struct hearing {
+struct augmentation {
   float warp, gain, noise;
 };
 
@@ -101,15 +101,17 @@ static float white(void) { /* of deviation 1 */
 static size_t width_of(features kind) { return kind == LOG_MEL ? ERN_CEPSTRA_BANDS : ERN_CEPSTRA_WIDTH; }
 
 /* [rows][width] of a voice; the caller frees. */
-static float *features_of(ern_context *context, const struct voice *voice, features kind, struct hearing hearing) {
+static float *features_of(ern_context *context, const struct voice *voice, features kind,
+                          struct augmentation augmentation) {
   const size_t width = width_of(kind), half = (ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP) / 2;
   float *rows = memory(voice->rows * width, sizeof(float));
   float *heard = memory(voice->count + ERN_CEPSTRA_FRAME, sizeof(float));
   struct ern_cepstra *cepstra = NULL;
-  if (ern_cepstra_make(context, hearing.warp, &cepstra) != ERN_OK) die(ern_last_error(context));
+  if (ern_cepstra_make(context, augmentation.warp, &cepstra) != ERN_OK) die(ern_last_error(context));
   noise_state = 1;
   for (size_t i = 0; i < voice->count; i++)
-    heard[half + i] = hearing.gain * (voice->samples[i] + (hearing.noise > 0 ? 0.07f * hearing.noise * white() : 0));
+    heard[half + i] =
+        augmentation.gain * (voice->samples[i] + (augmentation.noise > 0 ? 0.07f * augmentation.noise * white() : 0));
   for (size_t r = 0; r < voice->rows; r++)
     (kind == LOG_MEL ? ern_cepstra_bands : ern_cepstra_row)(cepstra, heard + r * ERN_CEPSTRA_HOP, rows + r * width);
   ern_cepstra_free(context, cepstra);
@@ -141,8 +143,8 @@ struct row {
   const char *name;
   features kind;
   int copies;
-  struct hearing copy[MOST_COPIES]; /* of the voice that is learnt from, beside itself */
-  struct hearing tried;             /* how all others are heard */
+  struct augmentation copy[MOST_COPIES]; /* of the voice that is learnt from, beside itself */
+  struct augmentation tried;             /* how all others are heard */
 };
 
 /* The first ten elevenths of voice 0 are learnt from. */
@@ -152,8 +154,8 @@ static struct ridge *learn(ern_context *context, const struct row *row, const st
   float *x = memory(turns * part * inputs, sizeof(float));
   double *y = memory(turns * part, sizeof(double));
   for (size_t turn = 0; turn < turns; turn++) {
-    const struct hearing hearing = turn == 0 ? (struct hearing){1, 1, 0} : row->copy[turn - 1];
-    float *rows = features_of(context, voice, row->kind, hearing), *windows = windows_of(rows, voice->rows, width);
+    const struct augmentation augmentation = turn == 0 ? (struct augmentation){1, 1, 0} : row->copy[turn - 1];
+    float *rows = features_of(context, voice, row->kind, augmentation), *windows = windows_of(rows, voice->rows, width);
     memcpy(x + turn * part * inputs, windows, part * inputs * sizeof(float));
     memcpy(y + turn * part, voice->opening, part * sizeof(double));
     free(rows), free(windows);
@@ -165,9 +167,9 @@ static struct ridge *learn(ern_context *context, const struct row *row, const st
 }
 
 static double try_on(ern_context *context, const struct row *row, const struct ridge *ridge, const struct voice *voice,
-                     struct hearing hearing, size_t from) {
+                     struct augmentation augmentation, size_t from) {
   const size_t width = width_of(row->kind), inputs = WINDOW * width;
-  float *rows = features_of(context, voice, row->kind, hearing), *windows = windows_of(rows, voice->rows, width);
+  float *rows = features_of(context, voice, row->kind, augmentation), *windows = windows_of(rows, voice->rows, width);
   double *found = memory(voice->rows, sizeof(double));
   for (size_t r = 0; r < voice->rows; r++) found[r] = ridge_value(ridge, windows + r * inputs);
   const double r = correlation(found + from, voice->opening + from, voice->rows - from);

@@ -105,12 +105,12 @@ static void test_front(void **state) {
   pareto_find(places, c, COUNT, FRAMES);
   assert_int_equal(places[0].standing, STANDING_FRONT);
   assert_int_equal(places[1].standing, STANDING_FRONT);
-  assert_int_equal(places[2].standing, STANDING_BEATEN); /* slower than 1 and worse */
+  assert_int_equal(places[2].standing, STANDING_DOMINATED); /* slower than 1 and worse */
   assert_true(places[2].by == 1 || places[2].by == 6);
   assert_int_equal(places[3].standing, STANDING_FRONT);
   assert_int_equal(places[4].standing, STANDING_EQUAL); /* 0 is simpler, though 0.1 ms slower */
   assert_int_equal(places[4].by, 0);
-  assert_int_equal(places[5].standing, STANDING_BEATEN); /* the same quality, measurably slower */
+  assert_int_equal(places[5].standing, STANDING_DOMINATED); /* the same quality, measurably slower */
   assert_int_equal(places[6].standing, STANDING_EQUAL);
   assert_int_equal(places[6].by, 1);
 }
@@ -135,7 +135,7 @@ static void test_one_of_many(void **state) {
   size_t shown = 0;
   for (size_t k = 0; k < COUNT; k++) {
     shown += places[k].standing == STANDING_FRONT;
-    assert_true(places[k].standing != STANDING_BEATEN);
+    assert_true(places[k].standing != STANDING_DOMINATED);
     assert_int_equal(places[places[k].by].standing, STANDING_FRONT);
   }
   assert_int_equal(shown, 1);
@@ -171,12 +171,12 @@ static void test_chain(void **state) {
     c[k].ms.median = turns[k][0];
     c[k].db = db[k];
   }
-  assert_true(beats(&c[1], &c[0], FRAMES)); /* faster, and nothing tells the qualities apart */
-  assert_true(beats(&c[2], &c[1], FRAMES));
-  assert_false(beats(&c[2], &c[0], FRAMES)); /* what it loses is seen */
+  assert_true(dominates(&c[1], &c[0], FRAMES)); /* faster, and nothing tells the qualities apart */
+  assert_true(dominates(&c[2], &c[1], FRAMES));
+  assert_false(dominates(&c[2], &c[0], FRAMES)); /* what it loses is seen */
   pareto_find(places, c, COUNT, FRAMES);
   assert_int_equal(places[2].standing, STANDING_FRONT);
-  assert_int_equal(places[1].standing, STANDING_BEATEN);
+  assert_int_equal(places[1].standing, STANDING_DOMINATED);
   assert_int_equal(places[1].by, 2);
   assert_int_equal(places[0].standing, STANDING_FRONT); /* only 1 beats it */
 }
@@ -184,7 +184,7 @@ static void test_chain(void **state) {
 /* reach[i][k]: i beats k, or beats one that reaches it. */
 static void close_over(bool reach[][30], const struct candidate *c, size_t count) {
   for (size_t i = 0; i < count; i++)
-    for (size_t k = 0; k < count; k++) reach[i][k] = i != k && beats(&c[i], &c[k], FRAMES);
+    for (size_t k = 0; k < count; k++) reach[i][k] = i != k && dominates(&c[i], &c[k], FRAMES);
   for (size_t j = 0; j < count; j++)
     for (size_t i = 0; i < count; i++)
       for (size_t k = 0; k < count; k++) reach[i][k] |= reach[i][j] && reach[j][k];
@@ -220,9 +220,9 @@ static void test_always_a_front(void **state) {
         assert_int_equal(pareto_compare_ms(&c[k], &c[places[k].by]), 0);
         assert_int_equal(pareto_compare_db(&c[k], &c[places[k].by], FRAMES), 0);
       }
-      if (places[k].standing == STANDING_BEATEN) assert_true(beats(&c[places[k].by], &c[k], FRAMES));
+      if (places[k].standing == STANDING_DOMINATED) assert_true(dominates(&c[places[k].by], &c[k], FRAMES));
       for (size_t i = 0; i < COUNT && places[k].standing == STANDING_FRONT; i++)
-        if (places[i].standing == STANDING_FRONT && beats(&c[i], &c[k], FRAMES)) assert_true(reach[k][i]);
+        if (places[i].standing == STANDING_FRONT && dominates(&c[i], &c[k], FRAMES)) assert_true(reach[k][i]);
     }
     assert_true(shown > 0);
   }

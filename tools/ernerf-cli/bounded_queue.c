@@ -12,7 +12,7 @@ void queue_free(struct bounded_queue *queue) {
   pthread_mutex_destroy(&queue->mutex);
 }
 
-int queue_free_place(struct bounded_queue *queue) {
+int queue_wait_for_slot(struct bounded_queue *queue) {
   pthread_mutex_lock(&queue->mutex);
   while (!queue->broken && queue->filled - queue->emptied == queue->places)
     pthread_cond_wait(&queue->moved, &queue->mutex);
@@ -21,7 +21,7 @@ int queue_free_place(struct bounded_queue *queue) {
   return place;
 }
 
-bool queue_has_place(struct bounded_queue *queue) {
+bool queue_has_slot(struct bounded_queue *queue) {
   (void)pthread_mutex_lock(&queue->mutex);
   const bool has = queue->broken || queue->filled - queue->emptied < queue->places;
   (void)pthread_mutex_unlock(&queue->mutex);

@@ -23,10 +23,10 @@ void queue_make(struct bounded_queue *queue, size_t places);
 void queue_free(struct bounded_queue *queue);
 
 /* Filling: the place for the next item, once it is free, or QUEUE_OVER when the other side gave up. */
-int queue_free_place(struct bounded_queue *queue);
-bool queue_has_place(struct bounded_queue *queue); /* whether queue_free_place would not wait */
-void queue_fill(struct bounded_queue *queue);      /* that place */
-void queue_end(struct bounded_queue *queue);       /* nothing more comes */
+int queue_wait_for_slot(struct bounded_queue *queue);
+bool queue_has_slot(struct bounded_queue *queue); /* whether queue_wait_for_slot would not wait */
+void queue_fill(struct bounded_queue *queue);     /* that place */
+void queue_end(struct bounded_queue *queue);      /* nothing more comes */
 
 /* Emptying: the place of the oldest item, once there is one, or QUEUE_OVER: nothing more comes, or the other side gave
  * up. */

@@ -405,7 +405,7 @@ static void sum_task(void *user, size_t part, int worker) {
   }
 }
 
-static void tell_profile(const struct ern_train_step *s, struct ern_profile *profile, const double when[4]) {
+static void add_profile(const struct ern_train_step *s, struct ern_profile *profile, const double when[4]) {
   if (profile == NULL) return;
   for (int worker = 0; worker < ern_pool_threads(pool_of(s->stream)); worker++)
     ern_profile_add(profile, &ern_train_worker_of(s, worker)->profile);
@@ -461,7 +461,7 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   tables.audio = &audio_bwd;
   add_tables(&tables);
   a->samples = s.marched.total;
-  tell_profile(&s, a->profile, when);
+  add_profile(&s, a->profile, when);
 fail:
   ern_arena_release(stream, mark);
   return status;

@@ -10,8 +10,8 @@
 LANES_INLINE void scaled(float *y, const float *x, float factor, bool accumulate, size_t n) {
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    const vf product = vf_multiply_rounded(vf_all(factor), vf_load_some(x + i, count));
-    vf_store_some(y + i, accumulate ? vf_load_some(y + i, count) + product : product, count);
+    const vf product = vf_multiply_rounded(vf_all(factor), vf_load_partial(x + i, count));
+    vf_store_partial(y + i, accumulate ? vf_load_partial(y + i, count) + product : product, count);
   }
 }
 
@@ -25,14 +25,14 @@ LANES_INLINE void attention_block(float *region, float *norm, const float *v, co
     const size_t row = c < (size_t)shape.values ? c : 0;
     for (size_t b = 0; b < ABREAST && b * LANES < count; b++) {
       const size_t at = b * LANES, some = count - at < LANES ? count - at : LANES;
-      const vf value = vf_load_some(v + row * stride + at, some);
-      vf_store_some(region + c * stride + at, value * code[c], some);
+      const vf value = vf_load_partial(v + row * stride + at, some);
+      vf_store_partial(region + c * stride + at, value * code[c], some);
       if (row == c) vd_add_product(&sum[b], value, value);
     }
   }
   for (size_t b = 0; b < ABREAST && b * LANES < count; b++) {
     for (int h = 0; h < 2; h++) sum[b].half[h] = vd_root(sum[b].half[h]);
-    vf_store_some(norm + b * LANES, vf_of(sum[b]), count - b * LANES < LANES ? count - b * LANES : LANES);
+    vf_store_partial(norm + b * LANES, vf_of(sum[b]), count - b * LANES < LANES ? count - b * LANES : LANES);
   }
 }
 
@@ -61,10 +61,10 @@ static bool invert_norms(struct norms *norms, const float *norm, const float *dn
   vi poor = {0};
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    const vf value = vf_load_some(norm + i, count);
+    const vf value = vf_load_partial(norm + i, count);
     const vi there = value > 0;
-    vf_store_some(norms->inverse + i, vf_select(there, 1 / value, (vf){0}), count);
-    vf_store_some(norms->dnorm + i, vf_select(there, vf_load_some(dnorm + i, count), (vf){0}), count);
+    vf_store_partial(norms->inverse + i, vf_select(there, 1 / value, (vf){0}), count);
+    vf_store_partial(norms->dnorm + i, vf_select(there, vf_load_partial(dnorm + i, count), (vf){0}), count);
     poor |= there & ((value < 0x1p-120f) | (value > 0x1p120f));
   }
   return !vi_any(poor);
@@ -76,15 +76,15 @@ LANES_INLINE double attention_row_bwd(float *dv, const float *dregion, const flo
   struct vd_pair sum = {{{0}}};
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    const vf value = vf_load_some(v + i, count);
+    const vf value = vf_load_partial(v + i, count);
     vf gradient = {0};
     if (dregion != NULL) {
-      const vf reaches = vf_load_some(dregion + i, count);
+      const vf reaches = vf_load_partial(dregion + i, count);
       gradient = code * reaches;
       vd_add_product(&sum, reaches, value);
     }
-    if (dnorm != NULL) gradient += vf_load_some(dnorm + i, count) * (value * vf_load_some(inverse + i, count));
-    vf_store_some(dv + i, gradient, count);
+    if (dnorm != NULL) gradient += vf_load_partial(dnorm + i, count) * (value * vf_load_partial(inverse + i, count));
+    vf_store_partial(dv + i, gradient, count);
   }
   return vd_total(sum);
 }
@@ -117,9 +117,9 @@ static void attention_one_tile_bwd(float *dv, double *dcode, const float *dregio
     struct vd_pair sum = {{{0}}};
     for (size_t i = 0; i < n; i += LANES) {
       const size_t count = n - i < LANES ? n - i : LANES;
-      const vf reaches = vf_load_some(dregion + c * stride + i, count), old = vf_load_some(dv + i, count);
-      vf_store_some(dv + i, old + vf_multiply_rounded(vf_all(code[c]), reaches), count);
-      vd_add_product(&sum, reaches, vf_load_some(v + i, count));
+      const vf reaches = vf_load_partial(dregion + c * stride + i, count), old = vf_load_partial(dv + i, count);
+      vf_store_partial(dv + i, old + vf_multiply_rounded(vf_all(code[c]), reaches), count);
+      vd_add_product(&sum, reaches, vf_load_partial(v + i, count));
     }
     dcode[c] += vd_total(sum);
   }

@@ -172,9 +172,9 @@ LANES_INLINE void add_slope(float *dweight, float *dx, float slope, const float 
   const vf all = vf_all(slope);
   for (size_t c = 0; c < count; c += LANES) {
     const size_t some = count - c < LANES ? count - c : LANES;
-    vf_store(dweight + c, vf_load(dweight + c) + vf_multiply_rounded(all, vf_load_some(x + c, some)));
+    vf_store(dweight + c, vf_load(dweight + c) + vf_multiply_rounded(all, vf_load_partial(x + c, some)));
     if (dx != NULL)
-      vf_store_some(dx + c, vf_load_some(dx + c, some) + vf_multiply_rounded(vf_load(weight + c), all), some);
+      vf_store_partial(dx + c, vf_load_partial(dx + c, some) + vf_multiply_rounded(vf_load(weight + c), all), some);
   }
 }
 

@@ -32,7 +32,7 @@ static void weigh(struct in_hand *hand, const struct ern_composite_view *v, size
   const size_t begin = (size_t)v->first[r], count = (size_t)v->first[r + rays] - begin;
   for (size_t i = 0; i < count; i += LANES) {
     const size_t left = count - i < LANES ? count - i : LANES;
-    const vf tau = vf_load_some(v->sigma + begin + i, left) * vf_load_some(v->dt + begin + i, left);
+    const vf tau = vf_load_partial(v->sigma + begin + i, left) * vf_load_partial(v->dt + begin + i, left);
     vf expm1;
     const vf through = vf_exp_expm1(-tau, &expm1);
     vf_store(hand->through + i, through);
@@ -99,15 +99,15 @@ static void composite_rays(const struct ern_composite_view *v, struct in_hand *h
 static void put_rays(const struct ern_composite_view *v, const struct in_hand *hand, size_t begin, size_t rays) {
   for (size_t k = 0; k < rays; k += LANES) {
     const size_t count = rays - k < LANES ? rays - k : LANES, r = begin + k;
-    const vf opacity = vf_load_some(hand->opacity + k, count);
-    if (v->opacity != NULL) vf_store_some(v->opacity + r, opacity, count);
+    const vf opacity = vf_load_partial(hand->opacity + k, count);
+    if (v->opacity != NULL) vf_store_partial(v->opacity + r, opacity, count);
     for (size_t c = 0; c < 3; c++) {
       const size_t to = c * v->ray_stride + r;
-      const vf colour = vf_load_some(hand->colour[c] + k, count);
-      if (v->colour != NULL) vf_store_some(v->colour + to, colour, count);
+      const vf colour = vf_load_partial(hand->colour[c] + k, count);
+      if (v->colour != NULL) vf_store_partial(v->colour + to, colour, count);
       if (v->pixel == NULL) continue;
-      const vf value = blend(colour, opacity, vf_load_some(v->background + to, count));
-      vf_store_some(v->pixel + to, vf_clamp(value, 0, 1), count);
+      const vf value = blend(colour, opacity, vf_load_partial(v->background + to, count));
+      vf_store_partial(v->pixel + to, vf_clamp(value, 0, 1), count);
     }
   }
 }
@@ -146,17 +146,17 @@ static void gradients_of_rays(const struct ern_composite_bwd_view *v, struct in_
   const struct ern_composite_view *f = &v->forward;
   for (size_t k = 0; k < rays; k += LANES) {
     const size_t count = rays - k < LANES ? rays - k : LANES, r = begin + k;
-    const vf opacity = vf_load_some(f->opacity + r, count);
-    vf dopacity = v->dopacity != NULL ? vf_load_some(v->dopacity + r, count) : (vf){0};
+    const vf opacity = vf_load_partial(f->opacity + r, count);
+    vf dopacity = v->dopacity != NULL ? vf_load_partial(v->dopacity + r, count) : (vf){0};
     for (size_t c = 0; c < 3; c++) {
       const size_t from = c * f->ray_stride + r;
-      const vf background = vf_load_some(f->background + from, count);
-      const vf value = blend(vf_load_some(f->colour + from, count), opacity, background);
-      const vf dcolour = vf_select((value >= 0) & (value <= 1), vf_load_some(v->dpixel + from, count), (vf){0});
+      const vf background = vf_load_partial(f->background + from, count);
+      const vf value = blend(vf_load_partial(f->colour + from, count), opacity, background);
+      const vf dcolour = vf_select((value >= 0) & (value <= 1), vf_load_partial(v->dpixel + from, count), (vf){0});
       dopacity -= dcolour * background;
-      vf_store_some(hand->colour[c] + k, dcolour, count);
+      vf_store_partial(hand->colour[c] + k, dcolour, count);
     }
-    vf_store_some(hand->opacity + k, dopacity, count);
+    vf_store_partial(hand->opacity + k, dopacity, count);
   }
 }
 

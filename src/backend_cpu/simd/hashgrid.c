@@ -28,7 +28,7 @@ static void prepare(struct prepared *block, const float *const x[DIMS], const st
     vi inside = (vi){0} == (vi){0};
     vf value[DIMS];
     for (size_t d = 0; d < dims; d++) {
-      value[d] = vf_load_some(x[d] + first + i, count);
+      value[d] = vf_load_partial(x[d] + first + i, count);
       inside &= (value[d] >= -bound) & (value[d] <= bound);
     }
     block->inside[at] = inside;
@@ -127,7 +127,7 @@ LANES_INLINE void level_fwd_of(float *rows, size_t stride, const float *table, c
         sum += vf_multiply_rounded(corner_weight(&corners, b, dims, -1), value);
       }
       sum = vf_select(block->inside[i / LANES], sum, (vf){0});
-      vf_store_some(rows + c * stride + block->first + i, sum, count);
+      vf_store_partial(rows + c * stride + block->first + i, sum, count);
     }
   }
 }
@@ -212,9 +212,9 @@ LANES_INLINE void add_to_positions(float *const *dx, size_t at, const struct cor
   }
 #pragma GCC unroll 3
   for (int d = 0; d < dims; d++) {
-    const vf old = vf_load_some(dx[d] + at, count);
+    const vf old = vf_load_partial(dx[d] + at, count);
     const vf slope = old + vf_multiply_rounded(sum[d], vf_all(factor));
-    vf_store_some(dx[d] + at, vf_select(inside, slope, old), count);
+    vf_store_partial(dx[d] + at, vf_select(inside, slope, old), count);
   }
 }
 
@@ -230,7 +230,7 @@ LANES_INLINE void level_bwd_of(const struct slopes *to, const float *table, cons
     const struct corners corners = find_corners(plan, block, i / LANES, dims, hashed);
     const vi inside = block->inside[i / LANES];
     vf df[MAX_FEATURES];
-    for (size_t c = 0; c < features; c++) df[c] = vf_load_some(to->df + c * to->stride + at, count);
+    for (size_t c = 0; c < features; c++) df[c] = vf_load_partial(to->df + c * to->stride + at, count);
     if (to->dtable != NULL && side_by_side && count == LANES && !vi_any(~inside)) {
       add_to_plane(to->dtable, &corners, df[0]);
     } else if (to->dtable != NULL) {

@@ -36,13 +36,13 @@ LANES_INLINE vf vf_all(float value) { return value - (vf){0}; }
 LANES_INLINE vu vu_all(uint32_t value) { return value - (vu){0}; }
 
 /* The first `count` lanes; the others are 0, and are not touched. count <= LANES */
-LANES_INLINE vf vf_load_some(const float *at, size_t count) {
+LANES_INLINE vf vf_load_partial(const float *at, size_t count) {
   if (count == LANES) return vf_load(at);
   vf value = {0};
   memcpy(&value, at, count * sizeof *at);
   return value;
 }
-LANES_INLINE void vf_store_some(float *at, vf value, size_t count) {
+LANES_INLINE void vf_store_partial(float *at, vf value, size_t count) {
   if (count == LANES) {
     vf_store(at, value);
   } else {
@@ -180,7 +180,7 @@ LANES_INLINE vf vf_load_first(const float *at, size_t count) {
 #elif defined(__AVX2__)
   return (vf)_mm256_maskload_ps(at, (__m256i)vi_of_bits((1u << count) - 1));
 #else
-  return vf_load_some(at, count);
+  return vf_load_partial(at, count);
 #endif
 }
 LANES_INLINE void vf_store_first(float *at, vf value, size_t count) {
@@ -193,7 +193,7 @@ LANES_INLINE void vf_store_first(float *at, vf value, size_t count) {
 #elif defined(__AVX2__)
   _mm256_maskstore_ps(at, (__m256i)vi_of_bits((1u << count) - 1), (__m256)value);
 #else
-  vf_store_some(at, value, count);
+  vf_store_partial(at, value, count);
 #endif
 }
 

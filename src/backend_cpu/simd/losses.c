@@ -12,7 +12,7 @@ LANES_INLINE vf first_of(vf value, size_t count) {
 }
 
 LANES_INLINE vf some_or_zero(const float *at, size_t i, size_t count) {
-  return at != NULL ? vf_load_some(at + i, count) : (vf){0};
+  return at != NULL ? vf_load_partial(at + i, count) : (vf){0};
 }
 
 /* ---- terms of the head ---- */
@@ -22,7 +22,7 @@ struct ern_softmax ERN_ISA(ern_head_softmax)(const float *u, size_t n) {
   vf most = vf_all(u[0]);
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES, from = count < LANES && n >= LANES ? n - LANES : i;
-    const vf value = n >= LANES ? vf_load(u + from) : vf_load_some(u, n);
+    const vf value = n >= LANES ? vf_load(u + from) : vf_load_partial(u, n);
     most = vf_select((value > most) & (vu_from(0) < (uint32_t)n), value, most);
   }
   float largest = most[0];
@@ -32,7 +32,7 @@ struct ern_softmax ERN_ISA(ern_head_softmax)(const float *u, size_t n) {
   struct vd_pair sum = {{{0}}};
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    vd_add(&sum, first_of(vf_exp(vf_load_some(u + i, count) - largest), count));
+    vd_add(&sum, first_of(vf_exp(vf_load_partial(u + i, count) - largest), count));
   }
   return (struct ern_softmax){largest, vd_total(sum)};
 }
@@ -89,26 +89,26 @@ enum { PHOTOMETRIC, UNCERTAINTY, OUTSIDE, ENTROPY, AUDIO, EYE, HEAD_SUMS };
 /* Rays r .. r + count: gradients, and what they add to the sums. */
 LANES_INLINE void head_rays(struct vd_pair sum[HEAD_SUMS], const struct ern_head_loss_view *view,
                             const struct head_scales *scales, size_t r, size_t count) {
-  const vf u = vf_load_some(view->uncertainty + r, count), face = vf_load_some(view->face + r, count);
+  const vf u = vf_load_partial(view->uncertainty + r, count), face = vf_load_partial(view->face + r, count);
   const vf attention = some_or_zero(view->attention, r, count), outside = 1 - face;
   const vf weight = scales->adaptive ? photometric_weight(u, scales) : vf_all(1);
   vf squares = {0}, du, dopacity;
   for (size_t c = 0; c < 3; c++) {
     const size_t at = c * view->stride + r;
-    const vf difference = vf_load_some(view->pixel + at, count) - vf_load_some(view->truth + at, count);
+    const vf difference = vf_load_partial(view->pixel + at, count) - vf_load_partial(view->truth + at, count);
     squares += difference * difference;
-    vf_store_some(view->dpixel + at, scales->by_pixel * weight * difference, count);
+    vf_store_partial(view->dpixel + at, scales->by_pixel * weight * difference, count);
   }
   vd_add(&sum[PHOTOMETRIC], first_of(weight * (squares / 3), count));
   vd_add(&sum[UNCERTAINTY], first_of(uncertainty_term(&du, u, vf_sqrt(squares), face), count));
   vd_add(&sum[OUTSIDE], first_of(u * outside, count));
-  vf_store_some(view->duncertainty + r, scales->by_uncertainty * du + scales->by_outside * outside, count);
-  vd_add(&sum[ENTROPY], first_of(entropy_term(&dopacity, vf_load_some(view->opacity + r, count)), count));
-  vf_store_some(view->dopacity + r, scales->by_entropy * dopacity, count);
+  vf_store_partial(view->duncertainty + r, scales->by_uncertainty * du + scales->by_outside * outside, count);
+  vd_add(&sum[ENTROPY], first_of(entropy_term(&dopacity, vf_load_partial(view->opacity + r, count)), count));
+  vf_store_partial(view->dopacity + r, scales->by_entropy * dopacity, count);
   vd_add(&sum[AUDIO], first_of(attention * outside, count));
-  if (view->dattention != NULL) vf_store_some(view->dattention + r, scales->by_audio * outside, count);
+  if (view->dattention != NULL) vf_store_partial(view->dattention + r, scales->by_audio * outside, count);
   vd_add(&sum[EYE], first_of(some_or_zero(view->eye, r, count) * attention * face, count));
-  if (view->deye != NULL) vf_store_some(view->deye + r, scales->by_eye * attention * face, count);
+  if (view->deye != NULL) vf_store_partial(view->deye + r, scales->by_eye * attention * face, count);
 }
 
 void ERN_ISA(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_loss_view *view,
@@ -135,9 +135,9 @@ LANES_INLINE void squares_of(struct vd_pair *sum, float *gradient, const float *
                              size_t n) {
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    const vf difference = vf_load_some(a + i, count) - vf_load_some(b + i, count);
+    const vf difference = vf_load_partial(a + i, count) - vf_load_partial(b + i, count);
     vd_add_product(sum, difference, difference);
-    vf_store_some(gradient + i, factor * difference, count);
+    vf_store_partial(gradient + i, factor * difference, count);
   }
 }
 
@@ -169,7 +169,7 @@ void ERN_ISA(ern_smooth_points)(float *moved, const float *x, size_t stride, flo
     for (size_t axis = 0; axis < 3; axis++) {
       const vf offset = vf_multiply_rounded(2 * vu_uniform(random.word[axis]) - 1, vf_all(reach));
       const size_t at = axis * stride + i;
-      vf_store_some(moved + at, vf_load_some(x + at, count) + offset, count);
+      vf_store_partial(moved + at, vf_load_partial(x + at, count) + offset, count);
     }
   }
 }

@@ -24,13 +24,13 @@ void ERN_ISA(ern_occupancy_points)(float *x, size_t stride, const int32_t *cells
   const vf reach = vf_all(bound * (127.0f / 128.0f)), half_cell = vf_all(bound / ERN_OCCUPANCY_SIDE);
   for (size_t i = 0; i < n; i += LANES) {
     const size_t count = n - i < LANES ? n - i : LANES;
-    const vu number = (vu)vf_load_some((const float *)(const void *)(cells + i), count);
+    const vu number = (vu)vf_load_partial((const float *)(const void *)(cells + i), count);
     const struct vu_random random = vu_random_at(seed, step, number, ERN_RNG_REFRESH_CELL);
     for (size_t axis = 0; axis < 3; axis++) {
       const vi from_middle = 2 * (vi)gather_bits(number >> (int)axis) - last;
       const vf centre = vf_multiply_rounded(__builtin_convertvector(from_middle, vf) / (float)last, reach);
       const vf offset = vf_multiply_rounded(2 * vu_uniform(random.word[axis]) - 1, half_cell);
-      vf_store_some(x + axis * stride + i, centre + offset, count);
+      vf_store_partial(x + axis * stride + i, centre + offset, count);
     }
   }
 }
@@ -99,7 +99,7 @@ void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh,
     float summand[CHUNK];
     update_blocks(grid, fresh, bits, decay, begin, end, summand);
     for (size_t i = 0; i < end - begin; i += LANES)
-      vd_add(&middle, vf_load_some(summand + i, end - begin - i < LANES ? end - begin - i : LANES));
+      vd_add(&middle, vf_load_partial(summand + i, end - begin - i < LANES ? end - begin - i : LANES));
   }
   ern_occupancy_update_ref(grid, &tail, fresh, bits, decay, last, cell_end);
   *sum = head + vd_total(middle) + tail;

@@ -56,15 +56,15 @@ LANES_INLINE vf far_quotient(vf v, vf g, const struct adamw_scales *s) {
 
 LANES_INLINE void adamw_some(float *parameters, float *second_moment, const float *gradient,
                              const struct adamw_scales *s, size_t count) {
-  const vf g = vf_load_some(gradient, count), before = vf_load_some(second_moment, count);
+  const vf g = vf_load_partial(gradient, count), before = vf_load_partial(second_moment, count);
   vf root;
   const vf v = next_moment(before, g, s, &root);
   vf quotient = g / (vf_multiply_rounded(root, s->unbias) + s->eps);
   const vi far = v > FLT_MAX;
   if (vi_any(far)) quotient = vf_select(far, far_quotient(before, g, s), quotient);
   const vf step = vf_multiply_rounded(s->rate, quotient);
-  vf_store_some(parameters, vf_multiply_rounded(s->keep, vf_load_some(parameters, count)) - step, count);
-  vf_store_some(second_moment, vf_select(far, vf_all(FLT_MAX), v), count);
+  vf_store_partial(parameters, vf_multiply_rounded(s->keep, vf_load_partial(parameters, count)) - step, count);
+  vf_store_partial(second_moment, vf_select(far, vf_all(FLT_MAX), v), count);
 }
 
 void ERN_ISA(ern_adamw)(float *parameters, float *second_moment, const float *gradient, float rate, float decay,
@@ -81,8 +81,8 @@ void ERN_ISA(ern_adamw)(float *parameters, float *second_moment, const float *gr
 }
 
 LANES_INLINE void ema_some(float *average, const float *parameters, vf fresh, size_t count) {
-  const vf own = vf_load_some(average, count);
-  vf_store_some(average, own + vf_multiply_rounded(fresh, vf_load_some(parameters, count) - own), count);
+  const vf own = vf_load_partial(average, count);
+  vf_store_partial(average, own + vf_multiply_rounded(fresh, vf_load_partial(parameters, count) - own), count);
 }
 
 void ERN_ISA(ern_ema)(float *average, const float *parameters, float decay, size_t n) {
@@ -102,7 +102,7 @@ bool ERN_ISA(ern_finite)(const float *values, size_t n) {
     if (vi_any(odd)) return false;
   }
   for (; i < n; i += LANES) {
-    const vi bits = (vi)vf_load_some(values + i, n - i < LANES ? n - i : LANES);
+    const vi bits = (vi)vf_load_partial(values + i, n - i < LANES ? n - i : LANES);
     if (vi_any((bits & exponent) == exponent)) return false;
   }
   return true;

@@ -18,10 +18,10 @@ static void multiply(float *out, const float *left, const float *right, size_t s
       const size_t to = end + ERN_PATCH_RADIUS < side ? end + ERN_PATCH_RADIUS : side;
       vf sum[ROWS] = {{0}};
       for (size_t k = from; k < to; k++) {
-        const vf values = vf_load_some(right + k * side + c, count);
+        const vf values = vf_load_partial(right + k * side + c, count);
         for (size_t i = 0; i < ROWS; i++) sum[i] += left[(r + i) * side + k] * values;
       }
-      for (size_t i = 0; i < ROWS; i++) vf_store_some(out + (r + i) * side + c, sum[i], count);
+      for (size_t i = 0; i < ROWS; i++) vf_store_partial(out + (r + i) * side + c, sum[i], count);
     }
   }
 }

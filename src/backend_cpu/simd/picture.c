@@ -36,9 +36,9 @@ LANES_INLINE void background_some(float *pixel, size_t stride, float *opacity, c
   for (int c = 0; c < 3; c++) {
     vf value = share_of(back, c);
     if (torso != NULL) value = vf_multiply_rounded(share_of(front, c), a) + vf_multiply_rounded(value, vf_all(1) - a);
-    vf_store_some(pixel + (size_t)c * stride, value, count);
+    vf_store_partial(pixel + (size_t)c * stride, value, count);
   }
-  vf_store_some(opacity, a, count);
+  vf_store_partial(opacity, a, count);
 }
 
 void ERN_ISA(ern_background)(float *pixel, size_t stride, float *opacity, const uint8_t *background,
@@ -69,18 +69,18 @@ LANES_INLINE void picture_some(const struct ern_picture_view *v, size_t i, size_
   vf alpha = vf_all(1);
   vu pixels = vu_all(0);
   if (v->head != NULL) {
-    const vf head = vf_load_some(v->head + i, count);
-    alpha = head + vf_multiply_rounded(vf_all(1) - head, vf_load_some(v->torso + i, count));
+    const vf head = vf_load_partial(v->head + i, count);
+    alpha = head + vf_multiply_rounded(vf_all(1) - head, vf_load_partial(v->torso + i, count));
   }
   for (int c = 0; c < 3; c++) {
-    vf value = vf_load_some(v->pixel + (size_t)c * v->stride + i, count);
+    vf value = vf_load_partial(v->pixel + (size_t)c * v->stride + i, count);
     if (v->rgb != NULL)
       for (size_t l = 0; l < count; l++) v->rgb[3 * (i + l) + (size_t)c] = value[l];
     if (v->head != NULL) value = vf_select(alpha > vf_all(0), value / alpha, vf_all(0));
     pixels |= byte_of(value) << (uint32_t)(8 * c);
   }
   if (v->rgba != NULL) store_pixels(v->rgba + 4 * i, pixels | byte_of(alpha) << 24u, count);
-  if (v->alpha != NULL) vf_store_some(v->alpha + i, alpha, count);
+  if (v->alpha != NULL) vf_store_partial(v->alpha + i, alpha, count);
 }
 
 void ERN_ISA(ern_picture)(const struct ern_picture_view *view, size_t n) {

@@ -37,21 +37,21 @@ typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_
 #undef ERN_CL_SOURCE_NUMBER
 
 /* Sizes that kernels are cut to: a standard by the device's limits, or what was measured to be faster (tune.c). */
-#define ERN_CL_KNOBS(KNOB)                                                   \
-  KNOB(mlp_fwd)     /* CPU: vectors of an item; GPU: items of a group */     \
-  KNOB(mlp_bwd)     /* likewise */                                           \
-  KNOB(grid_fwd)    /* CPU: vectors that an item goes through; GPU: items */ \
-  KNOB(grid_bwd)    /* likewise */                                           \
-  KNOB(rays_tile)   /* of render_rays, CPU: vectors; GPU: items */           \
-  KNOB(rays_groups) /* groups a compute unit */                              \
-  KNOB(torso_tile)  /* of render_torso, likewise */                          \
-  KNOB(torso_groups)
+#define ERN_CL_TUNABLES(TUNABLE)                                                \
+  TUNABLE(mlp_fwd)     /* CPU: vectors of an item; GPU: items of a group */     \
+  TUNABLE(mlp_bwd)     /* likewise */                                           \
+  TUNABLE(grid_fwd)    /* CPU: vectors that an item goes through; GPU: items */ \
+  TUNABLE(grid_bwd)    /* likewise */                                           \
+  TUNABLE(rays_tile)   /* of render_rays, CPU: vectors; GPU: items */           \
+  TUNABLE(rays_groups) /* groups a compute unit */                              \
+  TUNABLE(torso_tile)  /* of render_torso, likewise */                          \
+  TUNABLE(torso_groups)
 
-#define ERN_CL_KNOB_NUMBER(name) ERN_CL_SIZE_##name,
-typedef enum ern_cl_knob { ERN_CL_KNOBS(ERN_CL_KNOB_NUMBER) ERN_CL_KNOB_COUNT } ern_cl_knob;
-#undef ERN_CL_KNOB_NUMBER
+#define ERN_CL_TUNABLE_NUMBER(name) ERN_CL_SIZE_##name,
+typedef enum ern_cl_tunable { ERN_CL_TUNABLES(ERN_CL_TUNABLE_NUMBER) ERN_CL_TUNABLE_COUNT } ern_cl_tunable;
+#undef ERN_CL_TUNABLE_NUMBER
 
-struct ern_cl_measured { /* of one knob */
+struct ern_cl_measured { /* of one tunable */
   int32_t standard, best;
   int64_t standard_ns, best_ns; /* of a made-up call; 0: not measured */
 };
@@ -74,12 +74,12 @@ struct ern_cl_backend {
   struct ern_backend table; /* first: a backend is one */
   struct ern_cl_device device;
   cl_context context;
-  cl_command_queue queue;      /* for what belongs to no stream: clearing new buffers */
-  cl_mem probe;                /* 4 bytes, written to see whether the device still answers */
-  atomic_size_t writes;        /* numbers given to buffers */
-  atomic_size_t taken;         /* bytes of all buffers */
-  int size[ERN_CL_KNOB_COUNT]; /* what kernels are built with */
-  struct ern_cl_measured measured[ERN_CL_KNOB_COUNT];
+  cl_command_queue queue;         /* for what belongs to no stream: clearing new buffers */
+  cl_mem probe;                   /* 4 bytes, written to see whether the device still answers */
+  atomic_size_t writes;           /* numbers given to buffers */
+  atomic_size_t taken;            /* bytes of all buffers */
+  int size[ERN_CL_TUNABLE_COUNT]; /* what kernels are built with */
+  struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   pthread_mutex_t lock; /* of the programs */
   struct ern_cl_program *programs;
   size_t program_count, program_capacity;

@@ -46,7 +46,7 @@ static bool has_extension(const char *extensions, const char *name) {
   return false;
 }
 
-void ern_cl_device_ask(struct ern_cl_device *device) {
+void ern_cl_device_query(struct ern_cl_device *device) {
   char extensions[EXTENSION_BYTES];
   const cl_device_id id = device->id;
   text_of(id, CL_DEVICE_NAME, device->name, sizeof device->name);
@@ -94,7 +94,7 @@ ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_de
                     "OpenCL: found no device %d, expected 0 to %d (`ernerf info devices` lists them)", number,
                     count - 1);
   *device = (struct ern_cl_device){.platform = found[number].platform, .id = found[number].device};
-  ern_cl_device_ask(device);
+  ern_cl_device_query(device);
   if (number_of(device->id, CL_DEVICE_AVAILABLE, sizeof(cl_bool)) == 0)
     return ern_fail(context, ERN_E_DEVICE, "OpenCL: device %d (%s) says it is not available", number, device->name);
   if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)

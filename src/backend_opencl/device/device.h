@@ -39,7 +39,7 @@ struct ern_cl_found {
 /* The devices of all platforms, in their order; returns how many. No platform: a machine without OpenCL. */
 int ern_cl_devices_find(struct ern_cl_found found[ERN_CL_MAX_DEVICES], int *platforms);
 /* Fills all but platform and id. */
-void ern_cl_device_ask(struct ern_cl_device *device);
+void ern_cl_device_query(struct ern_cl_device *device);
 /* Opens device `number`, as ern_opencl_devices_list counts. ERN_E_UNSUPPORTED names what there is instead. */
 ERN_NODISCARD ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_device *device);
 

@@ -42,7 +42,7 @@ static bool find_program(char path[PATH_BYTES]) {
 
 /* Seconds until a child is given up: a driver may have to compile, or to wake a device. ERNERF_PROBE_SECONDS: others.
  */
-static int patience(void) {
+static int timeout_seconds(void) {
   const char *named = getenv("ERNERF_PROBE_SECONDS");
   const long seconds = named != NULL ? strtol(named, NULL, 10) : 0;
   return seconds >= 1 && seconds <= 3600 ? (int)seconds : 60;
@@ -127,7 +127,7 @@ static void listen_to(struct child *child) {
     if (some[0].revents != 0 && ready > 0) take(child, &child->out, use_line);
     if (some[1].revents != 0 && ready > 0) take(child, &child->err, NULL);
     if (child->exited && ready <= 0) break;
-    child->too_long = seconds_now() - began > patience();
+    child->too_long = seconds_now() - began > timeout_seconds();
   }
   finish_line(&child->err);
   if (!child->exited) {
@@ -183,14 +183,14 @@ static int run(struct child *child, const char *path, int first, int last) {
 
 /* ---- what it died of --------------------------------------------------------------------------------------------- */
 
-static void describe_death(const struct child *child, char text[LINE_BYTES]) {
+static void describe_exit(const struct child *child, char text[LINE_BYTES]) {
   static const struct {
     int number;
     const char *name;
   } signals[] = {{SIGABRT, "SIGABRT"}, {SIGSEGV, "SIGSEGV"}, {SIGBUS, "SIGBUS"},
                  {SIGILL, "SIGILL"},   {SIGFPE, "SIGFPE"},   {SIGKILL, "SIGKILL"}};
   if (child->too_long) {
-    snprintf(text, LINE_BYTES, "did not answer for %d seconds", patience());
+    snprintf(text, LINE_BYTES, "did not answer for %d seconds", timeout_seconds());
   } else if (child->status >= 0 && WIFSIGNALED(child->status)) {
     const int number = WTERMSIG(child->status);
     snprintf(text, LINE_BYTES, "ended by signal %d", number);
@@ -206,7 +206,7 @@ static void describe_death(const struct child *child, char text[LINE_BYTES]) {
 static ern_status tell_death(ern_context *context, const struct child *child) {
   char how[LINE_BYTES], what[2 * LINE_BYTES];
   const char *said = child->err.last, *name = strchr(child->doing, ' ');
-  describe_death(child, how);
+  describe_exit(child, how);
   if (child->device >= 0) {
     name = name != NULL ? strchr(name + 1, ' ') : NULL; /* "device 0 NAME" */
     snprintf(what, sizeof what, "device %d (%s) cannot be used: it was tried", child->device,

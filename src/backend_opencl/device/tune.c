@@ -27,12 +27,12 @@ struct form {
   int most;         /* that kernels can be built with */
   int tried[SIZES]; /* the standard first; 0: none */
 };
-static const struct knob {
+static const struct tunable {
   const char *name;
   bool reorders;     /* sums: the result depends on it by rounding */
   bool power_of_two; /* only such sizes can be built */
   struct form gpu, cpu;
-} knobs[ERN_CL_KNOB_COUNT] = {
+} tunables[ERN_CL_TUNABLE_COUNT] = {
     [ERN_CL_SIZE_mlp_fwd] = {"mlp_fwd", false, false, {256, {64, 32, 128, 256}}, {3, {3, 2, 1}}},
     [ERN_CL_SIZE_mlp_bwd] = {"mlp_bwd", true, false, {256, {64, 32, 128}}, {3, {3, 2}}},
     [ERN_CL_SIZE_grid_fwd] = {"grid_fwd", false, true, {512, {64, 32, 128, 256}}, {256, {64, 16, 256}}},
@@ -43,12 +43,12 @@ static const struct knob {
     [ERN_CL_SIZE_torso_groups] = {"torso_groups", false, false, {1024, {16, 4, 8, 32}}, {1024, {2, 1, 4, 8}}},
 };
 
-static const struct form *form_of(const struct ern_cl_device *device, ern_cl_knob knob) {
-  return device->cpu ? &knobs[knob].cpu : &knobs[knob].gpu;
+static const struct form *form_of(const struct ern_cl_device *device, ern_cl_tunable tunable) {
+  return device->cpu ? &tunables[tunable].cpu : &tunables[tunable].gpu;
 }
 
-int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_knob knob) {
-  return form_of(device, knob)->tried[0];
+int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_tunable tunable) {
+  return form_of(device, tunable)->tried[0];
 }
 
 int ern_cl_size_kept(const struct ern_cl_measured *m) {
@@ -69,26 +69,27 @@ fail:
   return status;
 }
 
-static bool is_size(const struct ern_cl_device *device, ern_cl_knob knob, int size) {
-  return size >= 1 && size <= form_of(device, knob)->most && (!knobs[knob].power_of_two || (size & (size - 1)) == 0);
+static bool is_size(const struct ern_cl_device *device, ern_cl_tunable tunable, int size) {
+  return size >= 1 && size <= form_of(device, tunable)->most &&
+         (!tunables[tunable].power_of_two || (size & (size - 1)) == 0);
 }
 
 /* Nanoseconds of a call: within eleven days, so that what is reckoned with them has no overflow. */
 static bool is_time(int64_t ns) { return ns > 0 && ns < (int64_t)1000000000000000; }
 
 static bool is_sound(const struct ern_cl_device *device, const struct ern_cl_measured *measured) {
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const struct ern_cl_measured *m = &measured[knob];
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    const struct ern_cl_measured *m = &measured[tunable];
     if (m->standard_ns == 0) continue;
-    if (!is_time(m->standard_ns) || !is_time(m->best_ns) || m->standard != ern_cl_standard_size(device, knob) ||
-        !is_size(device, knob, m->best))
+    if (!is_time(m->standard_ns) || !is_time(m->best_ns) || m->standard != ern_cl_standard_size(device, tunable) ||
+        !is_size(device, tunable, m->best))
       return false;
   }
   return true;
 }
 
 void ern_cl_tune_read(ern_context *context, const struct ern_cl_device *device, struct ern_cl_measured *measured) {
-  const size_t expected = ERN_CL_KNOB_COUNT * sizeof *measured;
+  const size_t expected = ERN_CL_TUNABLE_COUNT * sizeof *measured;
   char key[ERN_CL_KEY_BYTES];
   uint8_t *bytes = NULL;
   size_t count = 0;
@@ -103,7 +104,7 @@ bool ern_cl_tune_write(ern_context *context, const struct ern_cl_device *device,
                        const struct ern_cl_measured *measured) {
   char key[ERN_CL_KEY_BYTES];
   return ern_cl_tune_key(context, device, key) == ERN_OK &&
-         ern_cl_cache_write(context, key, measured, ERN_CL_KNOB_COUNT * sizeof *measured);
+         ern_cl_cache_write(context, key, measured, ERN_CL_TUNABLE_COUNT * sizeof *measured);
 }
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
@@ -119,15 +120,15 @@ struct contest {
   struct ern_cl_backend *bench;
   struct ern_cl_loads *loads;
   struct ern_stream *stream[2];
-  ern_cl_knob knob;
+  ern_cl_tunable tunable;
   int size[2];
 };
 
 static ern_status time_calls(struct contest *c, int side, int64_t calls, int64_t *ns) {
   const int64_t began = now_ns();
   ern_status status = ERN_OK;
-  c->bench->size[c->knob] = c->size[side];
-  for (int64_t i = 0; i < calls; i++) ERN_TRY(ern_cl_load_run(c->loads, c->knob, c->stream[side]));
+  c->bench->size[c->tunable] = c->size[side];
+  for (int64_t i = 0; i < calls; i++) ERN_TRY(ern_cl_load_run(c->loads, c->tunable, c->stream[side]));
   ERN_TRY(ern_opencl_finish(c->stream[side]));
   *ns = now_ns() - began;
 fail:
@@ -137,8 +138,8 @@ fail:
 /* Builds, and runs once: is it possible at all? */
 static ern_status enter(struct contest *c, int side, int size, int64_t *ns) {
   ern_status status = ERN_OK;
-  c->bench->size[c->knob] = c->size[side] = size;
-  ERN_TRY(ern_cl_load_prepare(c->loads, c->knob, c->stream[side]));
+  c->bench->size[c->tunable] = c->size[side] = size;
+  ERN_TRY(ern_cl_load_prepare(c->loads, c->tunable, c->stream[side]));
   ERN_TRY(time_calls(c, side, 1, ns));
   status = time_calls(c, side, 1, ns);
 fail:
@@ -161,8 +162,8 @@ fail:
 }
 
 /* *m: of the size that does best beside the standard. *m is left alone where the time is over too soon. */
-static ern_status measure_knob(struct contest *c, int64_t end, struct ern_cl_measured *m) {
-  const struct form *form = form_of(&c->bench->device, c->knob);
+static ern_status measure_tunable(struct contest *c, int64_t end, struct ern_cl_measured *m) {
+  const struct form *form = form_of(&c->bench->device, c->tunable);
   const int standard = form->tried[0];
   struct ern_cl_measured found = {.standard = standard, .best = standard};
   double best_ratio = 0;
@@ -182,7 +183,7 @@ static ern_status measure_knob(struct contest *c, int64_t end, struct ern_cl_mea
   }
   *m = found;
 fail:
-  c->bench->size[c->knob] = m->standard_ns > 0 ? ern_cl_size_kept(m) : standard;
+  c->bench->size[c->tunable] = m->standard_ns > 0 ? ern_cl_size_kept(m) : standard;
   return status;
 }
 
@@ -195,9 +196,9 @@ ern_status ern_cl_measure(struct ern_cl_backend *bench, unsigned wanted, double 
   if (!(seconds > 0)) return ERN_OK;
   ERN_TRY(ern_cl_loads_make(bench, &contest.loads));
   for (int side = 0; side < 2; side++) ERN_TRY(table->stream_make(table, 1, &contest.stream[side]));
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    contest.knob = knob;
-    if ((wanted >> knob & 1) != 0) ERN_TRY(measure_knob(&contest, end, &measured[knob]));
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    contest.tunable = tunable;
+    if ((wanted >> tunable & 1) != 0) ERN_TRY(measure_tunable(&contest, end, &measured[tunable]));
   }
 fail:
   for (int side = 0; side < 2; side++) table->stream_free(contest.stream[side]);
@@ -207,20 +208,21 @@ fail:
 
 /* ---- what is known ------------------------------------------------------------------------------------------- */
 
-unsigned ern_cl_unknown_knobs(const struct ern_cl_measured *measured) {
+unsigned ern_cl_unknown_tunables(const struct ern_cl_measured *measured) {
   unsigned unknown = 0;
-  for (int knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) unknown |= (unsigned)(measured[knob].standard_ns == 0) << knob;
+  for (int tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++)
+    unknown |= (unsigned)(measured[tunable].standard_ns == 0) << tunable;
   return unknown;
 }
 
-bool ern_cl_is_tuned(const struct ern_cl_measured *measured) { return ern_cl_unknown_knobs(measured) == 0; }
+bool ern_cl_is_tuned(const struct ern_cl_measured *measured) { return ern_cl_unknown_tunables(measured) == 0; }
 
 void ern_cl_sizes_set(struct ern_cl_backend *backend) {
-  for (ern_cl_knob knob = 0; knob < ERN_CL_KNOB_COUNT; knob++) {
-    const struct ern_cl_measured *m = &backend->measured[knob];
-    const bool usable = m->standard_ns > 0 && !(knobs[knob].reorders && backend->table.deterministic);
-    backend->size[knob] = usable ? ern_cl_size_kept(m) : ern_cl_standard_size(&backend->device, knob);
+  for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
+    const struct ern_cl_measured *m = &backend->measured[tunable];
+    const bool usable = m->standard_ns > 0 && !(tunables[tunable].reorders && backend->table.deterministic);
+    backend->size[tunable] = usable ? ern_cl_size_kept(m) : ern_cl_standard_size(&backend->device, tunable);
   }
 }
 
-const char *ern_cl_knob_name(ern_cl_knob knob) { return knobs[knob].name; }
+const char *ern_cl_tunable_name(ern_cl_tunable tunable) { return tunables[tunable].name; }

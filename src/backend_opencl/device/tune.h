@@ -7,27 +7,27 @@
 #include "backend_opencl/device/cache.h"
 
 /* The standard by the device's limits. */
-int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_knob knob);
+int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_tunable tunable);
 /* What is built: the best of those measured where it is clearly faster than the standard. */
 int ern_cl_size_kept(const struct ern_cl_measured *measured);
 
-/* Fills size[]: of the knobs that were measured the best, where the backend may take another than the standard. */
+/* Fills size[]: of the tunables that were measured the best, where the backend may take another than the standard. */
 void ern_cl_sizes_set(struct ern_cl_backend *backend);
-const char *ern_cl_knob_name(ern_cl_knob knob);
+const char *ern_cl_tunable_name(ern_cl_tunable tunable);
 
 /* The name of the entry in the cache folder: device, driver, form and the text of the kernels. */
 ERN_NODISCARD ern_status ern_cl_tune_key(ern_context *context, const struct ern_cl_device *device,
                                          char key[ERN_CL_KEY_BYTES]);
-/* measured: [ERN_CL_KNOB_COUNT], zeros for what is not known: no entry, or one that is not to be trusted. */
+/* measured: [ERN_CL_TUNABLE_COUNT], zeros for what is not known: no entry, or one that is not to be trusted. */
 void ern_cl_tune_read(ern_context *context, const struct ern_cl_device *device, struct ern_cl_measured *measured);
-bool ern_cl_is_tuned(const struct ern_cl_measured *measured);          /* all of it is known */
-unsigned ern_cl_unknown_knobs(const struct ern_cl_measured *measured); /* a bit each */
+bool ern_cl_is_tuned(const struct ern_cl_measured *measured);             /* all of it is known */
+unsigned ern_cl_unknown_tunables(const struct ern_cl_measured *measured); /* a bit each */
 /* False where it cannot be kept. */
 bool ern_cl_tune_write(ern_context *context, const struct ern_cl_device *device,
                        const struct ern_cl_measured *measured);
 
-/* Measures the knobs of `wanted` (a bit each) on a backend of its own, until `seconds` are over; a knob of which not
- * all sizes were reached stays as it was. A size that the device refuses is passed over. */
+/* Measures the tunables of `wanted` (a bit each) on a backend of its own, until `seconds` are over; a tunable of which
+ * not all sizes were reached stays as it was. A size that the device refuses is passed over. */
 ERN_NODISCARD ern_status ern_cl_measure(struct ern_cl_backend *bench, unsigned wanted, double seconds,
                                         struct ern_cl_measured *measured);
 

@@ -161,13 +161,13 @@ void ern_cl_loads_free(struct ern_cl_loads *loads) {
   ern_release(table->context, loads);
 }
 
-ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream) {
-  return knob >= ERN_CL_SIZE_rays_tile ? stream->backend->render_prepare(stream, &loads->prepare) : ERN_OK;
+ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
+  return tunable >= ERN_CL_SIZE_rays_tile ? stream->backend->render_prepare(stream, &loads->prepare) : ERN_OK;
 }
 
-ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream) {
+ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
   const struct ern_backend *table = stream->backend;
-  switch (knob) {
+  switch (tunable) {
     case ERN_CL_SIZE_mlp_fwd: return table->mlp_fwd(stream, &loads->mlp.forward);
     case ERN_CL_SIZE_mlp_bwd: return table->mlp_bwd(stream, &loads->mlp);
     case ERN_CL_SIZE_grid_fwd: return table->grid_fwd(stream, &loads->grid.forward);

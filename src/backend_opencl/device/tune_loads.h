@@ -19,8 +19,9 @@ struct ern_cl_loads {
 ERN_NODISCARD ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_loads **loads);
 void ern_cl_loads_free(struct ern_cl_loads *loads); /* accepts NULL */
 /* Readies a stream for run with the backend's sizes as they are, and again after they have changed. */
-ERN_NODISCARD ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream);
-/* Enqueues a call that the knob matters to. */
-ERN_NODISCARD ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_knob knob, struct ern_stream *stream);
+ERN_NODISCARD ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_tunable tunable,
+                                             struct ern_stream *stream);
+/* Enqueues a call that the tunable matters to. */
+ERN_NODISCARD ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream);
 
 #endif

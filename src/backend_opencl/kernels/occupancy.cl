@@ -11,7 +11,7 @@ enum {
   CELLS = 1 << 21,
   CUBES = CELLS / 8,
   BLOCKS = CELLS / 64,
-  SIGHT = 14, /* floats of a camera */
+  FRUSTUM = 14, /* floats of a camera */
   GROUP = 64  /* ERN_CL_SUM_GROUP */
 };
 
@@ -47,21 +47,21 @@ float dot_of(global const float *a, float x, float y, float z) { return a[0] * x
 /* A camera is [column 0, 1, 2 of its rotation][origin][slopes cx/f, cy/f]. q = transpose(R)(p - o): whether q2 > 0,
  * |q0| < x q2 + slack, |q1| < y q2 + slack; with reach > 0 whether that may be so of a point in the ball of that radius
  * around p. */
-int sees(global const float *sight, float x, float y, float z, float slack, float reach) {
-  const float dx = x - sight[9], dy = y - sight[10], dz = z - sight[11];
-  const float depth = dot_of(sight + 6, dx, dy, dz) + reach, wide = slack + reach;
-  return (depth > 0) & (fabs(dot_of(sight, dx, dy, dz)) < sight[12] * depth + wide) &
-         (fabs(dot_of(sight + 3, dx, dy, dz)) < sight[13] * depth + wide);
+int sees(global const float *frustum, float x, float y, float z, float slack, float reach) {
+  const float dx = x - frustum[9], dy = y - frustum[10], dz = z - frustum[11];
+  const float depth = dot_of(frustum + 6, dx, dy, dz) + reach, wide = slack + reach;
+  return (depth > 0) & (fabs(dot_of(frustum, dx, dy, dz)) < frustum[12] * depth + wide) &
+         (fabs(dot_of(frustum + 3, dx, dy, dz)) < frustum[13] * depth + wide);
 }
 
 #define MARKED (CPU ? 64 : 1) /* cells a work-item: a block, or one of a block's */
 
 /* grid [CELLS] = 0 where one of the cameras sees the cell, else -1. A camera is first asked for the ball around the
  * block; the outermost centres are 0.65 of its radius `ball` away from the middle, which leaves room for rounding. */
-kernel void occupancy_mark(SPAN(float, grid), SPAN(const float, sights), float reach, float slack, float ball,
+kernel void occupancy_mark(SPAN(float, grid), SPAN(const float, frusta), float reach, float slack, float ball,
                            ulong n) {
   OPEN(float, grid);
-  OPEN(const float, sights);
+  OPEN(const float, frusta);
   const uint begin = get_global_id(0) * MARKED, first = begin / 64 * 64, last = first + 63;
   if (begin >= CELLS) return;
   float x[MARKED], y[MARKED], z[MARKED];
@@ -77,11 +77,11 @@ kernel void occupancy_mark(SPAN(float, grid), SPAN(const float, sights), float r
               middle_z = (centre_of(first, 2, reach) + centre_of(last, 2, reach)) / 2;
   int least = 0;
   for (ulong k = 0; k < n && least == 0; k++) {
-    global const float *sight = sights + k * SIGHT;
-    if (!sees(sight, middle_x, middle_y, middle_z, slack, ball)) continue;
+    global const float *frustum = frusta + k * FRUSTUM;
+    if (!sees(frustum, middle_x, middle_y, middle_z, slack, ball)) continue;
     least = 1;
     for (uint i = 0; i < MARKED; i++) {
-      seen[i] |= sees(sight, x[i], y[i], z[i], slack, 0);
+      seen[i] |= sees(frustum, x[i], y[i], z[i], slack, 0);
       least &= seen[i];
     }
   }

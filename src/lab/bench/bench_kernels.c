@@ -284,10 +284,10 @@ ern_status ern_bench_kernels(ern_backend *const *backends, size_t count, const e
   }
   const size_t all = kernels.subject[0].count;
   for (size_t number = 0; number < all; number++) {
-    ERN_TRY(ern_bench_tell(context, &chosen, number, all));
+    ERN_TRY(ern_bench_progress(context, &chosen, number, all));
     ERN_TRY(measure(&kernels, number, chosen.seconds / (double)all, machine, say, user));
   }
-  status = ern_bench_tell(context, &chosen, all, all);
+  status = ern_bench_progress(context, &chosen, all, all);
 fail:
   for (size_t k = 0; kernels.subject != NULL && k < count; k++) free_subject(&kernels.subject[k]);
   ern_release(context, kernels.subject);

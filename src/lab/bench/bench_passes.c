@@ -273,7 +273,7 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
     ERN_TRY(make_renderer(s, backends[k], &chosen));
     results[k].threads = ern_bench_shim_threads(s->shim);
   }
-  ERN_TRY(ern_bench_tell(context, &chosen, 0, 1));
+  ERN_TRY(ern_bench_progress(context, &chosen, 0, 1));
   ERN_TRY(build(&passes, draw));
   ERN_TRY(ern_bench_take_turns(&turns, timing));
   for (size_t k = 0; k < count; k++) {
@@ -283,7 +283,7 @@ ern_status ern_bench_frame(ern_backend *const *backends, size_t count, const ern
     ERN_TRY(count_frame(&passes.subject[k]));
     compute_share(&results[k], machine, k);
   }
-  status = ern_bench_tell(context, &chosen, 1, 1);
+  status = ern_bench_progress(context, &chosen, 1, 1);
 fail:
   for (size_t k = 0; k < count; k++) free_subject(&passes.subject[k], context);
   return status;
@@ -372,21 +372,21 @@ ern_status ern_bench_step(ern_backend *const *backends, size_t count, const ern_
     ERN_TRY(make_trainer(s, &chosen, torso));
     results[k].threads = ern_bench_shim_threads(s->shim);
   }
-  ERN_TRY(ern_bench_tell(context, &chosen, 0, 2));
+  ERN_TRY(ern_bench_progress(context, &chosen, 0, 2));
   ERN_TRY(take_steps(&passes, false, 0.7 * chosen.seconds, timing));
   for (size_t k = 0; k < count; k++) {
     results[k].seconds = timing[k];
     ERN_TRY(call_apart(&passes, k, &timing[k], step));
     sum_plain_step(&passes.subject[k], torso);
   }
-  ERN_TRY(ern_bench_tell(context, &chosen, 1, 2));
+  ERN_TRY(ern_bench_progress(context, &chosen, 1, 2));
   ERN_TRY(take_steps(&passes, true, 0.3 * chosen.seconds, timing));
   for (size_t k = 0; k < count; k++) {
     ERN_TRY(call_apart(&passes, k, &timing[k], step));
     add_sixteenth(&passes.subject[k], &timing[k], torso);
     compute_share(&results[k], machine, k);
   }
-  status = ern_bench_tell(context, &chosen, 2, 2);
+  status = ern_bench_progress(context, &chosen, 2, 2);
 fail:
   for (size_t k = 0; k < count; k++) free_subject(&passes.subject[k], context);
   return status;

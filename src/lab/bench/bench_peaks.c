@@ -282,9 +282,9 @@ static ern_status measure_isas(ern_backend *const *backends, size_t count, struc
   }
   ERN_TRY(
       measure(&multiply, options->seconds / PARTS, &machine->peak[0].flops, sizeof machine->peak[0], &machine->unrest));
-  ERN_TRY(ern_bench_tell(context, options, 1, PARTS));
+  ERN_TRY(ern_bench_progress(context, options, 1, PARTS));
   ERN_TRY(measure(&gather, options->seconds / PARTS, &machine->peak[0].reads, sizeof machine->peak[0], NULL));
-  ERN_TRY(ern_bench_tell(context, options, 2, PARTS));
+  ERN_TRY(ern_bench_progress(context, options, 2, PARTS));
 fail:
   ern_release(context, table);
   return status;
@@ -348,13 +348,13 @@ static ern_status measure_streams(ern_context *context, struct device *devices, 
   const size_t memory = between(4 * machine->l3_bytes, (size_t)64 << 20, (size_t)512 << 20) / threads / line * line;
   ern_status status = ERN_OK;
   ERN_TRY(measure_stream(context, pool, machine, l2, seconds, &machine->stream_l2));
-  ERN_TRY(ern_bench_tell(context, options, 3, PARTS));
+  ERN_TRY(ern_bench_progress(context, options, 3, PARTS));
   ERN_TRY(measure_stream(context, pool, machine, l3, seconds, &machine->stream_l3));
   ERN_TRY(stream_devices(devices, machine, false, seconds));
-  ERN_TRY(ern_bench_tell(context, options, 4, PARTS));
+  ERN_TRY(ern_bench_progress(context, options, 4, PARTS));
   ERN_TRY(measure_stream(context, pool, machine, memory, seconds, &machine->stream_memory));
   ERN_TRY(stream_devices(devices, machine, true, seconds));
-  ERN_TRY(ern_bench_tell(context, options, 5, PARTS));
+  ERN_TRY(ern_bench_progress(context, options, 5, PARTS));
 fail:
   return status;
 }

@@ -39,8 +39,8 @@ bool ern_bench_is_device(const ern_backend *backend);
 unsigned ern_bench_units(const ern_backend *device);
 size_t ern_bench_devices(ern_backend *const *backends, size_t count);
 /* Tells the caller's hook; its answer becomes ERN_E_CANCELLED. */
-ERN_NODISCARD ern_status ern_bench_tell(ern_context *context, const ern_bench_options *options, size_t done,
-                                        size_t all);
+ERN_NODISCARD ern_status ern_bench_progress(ern_context *context, const ern_bench_options *options, size_t done,
+                                            size_t all);
 
 /* ---- the scene (bench_scene.c) ----------------------------------------------------------------------------------- */
 
@@ -127,8 +127,8 @@ int ern_bench_shim_threads(const struct ern_bench_shim *shim); /* of a device it
 
 /* Keeps the calls made from now on, inside the head's and the torso's sections or outside too; NULL: no more. The call
  * is told with its arguments as they were after it; their scratch stays theirs. */
-void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
-                           void *user);
+void ern_bench_shim_listen(struct ern_bench_shim *shim,
+                           ern_status (*on_call)(void *user, const struct ern_bench_call *), void *user);
 /* Repeats a call on the stream that it was made on, untimed. */
 ERN_NODISCARD ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call);
 

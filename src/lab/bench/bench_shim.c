@@ -31,9 +31,9 @@ struct ern_bench_shim {
   bool apart;  /* each slot of a device is waited for */
   bool within; /* a slot of a device that may call others: they are part of it */
   struct ern_profile profile;
-  ern_status (*hear)(void *user, const struct ern_bench_call *call);
+  ern_status (*on_call)(void *user, const struct ern_bench_call *call);
   void *user;
-  struct ern_arena_mark furthest; /* of the stream's scratch while calls were heard */
+  struct ern_arena_mark furthest; /* of the stream's scratch while calls were reported */
   struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its workers */
 };
 
@@ -52,9 +52,9 @@ static struct sums *sums_of(struct ern_bench_shim *shim, const struct ern_stream
 
 static struct ern_bench_shim *shim_of(struct ern_stream *stream) { return (struct ern_bench_shim *)stream->backend; }
 
-static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *stream, enum ern_bench_slot slot,
-                       const void *args, size_t bytes) {
-  if (shim->hear == NULL || stream != shim->main) return ERN_OK;
+static ern_status notify(struct ern_bench_shim *shim, const struct ern_stream *stream, enum ern_bench_slot slot,
+                         const void *args, size_t bytes) {
+  if (shim->on_call == NULL || stream != shim->main) return ERN_OK;
   const struct ern_arena_mark now = ern_arena_mark(stream);
   for (int e = 0; e < 3; e++) {
     const bool same = now.block[e] == shim->furthest.block[e];
@@ -65,7 +65,7 @@ static ern_status tell(struct ern_bench_shim *shim, const struct ern_stream *str
   }
   struct ern_bench_call call = {.slot = slot, .section = shim->section};
   memcpy(&call.args, args, bytes);
-  return shim->hear(shim->user, &call);
+  return shim->on_call(shim->user, &call);
 }
 
 /* ---- slots ------------------------------------------------------------------------------------------------------- */
@@ -87,7 +87,7 @@ static bool is_fused(enum ern_bench_slot slot) {
     if (status == ERN_OK && shim->apart) status = ern_opencl_finish(stream);                            \
     if (sums != NULL) sums->seconds[shim->section][ERN_BENCH_SLOT_##slot] += ern_profile_now() - began; \
     if (whole) shim->within = false;                                                                    \
-    if (status == ERN_OK) status = tell(shim, stream, ERN_BENCH_SLOT_##slot, args, sizeof *args);       \
+    if (status == ERN_OK) status = notify(shim, stream, ERN_BENCH_SLOT_##slot, args, sizeof *args);     \
     return status;                                                                                      \
   }
 ERN_SLOTS(SHIM_SLOT)
@@ -229,13 +229,13 @@ double ern_bench_shim_marched(const struct ern_bench_shim *shim) {
   return samples;
 }
 
-void ern_bench_shim_listen(struct ern_bench_shim *shim, ern_status (*hear)(void *user, const struct ern_bench_call *),
-                           void *user) {
-  if (hear != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(shim->main);
-  shim->hear = hear;
+void ern_bench_shim_listen(struct ern_bench_shim *shim,
+                           ern_status (*on_call)(void *user, const struct ern_bench_call *), void *user) {
+  if (on_call != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(shim->main);
+  shim->on_call = on_call;
   shim->user = user;
-  /* arguments that were heard lie in scratch that has been given back since: it is not to be given out again */
-  if (hear == NULL && shim->main != NULL) ern_arena_release(shim->main, shim->furthest);
+  /* arguments that were reported lie in scratch that has been given back since: it is not to be given out again */
+  if (on_call == NULL && shim->main != NULL) ern_arena_release(shim->main, shim->furthest);
 }
 
 ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call) {

@@ -55,7 +55,7 @@ size_t ern_bench_devices(ern_backend *const *backends, size_t count) {
   return devices;
 }
 
-ern_status ern_bench_tell(ern_context *context, const ern_bench_options *options, size_t done, size_t all) {
+ern_status ern_bench_progress(ern_context *context, const ern_bench_options *options, size_t done, size_t all) {
   if (options->progress == NULL || options->progress(options->user, done, all) == 0) return ERN_OK;
   return ern_fail(context, ERN_E_CANCELLED, "bench: stopped after %zu of %zu parts", done, all);
 }

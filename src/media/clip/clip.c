@@ -58,7 +58,7 @@ static ern_status check_folder(ern_context *context, const char *folder) {
 static const char own_name[] = "aud_cep.npy";
 
 /* The features that a network makes of clip->speech_path. */
-static ern_status hear(ern_clip *clip, ern_speech_network *network) {
+static ern_status compute_features(ern_clip *clip, ern_speech_network *network) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_string_copy(clip->context, ern_speech_network_kind(network), &clip->speech_kind));
   ERN_TRY(ern_string_copy(clip->context, ern_speech_network_description(network), &clip->speech_network));
@@ -84,7 +84,7 @@ static ern_status open_features(ern_clip *clip, const ern_clip_options *options)
     ERN_TRY(ern_path_join(clip->context, clip->folder, name, &clip->speech_path));
   }
   ERN_TRY(ern_string_copy(clip->context, name, &clip->features_file));
-  if (options->network != NULL) return hear(clip, options->network);
+  if (options->network != NULL) return compute_features(clip, options->network);
   ERN_TRY(ern_speech_open(clip->context, clip->speech_path, NULL, &clip->features));
   clip->info.hears_sound = ern_speech_is_sound(clip->speech_path);
   /* 13 numbers may be anybody's cepstra: only our own files are known by their name */
@@ -129,7 +129,7 @@ fail:
 }
 
 /* What was parsed since `before` is what the identity is of. */
-static ern_status settle_identity(ern_clip *clip, const char *before) {
+static ern_status verify_identity(ern_clip *clip, const char *before) {
   const ern_status status = identity_of(clip, clip->info.identity);
   if (status != ERN_OK || strcmp(before, clip->info.identity) == 0) return status;
   return ern_fail(clip->context, ERN_E_FORMAT, "%s/: transforms_train.json or bc.jpg changed while they were read",
@@ -247,7 +247,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
             clip->features.windows, aud_id);
   }
   ERN_TRY(open_background(clip));
-  ERN_TRY(settle_identity(clip, identity));
+  ERN_TRY(verify_identity(clip, identity));
   ERN_TRY(ern_clip_blink(context, clip->folder, img_id, &blink, &blink_count));
   clip->info.has_blink = blink != NULL;
   ERN_TRY(find_optional(clip));

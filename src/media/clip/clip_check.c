@@ -31,8 +31,8 @@ struct report {
   const char *speech; /* kind of the features */
 };
 
-static void tell(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
-static void tell(struct report *report, int ok, const char *format, ...) {
+static void add_line(struct report *report, int ok, const char *format, ...) ERN_PRINTF(3, 4);
+static void add_line(struct report *report, int ok, const char *format, ...) {
   char sentence[SENTENCE_BYTES];
   va_list arguments;
   va_start(arguments, format);
@@ -50,7 +50,7 @@ static void say_wrong(struct report *report, ern_status status, const char *help
     report->first = status;
     snprintf(report->first_reason, sizeof report->first_reason, "%s", reason);
   }
-  tell(report, NEEDED, "%s.%s%s", reason, help[0] != 0 ? " " : "", help);
+  add_line(report, NEEDED, "%s.%s%s", reason, help[0] != 0 ? " " : "", help);
 }
 
 static void check_poses(struct report *report) {
@@ -63,17 +63,17 @@ static void check_poses(struct report *report) {
     return;
   }
   report->poses = true;
-  tell(report, THERE, "transforms_train.json: %zu frames of %d x %d pixels to train on, focal length %.6g.",
-       train->count, train->width, train->height, train->focal);
+  add_line(report, THERE, "transforms_train.json: %zu frames of %d x %d pixels to train on, focal length %.6g.",
+           train->count, train->width, train->height, train->focal);
   status = ern_clip_val_poses(context, report->folder, train, val);
   if (status != ERN_OK) {
     say_wrong(report, status, "The step save transforms (the public program's process.py, task 9) makes it.");
   } else if (val->count == 0) {
-    tell(report, OPTIONAL,
-         "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
-         "(the public program's process.py, task 9) makes it.");
+    add_line(report, OPTIONAL,
+             "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
+             "(the public program's process.py, task 9) makes it.");
   } else {
-    tell(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
+    add_line(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
   }
 }
 
@@ -86,10 +86,10 @@ static void check_background(struct report *report) {
   if (status != ERN_OK) {
     say_wrong(report, status, "The step extract background (the public program's process.py, task 5) makes it.");
   } else if (report->poses && (width != train->width || height != train->height)) {
-    tell(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
-         train->width, train->height);
+    add_line(report, THERE, "bc.jpg: the background is %d x %d pixels and will be scaled to %d x %d.", width, height,
+             train->width, train->height);
   } else {
-    tell(report, THERE, "bc.jpg: the background, %d x %d pixels.", width, height);
+    add_line(report, THERE, "bc.jpg: the background, %d x %d pixels.", width, height);
   }
 }
 
@@ -126,7 +126,7 @@ static bool check_files(struct report *report, ern_clip_part part, const char *w
     }
   }
   if (wrong == 0) {
-    tell(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
+    add_line(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
     return true;
   }
   ern_fail(report->context, first, "%s: %zu of %zu frames have no good file, the first is %s",
@@ -150,12 +150,13 @@ static void check_alpha(struct report *report) {
     transparent += image.data[4 * i + 3] == 0;
   }
   if (opaque == pixels) {
-    tell(report, OPTIONAL,
-         "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
-         "transparent outside the torso (the public program's process.py, task 6).",
-         path);
+    add_line(
+        report, OPTIONAL,
+        "%s: no pixel is transparent, so it hides the background and leaves the head nothing to learn; expected RGBA, "
+        "transparent outside the torso (the public program's process.py, task 6).",
+        path);
   } else if (transparent == pixels) {
-    tell(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
+    add_line(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
   }
 fail:
   if (status != ERN_OK) say_wrong(report, status, "");
@@ -184,19 +185,19 @@ static void check_frames(struct report *report) {
                 "The steps extract images, and extract torso and ground truth (the public program's process.py, tasks "
                 "3 and 6), make them.");
   }
-  if (!there[0]) tell(report, OPTIONAL, "%s", optional[0][1]);
+  if (!there[0]) add_line(report, OPTIONAL, "%s", optional[0][1]);
   if (there[0] && report->poses) {
     report->torso =
         check_files(report, ERN_PART_TORSO, "the torso pictures",
                     "The step extract torso and ground truth (the public program's process.py, task 6) makes them.");
     if (report->torso) check_alpha(report);
   }
-  if (!there[1]) tell(report, OPTIONAL, "%s", optional[1][1]);
+  if (!there[1]) add_line(report, OPTIONAL, "%s", optional[1][1]);
   if (there[1] && report->poses) {
     report->landmarks = check_files(report, ERN_PART_LANDMARKS, "the landmarks",
                                     "The step landmarks (the public program's process.py, task 7) makes them.");
   }
-  if (!there[2]) tell(report, OPTIONAL, "%s", optional[2][1]);
+  if (!there[2]) add_line(report, OPTIONAL, "%s", optional[2][1]);
   if (there[2] && report->poses)
     check_files(report, ERN_PART_PARSING, "the head, neck and torso",
                 "The step face parsing (the public program's process.py, task 4) makes them; without the folder the "
@@ -221,26 +222,27 @@ static void check_lengths(struct report *report, size_t windows) {
   const double rate = frame_rate * frames / (double)windows;
   for (size_t i = 0; i < sizeof rates / sizeof rates[0]; i++) {
     if (fabs(rate / rates[i] - 1) > 0.01) continue;
-    tell(report, OPTIONAL,
-         "%s: %zu windows, but frames up to aud_id %" PRId64
-         ": the video looks like one of %.5g frames a second, so sound "
-         "and picture drift apart. Convert it to 25 (ffmpeg -r 25) and preprocess it again.",
-         report->features_name, windows, aud_id, rates[i]);
+    add_line(report, OPTIONAL,
+             "%s: %zu windows, but frames up to aud_id %" PRId64
+             ": the video looks like one of %.5g frames a second, so sound "
+             "and picture drift apart. Convert it to 25 (ffmpeg -r 25) and preprocess it again.",
+             report->features_name, windows, aud_id, rates[i]);
     return;
   }
   if ((double)windows < frames) {
-    tell(report, OPTIONAL,
-         "%s: %zu windows, but frames up to aud_id %" PRId64
-         ": the frames past the end repeat the last window. Sound and "
-         "picture may drift apart; extract audio and its features again (the public program's process.py, tasks 1 and "
-         "2).",
-         report->features_name, windows, aud_id);
+    add_line(
+        report, OPTIONAL,
+        "%s: %zu windows, but frames up to aud_id %" PRId64
+        ": the frames past the end repeat the last window. Sound and "
+        "picture may drift apart; extract audio and its features again (the public program's process.py, tasks 1 and "
+        "2).",
+        report->features_name, windows, aud_id);
   } else {
-    tell(report, OPTIONAL,
-         "%s: %zu windows, but frames only up to aud_id %" PRId64
-         ": this is right if only a part "
-         "of the video was tracked, else sound and picture drift apart.",
-         report->features_name, windows, aud_id);
+    add_line(report, OPTIONAL,
+             "%s: %zu windows, but frames only up to aud_id %" PRId64
+             ": this is right if only a part "
+             "of the video was tracked, else sound and picture drift apart.",
+             report->features_name, windows, aud_id);
   }
 }
 
@@ -262,11 +264,11 @@ static void check_features(struct report *report) {
   const bool sound = ern_speech_is_sound(path);
   report->speech = features_kind(report, &features, sound);
   if (sound)
-    tell(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.", report->features_name,
-         ERN_SPEECH_CEPSTRA, features.windows);
+    add_line(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.",
+             report->features_name, ERN_SPEECH_CEPSTRA, features.windows);
   else
-    tell(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
-         report->speech, features.windows, features.window_length, features.width);
+    add_line(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
+             report->speech, features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
   ern_features_free(report->context, &features);
 }
@@ -283,8 +285,8 @@ static void check_blink(struct report *report) {
     return;
   }
   if (blink == NULL) {
-    tell(report, OPTIONAL,
-         "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
+    add_line(report, OPTIONAL,
+             "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
     return;
   }
   for (size_t i = 0; i < count; i++) { /* as an eye value, up to 2 counts */
@@ -293,13 +295,14 @@ static void check_blink(struct report *report) {
   }
   report->blink = (double)fminf(most, 2) - (double)fmaxf(least, 0) >= 2 * ERN_CLIP_BLINK;
   if (report->blink) {
-    tell(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
+    add_line(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
   } else if (most > 0) {
-    tell(report, OPTIONAL,
-         "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
-         (double)least, (double)most, count);
+    add_line(report, OPTIONAL,
+             "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
+             (double)least, (double)most, count);
   } else {
-    tell(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.", count);
+    add_line(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.",
+             count);
   }
   ern_release(report->context, blink);
 }
@@ -312,9 +315,9 @@ static void check_sound(struct report *report) {
   int64_t img_id = 0, aud_id = 0;
   ern_status status = ern_clip_has(report->context, report->folder, "aud.wav", &there);
   if (status == ERN_OK && !there) {
-    tell(report, OPTIONAL,
-         "aud.wav: missing. Rendered videos will have no sound; the step extract audio (the public program's "
-         "process.py, task 1) makes it.");
+    add_line(report, OPTIONAL,
+             "aud.wav: missing. Rendered videos will have no sound; the step extract audio (the public program's "
+             "process.py, task 1) makes it.");
     return;
   }
   snprintf(path, sizeof path, "%s/aud.wav", report->folder);
@@ -322,49 +325,54 @@ static void check_sound(struct report *report) {
   if (status != ERN_OK) {
     char reason[REASON_BYTES];
     (void)ern_last_error_copy(report->context, reason, sizeof reason);
-    tell(report, OPTIONAL,
-         "%s. Rendered videos will have no sound; extract audio (the public program's process.py, task 1) makes it.",
-         reason);
+    add_line(
+        report, OPTIONAL,
+        "%s. Rendered videos will have no sound; extract audio (the public program's process.py, task 1) makes it.",
+        reason);
     return;
   }
   if (sound.frames == 0) {
-    tell(report, OPTIONAL,
-         "aud.wav: 0 samples. Rendered videos will have no sound; extract audio (the public program's process.py, task "
-         "1) makes it.");
+    add_line(
+        report, OPTIONAL,
+        "aud.wav: 0 samples. Rendered videos will have no sound; extract audio (the public program's process.py, task "
+        "1) makes it.");
     ern_sound_free(report->context, &sound);
     return;
   }
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const double seconds = (double)sound.frames / sound.rate, pictures = ((double)aud_id + 1) / frame_rate;
-  tell(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);
+  add_line(report, THERE, "aud.wav: %.2f s of sound at %d Hz for rendered videos.", seconds, sound.rate);
   if (report->poses && seconds < pictures - 0.4) {
-    tell(report, OPTIONAL, "aud.wav: %.2f s, but pictures up to %.2f s at 25 frames a second: the rest will be silent.",
-         seconds, pictures);
+    add_line(report, OPTIONAL,
+             "aud.wav: %.2f s, but pictures up to %.2f s at 25 frames a second: the rest will be silent.", seconds,
+             pictures);
   }
   ern_sound_free(report->context, &sound);
 }
 
 /* The other sentences name the public script, process.py, which did not make such a clip. */
-static void tell_of_prepare(struct report *report) {
+static void report_prepare(struct report *report) {
   bool there = false;
   const ern_status status = ern_clip_has(report->context, report->folder, "prepare.json", &there);
   if (status != ERN_OK || !there || !report->lacks) return;
-  tell(report, THERE,
-       "prepare.json: `ernerf prepare` made this clip; the same call again, `ernerf prepare VIDEO -o CLIP` with its "
-       "options, makes the files that are missing.");
+  add_line(
+      report, THERE,
+      "prepare.json: `ernerf prepare` made this clip; the same call again, `ernerf prepare VIDEO -o CLIP` with its "
+      "options, makes the files that are missing.");
 }
 
 static void summarise(struct report *report) {
   if (report->first != ERN_OK) {
-    tell(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
+    add_line(report, NEEDED, "Not ready: `ernerf train` would refuse this clip.");
     return;
   }
-  tell(report, THERE,
-       "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
-       report->lists[ERN_SPLIT_TRAIN].count, report->speech,
-       report->blink ? ", its blinking from au.csv" : ", no blinking",
-       report->landmarks ? ", the face distinguished by its landmarks" : "",
-       report->torso ? "will learn the torso" : "cannot run on it");
+  add_line(
+      report, THERE,
+      "`ernerf train` will learn a head from %zu frames, its mouth from %s features%s%s; `ernerf train --torso` %s.",
+      report->lists[ERN_SPLIT_TRAIN].count, report->speech,
+      report->blink ? ", its blinking from au.csv" : ", no blinking",
+      report->landmarks ? ", the face distinguished by its landmarks" : "",
+      report->torso ? "will learn the torso" : "cannot run on it");
 }
 
 static ern_status check_folder(struct report *report) {
@@ -392,7 +400,7 @@ ern_status ern_clip_check(ern_context *context, const char *folder,
     check_frames(&report);
     check_blink(&report);
     check_sound(&report);
-    tell_of_prepare(&report);
+    report_prepare(&report);
     summarise(&report);
   }
   ern_pose_list_free(context, &report.lists[ERN_SPLIT_TRAIN]);

@@ -196,7 +196,7 @@ static bool is_frame_ready(const ern_live *l, uint64_t number, int look_ahead) {
 static bool is_ready(const ern_live *l, int look_ahead) { return is_frame_ready(l, l->next, look_ahead); }
 
 /* Rows that tick `tick` may hear, counted from the first. */
-static uint64_t rows_heard(const ern_live *l, uint64_t tick) {
+static uint64_t rows_available(const ern_live *l, uint64_t tick) {
   uint64_t ahead = (uint64_t)l->options.look_ahead;
   const uint64_t whole = whole_ticks(l);
   if (!l->ended && whole < tick + ahead + 1) ahead = whole > tick ? whole - tick - 1 : 0;
@@ -404,7 +404,7 @@ ern_status ern_live_end(ern_live *live) {
 static void make_windows(const ern_live *l, uint64_t tick, float *windows) {
   const struct ern_live_speech *s = &l->speech;
   const size_t window = (size_t)s->window_length * (size_t)s->width;
-  const uint64_t end = rows_heard(l, tick);
+  const uint64_t end = rows_available(l, tick);
   for (int k = 0; k < ERN_LIVE_WINDOWS; k++)
     ern_live_speech_window(s, (int64_t)tick + k - ERN_LIVE_WINDOWS_BEFORE, end, windows + (size_t)k * window);
 }
@@ -413,7 +413,7 @@ static void make_windows(const ern_live *l, uint64_t tick, float *windows) {
 static ern_status find_pause(ern_live *l, uint64_t tick, bool *pause) {
   const struct ern_live_speech *s = &l->speech;
   const size_t window = (size_t)s->window_length * (size_t)s->width;
-  const uint64_t first = tick > PAUSE_BEFORE ? tick - PAUSE_BEFORE : 0, end = rows_heard(l, tick);
+  const uint64_t first = tick > PAUSE_BEFORE ? tick - PAUSE_BEFORE : 0, end = rows_available(l, tick);
   const size_t here = (size_t)(tick - first);
   ern_features around = {
       .data = l->pause, .windows = here + 1 + PAUSE_AFTER, .window_length = s->window_length, .width = s->width};

@@ -262,7 +262,7 @@ ern_status ern_video_join(ern_context *context, const char *path, const char *co
   struct joined j = {.context = context, .file = {.descriptor = -1}};
   struct segment first = {.path = NULL};
   ern_status status = ERN_OK;
-  ern_av_hush();
+  ern_av_disable_log();
   if (count == 0) return ern_fail(context, ERN_E_ARGUMENT, "%s: 0 videos are to be joined, expected 1 or more", path);
   ERN_TRY(ern_sound_track_check(context, path, sound, sound_start));
   for (size_t k = 0; k < count; k++) ERN_NEED(context, segments[k]);

@@ -7,7 +7,7 @@
 #include "io/file.h"
 #include "prepare/head_shape.h"
 #include "prepare/landmarks/landmark_network.h"
-#include "prepare/landmarks/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_supplied.h"
 #include "prepare/landmarks/landmarks_template.h"
 #include "prepare/landmarks/openface.h"
 #include "prepare/stabilized_crop.h"
@@ -39,7 +39,8 @@ static ern_status fit_eyes(struct fit *fit) {
     bool both = faces[i].has_eyes;
     for (int e = 0; e < 2 && both; e++) {
       const double pixel[2] = {(double)faces[i].eyes[e][0], (double)faces[i].eyes[e][1]};
-      both = ern_head_meet(&fit->poses[faces[i].frame], fit->job->focal, 0.5 * fit->job->side, pixel, false, at[e]);
+      both =
+          ern_head_intersect(&fit->poses[faces[i].frame], fit->job->focal, 0.5 * fit->job->side, pixel, false, at[e]);
     }
     if (!both) continue;
     values[0][n] = (float)(0.5 * (at[0][0] + at[1][0]));
@@ -256,9 +257,9 @@ fail:
   return status;
 }
 
-/* How far what was brought lies from the heads. */
-static ern_status check_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses,
-                                const float (*points)[ERN_LANDMARKS][2]) {
+/* How far what was supplied lies from the heads. */
+static ern_status check_supplied(struct ern_prepare_job *job, const struct ern_head_pose *poses,
+                                 const float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
   float *apart = NULL, guess[ERN_LANDMARKS][2];
   size_t astray = 0;
@@ -293,10 +294,10 @@ static ern_status from_user(struct ern_prepare_job *job) {
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
   ERN_TRY(ERN_NEW(job->context, job->frames, &points));
   if (!files) ERN_TRY(ern_prepare_poses_read(job, poses));
-  ERN_TRY(ern_landmarks_bring(job, NULL, poses, job->frames, points, &held));
+  ERN_TRY(ern_landmarks_supplied(job, NULL, poses, job->frames, points, &held));
   for (size_t i = 0; i < job->frames; i++) ERN_TRY(write_points(job, i, (const float(*)[2])points[i]));
   if (held > 0) ern_openface_check(job, job->options->landmarks, held);
-  if (!files) ERN_TRY(check_brought(job, poses, (const float(*)[ERN_LANDMARKS][2])points));
+  if (!files) ERN_TRY(check_supplied(job, poses, (const float(*)[ERN_LANDMARKS][2])points));
 fail:
   ern_release(job->context, poses);
   ern_release(job->context, points);

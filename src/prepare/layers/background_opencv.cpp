@@ -110,8 +110,8 @@ double difference(const cv::Vec3b &a, const cv::Vec3b &b) {
                    std::pow(double(a[2]) - b[2], 2));
 }
 
-/* How the picture that was brought differs from what was seen, and how the frames differ from the background. */
-void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &brought, ern_person_found *found) {
+/* How the picture that was supplied differs from what was seen, and how the frames differ from the background. */
+void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &supplied, ern_person_found *found) {
   const int n = model.side;
   double sum = 0;
   size_t seen = 0, outside = 0, unlike = 0, behind = 0;
@@ -119,8 +119,8 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
     for (int x = 0; x < n; x++) {
       if (model.seen.at<uchar>(y, x) == 0) {
         behind++;
-      } else if (!brought.empty()) {
-        sum += difference(model.background.at<cv::Vec3b>(y, x), brought.at<cv::Vec3b>(y, x));
+      } else if (!supplied.empty()) {
+        sum += difference(model.background.at<cv::Vec3b>(y, x), supplied.at<cv::Vec3b>(y, x));
         seen++;
       }
     }
@@ -136,7 +136,7 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
   }
   found->never_seen = double(behind) / (double(n) * n);
   found->unlike = outside > 0 ? double(unlike) / double(outside) : 0;
-  found->brought_difference = seen > 0 ? sum / (std::sqrt(3.0) * double(seen)) : 0;
+  found->supplied_difference = seen > 0 ? sum / (std::sqrt(3.0) * double(seen)) : 0;
 }
 
 }  // namespace
@@ -144,21 +144,21 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found) {
   const int n = model->side;
   const cv::Size small(model->work, model->work);
-  cv::Mat noise, brought;
+  cv::Mat noise, supplied;
   medians(model, noise);
-  if (background != nullptr) brought = cv::Mat(n, n, CV_8UC3, const_cast<uint8_t *>(background)).clone();
+  if (background != nullptr) supplied = cv::Mat(n, n, CV_8UC3, const_cast<uint8_t *>(background)).clone();
   if (key) {
     const cv::Vec3b colour = screen_colour(*model);
-    brought = cv::Mat(n, n, CV_8UC3, cv::Scalar(colour[0], colour[1], colour[2]));
+    supplied = cv::Mat(n, n, CV_8UC3, cv::Scalar(colour[0], colour[1], colour[2]));
   }
-  measure(*model, noise, brought, found);
-  if (brought.empty()) {
+  measure(*model, noise, supplied, found);
+  if (supplied.empty()) {
     model->background = filled(model->background, model->seen);
     model->shown = model->background;
   } else {
-    brought.copyTo(model->background, model->seen == 0);
+    supplied.copyTo(model->background, model->seen == 0);
     model->seen.setTo(255);
-    model->shown = brought;
+    model->shown = supplied;
   }
   cv::Mat area;
   cv::resize(model->background, area, small, 0, 0, cv::INTER_AREA);

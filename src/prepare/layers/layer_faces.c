@@ -61,7 +61,7 @@ void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_la
   if (!ern_head_project(&from->pose, from->focal, from->middle, origin, home)) return;
   for (double part = 1; part > 0.05; part *= 0.9) {
     for (int i = 0; i < 2; i++) at[i] = home[i] + part * (pixel[i] - home[i]);
-    if (!ern_head_meet(&from->pose, from->focal, from->middle, at, false, point)) continue;
+    if (!ern_head_intersect(&from->pose, from->focal, from->middle, at, false, point)) continue;
     double to_pixel[2];
     if (!ern_head_project(&to->pose, to->focal, to->middle, point, to_pixel)) return;
     for (int i = 0; i < 2; i++) moved[i] += to_pixel[i] - at[i];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What the files of the step "layers" share. A mask of the person is found on pictures of `work` pixels a side (about
- * half of the clip's) and then brought to the clip's side. */
+ * half of the clip's) and then scaled to the clip's side. */
 #ifndef ERN_PREPARE_LAYERS_H
 #define ERN_PREPARE_LAYERS_H
 
@@ -36,9 +36,9 @@ struct ern_person_model;
 int ern_person_work(int side);
 ERN_NODISCARD ern_status ern_person_model_make(ern_context *context, int side, struct ern_person_model **model);
 void ern_person_model_free(struct ern_person_model *model); /* accepts NULL */
-/* Takes a frame as an example. `brought` is a mask of the person, side x side, 0..255; NULL: it is looked for. */
+/* Takes a frame as an example. `supplied` is a mask of the person, side x side, 0..255; NULL: it is looked for. */
 ERN_NODISCARD ern_status ern_person_model_add(struct ern_person_model *model, const uint8_t *rgb,
-                                              const struct ern_layer_face *face, const uint8_t *brought);
+                                              const struct ern_layer_face *face, const uint8_t *supplied);
 
 /* What learning found. */
 struct ern_person_found {
@@ -46,8 +46,8 @@ struct ern_person_found {
   double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
   double shifted;    /* share of the examples in which the background's motion could be told */
   double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
-  double brought_difference; /* grey values: mean over pixels of the root mean square over the three colours of how the
-                                picture that was brought differs from what was seen; 0 without one */
+  double supplied_difference; /* grey values: mean over pixels of the root mean square over the three colours of how the
+                                picture that was supplied differs from what was seen; 0 without one */
 };
 /* Learns colours, places and the background from the examples. `background`: side x side RGB of the place behind the
  * person, or NULL; `key`: the background has one colour. */
@@ -56,9 +56,9 @@ ERN_NODISCARD ern_status ern_person_model_learn(struct ern_person_model *model, 
 /* The background for the clip, side x side RGB; lies in the model. */
 const uint8_t *ern_person_model_background(const struct ern_person_model *model);
 
-/* mask[work][work] 0 or 255 of the next frame; `brought` as above. */
+/* mask[work][work] 0 or 255 of the next frame; `supplied` as above. */
 ERN_NODISCARD ern_status ern_person_mask(struct ern_person_model *model, const uint8_t *rgb,
-                                         const struct ern_layer_face *face, const uint8_t *brought, uint8_t *mask);
+                                         const struct ern_layer_face *face, const uint8_t *supplied, uint8_t *mask);
 /* Mean of the masks of neighbouring frames, carried along with the head to frame `which` of them: voted[work][work]
  * 0..255. */
 ERN_NODISCARD ern_status ern_person_vote(struct ern_person_model *model, const uint8_t *const *masks,
@@ -89,16 +89,16 @@ void ern_person_network_free(struct ern_person_network *network); /* accepts NUL
 ERN_NODISCARD ern_status ern_person_network_run(struct ern_person_network *network, const uint8_t *rgb,
                                                 const struct ern_layer_face *face, int side, uint8_t *mask);
 
-/* The masks that the user brought: a folder, or a network. */
-struct ern_brought_masks;
-ERN_NODISCARD ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brought_masks **masks);
+/* The masks that the user supplied: a folder, or a network. */
+struct ern_supplied_masks;
+ERN_NODISCARD ern_status ern_supplied_masks_open(struct ern_prepare_job *job, struct ern_supplied_masks **masks);
 /* Whether all can be read; of a network, whether it can be opened. */
-ERN_NODISCARD ern_status ern_brought_masks_check(struct ern_prepare_job *job);
-void ern_brought_masks_free(struct ern_brought_masks *masks); /* accepts NULL */
+ERN_NODISCARD ern_status ern_supplied_masks_check(struct ern_prepare_job *job);
+void ern_supplied_masks_free(struct ern_supplied_masks *masks); /* accepts NULL */
 /* mask[side][side] 0..255 of the person; parts[side][side] where *has_parts. */
-ERN_NODISCARD ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const uint8_t *rgb,
-                                          const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts,
-                                          bool *has_parts);
+ERN_NODISCARD ern_status ern_supplied_mask(struct ern_supplied_masks *masks, size_t frame, const uint8_t *rgb,
+                                           const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts,
+                                           bool *has_parts);
 
 #ifdef __cplusplus
 }

@@ -39,7 +39,7 @@ struct ern_person_model {
   ern_context *context;
   int side, work;
   std::vector<ern_person_example> examples;
-  bool brought; /* the examples' masks are the user's */
+  bool supplied; /* the examples' masks are the user's */
   /* Of the place: background and what was seen of it (255) of side; small ones of work: CV_32FC3, noise CV_32F in grey
    * values, and how far they are to be trusted, 0..1. `shown` is what the clip gets. */
   cv::Mat background, seen, shown, small_background, small_noise, small_trust;

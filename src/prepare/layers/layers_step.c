@@ -28,7 +28,7 @@ struct voter { /* a frame whose mask is found, and whose neighbours' may not be 
 struct layers {
   struct ern_prepare_job *job;
   struct ern_layer_face *faces; /* [job->frames] */
-  struct ern_brought_masks *brought;
+  struct ern_supplied_masks *supplied;
   struct ern_person_model *model;
   struct ern_person_found found;
   double place;             /* as of read_background() */
@@ -66,7 +66,7 @@ static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
   }
   ERN_TRY(ern_layer_faces_read(job, l->faces));
   ERN_TRY(ern_person_model_make(job->context, job->side, &l->model));
-  if (job->options->masks != NULL) ERN_TRY(ern_brought_masks_open(job, &l->brought));
+  if (job->options->masks != NULL) ERN_TRY(ern_supplied_masks_open(job, &l->supplied));
 fail:
   return status;
 }
@@ -74,7 +74,7 @@ fail:
 static void close_layers(struct layers *l) {
   ern_context *context = l->job->context;
   ern_person_model_free(l->model);
-  ern_brought_masks_free(l->brought);
+  ern_supplied_masks_free(l->supplied);
   for (int i = 0; i < VOTES; i++) {
     ern_image_free(context, &l->ring[i].image);
     ern_release(context, l->ring[i].mask);
@@ -149,9 +149,9 @@ static ern_status learn(struct layers *l, size_t total) {
     const size_t frame = count > 1 ? i * (job->frames - 1) / (count - 1) : 0;
     bool has_parts = false;
     ERN_TRY(read_frame(job, frame, &image));
-    if (l->brought != NULL)
-      ERN_TRY(ern_brought_mask(l->brought, frame, image.data, &l->faces[frame], l->mask, l->parts, &has_parts));
-    ERN_TRY(ern_person_model_add(l->model, image.data, &l->faces[frame], l->brought != NULL ? l->mask : NULL));
+    if (l->supplied != NULL)
+      ERN_TRY(ern_supplied_mask(l->supplied, frame, image.data, &l->faces[frame], l->mask, l->parts, &has_parts));
+    ERN_TRY(ern_person_model_add(l->model, image.data, &l->faces[frame], l->supplied != NULL ? l->mask : NULL));
     ern_image_free(job->context, &image);
     ERN_TRY(ern_prepare_progress(job, i + 1, total));
   }
@@ -255,9 +255,10 @@ static ern_status cut_out(struct layers *l, size_t done, size_t total) {
       struct voter *own = &l->ring[f % VOTES];
       ern_image_free(job->context, &own->image);
       ERN_TRY(read_frame(job, f, &own->image));
-      if (l->brought != NULL)
-        ERN_TRY(ern_brought_mask(l->brought, f, own->image.data, &l->faces[f], l->mask, own->parts, &own->has_parts));
-      ERN_TRY(ern_person_mask(l->model, own->image.data, &l->faces[f], l->brought != NULL ? l->mask : NULL, own->mask));
+      if (l->supplied != NULL)
+        ERN_TRY(ern_supplied_mask(l->supplied, f, own->image.data, &l->faces[f], l->mask, own->parts, &own->has_parts));
+      ERN_TRY(
+          ern_person_mask(l->model, own->image.data, &l->faces[f], l->supplied != NULL ? l->mask : NULL, own->mask));
     }
     if (f < VOTES / 2) continue;
     const size_t frame = f - VOTES / 2, last = f < job->frames ? f : job->frames - 1;
@@ -282,12 +283,12 @@ static void check_place(struct ern_prepare_job *job, const struct ern_person_fou
                            "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
                            "--masks helps, or a stretch where it stands still (--from, --to)",
                            100 * found->unlike);
-  if (found->brought_difference > 23)
+  if (found->supplied_difference > 23)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "--background %s differs from what is seen beside the person by %.0f grey values, expected 23 at "
         "most: a picture of the same place from the same camera",
-        job->options->background, found->brought_difference);
+        job->options->background, found->supplied_difference);
 }
 
 static void check_shoulders(const struct layers *l) {
@@ -316,7 +317,7 @@ static void check_person(struct ern_prepare_job *job, const struct ern_person_fo
   ern_prepare_figure(job, "background_shift", found->shift);
   ern_prepare_figure(job, "background_shift_told", found->shifted);
   ern_prepare_figure(job, "border_faint", faint);
-  if (job->options->background != NULL) ern_prepare_figure(job, "background_difference", found->brought_difference);
+  if (job->options->background != NULL) ern_prepare_figure(job, "background_difference", found->supplied_difference);
   if (covered < 0.08 || covered > 0.92)
     ern_prepare_add_reason(
         job, covered < 0.02 || covered > 0.98 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
@@ -365,7 +366,7 @@ ern_status ern_prepare_layers_check(struct ern_prepare_job *job) {
   const char *place = job->options->background;
   ern_image background = {0};
   double share = 0;
-  if (job->options->masks != NULL) ERN_TRY(ern_brought_masks_check(job));
+  if (job->options->masks != NULL) ERN_TRY(ern_supplied_masks_check(job));
   if (place != NULL && strcmp(place, "key") != 0) ERN_TRY(read_background(job, &background, &share));
 fail:
   ern_image_free(job->context, &background);

@@ -121,7 +121,7 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
 }
 
 /* The place that stands still in many examples is learnt close to the head as well, where the mask leaves it. */
-void learn_still(ern_person_model *model) {
+void learn_static(ern_person_model *model) {
   const size_t count = model->examples.size();
   cv::Mat often(model->work, model->work, CV_8U, cv::Scalar(0));
   for (const ern_person_example &example : model->examples) cv::add(often, 1, often, example.motion < -STANDS_STILL);
@@ -338,19 +338,19 @@ ern_status ern_person_model_make(ern_context *context, int side, ern_person_mode
 void ern_person_model_free(ern_person_model *model) { delete model; }
 
 ern_status ern_person_model_add(ern_person_model *model, const uint8_t *rgb, const ern_layer_face *face,
-                                const uint8_t *brought) {
+                                const uint8_t *supplied) {
   return ern_layers_guarded(model->context, [&] {
     ern_person_example example;
     example.frame = cv::Mat(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb)).clone();
     example.small = small_of(*model, example.frame);
     example.face = *face;
-    if (brought == nullptr) {
+    if (supplied == nullptr) {
       seed(*model, example);
     } else {
-      example.mask = small_mask(*model, brought);
+      example.mask = small_mask(*model, supplied);
       example.place = around(*model, example.mask, example.face, NEAR);
     }
-    model->brought = brought != nullptr;
+    model->supplied = supplied != nullptr;
     model->examples.push_back(example);
     return ERN_OK;
   });
@@ -362,7 +362,7 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
   if (model->examples.empty()) return ern_fail(model->context, ERN_E_STATE, "layers: no frame to learn from");
   return ern_layers_guarded(model->context, [&] {
     ern_person_place_moves(*model, found);
-    if (!model->brought) {
+    if (!model->supplied) {
       ern_person_motion_learn(model);
       for (ern_person_example &example : model->examples)
         example.motion = ern_person_motion_odds(*model, example.small, example.face);
@@ -376,12 +376,12 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
         colours(*model, false, zone, model->place);
       }
       learn_places(model, round == 0);
-      if (round == ROUNDS || model->brought) break;
+      if (round == ROUNDS || model->supplied) break;
       for (ern_person_example &example : model->examples) {
         example.mask = person_of(*model, example.small, example.face, example.motion);
         example.place = around(*model, example.mask, example.face, round + 1 < ROUNDS ? 2 * NEAR : NEAR);
       }
-      learn_still(model);
+      learn_static(model);
     }
     model->examples.clear();
     return ERN_OK;
@@ -391,11 +391,11 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
 const uint8_t *ern_person_model_background(const ern_person_model *model) { return model->shown.ptr<uint8_t>(); }
 
 ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const ern_layer_face *face,
-                           const uint8_t *brought, uint8_t *mask) {
+                           const uint8_t *supplied, uint8_t *mask) {
   return ern_layers_guarded(model->context, [&] {
     const cv::Mat frame(model->side, model->side, CV_8UC3, const_cast<uint8_t *>(rgb));
-    if (brought != nullptr) {
-      model->last = small_mask(*model, brought);
+    if (supplied != nullptr) {
+      model->last = small_mask(*model, supplied);
     } else {
       const cv::Mat small = small_of(*model, frame);
       model->last = person_of(*model, small, *face, ern_person_motion_odds(*model, small, *face));

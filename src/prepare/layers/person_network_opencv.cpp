@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A person's mask by a network that the user brings as an ONNX file, on OpenCV's DNN module. */
+ * A person's mask by a network that the user supplies as an ONNX file, on OpenCV's DNN module. */
 #include <cmath>
 
 #include "prepare/layers/layers_opencv.h"

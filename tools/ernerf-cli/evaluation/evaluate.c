@@ -30,7 +30,7 @@ int evaluate_open(struct evaluation *evaluation, struct session *session, ern_cl
 int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portrait, struct session *session,
                            const struct args *args, struct measures *measures) {
   int status = portrait_open(portrait, session, args);
-  hearing_close(&portrait->source.hearing);
+  speech_model_close(&portrait->source.speech_model);
   if (status == 0)
     status = evaluate_open(evaluation, session, portrait->clip, (enum frame_source_split)portrait->split,
                            portrait->scale, (ern_audio_pad)portrait->audio_pad);

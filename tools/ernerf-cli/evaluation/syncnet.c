@@ -136,7 +136,7 @@ static int hear(struct syncnet *sync, struct session *session, const double *wav
   return status;
 }
 
-static int hear_sound(struct syncnet *sync, const struct evaluation *evaluation, const char *path) {
+static int read_sound(struct syncnet *sync, const struct evaluation *evaluation, const char *path) {
   struct session *session = evaluation->session;
   const size_t first = (size_t)evaluation->frame_source.source_frame[0].pose.img_id;
   const size_t samples = evaluation->frame_source.count * SAMPLES, from = first * SAMPLES;
@@ -211,7 +211,7 @@ int syncnet_open(struct syncnet *sync, const struct evaluation *evaluation, cons
   for (int s = 0; s < SYNC_SIDES; s++)
     if ((sync->input[s] = calloc(values, sizeof *sync->input[s])) == NULL)
       return session_fail_with(session, "no memory for %zu values", values);
-  return hear_sound(sync, evaluation, sound);
+  return read_sound(sync, evaluation, sound);
 }
 
 int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_t k) {

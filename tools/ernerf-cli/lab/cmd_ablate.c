@@ -177,7 +177,7 @@ static int open_all(struct ablate_job *job, const struct args *args) {
   struct session *session = &job->session;
   if (check_outputs(job) != 0) return EXIT_FAILURE;
   const int opened = clip_source_open(&job->source, session, &job->clip);
-  hearing_close(&job->source.hearing);
+  speech_model_close(&job->source.speech_model);
   if (opened != 0) return EXIT_FAILURE;
   int status = evaluate_open(&job->evaluation, session, job->clip, FRAME_SOURCE_VAL, 4, ERN_AUDIO_PAD_EDGE);
   if (status == 0 && args_given(args, "frames"))
@@ -451,12 +451,12 @@ int cmd_ablate(int argc, char **argv) {
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
-  if (status < 0) status = hearing_check(&job.source.hearing, &args, NULL);
+  if (status < 0) status = speech_model_check(&job.source.speech_model, &args, NULL);
   if (status < 0) status = choose_rows(&job, &args);
   job.session.rewrites = job.resume;
   job.session.inputs[0] = job.source.path;
-  job.session.inputs[1] = job.source.hearing.path;
-  job.session.inputs[2] = hearing_file(&job.source.hearing);
+  job.session.inputs[1] = job.source.speech_model.path;
+  job.session.inputs[2] = speech_model_file(&job.source.speech_model);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = open_all(&job, &args);

@@ -79,7 +79,7 @@ static int compare_all(struct compare *c) {
     progress_at(&progress, k + 1, count, "");
   }
   progress_end(&progress);
-  return compare_settle(c);
+  return compare_make_rows(c);
 }
 
 static int report(struct compare *c) {
@@ -105,7 +105,7 @@ static void close_all(struct compare *c, bool done) {
   }
   perceptual_distance_close(&c->perceptual);
   ern_clip_free(&c->clip);
-  hearing_close(&c->asked.source.hearing);
+  speech_model_close(&c->asked.source.speech_model);
   plot_end();
   session_close(&c->session);
 }
@@ -115,7 +115,7 @@ static int check_words(const struct compare *c, const struct args *args) {
       "audio audio-pad max_steps dt_gamma transmittance_stop occupancy_threshold torso_shrink scale image_scale force "
       "asr_model speech-model speech-preset backend device deterministic isa threads";
   if (c->folder == NULL) return args_refuse(args, "-o DIR is missing");
-  int status = hearing_check(&c->asked.source.hearing, args, c->asked.source.features);
+  int status = speech_model_check(&c->asked.source.speech_model, args, c->asked.source.features);
   if (status < 0 && c->asked.source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0)
@@ -130,8 +130,8 @@ static void set_inputs(struct compare *c) {
                                 c->path[1],
                                 c->asked.source.path,
                                 c->asked.source.features,
-                                c->asked.source.hearing.path,
-                                hearing_file(&c->asked.source.hearing),
+                                c->asked.source.speech_model.path,
+                                speech_model_file(&c->asked.source.speech_model),
                                 c->perceptual.weights.network,
                                 c->perceptual.weights.heads};
   static_assert(sizeof inputs / sizeof *inputs <= SESSION_INPUTS, "more inputs than a session looks after");

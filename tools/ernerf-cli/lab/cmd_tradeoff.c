@@ -82,7 +82,7 @@ static int open_all(struct tradeoff *t, const struct args *args) {
   struct session *session = &t->session;
   if (check_outputs(t) != 0) return EXIT_FAILURE;
   int status = portrait_open(portrait, session, args);
-  hearing_close(&portrait->source.hearing);
+  speech_model_close(&portrait->source.speech_model);
   if (status != 0) return status;
   const enum frame_source_split split = (enum frame_source_split)portrait->split;
   const ern_features *features = ern_clip_features(portrait->clip);
@@ -175,11 +175,11 @@ int cmd_tradeoff(int argc, char **argv) {
   session_output_options(&t.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&t, &args);
-  if (status < 0) status = hearing_check(&t.portrait.source.hearing, &args, NULL);
+  if (status < 0) status = speech_model_check(&t.portrait.source.speech_model, &args, NULL);
   t.session.inputs[0] = t.portrait.model_path;
   t.session.inputs[1] = t.portrait.source.path;
-  t.session.inputs[2] = t.portrait.source.hearing.path;
-  t.session.inputs[3] = hearing_file(&t.portrait.source.hearing);
+  t.session.inputs[2] = t.portrait.source.speech_model.path;
+  t.session.inputs[3] = speech_model_file(&t.portrait.source.speech_model);
   if (status < 0) status = session_open(&t.session, &args);
   if (status >= 0) return status;
   status = open_all(&t, &args);

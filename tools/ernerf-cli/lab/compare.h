@@ -63,7 +63,7 @@ double compare_value(const struct compare *c, size_t side, size_t k, size_t figu
 double compare_difference(const struct compare *c, size_t k, size_t figure);
 
 /* After the last frame: fills rows and shown. Returns 0, or EXIT_FAILURE after a message. */
-int compare_settle(struct compare *c);
+int compare_make_rows(struct compare *c);
 struct compare_summary compare_summarise(const struct compare *c, size_t figure);
 
 /* Figures that are of all frames together, such as the motion of the mouth. NaN where the clip does not tell. */

@@ -47,7 +47,7 @@ static json_t *row_of(const struct compare *c, size_t side, size_t k) {
   return row;
 }
 
-int compare_settle(struct compare *c) {
+int compare_make_rows(struct compare *c) {
   const size_t count = compare_frames(c);
   double *difference = malloc(count * sizeof *difference);
   bool made = difference != NULL;

@@ -54,7 +54,7 @@ static long count_files(const char *folder) {
 }
 
 /* Whether the folder that `folder` is to lie in is there. */
-static bool has_place(const char *folder) {
+static bool parent_exists(const char *folder) {
   char path[PATH_BYTES];
   size_t length = strlen(folder);
   while (length > 1 && folder[length - 1] == '/') length--;
@@ -84,7 +84,7 @@ int compare_files_check(struct compare *c) {
     if (files > 0 && !killed && !is_mark(mark, whole_format))
       return session_fail_with(
           session, "%s: holds files that ernerf compare did not make, expected a new or an empty folder", c->folder);
-  } else if (!has_place(c->folder)) {
+  } else if (!parent_exists(c->folder)) {
     return session_fail_with(session, "%s: the folder around it does not exist", c->folder);
   }
   /* the video of a comparison that was killed goes, in compare_files_open */

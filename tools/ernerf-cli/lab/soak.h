@@ -7,12 +7,12 @@
 #include "ernerf/train.h"
 
 /* Random numbers by seed, round and count: the same on every machine. */
-struct soak_dice {
+struct soak_random {
   uint64_t state;
 };
-struct soak_dice soak_dice_of(uint64_t seed, uint64_t round);
-uint64_t soak_below(struct soak_dice *dice, uint64_t most); /* 0 .. most - 1 */
-double soak_between(struct soak_dice *dice, double low, double high);
+struct soak_random soak_random_of(uint64_t seed, uint64_t round);
+uint64_t soak_below(struct soak_random *random, uint64_t most); /* 0 .. most - 1 */
+double soak_between(struct soak_random *random, double low, double high);
 
 enum soak_pixels { SOAK_PIXELS_AS_THEY_ARE, SOAK_PIXELS_BLACK, SOAK_PIXELS_WHITE, SOAK_PIXELS_NOISE, SOAK_PIXELS };
 enum soak_lids { SOAK_LIDS_AS_THEY_ARE, SOAK_LIDS_OPEN, SOAK_LIDS_CLOSED, SOAK_LIDS_FLUTTER, SOAK_LIDS };

@@ -6,83 +6,85 @@
 
 #include "lab/soak.h"
 
-/* ---- dice -------------------------------------------------------------------------------------------------------- */
+/* ---- random --------------------------------------------------------------------------------------------------------
+ */
 
 /* splitmix64 (Steele, Lea, Flood 2014). */
-static uint64_t next(struct soak_dice *dice) {
-  uint64_t z = dice->state += 0x9E3779B97F4A7C15u;
+static uint64_t next(struct soak_random *random) {
+  uint64_t z = random->state += 0x9E3779B97F4A7C15u;
   z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
   z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
   return z ^ (z >> 31);
 }
 
-struct soak_dice soak_dice_of(uint64_t seed, uint64_t round) {
-  struct soak_dice dice = {seed};
-  dice.state = next(&dice) + round;
-  return dice;
+struct soak_random soak_random_of(uint64_t seed, uint64_t round) {
+  struct soak_random random = {seed};
+  random.state = next(&random) + round;
+  return random;
 }
 
-uint64_t soak_below(struct soak_dice *dice, uint64_t most) { return next(dice) % most; }
+uint64_t soak_below(struct soak_random *random, uint64_t most) { return next(random) % most; }
 
-double soak_between(struct soak_dice *dice, double low, double high) {
-  return low + (high - low) * (double)(next(dice) >> 11) * 0x1p-53;
+double soak_between(struct soak_random *random, double low, double high) {
+  return low + (high - low) * (double)(next(random) >> 11) * 0x1p-53;
 }
 
 /* Each magnitude between the two is as likely. */
-static double magnitude(struct soak_dice *dice, double low, double high) {
-  return exp(soak_between(dice, log(low), log(high)));
+static double magnitude(struct soak_random *random, double low, double high) {
+  return exp(soak_between(random, log(low), log(high)));
 }
 
-static bool coin(struct soak_dice *dice) { return soak_below(dice, 2) == 0; }
+static bool random_bool(struct soak_random *random) { return soak_below(random, 2) == 0; }
 
 /* ---- rounds ------------------------------------------------------------------------------------------------------ */
 
-static void choose_head(struct soak_dice *dice, struct soak_round *round) {
+static void choose_head(struct soak_random *random, struct soak_round *round) {
   ern_train_config *config = &round->config;
-  config->backbone = coin(dice) ? ERN_BACKBONE_TRIHASH : (ern_backbone)soak_below(dice, 4);
-  config->attention = coin(dice) ? ERN_ATTENTION_CHANNEL : (ern_attention)soak_below(dice, 3);
-  config->eye_attention = round->eye && soak_below(dice, 4) == 0 ? ERN_EYE_ATTENTION_CONCAT : ERN_EYE_ATTENTION_SIGMOID;
+  config->backbone = random_bool(random) ? ERN_BACKBONE_TRIHASH : (ern_backbone)soak_below(random, 4);
+  config->attention = random_bool(random) ? ERN_ATTENTION_CHANNEL : (ern_attention)soak_below(random, 3);
+  config->eye_attention =
+      round->eye && soak_below(random, 4) == 0 ? ERN_EYE_ATTENTION_CONCAT : ERN_EYE_ATTENTION_SIGMOID;
   const bool hashed = config->backbone == ERN_BACKBONE_TRIHASH || config->backbone == ERN_BACKBONE_HASH3D;
-  if (hashed) config->levels = 2 + (int)soak_below(dice, 15);
-  config->no_view = soak_below(dice, 3) == 0;
-  if (soak_below(dice, 3) == 0) config->codes = 0;
-  config->bound = (float)magnitude(dice, 0.3, 4);
-  config->head_random_background = coin(dice);
+  if (hashed) config->levels = 2 + (int)soak_below(random, 15);
+  config->no_view = soak_below(random, 3) == 0;
+  if (soak_below(random, 3) == 0) config->codes = 0;
+  config->bound = (float)magnitude(random, 0.3, 4);
+  config->head_random_background = random_bool(random);
 }
 
 /* How many steps, and how often all cells are looked at, which costs as much as a hundred steps of few rays; of `mlp`,
  * whose 2 million cells take 1 MFLOP each, as thousands. So there are 20 looks at most, of `mlp` one. */
-static void choose_length(struct soak_dice *dice, struct soak_round *round) {
+static void choose_length(struct soak_random *random, struct soak_round *round) {
   const bool slow = !round->config.torso && round->config.backbone == ERN_BACKBONE_MLP;
-  const double every = magnitude(dice, 16, 1024), longest = 20 * every;
+  const double every = magnitude(random, 16, 1024), longest = 20 * every;
   round->config.refresh_every = (uint64_t)(slow ? 64 * every : every);
-  round->steps = (uint64_t)magnitude(dice, 20, slow ? 200 : longest < 5000 ? longest : 5000);
-  round->resume_at = coin(dice) ? 1 + soak_below(dice, round->steps - 2) : 0;
+  round->steps = (uint64_t)magnitude(random, 20, slow ? 200 : longest < 5000 ? longest : 5000);
+  round->resume_at = random_bool(random) ? 1 + soak_below(random, round->steps - 2) : 0;
   round->config.iters = round->steps;
 }
 
 void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
                  const ern_model *head) {
   static const int steps_a_ray[] = {1, 2, 16, 16, 64, 256};
-  struct soak_dice dice = soak_dice_of(seed, number);
+  struct soak_random random = soak_random_of(seed, number);
   ern_train_config *config = &round->config;
   *round = (struct soak_round){.number = number, .config = ern_train_config_default()};
-  round->eye = clip->has_eye && !coin(&dice);
-  round->layer = clip->has_torso && coin(&dice);
-  round->loud = soak_below(&dice, 3) == 0 ? 0 : (float)magnitude(&dice, 1e-6, 1e4);
-  round->near = coin(&dice) ? 1 : (float)magnitude(&dice, 0.1, 8);
-  round->turn = coin(&dice) ? 0 : (float)soak_between(&dice, -180, 180);
-  round->lids = (enum soak_lids)soak_below(&dice, SOAK_LIDS);
-  round->pixels = coin(&dice) ? SOAK_PIXELS_AS_THEY_ARE : (enum soak_pixels)soak_below(&dice, SOAK_PIXELS);
-  config->seed = soak_below(&dice, UINT32_MAX);
-  config->rays = (int)magnitude(&dice, 1, 300);
-  config->lr *= (float)magnitude(&dice, 0.1, 100);
-  config->lr_net *= (float)magnitude(&dice, 0.1, 100);
-  config->lr_att *= (float)magnitude(&dice, 0.1, 100);
-  config->max_steps = steps_a_ray[soak_below(&dice, sizeof steps_a_ray / sizeof *steps_a_ray)];
-  config->dt_gamma = coin(&dice) ? config->dt_gamma : (float)soak_between(&dice, 0, 1);
-  config->audio_pad = coin(&dice) ? ERN_AUDIO_PAD_EDGE : ERN_AUDIO_PAD_ZERO;
-  config->ema_every = 1 + soak_below(&dice, 50);
+  round->eye = clip->has_eye && !random_bool(&random);
+  round->layer = clip->has_torso && random_bool(&random);
+  round->loud = soak_below(&random, 3) == 0 ? 0 : (float)magnitude(&random, 1e-6, 1e4);
+  round->near = random_bool(&random) ? 1 : (float)magnitude(&random, 0.1, 8);
+  round->turn = random_bool(&random) ? 0 : (float)soak_between(&random, -180, 180);
+  round->lids = (enum soak_lids)soak_below(&random, SOAK_LIDS);
+  round->pixels = random_bool(&random) ? SOAK_PIXELS_AS_THEY_ARE : (enum soak_pixels)soak_below(&random, SOAK_PIXELS);
+  config->seed = soak_below(&random, UINT32_MAX);
+  config->rays = (int)magnitude(&random, 1, 300);
+  config->lr *= (float)magnitude(&random, 0.1, 100);
+  config->lr_net *= (float)magnitude(&random, 0.1, 100);
+  config->lr_att *= (float)magnitude(&random, 0.1, 100);
+  config->max_steps = steps_a_ray[soak_below(&random, sizeof steps_a_ray / sizeof *steps_a_ray)];
+  config->dt_gamma = random_bool(&random) ? config->dt_gamma : (float)soak_between(&random, 0, 1);
+  config->audio_pad = random_bool(&random) ? ERN_AUDIO_PAD_EDGE : ERN_AUDIO_PAD_ZERO;
+  config->ema_every = 1 + soak_below(&random, 50);
   config->torso = head != NULL;
   config->head = head;
   if (head != NULL) {
@@ -91,13 +93,13 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const
     config->max_steps = about.max_steps; /* a torso takes the head's */
     config->dt_gamma = about.dt_gamma;
     config->audio_pad = about.audio_pad;
-    config->torso_gamma = coin(&dice);
-    config->torso_random_background = coin(&dice);
-    config->torso_shrink = (float)magnitude(&dice, 0.01, 1);
+    config->torso_gamma = random_bool(&random);
+    config->torso_random_background = random_bool(&random);
+    config->torso_shrink = (float)magnitude(&random, 0.01, 1);
   } else {
-    choose_head(&dice, round);
+    choose_head(&random, round);
   }
-  choose_length(&dice, round);
+  choose_length(&random, round);
 }
 
 void soak_words(const struct soak_round *round, char *text, size_t capacity) {
@@ -149,9 +151,9 @@ static ern_status bent_head(void *user, int split, size_t index, const uint8_t *
 }
 
 static void paint(uint8_t *truth, size_t bytes, const struct soak_round *round) {
-  struct soak_dice dice = {round->config.seed};
+  struct soak_random random = {round->config.seed};
   if (round->pixels != SOAK_PIXELS_NOISE) memset(truth, round->pixels == SOAK_PIXELS_WHITE ? 255 : 0, bytes);
-  for (size_t i = 0; i < bytes && round->pixels == SOAK_PIXELS_NOISE; i++) truth[i] = (uint8_t)soak_below(&dice, 256);
+  for (size_t i = 0; i < bytes && round->pixels == SOAK_PIXELS_NOISE; i++) truth[i] = (uint8_t)soak_below(&random, 256);
 }
 
 void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,

@@ -24,7 +24,7 @@ struct point {
   char name[96]; /* what is not the default's, in words */
   size_t changes;
   ern_renderer *renderer; /* NULL before its first picture */
-  double scouted;         /* milliseconds a frame, one reading: what its turns will take */
+  double first_ms;        /* milliseconds a frame, one reading: what its turns will take */
   double prepared;        /* milliseconds that its renderer took to make */
   double readings[TRADEOFF_TURNS];
   size_t turns;

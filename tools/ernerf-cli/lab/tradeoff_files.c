@@ -6,7 +6,7 @@
 static const double colour_steps = 255; /* of 8 bits */
 
 const char *tradeoff_standing(const struct point *point, enum truth truth) {
-  static const char *const names[] = {"front", "beaten", "equal"};
+  static const char *const names[] = {"front", "dominated", "equal"};
   return names[point->place[truth].standing];
 }
 
@@ -132,11 +132,11 @@ int tradeoff_plot(const struct tradeoff *t, enum truth truth, enum plot_form for
   const size_t front = tradeoff_front(t, truth, order);
   for (size_t i = 1; i < t->count; i++) {
     const enum standing standing = t->points[i].place[truth].standing;
-    if (standing != STANDING_FRONT) add_to(&clouds[standing == STANDING_BEATEN ? 0 : 1], t, i, truth);
+    if (standing != STANDING_FRONT) add_to(&clouds[standing == STANDING_DOMINATED ? 0 : 1], t, i, truth);
   }
   for (size_t i = 0; i < front; i++) add_to(&clouds[2], t, order[i], truth);
   add_to(&clouds[3], t, 0, truth);
-  struct plot_series series[] = {series_of(&clouds[0], "measurably beaten", 0x9aa4ad, PLOT_DOT),
+  struct plot_series series[] = {series_of(&clouds[0], "measurably dominated", 0x9aa4ad, PLOT_DOT),
                                  series_of(&clouds[1], "no better than a point of the front", 0x5b9bd0, PLOT_RING),
                                  series_of(&clouds[2], "front", 0x0b4f8a, PLOT_DOT),
                                  series_of(&clouds[3], t->base_name, 0xc8501e, PLOT_DIAMOND)};

@@ -8,7 +8,7 @@
 #include "lab/tradeoff.h"
 #include "output/plot.h"
 
-/* "front", "beaten" or "equal". */
+/* "front", "dominated" or "equal". */
 const char *tradeoff_standing(const struct point *point, enum truth truth);
 
 void tradeoff_csv(const struct tradeoff *t, struct bytes *csv);

@@ -143,19 +143,19 @@ static int add_point(struct tradeoff *t, const struct settings *settings) {
   bytes_free(&name);
   t->count++;
   if (evaluate_point(t, point) != 0) return EXIT_FAILURE;
-  return read_clock(t, point, &point->scouted);
+  return read_clock(t, point, &point->first_ms);
 }
 
 /* Milliseconds that a turn of all points takes. */
 static double turn_ms(const struct tradeoff *t) {
   double sum = 0;
-  for (size_t i = 0; i < t->count; i++) sum += t->points[i].scouted * (double)tradeoff_frames(t);
+  for (size_t i = 0; i < t->count; i++) sum += t->points[i].first_ms * (double)tradeoff_frames(t);
   return sum;
 }
 
 /* The base and single changes, the first few in any case, then as long as their turns will be over
  * before `until`. */
-static int scout_choices(struct tradeoff *t, double until, struct effect *effects, size_t *effect_count) {
+static int try_choices(struct tradeoff *t, double until, struct effect *effects, size_t *effect_count) {
   struct choice choices[TRADEOFF_POINTS_CHOICES];
   const size_t count = tradeoff_points_choices(t, choices);
   struct progress progress;
@@ -172,7 +172,7 @@ static int scout_choices(struct tradeoff *t, double until, struct effect *effect
     if (add_point(t, &settings) != 0) return EXIT_FAILURE;
     const struct point *point = &t->points[t->count - 1];
     effects[(*effect_count)++] =
-        (struct effect){choices[i], point->scouted / base->scouted, point->error - base->error};
+        (struct effect){choices[i], point->first_ms / base->first_ms, point->error - base->error};
     progress_at(&progress, i + 1, count, point->name);
   }
   progress_end(&progress);
@@ -190,11 +190,11 @@ static double preparing_ms(const struct tradeoff *t, const struct settings *sett
 }
 
 /* Combinations, as long as there is time for their turns. */
-static int scout_combinations(struct tradeoff *t, double until, const struct effect *effects, size_t effect_count) {
+static int try_combinations(struct tradeoff *t, double until, const struct effect *effects, size_t effect_count) {
   struct settings found[TRADEOFF_POINTS_COMBINATIONS];
   double ms[TRADEOFF_POINTS_COMBINATIONS];
   const struct point *base = &t->points[0];
-  const size_t count = tradeoff_points_combine(&t->base, base->scouted, base->error, effects, effect_count, found, ms);
+  const size_t count = tradeoff_points_combine(&t->base, base->first_ms, base->error, effects, effect_count, found, ms);
   struct progress progress;
   progress_begin(&progress, &t->session, "combine", "settings");
   for (size_t i = 0; i < count; i++) {
@@ -288,8 +288,8 @@ int tradeoff_measure_all(struct tradeoff *t) {
   int status = draw_exact(t);
   /* points get half of the time at least, however long the exact frames took */
   const double now = session_seconds(), until = fmax(began + budget, now + budget / 2);
-  if (status == 0) status = scout_choices(t, now + single_share * (until - now), effects, &effect_count);
-  if (status == 0) status = scout_combinations(t, until, effects, effect_count);
+  if (status == 0) status = try_choices(t, now + single_share * (until - now), effects, &effect_count);
+  if (status == 0) status = try_combinations(t, until, effects, effect_count);
   if (status == 0) status = take_turns(t, until);
   if (status != 0) return status;
   find_fronts(t);

@@ -9,7 +9,7 @@
  * four, evenly spaced. `portrait` and `evaluation` are open. Returns 0, or the exit status after a message, as the next
  * ones do. */
 int tradeoff_measure_open(struct tradeoff *t, const struct args *args);
-/* Draws the exact frames, scouts, takes turns, and finds the fronts. */
+/* Draws the exact frames, tries settings, takes turns, and finds the fronts. */
 int tradeoff_measure_all(struct tradeoff *t);
 void tradeoff_measure_close(struct tradeoff *t);
 

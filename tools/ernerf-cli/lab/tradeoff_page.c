@@ -88,7 +88,7 @@ static void add_front(const struct tradeoff *t, enum truth truth, struct bytes *
 }
 
 static void add_standing(const struct tradeoff *t, const struct point *p, enum truth truth, struct bytes *page) {
-  static const char *const words[] = {"front", "beaten by ", "no better than "};
+  static const char *const words[] = {"front", "dominated by ", "no better than "};
   const struct place *place = &p->place[truth];
   bytes_print(page, "<td class=\"l\">%s", words[place->standing]);
   if (place->standing != STANDING_FRONT) bytes_print_html(page, t->points[place->by].name);

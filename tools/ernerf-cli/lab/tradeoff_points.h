@@ -11,7 +11,7 @@ enum { TRADEOFF_POINTS_CHOICES = 40, TRADEOFF_POINTS_COMBINATIONS = 20 };
  * is the base's own value. Returns how many. */
 size_t tradeoff_points_choices(const struct tradeoff *t, struct choice choices[TRADEOFF_POINTS_CHOICES]);
 
-/* What a single change did to the base when it was scouted. */
+/* What a single change did to the base when it was tried. */
 struct effect {
   struct choice choice;
   double ratio; /* of time, over the base's */

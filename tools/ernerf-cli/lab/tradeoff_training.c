@@ -11,7 +11,7 @@
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "evaluation/measures.h"
-#include "lab/fine_price.h"
+#include "lab/fine_stage_cost.h"
 #include "lab/tradeoff_training.h"
 #include "output/curve.h"
 #include "output/progress.h"
@@ -313,8 +313,8 @@ static int measure_fine(struct training_job *job) {
   const ern_train_config config = config_of(job, base, job->session.seed);
   int status = open_backend(job, base, &backend);
   if (status == 0)
-    status = fine_price_measure(&job->study.fine, &job->session, backend, &dataset, &config, &job->weights,
-                                (double)job->seconds);
+    status = fine_stage_cost_measure(&job->study.fine, &job->session, backend, &dataset, &config, &job->weights,
+                                     (double)job->seconds);
   ern_backend_free(&backend);
   return status;
 }
@@ -348,7 +348,7 @@ static int open_all(struct training_job *job) {
                                       "training_mouth_seconds.png"};
   if (session_check_outputs(session, job->folder, names, sizeof names / sizeof *names) != 0) return EXIT_FAILURE;
   const int opened = clip_source_open(&job->source, session, &job->clip);
-  hearing_close(&job->source.hearing);
+  speech_model_close(&job->source.speech_model);
   if (opened != 0 || lpips_weights_open(&job->weights, session) != 0) return EXIT_FAILURE;
   if (session_folder(session, job->folder) != 0) return EXIT_FAILURE;
   job->study.clip = job->source.path;
@@ -400,7 +400,7 @@ int tradeoff_training(int argc, char **argv) {
                                                    .help = "of the CPU (default one a core)"};
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");
-  if (status < 0) status = hearing_check(&job.source.hearing, &args, NULL);
+  if (status < 0) status = speech_model_check(&job.source.speech_model, &args, NULL);
   if (status < 0) status = lpips_weights_check(&job.weights, &args);
   const int side = ern_train_config_default().patch_size;
   if (status < 0 && job.rays < side * side && job.weights.network != NULL)
@@ -408,8 +408,8 @@ int tradeoff_training(int argc, char **argv) {
         args_refuse(&args, "--rays is %d, expected %d at least, for the patch of a fine step, with --lpips-network",
                     job.rays, side * side);
   job.session.inputs[0] = job.source.path;
-  job.session.inputs[1] = job.source.hearing.path;
-  job.session.inputs[2] = hearing_file(&job.source.hearing);
+  job.session.inputs[1] = job.source.speech_model.path;
+  job.session.inputs[2] = speech_model_file(&job.source.speech_model);
   job.session.inputs[3] = job.weights.network;
   job.session.inputs[4] = job.weights.heads;
   if (status < 0) status = session_open(&job.session, &args);

@@ -127,7 +127,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .help = "end after T, such as 90, 90s, 10m or 1.5h (default: when the sound ends)"},
       {.name = "control",
        .kind = OPTION_TEXT,
-       .target = &job->steering.path,
+       .target = &job->commands.path,
        .choices = "-|SOCKET",
        .help = "reads lines from standard input, or makes a local socket for them: say TEXT, play FILE, stop, hold "
                "on|off, eyes 0..1|clip, background FILE|white|black|clip, statistics, quit"},
@@ -158,16 +158,16 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   int status = -1;
   if (job->portrait.source.path == NULL) return args_refuse(args, "--clip CLIP is missing");
   if (job->output.url == NULL) return args_refuse(args, "-o OUT is missing");
-  if (job->sound.url == NULL && job->steering.path == NULL && job->seconds <= 0)
+  if (job->sound.url == NULL && job->commands.path == NULL && job->seconds <= 0)
     return args_refuse(args,
                        "nothing would ever be said: expected --audio INPUT, --control, or --duration for a "
                        "person who rests");
-  if (job->sound.url != NULL && job->steering.path != NULL && strcmp(job->sound.url, "-") == 0 &&
-      strcmp(job->steering.path, "-") == 0)
+  if (job->sound.url != NULL && job->commands.path != NULL && strcmp(job->sound.url, "-") == 0 &&
+      strcmp(job->commands.path, "-") == 0)
     return args_refuse(args, "--audio - and --control - both take standard input");
   if (job->sound.url == NULL) status = args_forbid(args, "audio-format audio-rate audio-channels", "is about --audio");
   if (status < 0) status = check_unlisted(args);
-  if (status < 0 && job->steering.path == NULL) status = args_forbid(args, "voice", "is about --control");
+  if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
     status =
@@ -280,7 +280,7 @@ static int open_all(struct live_job *job, const struct args *args) {
   job->output.provenance = provenance_of(&job->provenance);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
   if (status == 0) status = watermark_make(&job->watermark, session, job->size.width, job->size.height);
-  if (status == 0) status = live_control_start(&job->steering, session);
+  if (status == 0) status = live_control_start(&job->commands, session);
   if (status == 0) status = live_output_open(&job->output, session, job->size, job->rate, SOUND_RATE, 1);
   if (status == 0) status = live_sound_start(&job->sound, session, job->live, SOUND_RATE, 1);
   if (status == 0)
@@ -307,13 +307,13 @@ static json_t *about_output(const struct live_job *job) {
 static int finish(struct live_job *job, int status) {
   struct session *session = &job->session;
   const bool stopped = session_interrupted(), mute = atomic_load(&job->sound.failed);
-  char *trouble = live_sound_trouble(&job->sound);
-  if (trouble != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", trouble);
-  if (trouble != NULL && status == 0) session_warn(session, "%s", trouble);
-  free(trouble);
+  char *error = live_sound_take_error(&job->sound);
+  if (error != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", error);
+  if (error != NULL && status == 0) session_warn(session, "%s", error);
+  free(error);
   if (status != 0) return live_output_fail(&job->output);
   live_sound_stop(&job->sound);
-  live_control_stop(&job->steering);
+  live_control_stop(&job->commands);
   const int closed = live_output_close(&job->output, stopped && !is_file(job->output.url));
   if (closed != 0 || provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   const unsigned long long written = atomic_load(&job->output.written);
@@ -329,7 +329,7 @@ static int finish(struct live_job *job, int status) {
 
 static void close_all(struct live_job *job) {
   live_sound_stop(&job->sound);
-  live_control_stop(&job->steering);
+  live_control_stop(&job->commands);
   live_output_free(&job->output);
   provenance_free(&job->provenance);
   label_free(&job->label);

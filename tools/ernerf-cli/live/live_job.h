@@ -36,7 +36,7 @@ struct live_job {
   /* from the command line */
   struct live_sound sound;
   struct live_output output;
-  struct live_control steering;
+  struct live_control commands;
   const char *background_file;
   struct dimensions size;
   int fit; /* ern_fit */
@@ -69,7 +69,7 @@ int live_run(struct live_job *job);
 /* Frame k of the clip's poses with the clip's speech, to time settings (rate_control_draw). */
 int live_look(void *user, ern_renderer *renderer, size_t k, float *rgb);
 /* What a line of --control asks for, and its answer. */
-void live_obey(struct live_job *job, const char *line);
+void live_command(struct live_job *job, const char *line);
 /* The figures so far; NULL without memory. */
 json_t *live_statistics(const struct live_job *job);
 

@@ -29,10 +29,10 @@ static ern_status open_stream(struct live_output *output) {
   return status;
 }
 
-static void remember_trouble(struct live_output *output) {
+static void keep_error(struct live_output *output) {
   char text[TEXT_BYTES];
   (void)ern_last_error_copy(output->context, text, sizeof text);
-  output->trouble = strdup(text);
+  output->error = strdup(text);
 }
 
 static void count_late(struct live_output *output, double due) {
@@ -68,7 +68,7 @@ static void *write_frames(void *user) {
     output->cut = status == ERN_E_CANCELLED && was_open;
     if (status == ERN_E_CANCELLED && is_over(output)) break;
     if (!output->listens || status != ERN_E_IO) {
-      remember_trouble(output);
+      keep_error(output);
       break;
     }
     while (!queue_is_empty(&output->queue)) queue_empty(&output->queue); /* the next one begins now */
@@ -122,13 +122,13 @@ int live_output_open(struct live_output *output, struct session *session, struct
 
 struct live_picture *live_output_next(struct live_output *output, bool *failed) {
   *failed = false;
-  const bool has_place = queue_has_place(&output->queue);
+  const bool has_place = queue_has_slot(&output->queue);
   if (output->listens && !atomic_load(&output->open) && has_place) return NULL;
   if (!has_place && output->drops) {
     atomic_fetch_add(&output->left_out, 1);
     return NULL;
   }
-  const int place = queue_free_place(&output->queue);
+  const int place = queue_wait_for_slot(&output->queue);
   *failed = place == QUEUE_OVER;
   return *failed ? NULL : &output->pictures[place];
 }
@@ -147,14 +147,14 @@ static void stop_writer(struct live_output *output, double patience) {
 
 int live_output_close(struct live_output *output, bool soon) {
   stop_writer(output, soon ? grace : INFINITY);
-  return output->trouble == NULL ? 0 : session_fail_with(output->session, "%s", output->trouble);
+  return output->error == NULL ? 0 : session_fail_with(output->session, "%s", output->error);
 }
 
 int live_output_fail(struct live_output *output) {
   atomic_store(&output->given_up, true);
   if (atomic_load(&output->running)) queue_break(&output->queue);
   stop_writer(output, 0);
-  return output->trouble == NULL ? EXIT_FAILURE : session_fail_with(output->session, "%s", output->trouble);
+  return output->error == NULL ? EXIT_FAILURE : session_fail_with(output->session, "%s", output->error);
 }
 
 void live_output_free(struct live_output *output) {
@@ -167,7 +167,7 @@ void live_output_free(struct live_output *output) {
     free(output->pictures[i].sound);
   }
   if (output->session != NULL) queue_free(&output->queue);
-  free(output->trouble);
+  free(output->error);
 }
 
 double live_output_late(const struct live_output *output, double share) {

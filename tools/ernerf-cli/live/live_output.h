@@ -42,8 +42,8 @@ struct live_output {
   _Atomic double stop_at; /* seconds of session_seconds from which on nothing waits for a reader any more */
   atomic_bool given_up;   /* drawing has failed: the stream is not ended, a file is not made */
   /* to be read after the thread has ended */
-  char *trouble; /* why the writer gave up; NULL: it did not */
-  bool cut;      /* the reader did not take all of the stream by stop_at */
+  char *error; /* why the writer gave up; NULL: it did not */
+  bool cut;    /* the reader did not take all of the stream by stop_at */
   atomic_ullong written, left_out, readers;
   atomic_uint late[1001]; /* frames that were written so many milliseconds after they were due, the last one: or more */
 };

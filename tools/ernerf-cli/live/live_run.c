@@ -118,12 +118,12 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   return 0;
 }
 
-static void steer(struct live_job *job) {
-  const char *line = live_control_line(&job->steering);
-  if (line != NULL) live_obey(job, line);
-  char *trouble = live_sound_trouble(&job->sound);
-  if (trouble != NULL) session_warn(&job->session, "%s", trouble);
-  free(trouble);
+static void apply_control(struct live_job *job) {
+  const char *line = live_control_line(&job->commands);
+  if (line != NULL) live_command(job, line);
+  char *error = live_sound_take_error(&job->sound);
+  if (error != NULL) session_warn(&job->session, "%s", error);
+  free(error);
 }
 
 /* The sound without which the first frame would get silence: its look-ahead, and its own (ern_live_options). */
@@ -140,7 +140,7 @@ int live_run(struct live_job *job) {
   for (bool ended = false; !ended && !session_interrupted() && !job->quits && job->frames < most;) {
     const ern_live_frame *frame = NULL;
     if (!job->as_fast) sleep_until(due_of(job));
-    steer(job);
+    apply_control(job);
     if (ern_live_pull(job->live, job->as_fast ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
     if (frame == NULL) continue;
     if (job->most_delay > 0 && frame->waiting > job->most_delay + (job->look_ahead + 1) / (double)RATE_CLIP) {

@@ -27,8 +27,8 @@ static int asks_to_stop(void *user) {
 
 static void remember(struct live_sound *sound, const char *text) {
   (void)pthread_mutex_lock(&sound->mutex);
-  free(sound->trouble);
-  sound->trouble = strdup(text);
+  free(sound->error);
+  sound->error = strdup(text);
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
@@ -105,17 +105,17 @@ static void speak(struct live_sound *sound, const char *text) {
 }
 
 /* The next thing to say, or NULL where the program ends. */
-static char *await_saying(struct live_sound *sound) {
-  char *saying = NULL;
+static char *await_utterance(struct live_sound *sound) {
+  char *utterance = NULL;
   (void)pthread_mutex_lock(&sound->mutex);
-  while (!sound->stop && sound->sayings == 0) (void)pthread_cond_wait(&sound->moved, &sound->mutex);
+  while (!sound->stop && sound->utterance_count == 0) (void)pthread_cond_wait(&sound->moved, &sound->mutex);
   sound->skip = false;
   if (!sound->stop) {
-    saying = sound->saying[0];
-    memmove(sound->saying, sound->saying + 1, --sound->sayings * sizeof *sound->saying);
+    utterance = sound->utterance[0];
+    memmove(sound->utterance, sound->utterance + 1, --sound->utterance_count * sizeof *sound->utterance);
   }
   (void)pthread_mutex_unlock(&sound->mutex);
-  return saying;
+  return utterance;
 }
 
 static void end(struct live_sound *sound) {
@@ -130,11 +130,11 @@ static void *read_sound(void *user) {
     if (!sound->stays) end(sound); /* before `over`, after which a frame that lacks sound gets silence */
     atomic_store(&sound->over, true);
   }
-  for (char *saying = NULL; sound->stays && (saying = await_saying(sound)) != NULL; free(saying)) {
-    if (saying[0] == 't')
-      speak(sound, saying + 1);
+  for (char *utterance = NULL; sound->stays && (utterance = await_utterance(sound)) != NULL; free(utterance)) {
+    if (utterance[0] == 't')
+      speak(sound, utterance + 1);
     else
-      (void)play(sound, saying + 1, false);
+      (void)play(sound, utterance + 1, false);
   }
   end(sound);
   return NULL;
@@ -167,38 +167,38 @@ void live_sound_await(const struct live_sound *sound, unsigned long long samples
 
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
   const size_t bytes = strlen(text) + 2;
-  char *saying = malloc(bytes);
+  char *utterance = malloc(bytes);
   (void)pthread_mutex_lock(&sound->mutex);
-  const bool has_place = saying != NULL && sound->sayings < LIVE_SAYINGS;
+  const bool has_place = utterance != NULL && sound->utterance_count < LIVE_UTTERANCES;
   if (has_place) {
-    snprintf(saying, bytes, "%c%s", speaks ? 't' : 'f', text);
-    sound->saying[sound->sayings++] = saying;
+    snprintf(utterance, bytes, "%c%s", speaks ? 't' : 'f', text);
+    sound->utterance[sound->utterance_count++] = utterance;
   }
   (void)pthread_cond_broadcast(&sound->moved);
   (void)pthread_mutex_unlock(&sound->mutex);
-  if (!has_place) free(saying);
+  if (!has_place) free(utterance);
   return has_place;
 }
 
-static void forget_sayings(struct live_sound *sound) {
-  for (size_t i = 0; i < sound->sayings; i++) free(sound->saying[i]);
-  sound->sayings = 0;
+static void clear_utterances(struct live_sound *sound) {
+  for (size_t i = 0; i < sound->utterance_count; i++) free(sound->utterance[i]);
+  sound->utterance_count = 0;
 }
 
-void live_sound_hush(struct live_sound *sound) {
+void live_sound_cancel(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
-  forget_sayings(sound);
+  clear_utterances(sound);
   sound->skip = sound->url == NULL || atomic_load(&sound->over); /* an input of the command line goes on */
   (void)pthread_mutex_unlock(&sound->mutex);
   if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
 }
 
-char *live_sound_trouble(struct live_sound *sound) {
+char *live_sound_take_error(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
-  char *trouble = sound->trouble;
-  sound->trouble = NULL;
+  char *error = sound->error;
+  sound->error = NULL;
   (void)pthread_mutex_unlock(&sound->mutex);
-  return trouble;
+  return error;
 }
 
 void live_sound_stop(struct live_sound *sound) {
@@ -212,9 +212,9 @@ void live_sound_stop(struct live_sound *sound) {
     sound->running = false;
   }
   if (!sound->made) return;
-  forget_sayings(sound);
-  free(sound->trouble);
-  sound->trouble = NULL;
+  clear_utterances(sound);
+  free(sound->error);
+  sound->error = NULL;
   (void)pthread_mutex_destroy(&sound->mutex);
   (void)pthread_cond_destroy(&sound->moved);
   sound->made = false;

@@ -10,7 +10,7 @@
 #include "ernerf/stream.h"
 #include "session/session.h"
 
-enum { LIVE_SAYINGS = 32 };
+enum { LIVE_UTTERANCES = 32 };
 
 struct live_sound {
   /* from the command line */
@@ -27,10 +27,10 @@ struct live_sound {
   pthread_mutex_t mutex;
   pthread_cond_t moved;
   bool running, made;
-  bool stop, skip;            /* the program ends; what is played now ends. With the mutex */
-  char *saying[LIVE_SAYINGS]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
-  size_t sayings;
-  char *trouble;       /* the last input that failed, in words; with the mutex */
+  bool stop, skip;                  /* the program ends; what is played now ends. With the mutex */
+  char *utterance[LIVE_UTTERANCES]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
+  size_t utterance_count;
+  char *error;         /* the last input that failed, in words; with the mutex */
   atomic_bool failed;  /* the input of the command line did */
   atomic_bool over;    /* it has been played */
   atomic_ullong heard; /* samples */
@@ -45,9 +45,9 @@ void live_sound_await(const struct live_sound *sound, unsigned long long samples
 /* After what waits: a file, or a text (speaks); false where too much waits. */
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
 /* What is said and what waits is dropped; an input of the command line goes on after it. */
-void live_sound_hush(struct live_sound *sound);
+void live_sound_cancel(struct live_sound *sound);
 /* The last thing that went wrong, once; NULL: nothing. The caller frees it. */
-char *live_sound_trouble(struct live_sound *sound);
+char *live_sound_take_error(struct live_sound *sound);
 void live_sound_stop(struct live_sound *sound); /* wherever it stands */
 
 #endif

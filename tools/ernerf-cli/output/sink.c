@@ -170,7 +170,7 @@ static bool give_up(struct sink *sink, const char *format, ...) {
   va_start(values, format);
   vsnprintf(text, sizeof text, format, values);
   va_end(values);
-  sink->trouble = strdup(text);
+  sink->error = strdup(text);
   return false;
 }
 
@@ -327,15 +327,15 @@ static void end_writer(struct sink *sink) {
   sink->running = false;
 }
 
-static int say_trouble(const struct sink *sink, struct session *session) {
-  return session_fail_with(session, "%s", sink->trouble != NULL ? sink->trouble : "no memory while writing");
+static int report_error(const struct sink *sink, struct session *session) {
+  return session_fail_with(session, "%s", sink->error != NULL ? sink->error : "no memory while writing");
 }
 
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output) {
-  const int place = sink->running ? queue_free_place(&sink->queue) : QUEUE_OVER;
+  const int place = sink->running ? queue_wait_for_slot(&sink->queue) : QUEUE_OVER;
   if (place == QUEUE_OVER) {
     end_writer(sink);
-    return say_trouble(sink, session);
+    return report_error(sink, session);
   }
   const struct sink_picture *picture = &sink->pictures[place];
   *output = (ern_frame_output){.rgba = picture->rgba,
@@ -348,15 +348,15 @@ int sink_next(struct sink *sink, struct session *session, ern_frame_output *outp
 }
 
 void sink_put(struct sink *sink, size_t number) {
-  const int place = queue_free_place(&sink->queue); /* that of sink_next */
-  if (place == QUEUE_OVER) return;                  /* the next sink_next says why */
+  const int place = queue_wait_for_slot(&sink->queue); /* that of sink_next */
+  if (place == QUEUE_OVER) return;                     /* the next sink_next says why */
   sink->pictures[place].number = number;
   queue_fill(&sink->queue);
 }
 
 int sink_close(struct sink *sink, struct session *session) {
   end_writer(sink);
-  if (sink->queue.broken) return say_trouble(sink, session);
+  if (sink->queue.broken) return report_error(sink, session);
   if (sink->kind == SINK_STREAM) return ern_stream_writer_close(&sink->stream) == ERN_OK ? 0 : session_fail(session);
   if (sink->kind != SINK_VIDEO) return 0;
   return ern_video_writer_close(&sink->video) == ERN_OK ? 0 : session_fail(session);
@@ -378,6 +378,6 @@ void sink_free(struct sink *sink) {
     free(picture->eye);
   }
   free(sink->channels);
-  free(sink->trouble);
+  free(sink->error);
   *sink = (struct sink){0};
 }

@@ -53,7 +53,7 @@ struct sink {
   bool running;
   ern_context *context;
   const ern_provenance *provenance; /* what the output says of itself; NULL: nothing */
-  char *trouble;                    /* of the writer: why it gave up; NULL: it did not. To be read after it has ended */
+  char *error;                      /* of the writer: why it gave up; NULL: it did not. To be read after it has ended */
   double seconds;                   /* that the writer worked */
 };
 

@@ -104,7 +104,7 @@ static json_t *quartiles_json(const struct quartiles *of) {
 }
 
 /* Null where no fine step was possible. */
-static json_t *fine_json(const struct fine_price *price) {
+static json_t *fine_json(const struct fine_stage_cost *price) {
   json_t *steps = json_array();
   for (size_t i = 0; i < price->count; i++)
     json_array_append_new(
@@ -176,7 +176,7 @@ static void add_table(const struct training_study *study, struct bytes *text) {
   bytes_print(text, "\n");
 }
 
-static void add_fine(const struct fine_price *price, struct bytes *text) {
+static void add_fine(const struct fine_stage_cost *price, struct bytes *text) {
   bytes_print(text, "\n# What a step of the fine stage costs\n\n");
   if (price->count == 0) {
     bytes_print(text,

@@ -33,7 +33,7 @@ struct fine_step {
   struct quartiles times; /* a step over the coarse step of the same turn */
 };
 /* What the loss of the fine stage takes: steps of the first training's kind, in turns. */
-struct fine_price {
+struct fine_stage_cost {
   struct fine_step step[FINE_STEPS]; /* the first one is coarse */
   size_t count, turns;               /* count 0: the rays or the clip's pictures have no room for a patch */
   int rays, patch;                   /* a step; pixels a side */
@@ -46,7 +46,7 @@ struct training_study {
   double seconds; /* of training, for each curve */
   char processor[128], base_isa[24];
   int cores;
-  struct fine_price fine;
+  struct fine_stage_cost fine;
 };
 
 void training_free(struct training_study *study);

@@ -207,14 +207,14 @@ static bool read_torso(struct background *background, const struct source_frame 
   if (status == ERN_OK)
     memcpy(to, rgba, (size_t)background->width * (size_t)background->height * 4);
   else
-    background->trouble = strdup(words_of(background->context, status));
+    background->error = strdup(words_of(background->context, status));
   return status == ERN_OK;
 }
 
 static void *reader_main(void *argument) {
   struct background *background = argument;
   for (size_t k = 0; k < background->frame_source->count; k++) {
-    const int place = queue_free_place(&background->queue);
+    const int place = queue_wait_for_slot(&background->queue);
     if (place == QUEUE_OVER) return NULL;
     const double began = session_seconds();
     const bool read = read_torso(background, &background->frame_source->source_frame[k], background->torso[place]);
@@ -260,8 +260,7 @@ int background_next_torso(struct background *background, struct session *session
   background->holding = place != QUEUE_OVER;
   if (place == QUEUE_OVER) {
     end_reader(background);
-    return session_fail_with(session, "%s",
-                             background->trouble != NULL ? background->trouble : "no more torso pictures");
+    return session_fail_with(session, "%s", background->error != NULL ? background->error : "no more torso pictures");
   }
   *rgba = background->torso[place];
   return 0;
@@ -272,6 +271,6 @@ void background_free(struct background *background, struct session *session) {
   ern_image_free(session->context, &background->image);
   ern_image_free(session->context, &background->resized);
   for (size_t i = 0; i < BACKGROUND_TORSOS; i++) free(background->torso[i]);
-  free(background->trouble);
+  free(background->error);
   *background = (struct background){0};
 }

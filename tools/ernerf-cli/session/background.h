@@ -24,7 +24,7 @@ struct background {
   ern_context *context;
   ern_clip *clip;
   const struct frame_source *frame_source;
-  char *trouble;  /* why the reader gave up; NULL: it did not. To be read after it has ended */
+  char *error;    /* why the reader gave up; NULL: it did not. To be read after it has ended */
   double seconds; /* that the reader worked */
 };
 

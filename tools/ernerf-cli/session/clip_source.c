@@ -16,17 +16,17 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
                                  .target = &source->memory,
                                  .help = "maximum memory for decoded frames of the clip, such as 512M (default half of "
                                          "the memory that the process may use)"}};
-  ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS - HEARING_OPTIONS);
-  hearing_options(&source->hearing, options + sizeof rows / sizeof *rows);
+  ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS - SPEECH_MODEL_OPTIONS);
+  speech_model_options(&source->speech_model, options + sizeof rows / sizeof *rows);
 }
 
 int clip_source_open(struct clip_source *source, struct session *session, ern_clip **clip) {
   ern_clip_options options = ern_clip_options_default();
-  if (hearing_open(&source->hearing, session, NULL, NULL) != 0) return EXIT_FAILURE;
+  if (speech_model_open(&source->speech_model, session, NULL, NULL) != 0) return EXIT_FAILURE;
   options.memory_bytes = source->memory;
   options.features = source->features;
   options.asr_model = source->asr_model;
-  if (source->asr_model == NULL) options.network = source->hearing.network;
+  if (source->asr_model == NULL) options.network = source->speech_model.network;
   const ern_status status = ern_clip_open(session->context, source->path, &options, clip);
-  return status == ERN_OK ? 0 : hearing_fail(session, status);
+  return status == ERN_OK ? 0 : speech_model_fail(session, status);
 }

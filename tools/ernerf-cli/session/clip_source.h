@@ -5,16 +5,16 @@
 
 #include "args.h"
 #include "ernerf/media.h"
-#include "session/hearing.h"
 #include "session/session.h"
+#include "session/speech_model.h"
 
-enum { CLIP_SOURCE_OPTIONS = 2 + HEARING_OPTIONS };
+enum { CLIP_SOURCE_OPTIONS = 2 + SPEECH_MODEL_OPTIONS };
 
 struct clip_source {
   const char *path, *asr_model;
   const char *features; /* a file instead of the clip's own; NULL: its own */
   uint64_t memory;      /* bytes that frames may take; 0: the library's choice */
-  struct hearing hearing;
+  struct speech_model speech_model;
 };
 
 /* --asr_model --memory --speech-model --speech-preset. */

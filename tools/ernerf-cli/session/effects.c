@@ -54,84 +54,90 @@ void effects_words(const struct effects *effects, char *words, size_t bytes) {
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
-struct telling {
+struct effect_lines {
   void (*say)(void *user, const char *name, bool there, const char *sentence);
   void *user;
 };
 
-static void tell(const struct telling *telling, const char *name, bool there, const char *format, ...) ERN_PRINTF(4, 5);
-static void tell(const struct telling *telling, const char *name, bool there, const char *format, ...) {
+static void print_effect(const struct effect_lines *lines, const char *name, bool there, const char *format, ...)
+    ERN_PRINTF(4, 5);
+static void print_effect(const struct effect_lines *lines, const char *name, bool there, const char *format, ...) {
   char sentence[512];
   va_list values;
   va_start(values, format);
   vsnprintf(sentence, sizeof sentence, format, values);
   va_end(values);
-  telling->say(telling->user, name, there, sentence);
+  lines->say(lines->user, name, there, sentence);
 }
 
-static void tell_speech(const struct telling *telling, const ern_clip_measures *m) {
+static void print_speech(const struct effect_lines *lines, const ern_clip_measures *m) {
   char sound[64] = "there is no sound to measure";
   if (m->loud >= 0) snprintf(sound, sizeof sound, "the sound is above -50 dB for %.0f %% of its time", 100 * m->loud);
   if (effects_has_speech(m))
-    tell(telling, "audio", true, "the features change by %.0f %% of their size, %s.", 100 * m->feature_change, sound);
+    print_effect(lines, "audio", true, "the features change by %.0f %% of their size, %s.", 100 * m->feature_change,
+                 sound);
   else
-    tell(telling, "audio", false, "the features are the same in every window, %s: nothing for a mouth to follow.",
-         sound);
+    print_effect(lines, "audio", false, "the features are the same in every window, %s: nothing for a mouth to follow.",
+                 sound);
 }
 
-static void tell_eyes(const struct telling *telling, const ern_clip_measures *m, bool there) {
+static void print_eyes(const struct effect_lines *lines, const ern_clip_measures *m, bool there) {
   if (there)
-    tell(telling, "eye", true, "the lids move: eye values from %.2f to %.2f.", (double)m->eye_low, (double)m->eye_high);
+    print_effect(lines, "eye", true, "the lids move: eye values from %.2f to %.2f.", (double)m->eye_low,
+                 (double)m->eye_high);
   else if (m->eye_low == 0 && m->eye_high == 0)
-    tell(telling, "eye", false, "no lid moves: there is no au.csv, or AU45_r is 0 throughout.");
+    print_effect(lines, "eye", false, "no lid moves: there is no au.csv, or AU45_r is 0 throughout.");
   else
-    tell(telling, "eye", false, "the lids rest: eye values from %.2f to %.2f, a blink moves them by %.1f at least.",
-         (double)m->eye_low, (double)m->eye_high, ERN_CLIP_BLINK);
+    print_effect(lines, "eye", false,
+                 "the lids rest: eye values from %.2f to %.2f, a blink moves them by %.1f at least.",
+                 (double)m->eye_low, (double)m->eye_high, ERN_CLIP_BLINK);
 }
 
-static void tell_head(const struct telling *telling, const ern_clip_measures *m, const struct effects *called) {
+static void print_head(const struct effect_lines *lines, const ern_clip_measures *m, const struct effects *called) {
   if (camera_moves(m))
-    tell(telling, "camera", true, "the head moves: it turns by up to %.1f degrees from its first pose.",
-         m->camera_turn);
+    print_effect(lines, "camera", true, "the head moves: it turns by up to %.1f degrees from its first pose.",
+                 m->camera_turn);
   else
-    tell(telling, "camera", false, "every frame has the first one's pose.");
-  tell(telling, "view", called->has[EFFECT_VIEW],
-       "the head is seen from directions up to %.1f degrees apart; from %.0f on colour may depend on it.", m->turn,
-       least_turn);
+    print_effect(lines, "camera", false, "every frame has the first one's pose.");
+  print_effect(lines, "view", called->has[EFFECT_VIEW],
+               "the head is seen from directions up to %.1f degrees apart; from %.0f on colour may depend on it.",
+               m->turn, least_turn);
   if (m->light < 0)
-    tell(telling, "codes", called->has[EFFECT_CODES],
-         "no frame has landmarks, so the light on the face is not known: each frame may have its own.");
+    print_effect(lines, "codes", called->has[EFFECT_CODES],
+                 "no frame has landmarks, so the light on the face is not known: each frame may have its own.");
   else
-    tell(telling, "codes", called->has[EFFECT_CODES],
-         "the cheeks' colour changes by %.2f of 255 from frame to frame beyond what the pose explains; from %.1f on "
-         "each frame gets a code of its own.",
-         m->light, least_light);
+    print_effect(
+        lines, "codes", called->has[EFFECT_CODES],
+        "the cheeks' colour changes by %.2f of 255 from frame to frame beyond what the pose explains; from %.1f on "
+        "each frame gets a code of its own.",
+        m->light, least_light);
 }
 
-static void tell_torso(const struct telling *telling, const ern_clip_measures *m) {
+static void print_torso(const struct effect_lines *lines, const ern_clip_measures *m) {
   const char *how = "moves on its own";
   if (m->torso_cover <= 0) {
-    tell(telling, "torso", false, "there is no torso layer, or it is transparent everywhere.");
+    print_effect(lines, "torso", false, "there is no torso layer, or it is transparent everywhere.");
     return;
   }
   if (m->torso_move < least_move)
     how = "stands still";
   else if (m->torso_against < 0.25 * m->torso_move)
     how = "moves as the head does";
-  tell(telling, "torso", true,
-       "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, relative to the head by %.2f.",
-       100 * m->torso_cover, how, m->torso_move, m->torso_against);
+  print_effect(
+      lines, "torso", true,
+      "the layer covers %.1f %% of the picture and %s: its centre moves by %.2f pixels, relative to the head by %.2f.",
+      100 * m->torso_cover, how, m->torso_move, m->torso_against);
 }
 
 void effects_explain(const ern_clip_measures *m,
                      void (*say)(void *user, const char *name, bool there, const char *sentence), void *user) {
-  const struct telling telling = {say, user};
+  const struct effect_lines lines = {say, user};
   struct effects called;
   effects_choose(m, &called);
-  tell_speech(&telling, m);
-  tell_eyes(&telling, m, called.has[EFFECT_EYE]);
-  tell_head(&telling, m, &called);
-  tell_torso(&telling, m);
+  print_speech(&lines, m);
+  print_eyes(&lines, m, called.has[EFFECT_EYE]);
+  print_head(&lines, m, &called);
+  print_torso(&lines, m);
 }
 
 json_t *effects_measures(const ern_clip_measures *m) {

@@ -41,7 +41,7 @@ int pareto_compare_db(const struct candidate *a, const struct candidate *b, size
   return sign_of(differences, count, t95, unseen);
 }
 
-static bool beats(const struct candidate *a, const struct candidate *b, size_t frames) {
+static bool dominates(const struct candidate *a, const struct candidate *b, size_t frames) {
   const int ms = pareto_compare_ms(a, b), db = pareto_compare_db(a, b, frames);
   return ms >= 0 && db >= 0 && ms + db > 0;
 }
@@ -63,12 +63,12 @@ static size_t twin_of(const struct place *places, const struct candidate *c, siz
 }
 
 /* Of the points of such a standing that beat k, the one with the best quality; k where there is none. */
-static size_t beater_of(const struct place *places, enum standing wanted, const struct candidate *c, size_t count,
-                        size_t frames, size_t k) {
+static size_t dominating_point(const struct place *places, enum standing wanted, const struct candidate *c,
+                               size_t count, size_t frames, size_t k) {
   double best = -INFINITY;
   size_t found = k;
   for (size_t i = 0; i < count; i++) {
-    if (places[i].standing != wanted || !beats(&c[i], &c[k], frames)) continue;
+    if (places[i].standing != wanted || !dominates(&c[i], &c[k], frames)) continue;
     const double quality = mean_of(c[i].db, frames).mean;
     if (found == k || quality > best) found = i, best = quality;
   }
@@ -92,9 +92,9 @@ static void find_kernel(struct place *places, const struct candidate *c, size_t 
     const size_t before = left;
     for (size_t k = 0; k < count; k++) {
       if (places[k].standing != STANDING_UNKNOWN) continue;
-      const size_t by = beater_of(places, STANDING_FRONT, c, count, frames, k);
-      if (by == k && beater_of(places, STANDING_UNKNOWN, c, count, frames, k) != k) continue;
-      places[k] = (struct place){by == k ? STANDING_FRONT : STANDING_BEATEN, by};
+      const size_t by = dominating_point(places, STANDING_FRONT, c, count, frames, k);
+      if (by == k && dominating_point(places, STANDING_UNKNOWN, c, count, frames, k) != k) continue;
+      places[k] = (struct place){by == k ? STANDING_FRONT : STANDING_DOMINATED, by};
       left--;
     }
     if (left < before) continue;

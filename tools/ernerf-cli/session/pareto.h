@@ -27,10 +27,10 @@ int pareto_compare_ms(const struct candidate *a, const struct candidate *b);
 int pareto_compare_db(const struct candidate *a, const struct candidate *b, size_t frames);
 
 enum standing {
-  STANDING_FRONT,  /* nothing that stands on the front betters it */
-  STANDING_BEATEN, /* `by` is measurably better in one way and not measurably worse in the other */
-  STANDING_EQUAL,  /* nothing betters it, and nothing tells it from `by`, which is simpler */
-  STANDING_UNKNOWN /* while they are looked for */
+  STANDING_FRONT,     /* nothing that stands on the front betters it */
+  STANDING_DOMINATED, /* `by` is measurably better in one way and not measurably worse in the other */
+  STANDING_EQUAL,     /* nothing betters it, and nothing tells it from `by`, which is simpler */
+  STANDING_UNKNOWN    /* while they are looked for */
 };
 struct place {
   enum standing standing;

@@ -171,14 +171,14 @@ const char *portrait_speech(const struct portrait *portrait) {
 
 int portrait_refuse_sound(const struct portrait *portrait, struct session *session) {
   char wanted[192];
-  hearing_wanted(&portrait->info, wanted);
+  speech_model_wanted(&portrait->info, wanted);
   return session_fail_with(session,
                            "%s: was trained on speech features of another kind than %s, the only kind that is computed "
                            "from a sound without a network; expected --audio FILE.npy, or --speech-model FILE.onnx%s",
                            portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
 }
 
-/* The clip's own file of these features is the same as hearing its sound again. */
+/* The clip's own file of these features holds what computing them from its sound gives. */
 static bool has_file(const char *clip, const char *kind) {
   char path[4096];
   const char *name = strcmp(kind, "esperanto") == 0 ? "aud_eo" : strcmp(kind, "hubert") == 0 ? "aud_hu" : NULL;
@@ -188,10 +188,10 @@ static bool has_file(const char *clip, const char *kind) {
 
 static int open_clip(struct portrait *portrait, struct session *session) {
   struct clip_source *source = &portrait->source;
-  const char *kind = ern_speech_network_kind(source->hearing.network);
+  const char *kind = ern_speech_network_kind(source->speech_model.network);
   if (portrait->other_speech && has_file(source->path, kind)) source->asr_model = kind;
   /* a clip may have features of another kind too */
-  if (source->features == NULL && source->asr_model == NULL && source->hearing.network == NULL &&
+  if (source->features == NULL && source->asr_model == NULL && source->speech_model.network == NULL &&
       strstr(portrait_speech(portrait), "cepstra") != NULL)
     source->asr_model = "cepstra";
   if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
@@ -203,15 +203,16 @@ static int open_clip(struct portrait *portrait, struct session *session) {
   snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
            own ? "/" : "", portrait->clip_info.features_file);
   if (!portrait->other_speech &&
-      hearing_check_features(session, portrait->model_path, &portrait->info, portrait->features_path,
-                             hearing_clip_kind(portrait->clip)) != 0)
+      speech_model_check_features(session, portrait->model_path, &portrait->info, portrait->features_path,
+                                  speech_model_clip_kind(portrait->clip)) != 0)
     return EXIT_FAILURE;
   return check_identity(portrait, session);
 }
 
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args) {
   int status = open_model(portrait, session, args);
-  if (status == 0) status = hearing_open(&portrait->source.hearing, session, portrait->model_path, &portrait->info);
+  if (status == 0)
+    status = speech_model_open(&portrait->source.speech_model, session, portrait->model_path, &portrait->info);
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   portrait->render.threads = session->threads;
@@ -243,7 +244,7 @@ int portrait_thin(struct portrait *portrait, struct session *session, const stru
 void portrait_close(struct portrait *portrait) {
   ern_renderer_free(&portrait->renderer);
   ern_clip_free(&portrait->clip);
-  hearing_close(&portrait->source.hearing);
+  speech_model_close(&portrait->source.speech_model);
   ern_model_free(&portrait->model);
 }
 
@@ -263,8 +264,8 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
 
 const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }
 
-static int hear_before(const struct portrait *portrait, struct session *session,
-                       const struct frame_source *frame_source, const ern_features *features) {
+static int encode_earlier_frames(const struct portrait *portrait, struct session *session,
+                                 const struct frame_source *frame_source, const ern_features *features) {
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
   const size_t begin =
       portrait->frames.begin < frame_source->count ? (size_t)portrait->frames.begin : frame_source->count;
@@ -283,6 +284,6 @@ int portrait_cut(const struct portrait *portrait, struct session *session, const
                  struct frame_source *frame_source, const ern_features *features) {
   int status = 0;
   if (!args_given(args, "frames")) return 0;
-  if (portrait->render.smooth_lips) status = hear_before(portrait, session, frame_source, features);
+  if (portrait->render.smooth_lips) status = encode_earlier_frames(portrait, session, frame_source, features);
   return status == 0 ? frame_source_cut(frame_source, args, &portrait->frames) : status;
 }

@@ -89,7 +89,7 @@ static int time_all(struct rate_control *g, struct look *look, rate_control_draw
 
 /* Whether another rung is as fast and as accurate; of two equals the later one goes. Two frames are too few to tell
  * qualities apart by their spread: their mean stands for it. */
-static bool beaten(const struct rate_control *g, size_t i) {
+static bool is_dominated(const struct rate_control *g, size_t i) {
   for (size_t k = 0; k < g->count; k++) {
     const struct rung *a = &g->rung[k], *b = &g->rung[i];
     if (k != i && a->ms <= b->ms && a->db >= b->db && (a->ms < b->ms || a->db > b->db || k < i)) return true;
@@ -109,7 +109,7 @@ static void keep_useful(struct rate_control *g, struct look *look) {
     g->rung[i].ms = quartiles_of(look->readings[i], LOOK_TURNS).median;
     g->rung[i].db = mean_of(look->db[i], LOOK_FRAMES).mean;
   }
-  for (size_t i = 0; i < g->count; i++) out[i] = beaten(g, i);
+  for (size_t i = 0; i < g->count; i++) out[i] = is_dominated(g, i);
   for (size_t i = 0; i < g->count; i++) {
     const struct rung rung = g->rung[i];
     g->rung[i].renderer = NULL;

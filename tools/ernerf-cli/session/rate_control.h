@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A budget instead of knobs: settings of measured price and time, from the most accurate to the fastest, and the one
+ * A budget in place of settings: settings of measured error and time, from the most accurate to the fastest, and the one
  * that holds a rate at the pace that the machine has now. */
 #ifndef ERN_CLI_RATE_CONTROL_H
 #define ERN_CLI_RATE_CONTROL_H

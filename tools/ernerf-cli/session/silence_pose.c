@@ -110,22 +110,22 @@ static int find(struct silence_pose *pose, struct session *session, const ern_fe
 }
 
 /* Whether the clip's features are those that the model speaks from; else says so. */
-static bool clip_tells(struct session *session, const struct portrait *portrait) {
+static bool features_fit(struct session *session, const struct portrait *portrait) {
   if (portrait->clip == NULL) {
     session_note(session, "%s: without --clip it is not known how the mouth rests, so it follows the speech alone",
                  session->verb);
     return false;
   }
-  if (hearing_fits(&portrait->info, hearing_clip_kind(portrait->clip))) return true;
+  if (speech_model_fits(&portrait->info, speech_model_clip_kind(portrait->clip))) return true;
   session_note(session,
                "%s: %s: holds %s, the model was trained on %s: silence cannot be recognised, so the mouth follows the "
                "speech alone",
-               session->verb, portrait->features_path, hearing_clip_kind(portrait->clip), portrait->info.speech);
+               session->verb, portrait->features_path, speech_model_clip_kind(portrait->clip), portrait->info.speech);
   return false;
 }
 
 int silence_pose_learn(struct silence_pose *pose, struct session *session, const struct portrait *portrait) {
-  if (pose->off || !clip_tells(session, portrait)) return 0;
+  if (pose->off || !features_fit(session, portrait)) return 0;
   const int status = learn(session, portrait, &pose->silence);
   return status == 0 && pose->silence != NULL ? find_code(pose, session, portrait) : status;
 }

@@ -316,7 +316,7 @@ static void close_all(struct eval_job *job) {
 static int check_words(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
   int status = setting_check(&job->setting, args, portrait);
-  if (status < 0) status = hearing_check(&portrait->source.hearing, args, portrait->source.features);
+  if (status < 0) status = speech_model_check(&portrait->source.speech_model, args, portrait->source.features);
   if (status < 0 && portrait->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->refine_poses)
@@ -330,8 +330,8 @@ static int check_words(struct eval_job *job, const struct args *args) {
   job->session.inputs[0] = portrait->model_path;
   job->session.inputs[1] = portrait->source.path;
   job->session.inputs[2] = portrait->source.features;
-  job->session.inputs[3] = portrait->source.hearing.path;
-  job->session.inputs[4] = hearing_file(&portrait->source.hearing);
+  job->session.inputs[3] = portrait->source.speech_model.path;
+  job->session.inputs[4] = speech_model_file(&portrait->source.speech_model);
   return status < 0 ? paper_metrics_check(&job->metrics, args, &job->session) : status;
 }
 

@@ -5,32 +5,33 @@
 
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
-#include "session/hearing.h"
+#include "session/speech_model.h"
 #include "verbs.h"
 
 struct features_job {
   struct session session;
-  struct hearing hearing;
+  struct speech_model speech_model;
   const char *sound, *out;
   float warp;
 };
 
 static int make(struct features_job *job) {
   struct session *session = &job->session;
-  struct hearing *hearing = &job->hearing;
+  struct speech_model *speech_model = &job->speech_model;
   ern_features features = {0};
   const double began = session_seconds();
-  if (session_check_output(session, job->out) != 0 || hearing_open(hearing, session, NULL, NULL) != 0)
+  if (session_check_output(session, job->out) != 0 || speech_model_open(speech_model, session, NULL, NULL) != 0)
     return EXIT_FAILURE;
-  const char *kind = hearing->network != NULL ? ern_speech_network_kind(hearing->network) : ERN_SPEECH_CEPSTRA;
-  ern_status status = hearing->network != NULL
-                          ? ern_speech_network_features(hearing->network, job->sound, &features)
+  const char *kind =
+      speech_model->network != NULL ? ern_speech_network_kind(speech_model->network) : ERN_SPEECH_CEPSTRA;
+  ern_status status = speech_model->network != NULL
+                          ? ern_speech_network_features(speech_model->network, job->sound, &features)
                           : ern_speech_features(session->context, job->sound, job->warp, &features);
   if (status == ERN_OK) status = ern_features_save(session->context, job->out, &features);
   const size_t windows = features.windows;
   const int length = features.window_length, width = features.width;
   ern_features_free(session->context, &features);
-  if (status != ERN_OK) return hearing_fail(session, status);
+  if (status != ERN_OK) return speech_model_fail(session, status);
   session_note(session, "%s: %s, %zu windows of %d rows of %d values, for %.2f s of sound", job->out, kind, windows,
                length, width, (double)windows / 25);
   return session_report(
@@ -55,7 +56,7 @@ int cmd_features(int argc, char **argv) {
                           .high = 2,
                           .help = "factor of all frequencies, 0.5 to 2, as if the speaker's vocal tract had another "
                                   "length; only for the built-in kind"}};
-  struct option network[HEARING_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
+  struct option network[SPEECH_MODEL_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"SOUND", &job.sound, "wav, mp3, mp4 or whatever else FFmpeg reads, up to 4 hours"}};
   struct args args = {
       .verb = "features",
@@ -69,22 +70,22 @@ int cmd_features(int argc, char **argv) {
       .words = words,
       .word_count = 1,
       .groups = {{"The features:", own, sizeof own / sizeof *own},
-                 {"A network:", network, HEARING_OPTIONS},
+                 {"A network:", network, SPEECH_MODEL_OPTIONS},
                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
-  hearing_options(&job.hearing, network);
+  speech_model_options(&job.speech_model, network);
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.out == NULL) status = args_refuse(&args, "-o FILE.npy is missing");
-  if (status < 0) status = hearing_check(&job.hearing, &args, job.sound);
-  if (status < 0 && job.hearing.path != NULL)
+  if (status < 0) status = speech_model_check(&job.speech_model, &args, job.sound);
+  if (status < 0 && job.speech_model.path != NULL)
     status = args_forbid(&args, "warp", "is for the built-in kind, and --speech-model takes the sound unchanged");
   job.session.inputs[0] = job.sound;
-  job.session.inputs[1] = job.hearing.path;
-  job.session.inputs[2] = hearing_file(&job.hearing);
+  job.session.inputs[1] = job.speech_model.path;
+  job.session.inputs[2] = speech_model_file(&job.speech_model);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = make(&job);
-  hearing_close(&job.hearing);
+  speech_model_close(&job.speech_model);
   session_close(&job.session);
   return status;
 }

@@ -7,7 +7,7 @@
 
 #include "ernerf/data.h"
 #include "ernerf/model.h"
-#include "session/hearing.h"
+#include "session/speech_model.h"
 #include "verbs.h"
 
 #define GIB (1024.0 * 1024 * 1024)
@@ -168,7 +168,7 @@ static void print_consent(const char *text) {
 
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
   char *list = json_dumps(effects, 0), wanted[192];
-  hearing_wanted(info, wanted);
+  speech_model_wanted(info, wanted);
   printf("%s: %s\n", path, kind);
   printf("  steps            head %" PRIu64 ", torso %" PRIu64 "\n", info->head_steps, info->torso_steps);
   printf("  backbone         %s\n", ern_backbone_name(info->backbone));

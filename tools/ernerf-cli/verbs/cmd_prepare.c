@@ -33,7 +33,7 @@ static int say_progress(void *user, const char *step, size_t done, size_t total)
 }
 
 /* Says each verdict, and hands them over for --json; NULL without memory. */
-static json_t *tell(struct session *session, const ern_prepare_result *result) {
+static json_t *print_verdicts(struct session *session, const ern_prepare_result *result) {
   static const char *const grades[] = {"good", "doubtful", "refused"};
   json_t *list = json_array();
   for (int i = 0; i < ERN_PREPARE_STEPS; i++) {
@@ -70,7 +70,7 @@ static int make(struct prepare_job *job) {
   options->user = job;
   const ern_status status = library.run(session->context, job->video, job->folder, options, &result, sizeof result);
   if (job->step != NULL) progress_end(&job->progress);
-  json_t *verdicts = tell(session, &result);
+  json_t *verdicts = print_verdicts(session, &result);
   if (status == ERN_E_CANCELLED && session_interrupted()) {
     json_decref(verdicts);
     return session_stop_with(session, "stopped; the same command goes on from here");

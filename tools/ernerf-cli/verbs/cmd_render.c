@@ -169,22 +169,23 @@ static int open_features(struct render_job *job) {
   struct session *session = &job->session;
   const char *name = job->portrait.features_path;
   if (job->audio != NULL) {
-    ern_speech_network *network = job->portrait.source.hearing.network;
+    ern_speech_network *network = job->portrait.source.speech_model.network;
     const char *kind = portrait_speech(&job->portrait);
     if (network == NULL && ern_speech_is_sound(job->audio) && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
       return portrait_refuse_sound(&job->portrait, session);
     const ern_status status = network != NULL ? ern_speech_network_features(network, job->audio, &job->own_features)
                                               : ern_speech_open(session->context, job->audio, kind, &job->own_features);
-    if (status != ERN_OK) return hearing_fail(session, status);
+    if (status != ERN_OK) return speech_model_fail(session, status);
     job->features = &job->own_features;
     name = job->audio;
-    if (!ern_speech_is_sound(name) && hearing_check_features(session, job->portrait.model_path, &job->portrait.info,
-                                                             name, hearing_kind(name, job->features->width)) != 0)
+    if (!ern_speech_is_sound(name) &&
+        speech_model_check_features(session, job->portrait.model_path, &job->portrait.info, name,
+                                    speech_model_kind(name, job->features->width)) != 0)
       return EXIT_FAILURE;
   } else {
     job->features = ern_clip_features(job->portrait.clip);
   }
-  hearing_close(&job->portrait.source.hearing); /* its memory is that of the frames */
+  speech_model_close(&job->portrait.source.speech_model); /* its memory is that of the frames */
   if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
   job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
                         sizeof(float));
@@ -530,7 +531,7 @@ int cmd_render(int argc, char **argv) {
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
-  if (status < 0) status = hearing_check(&job.portrait.source.hearing, &args, job.audio);
+  if (status < 0) status = speech_model_check(&job.portrait.source.speech_model, &args, job.audio);
   job.portrait.other_speech = job.audio != NULL;
   const char *const inputs[SESSION_INPUTS] = {job.portrait.model_path,
                                               job.portrait.source.path,
@@ -540,8 +541,8 @@ int cmd_render(int argc, char **argv) {
                                               job.background_file,
                                               job.control.eye,
                                               job.rate_control.front,
-                                              job.portrait.source.hearing.path,
-                                              hearing_file(&job.portrait.source.hearing)};
+                                              job.portrait.source.speech_model.path,
+                                              speech_model_file(&job.portrait.source.speech_model)};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;

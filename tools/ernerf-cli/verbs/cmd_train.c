@@ -122,7 +122,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
 
 /* What a time is best spent on (docs/history-small-steps.md), where no option says it. */
 static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
-  const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->together.world.communicator.size > 1;
+  const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->distributed.world.communicator.size > 1;
   if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
   if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = true;
   if (!args_given(args, "ema-every")) config->ema_every = TIMED_EMA_EVERY;
@@ -137,8 +137,8 @@ static void choose_timed(const struct train_job *job, const struct args *args, e
 static void choose_parts(struct train_job *job, const struct args *args) {
   enum { PARTS = 4 };
   ern_train_config *config = &job->config;
-  const int processes = job->together.world.communicator.size;
-  config->communicator = together_communicator(&job->together);
+  const int processes = job->distributed.world.communicator.size;
+  config->communicator = distributed_communicator(&job->distributed);
   if (processes > 1 && !args_given(args, "step-parts") && config->step_parts == 1)
     config->step_parts = processes > PARTS ? processes : PARTS;
 }
@@ -192,7 +192,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
 
 static int open_clip(struct train_job *job, const struct args *args) {
   const int opened = clip_source_open(&job->source, &job->session, &job->clip);
-  hearing_close(&job->source.hearing); /* its memory is that of the training */
+  speech_model_close(&job->source.speech_model); /* its memory is that of the training */
   if (opened != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
   const char *earlier = job->config.from != NULL ? job->config.from : job->config.output;
@@ -228,12 +228,13 @@ static void say_length(struct train_job *job) {
 
 /* What will be learnt from what, and where it goes. */
 static void say_plan(struct train_job *job) {
-  const ern_communicator *together = &job->together.world.communicator;
-  const int each = job->config.rays / together->size;
-  if (together->size > 1)
-    session_note_rank(&job->session, "train: rank %d of %d: rays %d to %d of the %d of a step", together->rank,
-                      together->size, together->rank * each, (together->rank + 1) * each - 1, job->config.rays);
-  if (together->rank > 0) return;
+  const ern_communicator *communicator = &job->distributed.world.communicator;
+  const int each = job->config.rays / communicator->size;
+  if (communicator->size > 1)
+    session_note_rank(&job->session, "train: rank %d of %d: rays %d to %d of the %d of a step", communicator->rank,
+                      communicator->size, communicator->rank * each, (communicator->rank + 1) * each - 1,
+                      job->config.rays);
+  if (communicator->rank > 0) return;
   const ern_clip_info *info = &job->clip_info;
   const ern_train_config *config = &job->config;
   const ern_features *features = ern_clip_features(job->clip);
@@ -271,7 +272,7 @@ static int describe_from(struct train_job *job) {
 /* What the training goes on from, and the network that hears its sound: the same one, where that is not said. */
 static int open_earlier(struct train_job *job) {
   struct session *session = &job->session;
-  struct hearing *hearing = &job->source.hearing;
+  struct speech_model *speech_model = &job->source.speech_model;
   ern_train_state state;
   ern_model_info head, model;
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
@@ -286,10 +287,10 @@ static int open_earlier(struct train_job *job) {
   }
   if (job->head != NULL) {
     ern_model_describe(job->head, &head);
-    return hearing_open(hearing, session, job->head_path, &head);
+    return speech_model_open(speech_model, session, job->head_path, &head);
   }
-  if (!job->has_from || hearing->needs != NULL) return 0;
-  return hearing_open(hearing, session, job->has_state ? job->config.output : job->config.from, &job->from);
+  if (!job->has_from || speech_model->needs != NULL) return 0;
+  return speech_model_open(speech_model, session, job->has_state ? job->config.output : job->config.from, &job->from);
 }
 
 static int open_all(struct train_job *job, const struct args *args) {
@@ -400,7 +401,7 @@ static void close_training(struct train_job *job) {
   ern_trainer_free(&job->trainer);
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
-  hearing_close(&job->source.hearing);
+  speech_model_close(&job->source.speech_model);
   fine_stage_close(&job->fine);
   validations_free(&job->validations);
 }
@@ -455,16 +456,17 @@ int cmd_train(int argc, char **argv) {
   fine_stage_options(&job.fine, &job.config, fine);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
-  if (status < 0) status = hearing_check(&job.source.hearing, &args, job.source.features);
+  if (status < 0) status = speech_model_check(&job.source.speech_model, &args, job.source.features);
   job.session.rewrites = true; /* X.run; the trainer looks after X */
-  const char *const inputs[] = {job.source.path,          job.source.features,     job.head_path,
-                                job.config.from,          job.source.hearing.path, hearing_file(&job.source.hearing),
-                                job.fine.weights.network, job.fine.weights.heads,  job.consent};
+  const char *const inputs[] = {
+      job.source.path,          job.source.features,          job.head_path,
+      job.config.from,          job.source.speech_model.path, speech_model_file(&job.source.speech_model),
+      job.fine.weights.network, job.fine.weights.heads,       job.consent};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  status = together_open(&job.together, &job.session);
-  if (status == 0 && !args_given(&args, "device")) status = together_choose_device(&job.together, &job.session);
+  status = distributed_open(&job.distributed, &job.session);
+  if (status == 0 && !args_given(&args, "device")) status = distributed_choose_device(&job.distributed, &job.session);
   if (status == 0) status = session_check_training(&job.session, job.config.output);
   if (status == 0 && job.consent != NULL) {
     status = consent_read(&job.session, job.consent, job.consent_text);
@@ -474,7 +476,7 @@ int cmd_train(int argc, char **argv) {
   if (status == 0 && !portrait) status = head_and_torso_check_resumed(&job);
   if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);
   free(job.head_output);
-  together_close(&job.together, status);
+  distributed_close(&job.distributed, status);
   session_close(&job.session);
   return status;
 }

@@ -96,7 +96,7 @@ void head_and_torso_turn(struct train_job *job, const ern_train_config *asked) {
   job->config.frames_per_step = 1; /* the option is the head's, as --precision is */
   job->head_path = job->head_output;
   job->seconds *= 1 - HEAD_SHARE;
-  job->source.hearing.needs = NULL; /* the head says it */
+  job->source.speech_model.needs = NULL; /* the head says it */
   job->has_from = job->has_state;
   job->stepped = false;
 }

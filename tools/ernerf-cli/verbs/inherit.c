@@ -3,7 +3,7 @@
 
 #include <inttypes.h>
 
-#include "session/hearing.h"
+#include "session/speech_model.h"
 
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config) {
   if (!args_given(args, "levels")) config->levels = model->levels;
@@ -85,6 +85,6 @@ int inherit_speech(struct session *session, const ern_model *head, const char *h
   ern_clip_describe(clip, &info);
   if (head != NULL) ern_model_describe(head, &under);
   if (head == NULL && from == NULL) return 0;
-  return hearing_check_features(session, head != NULL ? head_path : from_path, head != NULL ? &under : from,
-                                info.features_file, hearing_clip_kind(clip));
+  return speech_model_check_features(session, head != NULL ? head_path : from_path, head != NULL ? &under : from,
+                                     info.features_file, speech_model_clip_kind(clip));
 }

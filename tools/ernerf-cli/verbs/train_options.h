@@ -10,9 +10,9 @@
 #include "session/clip_source.h"
 #include "session/effects.h"
 #include "session/session.h"
+#include "verbs/distributed.h"
 #include "verbs/fine_stage.h"
 #include "verbs/speech_augmentation.h"
-#include "verbs/together.h"
 #include "verbs/validations.h"
 
 enum {
@@ -23,7 +23,7 @@ enum {
 
 struct train_job {
   struct session session;
-  struct together together;
+  struct distributed distributed;
   ern_train_config config;
   struct clip_source source;
   const char *head_path, *effects_list, *consent; /* consent: as asked, text or file */

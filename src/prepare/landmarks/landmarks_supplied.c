@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "prepare/landmarks/landmarks_brought.h"
+#include "prepare/landmarks/landmarks_supplied.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -134,7 +134,7 @@ ern_status ern_prepare_landmarks_check(struct ern_prepare_job *job) {
     ERN_TRY(ern_landmark_network_open(job->context, job->options->landmarks, &network));
   } else {
     ERN_TRY(ERN_NEW(job->context, job->frames, &points));
-    ERN_TRY(ern_landmarks_bring(job, NULL, NULL, job->frames, points, &held));
+    ERN_TRY(ern_landmarks_supplied(job, NULL, NULL, job->frames, points, &held));
   }
 fail:
   ern_landmark_network_free(&network);
@@ -142,8 +142,8 @@ fail:
   return status;
 }
 
-ern_status ern_landmarks_bring(struct ern_prepare_job *job, const size_t *frames, const struct ern_head_pose *poses,
-                               size_t count, float (*points)[ERN_LANDMARKS][2], size_t *held) {
+ern_status ern_landmarks_supplied(struct ern_prepare_job *job, const size_t *frames, const struct ern_head_pose *poses,
+                                  size_t count, float (*points)[ERN_LANDMARKS][2], size_t *held) {
   *held = 0;
   if (ends_with(job->options->landmarks, ".onnx")) return from_network(job, frames, poses, count, points);
   if (ends_with(job->options->landmarks, ".csv")) return from_table(job, frames, count, points, held);
@@ -157,7 +157,7 @@ static void pose_of(const struct ern_prepare_job *job, const struct ern_found_fa
   ern_head_pose_of_eyes(face->has_eyes ? (const float(*)[2])face->eyes : eyes, job->focal, 0.5 * job->side, pose);
 }
 
-ern_status ern_landmarks_bring_eyes(struct ern_prepare_job *job, struct ern_found_face *faces, size_t count) {
+ern_status ern_landmarks_supplied_eyes(struct ern_prepare_job *job, struct ern_found_face *faces, size_t count) {
   ern_status status = ERN_OK;
   size_t *frames = NULL, held = 0;
   struct ern_head_pose *poses = NULL;
@@ -169,7 +169,7 @@ ern_status ern_landmarks_bring_eyes(struct ern_prepare_job *job, struct ern_foun
     frames[i] = faces[i].frame;
     pose_of(job, &faces[i], &poses[i]);
   }
-  ERN_TRY(ern_landmarks_bring(job, frames, poses, count, points, &held));
+  ERN_TRY(ern_landmarks_supplied(job, frames, poses, count, points, &held));
   for (size_t i = 0; i < count; i++) {
     memset(faces[i].eyes, 0, sizeof faces[i].eyes);
     for (int k = 0; k < 24; k++) faces[i].eyes[k / 12][k % 2] += points[i][36 + k / 2][k % 2] / 6;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What a step of the fine stage takes, beside a coarse step of the same training (docs/maths.md, The fine stage). */
-#ifndef ERN_CLI_FINE_PRICE_H
-#define ERN_CLI_FINE_PRICE_H
+#ifndef ERN_CLI_FINE_STAGE_COST_H
+#define ERN_CLI_FINE_STAGE_COST_H
 
 #include "ernerf/train.h"
 #include "output/training_report.h"
@@ -11,8 +11,8 @@
  * same coarse steps, which then make a step each in turns: a coarse one, a fine one with structural similarity, and
  * with the weights of LPIPS (open, else none) a fine one with that. seconds: that it takes, about. Fills *price; where
  * the clip or the rays have no room for patches, with the reason. Returns 0, or EXIT_FAILURE after a message. */
-int fine_price_measure(struct fine_price *price, struct session *session, ern_backend *backend,
-                       const ern_dataset *dataset, const ern_train_config *config, const struct lpips_weights *weights,
-                       double seconds);
+int fine_stage_cost_measure(struct fine_stage_cost *price, struct session *session, ern_backend *backend,
+                            const ern_dataset *dataset, const ern_train_config *config,
+                            const struct lpips_weights *weights, double seconds);
 
 #endif

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * Masks that the user brought: DIR/ID.png in AD-NeRF's colours or grey, or a network. */
+ * Masks that the user supplied: DIR/ID.png in AD-NeRF's colours or grey, or a network. */
 #include <stdio.h>
 #include <string.h>
 
 #include "prepare/layers/layers.h"
 
-struct ern_brought_masks {
+struct ern_supplied_masks {
   const struct ern_prepare_job *job;
   struct ern_person_network *network; /* NULL: a folder */
   bool coloured;                      /* the folder's files have AD-NeRF's colours, else they are grey */
@@ -54,7 +54,7 @@ fail:
 }
 
 /* White is the background of a folder in colours, and the person of one in grey. */
-static ern_status tell_form(struct ern_brought_masks *masks) {
+static ern_status detect_form(struct ern_supplied_masks *masks) {
   ern_status status = ERN_OK;
   ern_image image = {0};
   bool grey = true, coloured = true;
@@ -70,7 +70,7 @@ fail:
   return status;
 }
 
-ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brought_masks **masks) {
+ern_status ern_supplied_masks_open(struct ern_prepare_job *job, struct ern_supplied_masks **masks) {
   ern_status status = ERN_OK;
   const char *path = job->options->masks;
   const size_t length = strlen(path);
@@ -79,18 +79,18 @@ ern_status ern_brought_masks_open(struct ern_prepare_job *job, struct ern_brough
   if (length > 5 && strcmp(path + length - 5, ".onnx") == 0)
     ERN_TRY(ern_person_network_open(job->context, path, &(*masks)->network));
   else
-    ERN_TRY(tell_form(*masks));
+    ERN_TRY(detect_form(*masks));
 fail:
   return status;
 }
 
-void ern_brought_masks_free(struct ern_brought_masks *masks) {
+void ern_supplied_masks_free(struct ern_supplied_masks *masks) {
   if (masks == NULL) return;
   ern_person_network_free(masks->network);
   ern_release(masks->job->context, masks);
 }
 
-static ern_status read_mask(const struct ern_brought_masks *masks, size_t frame, uint8_t *mask, uint8_t *parts,
+static ern_status read_mask(const struct ern_supplied_masks *masks, size_t frame, uint8_t *mask, uint8_t *parts,
                             bool *has_parts) {
   static const char *const forms[] = {"grey", "in colours"};
   ern_status status = ERN_OK;
@@ -113,20 +113,20 @@ fail:
   return status;
 }
 
-ern_status ern_brought_mask(struct ern_brought_masks *masks, size_t frame, const uint8_t *rgb,
-                            const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts, bool *has_parts) {
+ern_status ern_supplied_mask(struct ern_supplied_masks *masks, size_t frame, const uint8_t *rgb,
+                             const struct ern_layer_face *face, uint8_t *mask, uint8_t *parts, bool *has_parts) {
   *has_parts = false;
   if (masks->network == NULL) return read_mask(masks, frame, mask, parts, has_parts);
   return ern_person_network_run(masks->network, rgb, face, masks->job->side, mask);
 }
 
-ern_status ern_brought_masks_check(struct ern_prepare_job *job) {
+ern_status ern_supplied_masks_check(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   const size_t pixels = (size_t)job->side * (size_t)job->side;
-  struct ern_brought_masks *masks = NULL;
+  struct ern_supplied_masks *masks = NULL;
   uint8_t *mask = NULL, *parts = NULL;
   bool has_parts = false;
-  ERN_TRY(ern_brought_masks_open(job, &masks));
+  ERN_TRY(ern_supplied_masks_open(job, &masks));
   ERN_TRY(ERN_NEW(job->context, pixels, &mask));
   ERN_TRY(ERN_NEW(job->context, pixels, &parts));
   for (size_t i = 0; i < job->frames && masks->network == NULL; i++) {
@@ -134,7 +134,7 @@ ern_status ern_brought_masks_check(struct ern_prepare_job *job) {
     ERN_TRY(ern_prepare_progress(job, i, job->frames));
   }
 fail:
-  ern_brought_masks_free(masks);
+  ern_supplied_masks_free(masks);
   ern_release(job->context, mask);
   ern_release(job->context, parts);
   return status;

@@ -15,25 +15,26 @@ static ern_status answered(ern_trainer *t, ern_status status, const char *words)
 
 static ern_status broadcast(ern_trainer *t, void *bytes, size_t count) {
   char words[ERN_COMMUNICATOR_WORDS] = "";
-  return answered(t, t->together.broadcast(t->together.user, bytes, count, words), words);
+  return answered(t, t->communicator.broadcast(t->communicator.user, bytes, count, words), words);
 }
 
 ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t count, struct ern_step_sum *sum) {
   char words[ERN_COMMUNICATOR_WORDS] = "";
-  if (t->together.size == 1) return ERN_OK;
+  if (t->communicator.size == 1) return ERN_OK;
   return answered(
-      t, t->together.sum(t->together.user, values, count, (double *)sum, sizeof *sum / sizeof(double), words), words);
+      t, t->communicator.sum(t->communicator.user, values, count, (double *)sum, sizeof *sum / sizeof(double), words),
+      words);
 }
 
 ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count) {
   char words[ERN_COMMUNICATOR_WORDS] = "";
-  const size_t rank = (size_t)t->together.rank, size = (size_t)t->together.size;
+  const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
   const size_t first = count * rank / size, own = count * (rank + 1) / size - first;
   float *host = t->parts.gathered;
   ern_status status = ERN_OK;
   if (size == 1) return ERN_OK;
   ERN_TRY(t->backend->download_reals(t->stream, host + first, ern_span_part(values, first, own), own));
-  ERN_TRY(answered(t, t->together.gather(t->together.user, host, count, words), words));
+  ERN_TRY(answered(t, t->communicator.gather(t->communicator.user, host, count, words), words));
   ERN_TRY(t->backend->upload_reals(t->stream, values, host, count));
 fail:
   return status;
@@ -41,7 +42,7 @@ fail:
 
 ern_status ern_trainer_wait_for_first(ern_trainer *t) {
   char byte = 0;
-  return t->together.size > 1 ? broadcast(t, &byte, 1) : ERN_OK;
+  return t->communicator.size > 1 ? broadcast(t, &byte, 1) : ERN_OK;
 }
 
 /* ---- the beginning ----------------------------------------------------------------------------------------------- */
@@ -57,7 +58,7 @@ static ern_status check_same_words(ern_trainer *t) {
   const ern_status status = broadcast(t, first, sizeof first);
   if (status != ERN_OK || strcmp(own, first) == 0) return status;
   return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s; rank 0 has %s, expected the same",
-                  t->together.rank, own, first);
+                  t->communicator.rank, own, first);
 }
 
 /* The numbers on which a step depends, but for those that rank 0 gives to all (share_numbers). */
@@ -101,8 +102,8 @@ static ern_status check_same_numbers(ern_trainer *t) {
   const ern_status status = broadcast(t, first, sizeof first);
   for (size_t i = 0; i < COUNT && status == ERN_OK; i++)
     if (own[i].value != first[i])
-      return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s %g, expected %g as rank 0", t->together.rank,
-                      own[i].name, own[i].value, first[i]);
+      return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s %g, expected %g as rank 0",
+                      t->communicator.rank, own[i].name, own[i].value, first[i]);
   return status;
 }
 
@@ -163,7 +164,7 @@ static ern_status share_numbers(ern_trainer *t) {
 ern_status ern_trainer_share_state(ern_trainer *t) {
   const ern_span values[] = {t->parameters, t->moment, t->average};
   ern_status status = ERN_OK;
-  if (t->together.size == 1) return ERN_OK;
+  if (t->communicator.size == 1) return ERN_OK;
   ERN_TRY(check_same_words(t));
   ERN_TRY(check_same_numbers(t));
   ERN_TRY(share_numbers(t));

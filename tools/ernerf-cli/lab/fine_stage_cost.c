@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "lab/fine_price.h"
+#include "lab/fine_stage_cost.h"
 
 #include <stdlib.h>
 
@@ -66,11 +66,11 @@ static int take_turns(struct race *race, double seconds, size_t *turns) {
   return 0;
 }
 
-int fine_price_measure(struct fine_price *price, struct session *session, ern_backend *backend,
-                       const ern_dataset *dataset, const ern_train_config *config, const struct lpips_weights *weights,
-                       double seconds) {
+int fine_stage_cost_measure(struct fine_stage_cost *price, struct session *session, ern_backend *backend,
+                            const ern_dataset *dataset, const ern_train_config *config,
+                            const struct lpips_weights *weights, double seconds) {
   const int side = config->patch_size;
-  *price = (struct fine_price){.rays = config->rays, .patch = side};
+  *price = (struct fine_stage_cost){.rays = config->rays, .patch = side};
   if (config->rays < side * side || dataset->width < side || dataset->height < side) return 0;
   struct race *race = calloc(1, sizeof *race);
   if (race == NULL) return session_fail_with(session, "no memory for %d steps", (int)MOST_TURNS);

@@ -13,7 +13,7 @@ static const char words[] =
 static void refuse(struct live_job *job, const char *reason) {
   char text[LIVE_LINE];
   snprintf(text, sizeof text, "error: %.3900s", reason);
-  live_control_answer(&job->steering, text);
+  live_control_answer(&job->commands, text);
 }
 
 static void say(struct live_job *job, bool speaks, const char *rest) {
@@ -24,7 +24,7 @@ static void say(struct live_job *job, bool speaks, const char *rest) {
   else if (!live_sound_say(&job->sound, speaks, rest))
     refuse(job, "say and play: 32 of them wait already");
   else
-    live_control_answer(&job->steering, "ok");
+    live_control_answer(&job->commands, "ok");
 }
 
 static void set_eyes(struct live_job *job, const char *rest) {
@@ -42,7 +42,7 @@ static void set_eyes(struct live_job *job, const char *rest) {
   } else {
     job->eye = eye;
   }
-  live_control_answer(&job->steering, "ok");
+  live_control_answer(&job->commands, "ok");
 }
 
 static void set_background(struct live_job *job, const char *rest) {
@@ -57,24 +57,24 @@ static void set_background(struct live_job *job, const char *rest) {
   } else {
     background_free(&job->background, &job->session);
     job->background = next;
-    live_control_answer(&job->steering, "ok");
+    live_control_answer(&job->commands, "ok");
   }
 }
 
-static void tell_statistics(struct live_job *job) {
+static void answer_statistics(struct live_job *job) {
   json_t *object = live_statistics(job);
   json_t *settings = json_object_get(object, "rate_control");
   if (json_is_object(settings)) json_object_del(settings, "settings"); /* many; the report of --json has them */
   char *text = object != NULL ? json_dumps(object, JSON_COMPACT) : NULL;
   if (text != NULL)
-    live_control_answer(&job->steering, text);
+    live_control_answer(&job->commands, text);
   else
     refuse(job, "statistics: no memory");
   free(text);
   json_decref(object);
 }
 
-void live_obey(struct live_job *job, const char *line) {
+void live_command(struct live_job *job, const char *line) {
   char word[32];
   const size_t length = strcspn(line, " \t");
   const char *rest = line + length + strspn(line + length, " \t");
@@ -82,20 +82,20 @@ void live_obey(struct live_job *job, const char *line) {
   if (strcmp(word, "say") == 0 || strcmp(word, "play") == 0) {
     say(job, word[0] == 's', rest);
   } else if (strcmp(word, "stop") == 0) {
-    live_sound_hush(&job->sound);
-    live_control_answer(&job->steering, "ok");
+    live_sound_cancel(&job->sound);
+    live_control_answer(&job->commands, "ok");
   } else if (strcmp(word, "hold") == 0 && (strcmp(rest, "on") == 0 || strcmp(rest, "off") == 0)) {
     job->held = strcmp(rest, "on") == 0;
-    live_control_answer(&job->steering, "ok");
+    live_control_answer(&job->commands, "ok");
   } else if (strcmp(word, "eyes") == 0) {
     set_eyes(job, rest);
   } else if (strcmp(word, "background") == 0) {
     set_background(job, rest);
   } else if (strcmp(word, "statistics") == 0) {
-    tell_statistics(job);
+    answer_statistics(job);
   } else if (strcmp(word, "quit") == 0) {
     job->quits = true;
-    live_control_answer(&job->steering, "ok");
+    live_control_answer(&job->commands, "ok");
   } else {
     char text[LIVE_LINE];
     snprintf(text, sizeof text, "\"%.200s\" is not known, expected %s", line, words);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "verbs/together.h"
+#include "verbs/distributed.h"
 
 #include <dlfcn.h>
 #include <stdlib.h>
@@ -21,34 +21,34 @@ static bool was_launched_with_others(void) {
 }
 
 /* MPI's own modules look for its symbols among those of the program. */
-static int load(struct together *together, struct session *session) {
+static int load(struct distributed *distributed, struct session *session) {
   static const char file[] = SONAME(ERN_VERSION_MAJOR);
-  together->library = dlopen(file, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
-  if (together->library == NULL)
+  distributed->library = dlopen(file, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
+  if (distributed->library == NULL)
     return session_fail_with(session,
                              "started by mpirun, and %s cannot be loaded: %s; expected an ernerf that was built with "
                              "ERNERF_MPI",
                              file, dlerror());
-  const struct ern_mpi *functions = dlsym(together->library, "ern_mpi");
+  const struct ern_mpi *functions = dlsym(distributed->library, "ern_mpi");
   if (functions == NULL || strcmp(functions->version, ern_version()) != 0)
     return session_fail_with(session, "%s is of version %s, expected %s", file,
                              functions != NULL ? functions->version : "unknown", ern_version());
-  together->functions = functions;
+  distributed->functions = functions;
   return 0;
 }
 
-int together_open(struct together *together, struct session *session) {
+int distributed_open(struct distributed *distributed, struct session *session) {
   char words[ERN_COMMUNICATOR_WORDS] = "";
-  *together = (struct together){.world = {.communicator = {.size = 1}}};
+  *distributed = (struct distributed){.world = {.communicator = {.size = 1}}};
   if (!was_launched_with_others()) return 0;
-  if (load(together, session) != 0) return EXIT_FAILURE;
-  if (together->functions->open(&together->world, session_interrupted, words) != ERN_OK) {
-    together->functions = NULL;
+  if (load(distributed, session) != 0) return EXIT_FAILURE;
+  if (distributed->functions->open(&distributed->world, session_interrupted, words) != ERN_OK) {
+    distributed->functions = NULL;
     return session_fail_with(session, "%s", words);
   }
-  session->rank = together->world.communicator.rank;
+  session->rank = distributed->world.communicator.rank;
   if (session->rank == 0)
-    session_note(session, "%s: %d processes", together->functions->mpi, together->world.communicator.size);
+    session_note(session, "%s: %d processes", distributed->functions->mpi, distributed->world.communicator.size);
   return 0;
 }
 
@@ -57,19 +57,19 @@ static void count_device(void *user, const ern_device_info *device) {
   if (strcmp(device->kind, "opencl") == 0) (*devices)++;
 }
 
-int together_choose_device(const struct together *together, struct session *session) {
+int distributed_choose_device(const struct distributed *distributed, struct session *session) {
   int devices = 0;
-  if (together->world.communicator.size == 1 || session->backend_choice != SESSION_OPENCL) return 0;
+  if (distributed->world.communicator.size == 1 || session->backend_choice != SESSION_OPENCL) return 0;
   if (ern_devices_list(session->context, count_device, &devices) != ERN_OK) return session_fail(session);
-  session->device = devices > 0 ? together->world.place % devices : 0;
+  session->device = devices > 0 ? distributed->world.place % devices : 0;
   return 0;
 }
 
-const ern_communicator *together_communicator(const struct together *together) {
-  return together->world.communicator.size > 1 ? &together->world.communicator : NULL;
+const ern_communicator *distributed_communicator(const struct distributed *distributed) {
+  return distributed->world.communicator.size > 1 ? &distributed->world.communicator : NULL;
 }
 
-void together_close(struct together *together, int status) {
-  if (together->functions != NULL) together->functions->close(&together->world, status);
-  together->functions = NULL;
+void distributed_close(struct distributed *distributed, int status) {
+  if (distributed->functions != NULL) distributed->functions->close(&distributed->world, status);
+  distributed->functions = NULL;
 }

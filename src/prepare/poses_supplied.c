@@ -28,7 +28,7 @@ static struct beside lay_beside(const struct ern_prepare_job *job, const struct 
   struct beside b = {.found = {(double)(face->x + 0.5f * face->width), (double)(face->y + 0.5f * face->height)},
                      .width = (double)face->width,
                      .wide = 2 * ERN_HEAD_WIDE * job->focal / -pose->translation[2]};
-  (void)ern_head_project(pose, job->focal, 0.5 * job->side, middle, b.at); /* brought heads are before the camera */
+  (void)ern_head_project(pose, job->focal, 0.5 * job->side, middle, b.at); /* supplied heads are before the camera */
   return b;
 }
 
@@ -98,8 +98,8 @@ static void check_agreement(struct ern_prepare_job *job, const struct agreement 
           file, c == 0 ? "sideways" : "up and down", a->follows[c]);
 }
 
-/* What was brought, beside what the step "face" found. */
-static ern_status check_brought(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
+/* What was supplied, beside what the step "face" found. */
+static ern_status check_supplied(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
   ern_status status = ERN_OK;
   struct ern_found_face *faces = NULL;
   size_t count = 0;
@@ -119,8 +119,8 @@ ern_status ern_prepare_poses_take(struct ern_prepare_job *job) {
   struct ern_head_pose *poses = NULL;
   size_t unheard = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
-  ERN_TRY(ern_prepare_poses_bring(job, poses, &unheard));
-  ERN_TRY(check_brought(job, poses));
+  ERN_TRY(ern_prepare_poses_supplied(job, poses, &unheard));
+  ERN_TRY(check_supplied(job, poses));
   ERN_TRY(ern_prepare_poses_write(job, poses));
   if (unheard > 0)
     ern_prepare_add_reason(
