@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which backends there are, and the choice of one: the only file that names them. */
+ * Lists the backends and selects one: the only file that names them. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,9 +18,9 @@ void ern_backend_config_fill(ern_backend_config *config, size_t bytes) {
   ern_config_give(config, bytes, &own, sizeof own);
 }
 
-/* bf16 is chosen unasked where it is measured to be faster, and if it costs a rendered frame less than 0.05 dB of its
- * PSNR: it costs 0.01 dB, the most of five models (docs/history-rendering.md; tests/numerics/test_bf16_price.c holds it
- * to that). */
+/* bf16 is the default where it is measured to be faster, on the condition that it costs a rendered frame less than 0.05
+ * dB of PSNR. It costs at most 0.01 dB over five models (docs/history-rendering.md; tests/numerics/test_bf16_price.c
+ * checks the condition). */
 static ern_isa best_isa(void) {
   static const ern_isa order[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};
   if (ern_cpu_bf16_is_faster()) return ERN_ISA_AVX512BF16;
@@ -53,7 +53,7 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   ern_status status = ERN_OK;
   if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_backend_config, &chosen, config));
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
-    /* it computes without one, but a name that is none is a mistake */
+    /* the device has no instruction set, but an unknown name is an error */
     if (chosen.isa != NULL && strcmp(chosen.isa, "auto") != 0) {
       const ern_status known = choose_isa(context, chosen.isa, &isa);
       if (known != ERN_OK) return known;

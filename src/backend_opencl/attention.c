@@ -30,7 +30,7 @@ static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
-/* parts: [channels][PARTS], or zeroed; dv zeroed: the parts alone */
+/* parts: [channels][PARTS], or zeroed; dv zeroed: only the parts */
 static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_rows dv,
                         ern_span parts) {
   const struct ern_attention_fwd_args *forward = &a->forward;

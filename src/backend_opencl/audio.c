@@ -34,11 +34,11 @@ static struct audio_net net_of(const struct ern_audio_net *from) {
   return net;
 }
 
-/* What a pass leaves behind on the device. */
+/* Intermediate values of a forward pass on the device. */
 struct workspace {
   ern_span codes;  /* [8][A] */
-  ern_span values; /* [8][WINDOW_VALUES]: what the layers of AudioNet gave */
-  ern_span att;    /* [ATT_VALUES]: those of AudioAttNet, and the windows' weights */
+  ern_span values; /* [8][WINDOW_VALUES]: values of AudioNet's layers */
+  ern_span att;    /* [ATT_VALUES]: values of AudioAttNet's layers, and the windows' weights */
 };
 
 static ern_status take_workspace(struct ern_stream *stream, const struct ern_audio_net *net,
@@ -110,7 +110,7 @@ fail:
 
 /* ---- backward ---------------------------------------------------------------------------------------------------- */
 
-/* d: codes, and the slopes where the workspace has values */
+/* d: gradients by the codes, and by the values of the workspace */
 static ern_status mix_bwd(struct ern_stream *stream, const struct ern_audio_bwd_args *a,
                           const struct workspace *workspace, const struct workspace *d) {
   const struct audio_net net = net_of(&a->forward.net);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * An OpenCL device as a backend: made and unmade, its streams, and the sizes that its kernels are cut to. */
+ * An OpenCL device as a backend: its creation, its streams, and the work sizes of its kernels. */
 #include "backend_opencl/backend_opencl.h"
 
 #include "core/status.h"
@@ -34,7 +34,7 @@ static ern_status stream_make(struct ern_backend *table, int threads, struct ern
   struct ern_cl_stream *made = NULL;
   ern_status status = ERN_OK;
   cl_int code = CL_SUCCESS;
-  (void)threads; /* the driver's own affair */
+  (void)threads; /* the driver decides */
   *stream = NULL;
   ERN_TRY(ERN_NEW(table->context, 1, &made));
   made->base.backend = table;
@@ -107,9 +107,9 @@ fail:
 
 /* ---- sizes of kernels ---- */
 
-static const double seconds_unasked = 20, seconds_asked = 120; /* building included; the last build may run over */
+static const double seconds_unasked = 20, seconds_asked = 120; /* including builds; the last build may exceed it */
 
-/* On a backend of its own, as programs and memory of what was tried are let go with it. */
+/* On a separate backend, with which the programs and memory of the trials are freed. */
 static void measure_now(struct ern_cl_backend *backend, int number, bool asked) {
   ern_context *context = backend->table.context;
   const double seconds = asked ? seconds_asked : seconds_unasked;
@@ -169,7 +169,7 @@ void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const
 
 /* ---- the devices ---- */
 
-/* Tries all devices; false where none of them may even be asked for. What cannot be used is told as a warning. */
+/* Probes all devices; false where not even listing them is safe. A device that cannot be used is a warning. */
 static bool find_usable(ern_context *context, bool usable[ERN_CL_MAX_DEVICES]) {
   char before[ERN_ERROR_BYTES];
   bool listed = true;
@@ -179,7 +179,7 @@ static bool find_usable(ern_context *context, bool usable[ERN_CL_MAX_DEVICES]) {
     if (ern_cl_probe(context, first, ERN_CL_MAX_DEVICES - 1, &listed, &dead) == ERN_OK) break;
     ern_log_error(context, ERN_LOG_WARNING, "");
     if (listed && dead >= first && dead < ERN_CL_MAX_DEVICES) usable[dead] = false;
-    if (dead < first) break; /* it says what it cannot know */
+    if (dead < first) break; /* an inconsistent answer */
   }
   ern_error_restore(context, before);
   return listed;

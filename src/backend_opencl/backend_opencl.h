@@ -5,7 +5,7 @@
 
 #include "ernerf/backend.h"
 
-/* Calls `say` for each device of each platform, numbered through from 0. None is no error. */
+/* Calls `say` for each device of each platform, numbered consecutively from 0. Having none is no error. */
 ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
                                                  void (*say)(void *user, const ern_device_info *device), void *user);
 
@@ -14,12 +14,12 @@ ERN_NODISCARD ern_status ern_opencl_devices_list(ern_context *context,
 ERN_NODISCARD ern_status ern_opencl_backend_make(ern_context *context, int number, bool deterministic, bool tune,
                                                  ern_backend **backend);
 
-/* The same, whose sizes are the standards: for the tuner. */
+/* The same with the standard work sizes, for the tuner. */
 struct ern_cl_backend;
 ERN_NODISCARD ern_status ern_cl_backend_open(ern_context *context, int number, bool deterministic,
                                              struct ern_cl_backend **backend);
 
-/* ern_backend_tuning, of such a backend. */
+/* ern_backend_tuning for an OpenCL backend. */
 void ern_opencl_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user);
 
 #endif

@@ -2,7 +2,7 @@
  * Slots from samples to pixels. */
 #include "backend_opencl/opencl.h"
 
-/* An item carries RAYS rays of kernels/composite.cl. */
+/* An item processes RAYS rays, as in kernels/composite.cl. */
 static ern_status run_rays(struct ern_cl_call *call, size_t n) {
   enum { RAYS = 64, GROUP = 4 };
   if (call->stream->owner->device.width == 1) return ern_cl_each(call, n);

@@ -23,7 +23,7 @@ _Static_assert(sizeof(struct level) == 32 && sizeof(struct grid) == 32 * 24 + 16
                "layout of kernels/hashgrid.cl");
 
 /* The dense index needs no modulo: u <= 1 makes cell + 1 <= resolution, so it is below (resolution + 1)^dims <= size.
- * *divide: set where the modulo is no power of two. */
+ * *divide: set where the modulus is not a power of two. */
 static struct level plan_level(const struct ern_grid *grid, int l, bool *divide) {
   static const uint32_t prime[ERN_GRID_MAX_DIMS] = {1, 2654435761u, 805459861u};
   const struct ern_grid_level *from = &grid->level[l];
@@ -43,7 +43,7 @@ static struct level plan_level(const struct ern_grid *grid, int l, bool *divide)
   return level;
 }
 
-/* A grid as its kernels take it, what they are built with, and their groups. */
+/* A grid in the form of its kernels, their build options, and their work-groups. */
 struct plan {
   struct grid grid;
   char options[OPTION_BYTES];
@@ -63,7 +63,7 @@ static struct plan plan_grid(struct ern_stream *stream, ern_cl_tunable tunable, 
                             .levels = (cl_uint)grid->levels,
                             .blocks = (cl_uint)blocks};
   for (int l = 0; l < grid->levels; l++) plan.grid.level[l] = plan_level(grid, l, &divide);
-  /* The inverse of a power of two is exact, and so the product is the quotient. */
+  /* The inverse of a power of two is exact, so the product equals the quotient. */
   const bool inverse = frexpf(grid->bound, &exponent) == 0.5f && abs(exponent) < 100;
   snprintf(plan.options, OPTION_BYTES,
            "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d -D GROUP=%zu -D VECTORS=%zu", grid->dims,

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the losses: each part's share of a figure is added up in double when the stream is synchronized. */
+ * Slots of the losses: the parts' shares of a result are added up in double when the stream is synchronized. */
 #include "backend_opencl/opencl.h"
 #include "core/rng.h"
 
-/* Of the launch that was to fill the `count` figures asked for last: if it failed they must not synchronize. */
+/* After the launch that fills the `count` results requested last: where it failed, `synchronize` must not deliver
+ * them. */
 static ern_status filled(struct ern_cl_call *call, size_t count, ern_status status) {
   if (status == ERN_OK) return ERN_OK;
   call->stream->pending_count--;
@@ -34,7 +35,7 @@ static struct head_factors factors_of(const struct ern_head_loss_args *a) {
                                .adaptive = w->adaptive};
 }
 
-/* The order of the figures of a part. */
+/* The order of a part's results. */
 static const ern_loss_term head_term[] = {ERN_LOSS_PHOTOMETRIC, ERN_LOSS_UNCERTAINTY,   ERN_LOSS_STATIC_UNCERTAINTY,
                                           ERN_LOSS_ENTROPY,     ERN_LOSS_AUDIO_AMBIENT, ERN_LOSS_EYE_AMBIENT};
 enum { HEAD_TERMS = sizeof head_term / sizeof *head_term };
@@ -102,7 +103,7 @@ fail:
   return status;
 }
 
-enum { SQUARES = 3 }; /* sums of a part: usual, of huge ones times 2^-160, of tiny ones times 2^160 */
+enum { SQUARES = 3 }; /* sums of a part: normal values; huge ones times 2^-160; tiny ones times 2^160 */
 
 static double squares_of(const float *values, size_t count) {
   double sum = 0;

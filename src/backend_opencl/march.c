@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Rays, marching, the scan of their samples, and the samples: march.cl. */
+ * Slots of march.cl: rays, the march, the scan of sample counts, and samples. */
 #include <assert.h>
 #include <math.h>
 
@@ -15,7 +15,7 @@ ern_status ern_cl_rays(struct ern_stream *stream, struct ern_rays_args *a) {
   return ern_cl_each(&call, a->n);
 }
 
-/* What the rays of a march share; the same struct is in march.cl. */
+/* Common data of the rays of a march; the same struct is in march.cl. */
 struct walk {
   cl_float origin[3];
   cl_float bound, inverse_bound;
@@ -26,8 +26,8 @@ struct walk {
 };
 static_assert(sizeof(struct walk) == 11 * 4, "struct walk in march.cl");
 
-/* Roundings of the way to a cell's border are below 2^-15 of its width where the box is of a usual size: 2^-10 is
- * allowed. */
+/* Rounding errors of the distance to a cell's border are below 2^-15 of its width where the box has a usual size; the
+ * tolerance is 2^-10. */
 static struct walk walk_of(const float origin[3], const struct ern_march_settings *settings) {
   const double two_root_three = 3.46410161513775459; /* the diagonal of [-1, 1]^3 */
   const float bound = settings->bound;
@@ -46,7 +46,7 @@ static struct walk walk_of(const float origin[3], const struct ern_march_setting
 }
 
 ern_status ern_cl_march(struct ern_stream *stream, struct ern_march_args *a) {
-  enum { CPU_GROUP = 4, GPU_GROUP = 64 }; /* rays differ in length: small groups spread them over the cores */
+  enum { CPU_GROUP = 4, GPU_GROUP = 64 }; /* rays differ in length: small groups balance the load */
   const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
   const size_t group = device->cpu ? CPU_GROUP : GPU_GROUP, rays_a_group = group * (size_t)device->width;
   const struct walk walk = walk_of(a->origin, &a->settings);

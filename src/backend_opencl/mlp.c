@@ -7,14 +7,14 @@
 
 enum {
   OPTION_BYTES = 2048,
-  PARTS_CPU = 64, /* of the samples at most, each with sums of its own; a part has LEAST_TILES or more */
+  PARTS_CPU = 64, /* most parts of the samples, each with its own sums; a part has LEAST_TILES or more */
   PARTS_GPU = 512,
   LEAST_TILES = 8,
   SUMS_MOST = 1 << 24,      /* floats of all parts' sums: 64 MiB */
-  STAGE_BYTES = 32 * 36 * 4 /* weights that a group of a GPU shares: CHUNK x STAGE_ROW of mlp.cl */
+  STAGE_BYTES = 32 * 36 * 4 /* local memory for weights of a GPU's group: CHUNK x STAGE_ROW of mlp.cl */
 };
 
-/* How a program is cut: see mlp.cl. */
+/* Sizes of a program: see mlp.cl. */
 struct plan {
   int group, vectors, lanes;
   size_t tile; /* samples of a group */
@@ -29,7 +29,7 @@ static void say(struct plan *plan, const char *format, ...) {
   const int length = vsnprintf(plan->options + plan->used, left, format, values);
   va_end(values);
   if (length < 0 || (size_t)length >= left)
-    plan->used = sizeof plan->options - 1; /* the longest are a third of the room */
+    plan->used = sizeof plan->options - 1; /* does not happen: the longest options take a third of it */
   else
     plan->used += (size_t)length;
 }
@@ -39,14 +39,14 @@ static size_t line(const struct plan *plan, bool cpu) {
   return (size_t)(plan->group * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
 }
 
-/* Local memory of a tile of `channels`, and of `turned` channels sample by sample. */
+/* Local memory of a tile of `channels`, and of a transposed tile (sample by sample) of `turned` channels. */
 static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t turned) {
   const size_t tile = (size_t)(plan->group * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
   const size_t turned_bytes = tile * ((turned + lanes - 1) / lanes * lanes) * sizeof(float);
   return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
 }
 
-/* The largest tile that fits, of the tunable's size at most. */
+/* The largest tile that fits, at most of the tunable's size. */
 static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
                       size_t turned) {
   const struct ern_cl_device *device = &backend->device;
@@ -91,7 +91,7 @@ static void give_inputs(struct ern_cl_call *call, const struct ern_mlp_fwd_args 
 
 ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a) {
   if (a->n == 0) return ERN_OK;
-  int widest[2] = {0, 0}; /* of the even layers' values, of the odd ones' */
+  int widest[2] = {0, 0}; /* among the values of even and of odd layers */
   for (int l = 0; l <= a->mlp.layers; l++)
     if (a->mlp.width[l] > widest[l % 2]) widest[l % 2] = a->mlp.width[l];
   struct plan plan;
@@ -105,7 +105,7 @@ ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a)
   return ern_cl_run(&call, a->n / plan.tile + (a->n % plan.tile != 0), (size_t)plan.group);
 }
 
-/* Where the sums of a part lie, and of what gradients there are. Returns their number. */
+/* Writes the options: offsets of a part's sums, and which gradients are wanted. Returns the number of sums. */
 static size_t say_sums(struct plan *plan, const struct ern_mlp_bwd_args *a, bool cpu) {
   const struct ern_mlp *mlp = &a->forward.mlp;
   const size_t lanes = (size_t)plan->lanes;
@@ -133,7 +133,7 @@ static size_t say_sums(struct plan *plan, const struct ern_mlp_bwd_args *a, bool
   return at;
 }
 
-/* Numbers that the parts' sums make: see mlp_sum. */
+/* Number of values that the parts' sums are reduced to: see mlp_sum. */
 static size_t sums_wanted(const struct ern_mlp_bwd_args *a) {
   const struct ern_mlp *mlp = &a->forward.mlp;
   size_t count = 0;

@@ -51,7 +51,7 @@ fail:
   return status;
 }
 
-/* ---- cells to look at -------------------------------------------------------------------------------------------- */
+/* ---- cells to refresh -------------------------------------------------------------------------------------------- */
 
 ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy_list_args *a) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
@@ -112,7 +112,7 @@ ern_status ern_cl_occupancy_scatter(struct ern_stream *stream, struct ern_occupa
 
 /* ---- refresh ----------------------------------------------------------------------------------------------------- */
 
-/* The groups' sums and what they lack, which is no number where a sum is not finite. */
+/* Adds the groups' sums and their rounding errors; an error is NaN where its sum is not finite. */
 static double sum_of(const float part[2 * ERN_CL_SUMS]) {
   double sum = 0;
   for (int g = 0; g < ERN_CL_SUMS; g++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the slots of an OpenCL device share. Kernels are in kernels/, a .cl file a noun, each behind kernels/common.cl;
- * NOUN.c launches them.
+ * Common declarations of the OpenCL slots. Kernels are in kernels/, one .cl file for each noun, compiled after
+ * kernels/common.cl; NOUN.c launches them.
  *
  * A kernel takes a span as two arguments (base, offset) and rows as three (base, offset, stride): see common.cl. */
 #ifndef ERN_OPENCL_H

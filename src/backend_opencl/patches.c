@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Slot of the loss over patches: scale after scale down, their slopes, and up again. */
+ * Slot of the loss over patches: downsamples scale by scale, computes the gradient at each, and passes it back up. */
 #include "backend_opencl/opencl.h"
 
 enum { SCALES = ERN_PATCH_SCALES, PRODUCTS = 5, SLOPES = 4 };
@@ -22,7 +22,7 @@ static ern_status take(struct patch_pass *p) {
     p->side[k] = side;
     p->total[k] = total;
     p->filter[k] = ern_span_part(p->args->filter, at, side * side);
-    at += 2 * side * side; /* kernels read the matrix both ways */
+    at += 2 * side * side; /* skips the transpose: kernels read the matrix both ways */
     ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->x[k]));
     ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->y[k]));
     if (k > 0) ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->d[k]));
@@ -43,7 +43,7 @@ static ern_status run(const struct patch_pass *p, struct ern_cl_call *call, size
   return ern_cl_each(call, p->total[k]);
 }
 
-/* The patches less their means, and their smaller scales. */
+/* The patches minus their means, and their smaller scales. */
 static ern_status make_scales(const struct patch_pass *p) {
   const struct ern_patch_loss_args *a = p->args;
   const size_t n = p->side[0] * p->side[0];
@@ -85,7 +85,7 @@ static void deliver(void *args, const float *values, size_t count) {
   for (size_t i = 0; i < count; i++) a->term += (double)values[i];
 }
 
-/* Slopes of one scale, and its sums. */
+/* Gradients at one scale, and its sums of 1 - SSIM. */
 static ern_status make_slopes(const struct patch_pass *p, size_t k) {
   const size_t lines = p->planes * p->side[k];
   ern_span figures;
@@ -110,7 +110,7 @@ static ern_status make_slopes(const struct patch_pass *p, size_t k) {
   ern_cl_size(&sums, p->side[k]);
   ern_cl_size(&sums, p->total[k]);
   status = ern_cl_each(&sums, lines);
-  if (status != ERN_OK) { /* they must not be delivered */
+  if (status != ERN_OK) { /* discards the pending results */
     sums.stream->pending_count--;
     sums.stream->figures_used -= lines;
   }
@@ -118,7 +118,7 @@ fail:
   return status;
 }
 
-/* From slopes to the gradient of the scale's pixels, or of the rays. */
+/* From the gradients to those by the scale's pixels, or by the rays. */
 static ern_status backward(const struct patch_pass *p, size_t k) {
   ern_status status = ERN_OK;
   struct ern_cl_call columns = begin(p, "patch_columns_bwd");

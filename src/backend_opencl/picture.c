@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * Slots between pixels and the caller's pictures. */
+ * Slots that convert between pixel rows and the caller's pictures. */
 #include "backend_opencl/opencl.h"
 
-/* Items that carry n elements, a device's vector each. */
+/* Runs items for n elements, each item a vector of the device. */
 static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
   const size_t width = (size_t)call->stream->owner->device.width;
   return ern_cl_each(call, n / width + (n % width != 0));

@@ -5,7 +5,7 @@
 
 #include "backend_opencl/device/launch.h"
 
-/* How tiles are cut for a device: vectors an item, outputs of a layer that are summed at once, items a group. */
+/* Sizes of tiles for a device: vectors an item, outputs of a layer that are summed at once, items a group. */
 struct ern_cl_form {
   int vectors, outputs, group;
 };
@@ -38,7 +38,7 @@ static inline int ern_cl_outputs(const struct ern_cl_device *device, int widest)
 /* The form for tiles of `rows`, with the tunable's vectors or items where local memory has room for them. */
 struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_tunable tunable, int outputs,
                                    size_t rows);
-/* Work-groups that keep a device busy whose items take work off a counter until there is none. */
+/* Work-groups that keep a device busy, for kernels whose items take work from a counter until none is left. */
 static inline size_t ern_cl_groups(const struct ern_cl_backend *backend, ern_cl_tunable tunable) {
   return backend->device.units * (size_t)backend->size[tunable];
 }

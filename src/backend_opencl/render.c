@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The slots of the fused passes: what goes through one kernel, what through the stages. */
+ * The slots of the fused passes: choose between one fused kernel and the stages. */
 #include "backend_opencl/render.h"
 
 #include "backend_opencl/opencl.h"
@@ -59,7 +59,7 @@ static ern_span span_part(ern_span span, size_t first, size_t count) {
   return span.buffer != NULL ? ern_span_part(span, first, count) : span;
 }
 
-/* Rays do not know of each other: where memory is too little for all of them at once, it goes by parts. */
+/* Rays are independent: where memory is too small for all of them at once, renders them in parts. */
 static ern_status by_stages(struct ern_stream *stream, const struct ern_render_rays_args *all) {
   ern_context *context = stream->backend->context;
   char last_error[ERN_ERROR_BYTES];
@@ -107,7 +107,7 @@ ern_status ern_cl_render_rays(struct ern_stream *stream, struct ern_render_rays_
 ern_status ern_cl_render_torso(struct ern_stream *stream, struct ern_render_torso_args *a) {
   const struct ern_cl_portrait *portrait = prepared_for(stream, a->parameters);
   const bool fused = portrait != NULL && portrait->torso != NULL;
-  const struct ern_torso_place at = ern_torso_place_of(a); /* the kernel knows a frame that is the picture alone */
+  const struct ern_torso_place at = ern_torso_place_of(a); /* the kernel needs the frame to be the picture */
   const bool whole = at.top == 0 && at.left == 0 && at.width == a->width && at.height == a->height;
   return fused && whole ? ern_cl_torso_render(stream, portrait->torso, a) : ern_render_torso_stages(stream, a);
 }

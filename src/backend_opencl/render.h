@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a stream keeps of a model for its fused passes. */
+ * The form of a model that a stream keeps for its fused passes. */
 #ifndef ERN_OPENCL_RENDER_H
 #define ERN_OPENCL_RENDER_H
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The head of a picture in one kernel: what is laid out once for a model and once for a frame, and the launch. The form
- * of the network is the CPU's (frame_net.h): the audio code scales a matrix over the hidden attention, the last density
- * layer and the first colour layer are one matrix, grids are unhashed. */
+ * The head of a picture in one kernel: prepares data once for a model and once for a frame, and launches. The network
+ * has the form of the CPU's (frame_net.h): the audio code scales a matrix over the hidden attention, the last density
+ * layer and the first colour layer are merged into one matrix, and grids are unhashed. */
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@
 
 enum {
   WIDEST = 64, /* outputs of a layer at most */
-  UNIT = 8,    /* which they are multiples of */
+  UNIT = 8,    /* outputs are a multiple of it */
   OPTIONS_BYTES = 1024
 };
 
@@ -51,14 +51,14 @@ static_assert(sizeof(struct frame) == 120, "as in render.cl");
 struct ern_cl_head {
   struct ern_cl_form form;
   size_t features, attention, eye_hidden, density, colour, values; /* widths */
-  size_t harmonics; /* of the direction, that the colour reads: 16 or 0 */
+  size_t harmonics; /* of the direction, in the colour's input: 16 or 0 */
   bool eye;
   size_t at[PARTS]; /* in net */
   size_t net_count;
   struct ern_buffer *net, *dense, *levels, *counter; /* reals, reals, bytes, one int32 */
   uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES], of the last frame */
-  size_t bits_written, bits_at;                      /* the buffer's number then; 0: none yet */
-  float *nearest;                                    /* host: a distance a block of pixels */
+  size_t bits_written, bits_at;                      /* version of the buffer then; 0: none yet */
+  float *nearest;                                    /* host: one distance per block of pixels */
   size_t nearest_capacity;
   char options[OPTIONS_BYTES];
 };
@@ -129,8 +129,8 @@ static void measure(struct ern_cl_head *p, const struct ern_field *field) {
   }
 }
 
-/* Rows of a lane's column. Where all outputs of a layer are one block it may write over its inputs; else two areas
- * behind them take turns. */
+/* Rows of a lane's column. Where all outputs of a layer are one block, they overwrite its inputs; else layers alternate
+ * between two areas after them. */
 struct column {
   size_t first, second, rows;
 };
@@ -246,7 +246,7 @@ fail:
   return status;
 }
 
-/* What the frame's audio and individual code decide. */
+/* Computes the parts of the network that depend on the frame's audio code and individual code. */
 static ern_status fold(struct ern_stream *stream, const struct ern_cl_head *p, const struct ern_render_rays_args *a) {
   const struct ern_field *field = a->field;
   const size_t wide = (size_t)field->density.width[0], inputs = (size_t)field->colour.width[0];
@@ -254,7 +254,7 @@ static ern_status fold(struct ern_stream *stream, const struct ern_cl_head *p, c
   const ern_status status =
       ern_cl_multiply(stream, &audio, ern_cl_from(weights(&field->density, 0, a->parameters), p->features), wide,
                       a->code, weights(&field->attention, 1, a->parameters), p->density, p->values, p->attention);
-  if (status != ERN_OK || field->config.codes == 0) return status; /* without codes the start stays zero */
+  if (status != ERN_OK || field->config.codes == 0) return status; /* without codes the bias stays zero */
   return ern_cl_multiply(stream, &own,
                          ern_cl_from(weights(&field->colour, 0, a->parameters), p->harmonics + ERN_GEOMETRY), inputs,
                          (ern_span){0}, ern_cl_from(a->parameters, field->codes + a->individual * ERN_CODE_WIDTH),
@@ -290,7 +290,7 @@ fail:
 
 static const double two_root_three = 3.46410161513775459; /* the diagonal of [-1, 1]^3 */
 
-/* Steps as the march has them (march_ref.c). */
+/* Step sizes as in the march (march_ref.c). */
 static struct frame frame_of(const struct ern_render_rays_args *a) {
   const struct ern_march_settings *s = &a->settings;
   struct frame f = {.focal = a->view.focal,
@@ -317,7 +317,7 @@ static struct frame frame_of(const struct ern_render_rays_args *a) {
   return f;
 }
 
-/* Where the blocks of the picture can first see something. */
+/* For each block of the picture the distance before which no ray has a sample. */
 static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
                                ern_span *nearest) {
   struct ern_backend *table = &ern_cl_backend_of(stream)->table;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The torso of a picture in one kernel: what is laid out once for a model and once for a frame, and the launch. */
+ * The torso of a picture in one kernel: prepares data once for a model and once for a frame, and launches. */
 #include <assert.h>
 #include <stdio.h>
 #include <string.h>
@@ -105,8 +105,8 @@ static struct matrix shape_of(const struct ern_cl_torso *p, matrix_name name) {
   return shape[name];
 }
 
-/* A tile: inputs of a layer; outputs, where they may not be written over the inputs (all of them are one block); what
- * the network's first layer begins with. */
+/* A tile holds the inputs of a layer; its outputs, unless they may overwrite the inputs (all of them are one block);
+ * and the initial values of the network's first layer. */
 static ern_status write_options(const struct ern_cl_backend *backend, struct ern_cl_torso *p) {
   ern_context *context = backend->table.context;
   const int outputs = ern_cl_outputs(&backend->device, HIDDEN);
@@ -179,7 +179,7 @@ fail:
 
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
-/* What rows and columns of the picture add to the first layers. */
+/* Contributions of the picture's rows and columns to the first layers. */
 struct terms {
   ern_span rows, columns; /* [height][TERMS], [TERMS][padded] */
   size_t padded;
@@ -190,7 +190,7 @@ static struct first_layers first_layers(const struct ern_field *field, size_t fe
                                {(uint64_t)field->torso_deform.width[0], (uint64_t)field->torso_net.width[0]}};
 }
 
-/* bias [TERMS]: the part of the pose and of the individual code. */
+/* bias [TERMS]: the contribution of the pose and of the individual code. */
 static ern_status find_bias(struct ern_stream *stream, const struct ern_cl_torso *p,
                             const struct ern_render_torso_args *a, ern_span bias) {
   struct ern_backend *table = &ern_cl_backend_of(stream)->table;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Running sums on the device: of runs of values, of the groups' sums, and then of the values from there. Few values
- * are one group's. */
+ * Exclusive prefix sum on the device: sums of blocks of values, the scan of these sums, then the scan of each block
+ * from there. One group scans few values alone. */
 #include "backend_opencl/opencl.h"
 
 enum {
-  GPU_ITEMS = 64, /* a group; on a CPU one item goes through the whole run */
+  GPU_ITEMS = 64, /* a group; on a CPU one item scans the whole block */
   GPU_EACH = 32,  /* values an item */
   CPU_EACH = 1 << 16
 };

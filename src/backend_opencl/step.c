@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Whole training steps and densities through the stages; where the device has too little memory for all rays at once,
- * with fewer of them at a time. */
+ * with fewer rays at a time. */
 #include "train/step.h"
 
 #include "backend_opencl/opencl.h"
@@ -13,7 +13,8 @@ static ern_status too_little(struct ern_stream *stream, const char *what, const 
                   cause);
 }
 
-/* The gradient before a step that may fail is kept: the copy is of 2.5 MB for 14 levels, beside the 100s of a step. */
+/* Keeps a copy of the gradient, as a step may fail and be repeated: 2.5 MB for 14 levels, little beside the 100s of MB
+ * of a step. */
 ern_status ern_cl_head_step(struct ern_stream *stream, struct ern_head_step_args *a) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   const struct ern_arena_mark mark = ern_arena_mark(stream);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy. */
+ * Slots of the torso: pose encoding, coordinates, selection of pixels, deformation, compositing, 2D occupancy. */
 #include <math.h>
 
 #include "backend_opencl/opencl.h"
@@ -204,7 +204,7 @@ ern_status ern_cl_torso_points(struct ern_stream *stream, struct ern_torso_point
   return ern_cl_each(&call, ERN_TORSO_CELLS);
 }
 
-/* The grid is 64 KB: read back and added up cell by cell in double, its mean has the reference's bits. */
+/* Reads back the grid (64 KB) and sums it cell by cell in double, so that the mean has the reference's bits. */
 static ern_status mean_of(struct ern_stream *stream, ern_span grid, double *mean) {
   ern_context *context = stream->backend->context;
   float *values = NULL;

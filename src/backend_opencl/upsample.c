@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The slot that draws a layer larger. */
+ * The slot that upsamples a layer. */
 #include "backend_opencl/opencl.h"
 
 ern_status ern_cl_upsample(struct ern_stream *stream, struct ern_upsample_args *a) {

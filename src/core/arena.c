@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Scratch of a stream: one chain of blocks an element type, so that a span never moves. */
+ * Scratch memory of a stream: a chain of blocks for each element type, so that a span never moves. */
 #include "core/backend.h"
 #include "core/memory.h"
 

@@ -15,7 +15,7 @@ struct ern_backend {
   const char *isa;  /* "ref", "ref64", "avx2", ... */
   size_t real_bytes;
   bool deterministic; /* same inputs, same bytes, whatever the number of threads */
-  bool trains_bf16;   /* head_step and head_density of the paper's own head know products of bf16 */
+  bool trains_bf16;   /* head_step and head_density can multiply in bf16, for the paper's own head */
 
   /* Zeroed memory. The caller owns *buffer. */
   ern_status (*buffer_make)(struct ern_backend *, ern_element, size_t count, struct ern_buffer **buffer);
@@ -34,8 +34,8 @@ struct ern_backend {
   ern_status (*download_bytes)(struct ern_stream *, uint8_t *to, ern_span from, size_t count);
   ern_status (*zero)(struct ern_stream *, ern_span);
   ern_status (*copy)(struct ern_stream *, ern_span to, ern_span from, size_t count);
-  /* The figures that losses hand to the host (`term`, `terms`) are there after this, not before: a device reads them
-   * back once for all of them. Their args must live until then, synchronized or not. */
+  /* The losses' results on the host (`term`, `terms`) are valid only after this: a device reads all of them back at
+   * once. Their args must live until then, synchronized or not. */
   ern_status (*synchronize)(struct ern_stream *);
 
 #define ERN_SLOT_MEMBER(name) ern_status (*name)(struct ern_stream *, struct ern_##name##_args *);
@@ -49,7 +49,7 @@ struct ern_stream {
   struct ern_arena *arena;
 };
 
-/* ---- scratch of a stream: taken in order, given back to a mark ---- */
+/* ---- scratch memory of a stream, a stack: release frees everything taken since a mark ---- */
 
 struct ern_arena;
 ern_status ern_arena_make(struct ern_backend *backend, struct ern_arena **arena);
@@ -60,7 +60,7 @@ struct ern_arena_mark {
 };
 struct ern_arena_mark ern_arena_mark(const struct ern_stream *stream);
 void ern_arena_release(struct ern_stream *stream, struct ern_arena_mark mark);
-/* Frees the blocks that nothing is taken from; nothing may be running on them. */
+/* Frees the blocks that are not in use; no work on the device may still use them. */
 void ern_arena_trim(struct ern_stream *stream);
 
 /* *span = room for `count` elements, at a multiple of 64; contents undefined. */

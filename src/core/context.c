@@ -68,7 +68,7 @@ void ern_context_free(ern_context **context) {
 size_t ern_last_error_copy(const ern_context *context, char *text, size_t bytes) {
   char kept[ERN_ERROR_BYTES] = "";
   if (context != NULL) {
-    pthread_mutex_t *mutex = &((ern_context *)context)->mutex; /* no context is made const */
+    pthread_mutex_t *mutex = &((ern_context *)context)->mutex; /* no context object is const */
     pthread_mutex_lock(mutex);
     memcpy(kept, context->error_text, sizeof kept);
     pthread_mutex_unlock(mutex);

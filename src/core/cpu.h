@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the processor that we run on can do. */
+ * Name and instruction sets of the processor. */
 #ifndef ERN_CORE_CPU_H
 #define ERN_CORE_CPU_H
 
@@ -11,7 +11,7 @@ typedef enum ern_isa {
   ERN_ISA_REF64,
   ERN_ISA_AVX2,
   ERN_ISA_AVX512,
-  ERN_ISA_AVX512BF16, /* AVX-512 whose rendered networks multiply pairs of bf16 */
+  ERN_ISA_AVX512BF16, /* AVX-512; networks multiply pairs of bf16 when rendering */
   ERN_ISA_NEON,
   ERN_ISAS
 } ern_isa;

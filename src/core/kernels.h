@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The kernels behind the CPU's slots: the reference in the scalar of this build, and those of each instruction set, on
- * floats. Each needs what its suffix names: avx2: AVX2 and FMA; avx512: AVX-512 F, DQ, BW, VL (both there where
- * ERN_X86_KERNELS is defined); neon: any aarch64 (where ERN_ARM_KERNELS is). */
+ * The kernels that the CPU's slots call: the reference in the scalar type of this build, and float kernels for each
+ * instruction set. The suffix names the instruction set: avx2: AVX2 and FMA; avx512: AVX-512 F, DQ, BW, VL (both built
+ * where ERN_X86_KERNELS is defined); neon: any aarch64 (where ERN_ARM_KERNELS is). */
 #ifndef ERN_CORE_KERNELS_H
 #define ERN_CORE_KERNELS_H
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Where the limits are: /proc/self/cgroup has a line a hierarchy, "4:memory:/a/b" (version 1) or "0::/a/b" (version 2);
  * /proc/self/mountinfo says where the hierarchy is mounted, and which group is at the mount's root, as a container may
- * see a part of it. The files of /a/b, of /a and of the mount's root then hold a limit each. */
+ * see only a part of it. The files of /a/b, of /a and of the mount's root each hold a limit. */
 #define _GNU_SOURCE /* sched_getaffinity */
 #include "core/machine.h"
 
@@ -17,7 +17,7 @@
 
 enum { PATH_BYTES = 4096, LINE_BYTES = 4096 };
 
-/* A regular file or one of the kernel's; it waits for no writer of a pipe. */
+/* Opens a regular file or a kernel file; does not block on a pipe without a writer. */
 static FILE *open_file(const char *root, const char *path) {
   char whole[PATH_BYTES];
   if (snprintf(whole, sizeof whole, "%s%s", root, path) >= (int)sizeof whole) return NULL;
@@ -27,7 +27,7 @@ static FILE *open_file(const char *root, const char *path) {
   return file;
 }
 
-/* The next line without its newline; longer ones are passed over. */
+/* The next line without its newline; longer lines are skipped. */
 static bool next_line(FILE *file, char line[LINE_BYTES]) {
   bool cut = false;
   while (fgets(line, LINE_BYTES, file) != NULL) {
@@ -116,8 +116,8 @@ static bool find_group(const char *root, const char *controller, char group[LINE
   return found;
 }
 
-/* The part of `group` below `top`; the mount's root itself where it does not lie below: the process was put there from
- * outside of what it sees. */
+/* The part of `group` below `top`; "", the mount's root, where the group is not below it: the process was then put
+ * there from outside its own view. */
 static const char *below(const char *group, const char *top) {
   const size_t length = strcmp(top, "/") == 0 ? 0 : strlen(top);
   if (strncmp(group, top, length) != 0 || (group[length] != '/' && group[length] != 0)) return "";

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * How much of the machine this process may use: a container, a batch system or a service manager may allow it less than
- * there is. */
+ * How much of the machine this process may use: a container, a batch system or a service manager may allow it only a
+ * part. */
 #ifndef ERN_CORE_MACHINE_H
 #define ERN_CORE_MACHINE_H
 
@@ -19,8 +19,7 @@ struct ern_machine_limits {
   uint64_t memory; /* bytes; UINT64_MAX: no limit */
 };
 
-/* `root` stands in front of every path that is read, "" for the real ones. What is not there, or is no such file,
- * limits nothing. */
+/* Reads the files below `root`, "": the real ones. A file that is missing or has another form sets no limit. */
 void ern_machine_limits(const char *root, struct ern_machine_limits *limits);
 
 #endif

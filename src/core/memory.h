@@ -15,7 +15,7 @@ enum { ERN_ALIGNMENT = 64 };
  * NULL on failure: the error says how many bytes were asked for. */
 ERN_NODISCARD void *ern_allocate(ern_context *context, size_t count, size_t item_bytes);
 
-/* What an allocation has come to. */
+/* The status of an allocation that returned `memory`. */
 ERN_NODISCARD static inline ern_status ern_allocation_status(const ern_context *context, const void *memory) {
   if (context == NULL) return ERN_E_ARGUMENT;
   return memory != NULL ? ERN_OK : ERN_E_NO_MEMORY;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * The list of operations. NOUN_ops.h has the signatures of a noun's operations and, at its end, their names; all of
- * them together are ERN_OPERATIONS. What else there is of an operation is derived from here: the slots of a backend
+ * The list of operations. NOUN_ops.h declares the arguments of a noun's operations and, at its end, lists their names;
+ * ERN_OPERATIONS joins these lists. Everything else about an operation is derived from it: the slots of a backend
  * (core/backend.h), the kernels of the CPU and their table (core/kernels.h), the functions behind the slots of a CPU
  * (backend_cpu/slots.h) and of an OpenCL device (backend_opencl/opencl.h).
  *
  * A row is OP(X, NAME, slot, kernel).
  * slot: SLOT where a backend has one: ern_status f(struct ern_stream *, struct ern_NAME_args *); else NONE.
- * kernel, of the type ern_NAME_kernel: REF where the reference alone has one, FAST where each instruction set has its
- * own, NONE where the CPU's slot does it all. */
+ * kernel, of the type ern_NAME_kernel: REF: only the reference has one; FAST: each instruction set has its own; NONE:
+ * the CPU's slot does all the work. */
 #ifndef ERN_CORE_OPERATIONS_H
 #define ERN_CORE_OPERATIONS_H
 

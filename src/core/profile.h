@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Where the time of a fused pass goes, for the benchmark: filled when its args hand one in, added to what is there. */
+ * Times and counts of a fused pass, for the benchmark. A pass adds them to the profile that its args point to. */
 #ifndef ERN_CORE_PROFILE_H
 #define ERN_CORE_PROFILE_H
 
@@ -30,7 +30,7 @@ typedef enum ern_profile_count {
 struct ern_profile {
   double seconds[ERN_PROFILE_STAGES]; /* of all threads together */
   uint64_t count[ERN_PROFILE_COUNTS];
-  bool timed; /* by the caller: seconds are wanted too, for which a clock is read some times a tile */
+  bool timed; /* set by the caller: seconds are wanted too; the pass then reads a clock several times a tile */
 };
 
 /* Seconds of a monotonic clock. */

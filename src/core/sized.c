@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* How a configuration begins. */
+/* The first members of every configuration struct. */
 struct head {
   uint32_t cookie, size;
 };

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Public structs that may grow, between the caller's size of one and the library's own (docs/abi.md). */
+ * Public structs that may grow: copied between the caller's size and the library's own (docs/abi.md). */
 #ifndef ERN_CORE_SIZED_H
 #define ERN_CORE_SIZED_H
 
 #include "core/status.h"
 
-/* What the caller gave: *own, which holds zeros, gets the first `bytes` bytes of *theirs. ERN_E_UNSUPPORTED where the
- * caller's struct is the larger one. */
+/* Input: copies the first `bytes` bytes of *theirs into *own, which holds zeros. ERN_E_UNSUPPORTED where the caller's
+ * struct is larger. */
 #define ERN_TAKE(context, type, own, theirs, bytes) ern_struct_take(context, #type, own, sizeof(type), theirs, bytes)
 ERN_NODISCARD ern_status ern_struct_take(ern_context *context, const char *type, void *own, size_t own_bytes,
                                          const void *theirs, size_t bytes);
@@ -17,10 +17,10 @@ ERN_NODISCARD ern_status ern_struct_take(ern_context *context, const char *type,
 ERN_NODISCARD ern_status ern_config_take(ern_context *context, const char *type, void *own, size_t own_bytes,
                                          const void *theirs);
 
-/* What the caller gets: the first `bytes` bytes of *own, zeros past its end. theirs may be NULL. */
+/* Output: copies the first `bytes` bytes of *own into *theirs, zeros past the end of *own. theirs may be NULL. */
 void ern_struct_give(void *theirs, size_t bytes, const void *own, size_t own_bytes);
 
-/* The same for a struct that begins with `cookie` and `size`, which becomes `bytes`. */
+/* The same for a struct that begins with `cookie` and `size`; its `size` becomes `bytes`. */
 void ern_config_give(void *theirs, size_t bytes, const void *own, size_t own_bytes);
 
 #endif

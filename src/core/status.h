@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * How a function of the library fails: it says why once, where it knows most, and every caller passes the code on. */
+ * Errors: the function that detects an error records its text once; every caller passes the status code on. */
 #ifndef ERN_CORE_STATUS_H
 #define ERN_CORE_STATUS_H
 
@@ -12,7 +12,7 @@
     if (status != ERN_OK) goto fail; \
   } while (0)
 
-/* Stands at the head of a public function: refuses an argument that is NULL, by the names of function and argument. */
+/* At the beginning of a public function: refuses a NULL argument; the message names function and argument. */
 #define ERN_NEED(context, argument)                                                                          \
   do {                                                                                                       \
     if ((argument) == NULL) return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is NULL", __func__, #argument); \
@@ -22,7 +22,8 @@
  * well. */
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) ERN_PRINTF(3, 4);
 
-/* Around work whose failure does not make its caller fail: the last error from before it is kept, and put back. */
+/* For work whose failure does not make its caller fail: saves the last error's text before it, and restores it
+ * afterwards. */
 enum { ERN_ERROR_BYTES = 2048 };
 void ern_error_keep(ern_context *context, char text[ERN_ERROR_BYTES]);
 void ern_error_restore(ern_context *context, const char text[ERN_ERROR_BYTES]);

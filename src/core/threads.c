@@ -12,7 +12,7 @@
 
 enum {
   MAX_THREADS = ERN_THREADS_MOST,
-  SPINS = 400 /* looks before a thread sleeps: about 20 us, which is less than waking it takes */
+  SPINS = 400 /* checks before a thread sleeps: about 20 us, which is less than waking it takes */
 };
 
 struct ern_pool {
@@ -29,7 +29,7 @@ struct ern_pool {
   atomic_uint_least64_t round; /* grows by one a run */
   bool open;                   /* helpers may still join the round */
   atomic_int busy;             /* helpers that have joined it and have not finished */
-  int spins; /* 0 where there are more threads than cores: who looks then keeps another from working */
+  int spins; /* 0 where there are more threads than cores: spinning would then keep another thread from working */
   bool closing;
   void (*task)(void *user, size_t index, int worker);
   void *user;
@@ -37,7 +37,7 @@ struct ern_pool {
   atomic_size_t next;
 };
 
-/* A moment, which is the other thread's where two share a core. */
+/* A short pause, which leaves the core to its other hardware thread. */
 static void pause_shortly(void) {
 #if defined(__x86_64__)
   __builtin_ia32_pause();
@@ -134,7 +134,7 @@ void ern_pool_run(struct ern_pool *pool, size_t count, void (*task)(void *user, 
   work_through(pool, 0);
   for (int k = 0; k < pool->spins && atomic_load(&pool->busy) > 0; k++) pause_shortly();
   pthread_mutex_lock(&pool->mutex);
-  pool->open = false; /* who is not awake yet is not waited for */
+  pool->open = false; /* threads that are not awake yet are not waited for */
   while (atomic_load(&pool->busy) > 0) pthread_cond_wait(&pool->done, &pool->mutex);
   pthread_mutex_unlock(&pool->mutex);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A pool of threads that works through numbered tasks. Which thread takes which task is luck; results must not depend
- * on it. */
+ * A pool of threads that works through numbered tasks. The assignment of tasks to threads varies from run to run;
+ * results must not depend on it. */
 #ifndef ERN_CORE_THREADS_H
 #define ERN_CORE_THREADS_H
 

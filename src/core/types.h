@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The words in which the layers speak to a backend: spans of its memory, rows of numbers, limits.
+ * Types of the interface between layers and backends: spans of a backend's memory, rows of numbers, limits.
  *
  * Layout: a quantity with C channels for N samples is stored channel by channel, value (c, i) at c*stride + i, so that
  * a loop over samples runs over contiguous memory. `stride` is at least N. */
@@ -33,7 +33,7 @@ typedef struct ern_span {
   size_t at, count;
 } ern_span;
 
-/* What a row of numbers has one value for. */
+/* What a row of numbers has one value for each of. */
 typedef enum ern_per { ERN_PER_SAMPLE, ERN_PER_RAY, ERN_PER_BATCH } ern_per;
 
 /* `rows` channels; value (c, i) at span.at + c*stride + i, where i is the sample, the sample's ray, or 0 by `per`. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Level tables of the grids: scales, resolutions, sizes and places. Part of the model, so the same bits in every build.
- */
+ * Level tables of the grids: scales, resolutions, sizes and offsets. They are part of the model, so they have the same
+ * bits in every build. */
 #include <math.h>
 
 #include "hashgrid/hashgrid.h"
@@ -41,7 +41,7 @@ ern_status ern_grid_build(struct ern_grid *grid, const struct ern_grid_shape *sh
   const float step = (float)log2(growth); /* S */
   uint64_t offset = 0;
   for (int l = 0; l < shape->levels; l++) {
-    /* Named steps: each is rounded to float once, and none can be contracted into a fused multiply-add. */
+    /* Volatile steps: each is rounded to float once, and none can be contracted into a fused multiply-add. */
     const volatile float exponent = (float)l * step;
     const volatile float resolution = exp2f(exponent) * (float)shape->base;
     struct ern_grid_level *level = &grid->level[l];

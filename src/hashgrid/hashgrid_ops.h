@@ -34,7 +34,7 @@ struct ern_grid_bwd_args {
   ern_span dtable;                /* accumulates */
   ern_span dx[ERN_GRID_MAX_DIMS]; /* accumulates; zeroed spans: not wanted */
   ern_rows df;
-  struct ern_grid_fwd_args forward; /* f is not looked at */
+  struct ern_grid_fwd_args forward; /* f is not used */
 };
 
 /* Kernels: levels [level_begin, level_end) of n samples. Rows f are overwritten; dtable and dx accumulate. A sample

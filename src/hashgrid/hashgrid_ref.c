@@ -7,7 +7,7 @@
 
 #include "core/kernels.h"
 
-/* Where a sample lies in a level. */
+/* The cell of a sample in a level, and its position in the cell. */
 struct place {
   uint32_t cell[ERN_GRID_MAX_DIMS];
   ern_real t[ERN_GRID_MAX_DIMS]; /* in [0, 1) */

@@ -76,7 +76,7 @@ static ern_status read_cell(ern_context *context, const char *path, const char *
   return ERN_OK;
 }
 
-/* Rows stand for frames by their place. Where they are numbered too, the numbers must say the same. */
+/* Row i belongs to frame i. A column of frame numbers must therefore increase by 1 from row to row. */
 static ern_status check_frame(ern_context *context, const char *path, size_t number, float found, double *frame) {
   const double before = *frame;
   *frame = (double)found;

@@ -10,12 +10,12 @@
 enum { ERN_CSV_COLUMNS = 256 };
 
 /* *values = the column whose header, trimmed of blanks and quotes, is `name`; owned by the caller (ern_release).
- * Blank lines at the end are passed over. Where there is a column `frame` too, it counts up by 1 from row to row, else
+ * Blank lines at the end are skipped. A column `frame`, if there is one, must increase by 1 from row to row, else
  * ERN_E_FORMAT. A missing column is ERN_E_MISSING and the message lists those there are;
  * a cell that is no finite number is ERN_E_FORMAT with line, found and expected. */
 ERN_NODISCARD ern_status ern_csv_read_column(ern_context *context, const char *path, const char *name, float **values,
                                              size_t *count);
-/* The same of several columns, at most ERN_CSV_COLUMNS: values[wanted][*count], each owned by the caller; all NULL
+/* The same for several columns, at most ERN_CSV_COLUMNS: values[wanted][*count], each owned by the caller; all NULL
  * where it fails. */
 ERN_NODISCARD ern_status ern_csv_read_columns(ern_context *context, const char *path, const char *const *names,
                                               size_t wanted, float **values, size_t *count);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A curve of the lids from a file: a table of action units, a number a line, or an array. */
+ * Reads the eyes' values of all frames from a file: a table of action units, one number per line, or an array. */
 #include <math.h>
 #include <string.h>
 

@@ -10,8 +10,8 @@
 ERN_NODISCARD ern_status ern_file_read(ern_context *context, const char *path, size_t limit, uint8_t **bytes,
                                        size_t *count);
 
-/* A regular file of at most `limit` bytes that is read in parts, so that what its head claims is held against `size`
- * before memory is taken for the rest. `path` must outlive it. */
+/* A regular file of at most `limit` bytes that is read in parts, so that the sizes in its header are checked against
+ * `size` before memory is allocated for the rest. `path` must outlive it. */
 struct ern_file_reader {
   ern_context *context;
   const char *path;
@@ -23,39 +23,39 @@ ERN_NODISCARD ern_status ern_file_reader_open(ern_context *context, const char *
 /* `count` bytes from byte `at` on; ERN_E_IO where they are not there. */
 ERN_NODISCARD ern_status ern_file_reader_take(const struct ern_file_reader *reader, size_t at, void *bytes,
                                               size_t count);
-/* Harmless on one that is closed. */
+/* Does nothing on a closed reader. */
 void ern_file_reader_close(struct ern_file_reader *reader);
 
 /* The bytes before the first character of a text: 3 of UTF-8's byte-order mark, else 0. */
 size_t ern_text_mark(const uint8_t *bytes, size_t count);
 
-/* Says what the operating system refused; errno is that of the call that failed. */
+/* Records a failed system call as an error: the path, `verb` and errno's text. */
 ern_status ern_file_refused(ern_context *context, const char *path, const char *verb);
 
-/* Whether a name is one that a writer gives its file until it is whole. */
+/* Whether a name is that of a writer's temporary file. */
 bool ern_file_is_temporary(const char *name);
 
 /* ERN_E_IO where `path` is a folder, a device or a pipe, or a file that may not be written. */
 ERN_NODISCARD ern_status ern_file_check_replaceable(ern_context *context, const char *path);
 
-/* What happens to a file that is there already: as the context's keep_files says, or one or the other. */
+/* What happens to a file that exists already: keep_files of the context decides, it is replaced, or it is kept. */
 enum ern_existing { ERN_EXISTING_BY_CONTEXT, ERN_EXISTING_REPLACE, ERN_EXISTING_KEEP };
 
-/* A file being written (base.h, "How files are written"). Zeroed is closed. A library that writes files of its own may
- * write to `temporary` by that name. */
+/* A file being written (base.h, "How files are written"). A zeroed one is closed. A library that opens its output
+ * itself may write to `temporary` by its name. */
 struct ern_file_writer {
   ern_context *context;
   char *path;      /* as the caller named it */
-  char *place;     /* where that leads: symbolic links are followed */
+  char *place;     /* the path after following symbolic links */
   char *temporary; /* PLACE.ernerf-tmp */
   int descriptor;  /* of `temporary`, which it keeps locked */
   int folder;      /* a descriptor of its folder; -1: none */
-  bool keep;       /* a file that is there stays */
+  bool keep;       /* an existing file is not replaced */
 };
 ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,
                                               struct ern_file_writer *writer);
 ERN_NODISCARD ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count);
-/* Puts the file in its place. Whatever it returns, the writer is closed and nothing of it is left over. */
+/* Moves the file to `place`. On failure too, closes the writer and removes its temporary file. */
 ERN_NODISCARD ern_status ern_file_writer_commit(struct ern_file_writer *writer);
 /* Removes what was written; harmless on a writer that is closed or zeroed. */
 void ern_file_writer_abandon(struct ern_file_writer *writer);

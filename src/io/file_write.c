@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Files, written whole: a locked temporary file beside the final place, flushed, and then given its name. */
+ * Writes files atomically: a locked temporary file beside the final path, synchronised to disk and then renamed. */
 #define _XOPEN_SOURCE 700 /* S_ISVTX */
 #include <errno.h>
 #include <fcntl.h>
@@ -15,7 +15,7 @@
 #include "io/file.h"
 
 static const char suffix[] = ".ernerf-tmp";
-/* The sticky bit, which says nothing of a file on Linux, marks a temporary file as made by this program. */
+/* The sticky bit, which has no effect on a file on Linux, marks a temporary file as made by this program. */
 static const mode_t mark = S_ISVTX;
 enum { NAME_BYTES = 255 /* of one name, on the usual file systems */, MOST_LINKS = 40, MOST_TRIES = 100 };
 
@@ -34,13 +34,13 @@ static ern_status join(ern_context *context, const char *folder, size_t folder_b
   return status;
 }
 
-/* `path`, or where it leads if it is a symbolic link, even if nothing is there. */
+/* `path`, or its target if it is a symbolic link, even if the target does not exist. */
 static ern_status follow_links(ern_context *context, const char *path, char **place) {
   ern_status status = ern_string_copy(context, path, place);
   for (int links = 0; status == ERN_OK; links++) {
     char target[PATH_MAX], *next = NULL;
     const ssize_t length = readlink(*place, target, sizeof target - 1);
-    if (length < 0) return ERN_OK; /* no link, or nothing; opening says more */
+    if (length < 0) return ERN_OK; /* not a link, or does not exist; opening it gives the error */
     target[length] = 0;
     if (links == MOST_LINKS) status = ern_fail(context, ERN_E_IO, "%s: too many symbolic links", path);
     if (status == ERN_OK) status = join(context, *place, target[0] == '/' ? 0 : folder_length(*place), target, &next);
@@ -50,7 +50,7 @@ static ern_status follow_links(ern_context *context, const char *path, char **pl
   return status;
 }
 
-/* PLACE.ernerf-tmp; where that name would be too long, the name's hash stands for it. */
+/* PLACE.ernerf-tmp; where that name would be too long, the name's hash replaces it. */
 static ern_status temporary_of(ern_context *context, const char *place, char **temporary) {
   const size_t folder = folder_length(place), length = strlen(place + folder);
   char name[NAME_BYTES + 1];
@@ -95,15 +95,16 @@ ern_status ern_file_check_output(ern_context *context, const char *path) {
 
 /* ---- the temporary file ------------------------------------------------------------------------------------------ */
 
-/* Whether a name in a folder is still that of the open file: what removed it may have made another one there. */
+/* Whether a name in a folder is still that of the open file: another process may have removed it and made another file
+ * there. */
 static bool is_named(int folder, const char *name, int descriptor) {
   struct stat named, opened;
   return fstatat(folder, name, &named, AT_SYMLINK_NOFOLLOW) == 0 && fstat(descriptor, &opened) == 0 &&
          named.st_dev == opened.st_dev && named.st_ino == opened.st_ino;
 }
 
-/* Why a file that is open under the temporary name may not be written, in words; NULL: it is locked and may be. `made`:
- * it was made by this open. *again: it went away while it was being locked. */
+/* The reason why the open temporary file may not be written, as text; NULL: it is locked and may be. `made`: this open
+ * created it. *again: it disappeared while it was being locked. */
 static const char *lock_temporary(const char *temporary, int descriptor, bool made, bool *again) {
   struct stat opened;
   if (fstat(descriptor, &opened) != 0 || !S_ISREG(opened.st_mode)) return "is no regular file";
@@ -115,15 +116,15 @@ static const char *lock_temporary(const char *temporary, int descriptor, bool ma
   if (!made && (opened.st_mode & mark) == 0) return "is there, and was not made by this program";
   /* The process that held the lock may have renamed or removed the file in between. */
   *again = !is_named(AT_FDCWD, temporary, descriptor);
-  /* What was left over goes, and with it rights that another umask gave. A kill between link() and unlink() leaves a
-   * second name of a finished file: only the temporary name goes. */
+  /* Removes a leftover, as its permissions may come from another umask. A kill between link() and unlink() leaves a
+   * second link to a finished file: only the temporary name is removed. */
   const bool fresh = made && opened.st_nlink == 1;
   if (!*again && !fresh) *again = unlink(temporary) == 0;
   return *again || !fresh ? "is made and removed over and over" : NULL;
 }
 
-/* Makes the temporary file, locked. A file that is there gives way only where it is a regular file of this user that
- * has the mark and that nobody has locked. */
+/* Makes the temporary file, locked. An existing file is replaced only where it is a regular file of this user that has
+ * the mark and is not locked. */
 static ern_status open_temporary(struct ern_file_writer *writer) {
   const char *wrong = NULL, *name = writer->temporary;
   const int flags = O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK;
@@ -149,8 +150,8 @@ static ern_status open_temporary(struct ern_file_writer *writer) {
                   wrong != NULL ? wrong : "is made and removed over and over");
 }
 
-/* The folder of the temporary file, by which that is found wherever the folder is moved to. One that may not be read
- * cannot be opened: then the name is all there is. */
+/* The folder of the temporary file, through which the file is found even after the folder is moved. A folder without
+ * read permission cannot be opened: then only the path is used. */
 static void open_folder(struct ern_file_writer *writer) {
   char folder[PATH_MAX];
   const size_t length = folder_length(writer->temporary);
@@ -185,8 +186,8 @@ ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern
   ERN_TRY(temporary_of(context, writer->place, &writer->temporary));
   ERN_TRY(open_temporary(writer));
   open_folder(writer);
-  /* What others may not read stays so. The rights of another group wait until the file is that group's. A file system
-   * without modes is no reason to fail. */
+  /* A file that others may not read stays so. Permissions of another group are set only once the file belongs to it. A
+   * file system without modes is no reason to fail. */
   struct stat own;
   if (stat(writer->place, &before) == 0 && fstat(writer->descriptor, &own) == 0)
     (void)fchmod(writer->descriptor, (before.st_mode & (own.st_gid == before.st_gid ? 0777 : 0707)) | mark);
@@ -255,7 +256,8 @@ fail:
   return status;
 }
 
-/* Gives the file its name. link() never replaces; where a file system has no links, a look comes before the rename. */
+/* Gives the file its name. link() never replaces a file; where the file system has no links, a check precedes the
+ * rename. */
 static ern_status put_in_place(struct ern_file_writer *writer) {
   const char *from = writer->temporary, *to = writer->place;
   if (!is_named(AT_FDCWD, from, writer->descriptor))
@@ -268,8 +270,8 @@ static ern_status put_in_place(struct ern_file_writer *writer) {
   return rename(from, to) == 0 ? ERN_OK : ern_file_refused(writer->context, writer->path, "put in place");
 }
 
-/* Takes the mark off, and gives the file the owner, group and rights of the one that it has replaced; a group that
- * cannot be had has no rights. */
+/* Removes the mark, and gives the file the owner, group and permissions of the one that it has replaced; where the
+ * group cannot be set, it has no permissions. */
 static void finish_mode(int descriptor, const struct stat *replaced) {
   struct stat placed;
   if (fstat(descriptor, &placed) != 0) return;
@@ -290,7 +292,7 @@ ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
   const bool replaces = stat(writer->place, &before) == 0;
   ERN_TRY(put_in_place(writer));
   finish_mode(writer->descriptor, replaces ? &before : NULL);
-  const int closed = close(writer->descriptor); /* and with it the lock, which was held until now */
+  const int closed = close(writer->descriptor); /* also releases the lock */
   const int number = errno;
   writer->descriptor = -1;
   ERN_TRY(sync_folder_of(writer->context, writer->place));

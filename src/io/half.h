@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * IEEE 754 binary16 and bfloat16 as they lie in files, to float. */
+ * IEEE 754 binary16 and bfloat16 as stored in files, to float. */
 #ifndef ERN_IO_HALF_H
 #define ERN_IO_HALF_H
 

@@ -11,7 +11,7 @@
  * places, and a key with its value or a value in an array. */
 enum { OBJECT_BYTES = 320, ARRAY_BYTES = 160, VALUE_BYTES = 160 };
 
-/* An upper bound, of what is not the texts of strings: each value but the first comes after a bracket or a comma. */
+/* An upper bound, without the texts of strings: each value except the first follows a bracket or a comma. */
 static size_t memory_of(const char *text, size_t length) {
   size_t bytes = 0;
   bool quoted = false;

@@ -9,7 +9,7 @@
 #include "io/number.h"
 
 enum { FILE_LIMIT = 1 << 20 };
-static const double most_pixels = 1e6; /* from the corner: what lies farther is no point of a face */
+static const double most_pixels = 1e6; /* from the corner: a point farther away is an error */
 
 static const char *skip_blanks(const char *at, const char *end) {
   while (at < end && (*at == ' ' || *at == '\t' || *at == '\r')) at++;

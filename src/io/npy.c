@@ -15,7 +15,7 @@ static const struct {
   const char *descr; /* as the header names it; all little endian */
   ern_npy_type type;
   size_t bytes;        /* an item in the file */
-  size_t loaded_bytes; /* an item in memory: every float arrives as float */
+  size_t loaded_bytes; /* an item in memory: all floats are converted to float */
 } types[] = {{"<f2", ERN_NPY_F16, 2, 4}, {"<f4", ERN_NPY_F32, 4, 4}, {"<f8", ERN_NPY_F64, 8, 4},
              {"|u1", ERN_NPY_U8, 1, 1},  {"<i4", ERN_NPY_I32, 4, 4}, {"<i8", ERN_NPY_I64, 8, 8}};
 enum { TYPES = sizeof types / sizeof types[0], TEXT_BYTES = 64 };
@@ -193,7 +193,7 @@ static void load_items(void *data, const uint8_t *from, ern_npy_type type, size_
   }
 }
 
-/* The header, held against the size of the file: *count items of types[*type] are its last `*bytes` bytes. */
+/* Checks the header against the size of the file: *count items of types[*type] are its last `*bytes` bytes. */
 static ern_status read_claims(const struct ern_file_reader *reader, struct header *header, int *type, size_t *count,
                               size_t *bytes) {
   const size_t head = reader->size < HEADER_LIMIT ? reader->size : HEADER_LIMIT;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * NumPy's .npy files, versions 1 to 3, read as if hostile. */
+ * NumPy's .npy files, versions 1 to 3, read as untrusted input. */
 #ifndef ERN_IO_NPY_H
 #define ERN_IO_NPY_H
 
@@ -14,10 +14,11 @@ struct ern_npy {
   int dims;          /* 0..ERN_NPY_MAX_DIMS */
   size_t shape[ERN_NPY_MAX_DIMS];
   size_t count; /* product of shape */
-  void *data;   /* F16 and F64 arrive as float; U8, I32, I64 as they are. Owned by the caller. */
+  void *data;   /* F16 and F64 are converted to float; U8, I32, I64 are not. Owned by the caller. */
 };
 
-/* C order, little endian only; anything else is refused in words, as is a file shorter or longer than it claims. */
+/* C order, little endian only; anything else is refused with a message, and so is a file shorter or longer than its
+ * header says. */
 ERN_NODISCARD ern_status ern_npy_read(ern_context *context, const char *path, struct ern_npy *array);
 void ern_npy_free(ern_context *context, struct ern_npy *array);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The fields of an ONNX file (protobuf, onnx.proto of version 1) that a program must know before a reader that trusts
- * them sees the file. */
+ * The fields of an ONNX file (protobuf, onnx.proto of version 1) that must be checked before a reader that trusts them
+ * gets the file. */
 #include "io/onnx.h"
 
 #include <stdbool.h>
@@ -29,8 +29,8 @@ struct look {
   const char *path;
   const uint8_t *begin; /* of the file */
   struct ern_onnx *onnx;
-  struct span *name; /* [names]: of weights, then of inputs, then of what nodes give */
-  bool *empty;       /* [names]: a weight without a number */
+  struct span *name; /* [names]: of weights, then of inputs, then of the nodes' outputs */
+  bool *empty;       /* [names]: a weight without elements */
   size_t names, weights, uses;
 };
 
@@ -76,7 +76,7 @@ static ern_status fail_at(const struct look *look, const uint8_t *at) {
                   look->path, (size_t)(at - look->begin));
 }
 
-/* As much of a name as there is room for, without what is no printable ASCII. */
+/* A name, cut to the size of `text`, with '?' for characters that are not printable ASCII. */
 static void copy_name(struct span name, char text[ERN_ONNX_NAME]) {
   size_t count = length(name) < ERN_ONNX_NAME - 1 ? length(name) : ERN_ONNX_NAME - 1;
   for (size_t i = 0; i < count; i++) text[i] = (char)(name.at[i] > 31 && name.at[i] < 127 ? name.at[i] : '?');
@@ -123,7 +123,7 @@ static uint64_t count_varints(struct span bytes) {
   return count;
 }
 
-/* Of a repeated field of numbers, packed or one by one. */
+/* How many numbers a repeated field holds, packed or not. */
 static uint64_t numbers(const struct field *field, int wire) {
   if (field->wire == wire) return 1;
   if (field->wire != WIRE_BYTES) return 0;
@@ -146,7 +146,7 @@ static bool take_sizes(struct tensor *tensor, const struct field *field) {
   return true;
 }
 
-/* False where a number is none that there is. */
+/* False where a value is invalid. */
 static bool take_tensor_field(struct tensor *tensor, const struct field *field) {
   switch (field->number) {
     case 1: return take_sizes(tensor, field);
@@ -170,7 +170,7 @@ static bool take_tensor_field(struct tensor *tensor, const struct field *field) 
   }
 }
 
-/* Whether it holds as many numbers as its sizes say. A type that is not listed has a reader that refuses it. */
+/* Whether it holds as many numbers as its sizes say. The reader refuses the types that are not listed here. */
 static bool is_complete(const struct tensor *t) {
   const bool empty = t->floats == 0 && t->doubles == 0 && t->int32s == 0 && t->int64s == 0 && t->raw_bytes == 0;
   uint64_t listed = 0, bytes = 0;
@@ -211,7 +211,7 @@ static ern_status check_tensor(const struct look *look, struct span message, str
 struct node {
   struct span name, kind;
   size_t inputs;
-  bool empty; /* a constant without a number */
+  bool empty; /* a constant without elements */
 };
 
 /* "the operator KIND (node NAME)" */
@@ -232,7 +232,7 @@ static ern_status check_number(const struct look *look, const struct node *node,
                   (long long)value, group ? "1 or more" : "-8 to 7");
 }
 
-/* Its numbers: one, or a list, packed or one by one. */
+/* The numbers of an attribute: one, or a list, packed or not. */
 static ern_status check_numbers(const struct look *look, const struct node *node, struct span name,
                                 struct span attribute) {
   struct field field;
@@ -266,8 +266,8 @@ static ern_status check_attribute(const struct look *look, struct node *node, st
   return check_numbers(look, node, name, attribute);
 }
 
-/* What a node uses must be there: a weight, the input, or what an earlier node gives; "" is nothing. An empty weight is
- * of use to Resize alone, whose second input is one as a rule. */
+/* An input of a node must exist: a weight, the input, or an earlier node's output; "" is none. Only Resize may use an
+ * empty weight, which its second input usually is. */
 static ern_status check_use(struct look *look, const struct node *node, struct span name) {
   char words[ERN_ONNX_NAME], user[2 * ERN_ONNX_NAME + 32];
   if (++look->uses > MOST_USES)
@@ -283,7 +283,7 @@ static ern_status check_use(struct look *look, const struct node *node, struct s
                   look->path, user, words);
 }
 
-/* Operators of which OpenCV takes the second input without looking whether it is there. */
+/* Operators whose second input OpenCV uses without checking that it exists. */
 static ern_status check_inputs(const struct look *look, const struct node *node) {
   static const char *const two[] = {"Conv", "ConvTranspose", "CumSum", "Expand", "Gather", "Gemm", "MatMul", "Resize"};
   char words[2 * ERN_ONNX_NAME + 32];
@@ -428,7 +428,7 @@ static ern_status take_output(struct look *look, struct span message) {
 
 /* ---- the file ---------------------------------------------------------------------------------------------------- */
 
-/* Whether the graph is a message, its weights, and their names. */
+/* Checks that the graph is a valid message, and its weights; stores their names. */
 static ern_status take_weights(struct look *look, struct span graph) {
   struct field field;
   struct span name;

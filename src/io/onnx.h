@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What an ONNX file says of itself: its input and outputs; and a check of what a reader of its weights must rely on. */
+ * Reads the input and outputs that an ONNX file declares, and checks what a reader of its weights relies on. */
 #ifndef ERN_IO_ONNX_H
 #define ERN_IO_ONNX_H
 
@@ -12,13 +12,13 @@ enum { ERN_ONNX_DIMS = 8, ERN_ONNX_OUTPUTS = 16, ERN_ONNX_NAME = 128 };
 struct ern_onnx {
   char input[ERN_ONNX_NAME]; /* of the one input that is no weight: float, of fixed sizes */
   int dims, shape[ERN_ONNX_DIMS];
-  size_t outputs;                               /* of which more may be than have a name here */
-  char output[ERN_ONNX_OUTPUTS][ERN_ONNX_NAME]; /* the first of them */
+  size_t outputs;                               /* of the file; may be more than ERN_ONNX_OUTPUTS */
+  char output[ERN_ONNX_OUTPUTS][ERN_ONNX_NAME]; /* names of the first ones */
 };
 
-/* Looks through the bytes of a file. Every weight has as many numbers as its sizes say, and lies in the file.
- * ERN_E_FORMAT: no ONNX file, cut, or one that contradicts itself; ERN_E_UNSUPPORTED: sizes that are not fixed, more
- * inputs than one, or weights in other files. */
+/* Parses the bytes of a file. Checks that each weight has as many numbers as its sizes say, and lies in the file.
+ * ERN_E_FORMAT: not an ONNX file, truncated, or inconsistent; ERN_E_UNSUPPORTED: sizes that are not fixed, more inputs
+ * than one, or weights in other files. */
 ERN_NODISCARD ern_status ern_onnx_look(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
                                        struct ern_onnx *onnx);
 

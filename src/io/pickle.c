@@ -39,7 +39,7 @@ static ern_status push(struct ern_pickle_machine *m, struct ern_pickle_value *va
   return status;
 }
 
-/* The topmost value; marks are none. */
+/* The topmost value; a mark does not count as one. */
 static ern_status pop(struct ern_pickle_machine *m, struct ern_pickle_value **value) {
   *value = NULL;
   if (m->stack.count == 0 || m->stack.item[m->stack.count - 1]->kind == ERN_PICKLE_MARK)
@@ -314,7 +314,7 @@ static ern_status protocol(struct ern_pickle_machine *m, size_t version) {
                   m->begin);
 }
 
-/* A frame only announces how many bytes follow. */
+/* The FRAME opcode only announces how many bytes follow. */
 static ern_status frame(struct ern_pickle_machine *m) {
   uint64_t length = 0;
   const ern_status status = take_number(m, 8, &length);

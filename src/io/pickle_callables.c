@@ -72,7 +72,7 @@ ern_status ern_pickle_storage(struct ern_pickle_machine *m, const struct ern_pic
       callables[part[1]->as.integer].call != CALL_STORAGE || part[2]->kind != ERN_PICKLE_TEXT ||
       part[3]->kind != ERN_PICKLE_TEXT || part[4]->kind != ERN_PICKLE_INT || part[4]->as.integer < 0)
     return wrong(m, "expected a storage: its type, key, place and count");
-  if (parts == 6 && part[5]->kind != ERN_PICKLE_NONE) /* of before 1.6: the part of another storage that it is */
+  if (parts == 6 && part[5]->kind != ERN_PICKLE_NONE) /* before PyTorch 1.6: describes a view of another storage */
     return ern_fail(m->context, ERN_E_UNSUPPORTED, "%s: opcode 0x%02x at offset %zu: a view of another storage",
                     m->where, m->opcode, m->begin);
   if (part[2]->as.words.length == 0 || part[2]->as.words.length > 100 ||
@@ -143,7 +143,7 @@ static ern_status call_tensor(struct ern_pickle_machine *m, bool first, const st
   return status;
 }
 
-/* Nothing, or as Python 2 writes it a list of lists of two, key and value. */
+/* No argument, or, as Python 2 writes it, a list of [key, value] lists. */
 static ern_status call_ordered(struct ern_pickle_machine *m, const struct ern_pickle_value *arguments,
                                struct ern_pickle_value **made) {
   ern_status status = ern_pickle_make(m, ERN_PICKLE_ORDERED, made);
@@ -213,7 +213,7 @@ static ern_status call_numpy_scalar(struct ern_pickle_machine *m, const struct e
   return ERN_OK;
 }
 
-/* How protocol 2 says bytes: a text whose characters U+0000 to U+00FF are the bytes. */
+/* How protocol 2 represents bytes: a text whose characters U+0000 to U+00FF are the bytes. */
 static ern_status call_encode(struct ern_pickle_machine *m, const struct ern_pickle_value *arguments,
                               struct ern_pickle_value **made) {
   struct ern_pickle_value *const *part = arguments->as.list.item;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Values of a pickle, and the machine that makes them in an arena of its own. */
+ * Values of a pickle, and the pickle machine, which allocates them in its own arena. */
 #ifndef ERN_IO_PICKLE_VALUE_H
 #define ERN_IO_PICKLE_VALUE_H
 
@@ -25,7 +25,8 @@ typedef enum ern_pickle_kind {
   ERN_PICKLE_MARK
 } ern_pickle_kind;
 
-/* A value may be held by several others, and hostile ones by themselves: whoever walks must count steps. */
+/* Several values may refer to the same one, and a hostile pickle may contain cycles: a traversal must limit its
+ * steps. */
 struct ern_pickle_value {
   ern_pickle_kind kind;
   union {
@@ -49,7 +50,7 @@ struct ern_pickle_value {
       size_t offset; /* elements */
       int dims;
       size_t shape[ERN_TENSOR_MAX_DIMS], stride[ERN_TENSOR_MAX_DIMS];
-      const char *name; /* set by whoever gives it one; NULL */
+      const char *name; /* NULL until it gets one */
     } tensor;
     struct {
       char type;  /* b i u f */
@@ -75,7 +76,7 @@ struct ern_pickle_machine {
   const char *where;
   const uint8_t *bytes;
   size_t count, at;
-  size_t begin; /* of the opcode at work */
+  size_t begin; /* offset of the current opcode */
   uint8_t opcode;
   struct ern_pickle_pointers stack, memo, storages;
   bool first; /* bytes may follow the pickle */

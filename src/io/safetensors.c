@@ -25,14 +25,14 @@ enum { DTYPES = sizeof dtypes / sizeof dtypes[0] };
 const char *ern_dtype_name(ern_dtype dtype) { return (unsigned)dtype < DTYPES ? dtypes[dtype].name : "?"; }
 size_t ern_dtype_bytes(ern_dtype dtype) { return (unsigned)dtype < DTYPES ? dtypes[dtype].bytes : 0; }
 
-/* What a file in memory holds besides its lists. */
+/* Memory of a file besides its lists. */
 struct storage {
-  uint8_t *bytes;   /* that the tensors lie in: the file, or what comes after its header */
-  uint8_t *aligned; /* copies of the tensors that lie unaligned in it; NULL: none do */
+  uint8_t *bytes;   /* bytes of the tensors: the whole file, or the part after its header */
+  uint8_t *aligned; /* copies of the tensors that are unaligned in it; NULL: none are */
   json_t *header;   /* names and metadata point into it */
 };
 
-/* What the readers below share. */
+/* Common arguments of the functions below. */
 struct reading {
   ern_context *context;
   const char *path;
@@ -120,7 +120,7 @@ fail:
 
 static size_t tensor_bytes(const struct ern_tensor *tensor) { return tensor->count * dtypes[tensor->dtype].bytes; }
 
-/* By place in the file; an empty tensor before the one that starts where it lies. */
+/* By position in the file; an empty tensor before the one that starts at the same position. */
 static int compare_places(const void *left, const void *right) {
   const struct ern_tensor *a = left, *b = right;
   if (a->at != b->at) return a->at < b->at ? -1 : 1;
@@ -128,7 +128,7 @@ static int compare_places(const void *left, const void *right) {
   return bytes_a != bytes_b ? (bytes_a < bytes_b ? -1 : 1) : strcmp(a->name, b->name);
 }
 
-/* The tensors, sorted, must cover the data without overlap, gap or rest. */
+/* The sorted tensors must cover the data without overlap, gap or remainder. */
 static ern_status check_places(const struct reading *reading, const struct ern_tensor_file *file) {
   size_t covered = 0;
   for (size_t i = 0; i < file->tensor_count; i++) {
@@ -168,8 +168,8 @@ static bool is_aligned(const struct ern_tensor *tensor) {
   return (uintptr_t)tensor->data % dtypes[tensor->dtype].bytes == 0;
 }
 
-/* Points the tensors to their bytes, `data` being those after the header. Files may hold a tensor at any byte; the
- * contract of struct ern_tensor is alignment to its own items. */
+/* Points the tensors to their bytes, `data` being those after the header. A file may have a tensor at any offset, but
+ * struct ern_tensor guarantees alignment to the size of its items. */
 static ern_status place_tensors(const struct reading *reading, const uint8_t *data, struct ern_tensor_file *file) {
   struct storage *storage = file->private_data;
   ern_status status = ERN_OK;
@@ -211,7 +211,7 @@ static ern_status read_length(struct reading *reading, const uint8_t *bytes, siz
   return ERN_OK;
 }
 
-/* Metadata and tensors by the JSON text, all but where their bytes are. */
+/* Metadata and tensors from the JSON text, except the pointers to their bytes. */
 static ern_status read_header(const struct reading *reading, const char *text, size_t length,
                               struct ern_tensor_file *file) {
   struct storage *storage = file->private_data;
@@ -443,7 +443,7 @@ ern_status ern_safetensors_write(ern_context *context, const char *path, const s
   status = ern_file_writer_commit(&writer);
 fail:
   ern_file_writer_abandon(&writer);
-  free(text); /* jansson's, made by malloc */
+  free(text); /* made by jansson with malloc */
   json_decref(header);
   return status;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * safetensors files: an 8-byte length, a JSON header, the bytes of the tensors. Read as if hostile. */
+ * safetensors files: an 8-byte length, a JSON header, the bytes of the tensors. Read as untrusted input. */
 #ifndef ERN_IO_SAFETENSORS_H
 #define ERN_IO_SAFETENSORS_H
 
@@ -43,19 +43,19 @@ struct ern_tensor_file {
   struct ern_tensor *tensors;
   struct ern_metadata *metadata;
   void *private_data;
-  void (*release)(ern_context *context, void *private_data); /* of private_data; NULL: this file's own */
+  void (*release)(ern_context *context, void *private_data); /* of private_data; NULL: that of a safetensors file */
 };
 
 /* Checks every size, offset, overlap, gap and name before it takes memory for the data. The caller owns the result
  * (ern_tensor_file_free). */
 ERN_NODISCARD ern_status ern_safetensors_read(ern_context *context, const char *path, struct ern_tensor_file *file);
-/* The same of bytes in memory (made by ern_allocate), which it takes over, also when it fails. `path` is for messages.
- */
+/* The same for bytes in memory (made by ern_allocate), of which it takes ownership, also when it fails. `path` is for
+ * messages. */
 ERN_NODISCARD ern_status ern_safetensors_open(ern_context *context, const char *path, uint8_t *bytes, size_t size,
                                               struct ern_tensor_file *file);
 void ern_tensor_file_free(ern_context *context, struct ern_tensor_file *file);
 
-/* NULL where there is none of that name. */
+/* NULL where there is none with that name. */
 const struct ern_tensor *ern_tensor_file_find(const struct ern_tensor_file *file, const char *name);
 const char *ern_tensor_file_metadata(const struct ern_tensor_file *file, const char *key);
 

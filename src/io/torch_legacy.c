@@ -35,7 +35,7 @@ static ern_status next_pickle(struct reading *r, const char *name, struct ern_pi
   return status;
 }
 
-/* The version of the form, and that numbers are little endian. */
+/* Checks the version of the format, and that numbers are little endian. */
 static ern_status check_head(struct reading *r) {
   struct ern_pickle version, machine = {0};
   ern_status status = next_pickle(r, "the version", &version);
@@ -74,7 +74,7 @@ const struct ern_legacy_storage *ern_torch_legacy_find(const struct ern_legacy_s
   return storages > 0 ? bsearch(&wanted, storage, storages, sizeof wanted, compare_storages) : NULL;
 }
 
-/* The pickle may name a storage many times; each time must say the same of it. */
+/* The pickle may name a storage many times; each time with the same type and size. */
 static ern_status check_names(const struct reading *r, struct ern_pickle *pickle) {
   if (pickle->storages > 0) qsort(pickle->storage, pickle->storages, sizeof *pickle->storage, compare_values);
   for (size_t i = 1; i < pickle->storages; i++) {

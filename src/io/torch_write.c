@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A tree of values and tensors as the zip that torch.load opens: data.pkl in protocol 2 with no more than the opcodes
- * that torch.load(weights_only=True) knows, one stored entry a tensor. */
+ * Writes a tree of values and tensors as the zip that torch.load opens: data.pkl in protocol 2, with only the opcodes
+ * that torch.load(weights_only=True) supports, and one uncompressed entry per tensor. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 
 enum { DEPTH_LIMIT = 64 };
 
-/* A number that is written as a tensor without sides. */
+/* A number that is written as a zero-dimensional tensor. */
 struct number {
   struct number *before;
   struct ern_tensor tensor;
@@ -36,7 +36,7 @@ struct writing {
   } * named;                      /* [tensor_count] by name */
   const struct ern_tensor **used; /* [ERN_TORCH_ENTRIES] in the order of their keys */
   size_t used_count;
-  ern_status status; /* of the first failure; what follows does nothing */
+  ern_status status; /* of the first failure; later calls then do nothing */
 };
 
 static void put(struct writing *w, const void *bytes, size_t count) {
@@ -138,7 +138,7 @@ static ern_status sort_tensors(struct writing *w) {
   return ERN_OK;
 }
 
-/* The number of a new entry for the tensor. Three entries are none of a tensor. */
+/* The number of a new entry for the tensor. Three entries of the zip are not tensors. */
 static size_t take_entry(struct writing *w, const struct ern_tensor *tensor) {
   if (w->used_count + 3 > ERN_TORCH_ENTRIES) {
     if (w->status == ERN_OK)
@@ -152,7 +152,7 @@ static size_t take_entry(struct writing *w, const struct ern_tensor *tensor) {
 
 static void put_entry(struct writing *w, const struct ern_tensor *tensor, size_t entry);
 
-/* One that is named twice has one entry. */
+/* A tensor that is named twice has one entry. */
 static void put_tensor(struct writing *w, const char *name) {
   const struct ern_tensor like = {.name = name};
   const struct named_tensor wanted = {.tensor = &like};
@@ -234,7 +234,7 @@ static void put_pairs(struct writing *w, const json_t *array, int depth) {
   put_byte(w, 'u');
 }
 
-/* As latin1 text that is encoded, which is how protocol 2 says bytes. */
+/* As a latin1-encoded text, which is how protocol 2 represents bytes. */
 static void put_bytes(struct writing *w, const char *hex) {
   const size_t digits = strlen(hex), length = digits / 2, mark = w->count + 1;
   if (digits % 2 != 0 || strspn(hex, "0123456789abcdef") != digits) {
@@ -334,13 +334,13 @@ static ern_status add_entries(struct writing *w, zip_t *zip) {
   return status == ERN_OK ? add_entry(w, zip, "archive/version", "3\n", 2) : status;
 }
 
-/* Writes the zip into memory: libzip would put a file of its own beside the output. */
+/* Writes the zip into memory: libzip would make its own temporary file beside the output. */
 static ern_status make_zip(struct writing *w, zip_source_t *memory) {
   zip_error_t error;
   zip_error_init(&error);
   zip_t *zip = zip_open_from_source(memory, ZIP_TRUNCATE, &error);
   if (zip == NULL) return fail_zip(w, &error);
-  zip_source_keep(memory); /* the archive takes one reference along */
+  zip_source_keep(memory); /* the archive takes over one reference */
   const ern_status status = add_entries(w, zip);
   if (status != ERN_OK)
     zip_discard(zip);
@@ -381,8 +381,9 @@ fail:
   return status;
 }
 
-/* PyTorch 1.13 opens no float with weights_only=True, not even in its own files. Where no optimizer needs them as such,
- * a tensor without sides does for a float; with an optimizer they stay, and PyTorch 2 opens the file so. */
+/* PyTorch 1.13 refuses floats with weights_only=True, even in its own files. Without an optimizer, a float is replaced
+ * by a zero-dimensional tensor. An optimizer needs real floats, so they stay, and only PyTorch 2 opens the file with
+ * weights_only=True. */
 static bool has_optimizer(const json_t *tree) {
   const json_t *pairs = json_object_get(tree, "dict");
   for (size_t i = 0; i < json_array_size(pairs); i++) {

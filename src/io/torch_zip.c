@@ -12,14 +12,14 @@
 #include "io/torch_legacy.h"
 
 enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_CAPACITY = 512 };
-static const size_t words_limit = (size_t)1 << 24;  /* bytes of all texts of the tree, those held twice counted twice */
-static const size_t spread_limit = (size_t)1 << 28; /* bytes that copies of views may take beyond the file's */
+static const size_t words_limit = (size_t)1 << 24;  /* bytes of all texts of the tree, with repetitions */
+static const size_t spread_limit = (size_t)1 << 28; /* bytes that copies of views may take in addition to the file's */
 
 struct opened {
   const char *path;
   uint8_t *bytes;
-  size_t count, read, spread;         /* read: bytes of entries taken out so far */
-  zip_t *zip;                         /* NULL: the form before 1.6 */
+  size_t count, read, spread;         /* read: bytes of entries extracted so far */
+  zip_t *zip;                         /* NULL: the format before PyTorch 1.6 */
   char prefix[256];                   /* "archive/" */
   uint8_t **entry;                    /* [entries] bytes of those that were read */
   size_t entries;                     /* of the zip, or storages */
@@ -32,7 +32,7 @@ struct opened {
   struct found_tensor {
     struct ern_pickle_value *value;
     char *name;
-    uint8_t *copy; /* contiguous bytes of a view, NULL: it lies so in the storage */
+    uint8_t *copy; /* contiguous bytes of a view; NULL: contiguous in the storage */
   } * tensor;      /* all that have a name */
   size_t tensors, capacity;
 };
@@ -94,7 +94,7 @@ static ern_status zip_wrong(ern_context *context, const struct opened *o, const 
   return ern_fail(context, ERN_E_FORMAT, "%s: the zip is damaged: %s", o->path, what);
 }
 
-/* Each entry of the list at the end begins with this mark. Bytes of tensors may look like it, once in 2^32. */
+/* Each entry of the central directory begins with this mark. Bytes of tensors equal it by chance once in 2^32. */
 static ern_status check_count(ern_context *context, const struct opened *o) {
   static const uint8_t mark[] = {'P', 'K', 1, 2};
   size_t marks = 0;
@@ -121,7 +121,8 @@ static ern_status open_zip(ern_context *context, struct opened *o) {
   return status;
 }
 
-/* Bytes of an entry, taken out once. Sizes are checked first: stored entries together cannot be more than the file. */
+/* Bytes of an entry, extracted once. Sizes are checked first: uncompressed entries together cannot be larger than the
+ * file. */
 static ern_status read_entry(ern_context *context, struct opened *o, zip_uint64_t index, size_t most, size_t *size) {
   zip_stat_t about;
   ern_status status = ERN_OK;
@@ -166,7 +167,7 @@ static ern_status find_entry(ern_context *context, const struct opened *o, const
   return ERN_OK;
 }
 
-/* The one folder with a data.pkl; every name must be there once. */
+/* The only folder with a data.pkl; every entry must have a name. */
 static ern_status find_prefix(ern_context *context, struct opened *o) {
   static const char pickle[] = "/data.pkl";
   for (size_t i = 0; i < o->entries; i++) {
@@ -184,7 +185,7 @@ static ern_status find_prefix(ern_context *context, struct opened *o) {
                   o->path);
 }
 
-/* The names by which entries are looked up. Of two equal ones, one hides the other. */
+/* Sorts the names for look-up, and refuses duplicates: one entry would hide the other. */
 static ern_status sort_names(ern_context *context, struct opened *o) {
   const ern_status status = ERN_NEW(context, o->entries, &o->named);
   if (status != ERN_OK) return status;
@@ -265,7 +266,7 @@ ern_status ern_torch_open(ern_context *context, const char *path, uint8_t *bytes
 
 /* ---- tensors ----------------------------------------------------------------------------------------------------- */
 
-/* A copy, as elements lie anywhere in the file. The pickle was held against it when it was opened. */
+/* A copy, as the elements may be unaligned in the file. The pickle was checked against the file when it was opened. */
 static ern_status copy_storage(ern_context *context, struct opened *o, const struct ern_pickle_value *storage,
                                const uint8_t **bytes) {
   const struct ern_legacy_storage *found = ern_torch_legacy_find(o->storage, o->entries, storage->as.storage.key);
@@ -368,12 +369,12 @@ static json_t *walk_fail(struct walk *w, ern_status code, const char *what) {
   return NULL;
 }
 
-/* Takes the reference; NULL when there was no memory for it. */
+/* Returns the new object; NULL, with an error, where there was no memory for it. */
 static json_t *made(struct walk *w, json_t *object) {
   return object != NULL ? object : walk_fail(w, ERN_E_NO_MEMORY, "no memory for the tree");
 }
 
-/* A text is as short as its bytes in the file, but may be held by any number of values. */
+/* Counts the bytes of a text: any number of values may refer to the same one. */
 static bool take_words(struct walk *w, const struct ern_pickle_value *value) {
   if (value->as.words.length > words_limit - w->words) {
     walk_fail(w, ERN_E_SHAPE, "texts take more than 16 MiB");
@@ -420,7 +421,7 @@ static json_t *walk_tensor(struct walk *w, struct ern_pickle_value *value) {
 
 static json_t *walk(struct walk *w, struct ern_pickle_value *value, int depth);
 
-/* Adds ".part" to the path; returns what the path was as long as. */
+/* Adds ".part" to the path; returns the length that the path had before. */
 static size_t go_in(struct walk *w, const char *part) {
   const size_t length = strlen(w->path);
   snprintf(w->path + length, sizeof w->path - length, "%s%s", length > 0 ? "." : "", part);
@@ -553,7 +554,7 @@ ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, cons
   ERN_TRY(ern_string_copy(context, text, tree));
 fail:
   json_decref(json);
-  free(text); /* jansson's, made by malloc */
+  free(text); /* made by jansson with malloc */
   if (status != ERN_OK) ern_tensor_file_free(context, file);
   return status;
 }

@@ -11,14 +11,14 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* JSON_LIMIT, bytes of memory, is some 300,000 frames: three hours */
+/* JSON_LIMIT, bytes of memory, holds some 300,000 frames: three hours */
 enum { FILE_LIMIT = 1 << 26, JSON_LIMIT = 1 << 30, MAX_SIDE = 8192, MAX_ID = 999999999 };
 
-/* Of a matrix: entries of the rotation are 1 at most where it is one, and a camera some units from the head. What is
- * far beyond sees nothing of it and is a mistake of whatever wrote the file. */
+/* Limits of a matrix: entries of a rotation are at most 1, and a camera is some units from the head. Numbers far beyond
+ * are errors of the program that wrote the file. */
 static const double MAX_ROTATION = 1e3, MAX_PLACE = 1e6;
 
-/* Where in the file a value stands, for messages. */
+/* The position of a value in the file, for messages. */
 struct place {
   ern_context *context;
   const char *path;
@@ -63,8 +63,8 @@ static ern_status read_id(const struct place *place, const json_t *frame, const 
   return ERN_OK;
 }
 
-/* R^T R = 1 and det R = 1, as far as files with a few decimals hold it: a camera that scales, shears or mirrors draws
- * another head. */
+/* R^T R = 1 and det R = 1, up to the rounding of files with a few decimals: a camera that scales, shears or mirrors
+ * renders a distorted head. */
 static ern_status check_rotation(const struct place *place, const json_t *rows, const float m[16]) {
   static const double tolerance = 1e-2;
   double worst = 0;
@@ -100,7 +100,7 @@ static ern_status read_matrix(const struct place *place, const json_t *frame, fl
       return wrong(place, ERN_E_FORMAT, field, cell, turns ? "a number of at most 1e3" : "a number of at most 1e6");
     matrix[i] = (float)value;
     if (i < 12) continue;
-    const float last = i == 15 ? 1.0f : 0.0f; /* the last row is 0 0 0 1; files of float arithmetic may be a hair off */
+    const float last = i == 15 ? 1.0f : 0.0f; /* the last row is 0 0 0 1; float arithmetic may leave rounding errors */
     if (fabs(value - (double)last) > 1e-6) return wrong(place, ERN_E_FORMAT, field, cell, i == 15 ? "1" : "0");
     matrix[i] = last;
   }

@@ -11,8 +11,8 @@ enum {
   ERN_AUDIO_CONVS = 4,      /* width -> 32 -> 32 -> 64 -> 64; kernel 3, stride 2, padding 1, LeakyReLU(0.02) */
   ERN_AUDIO_ATT_CONVS = 5,  /* code -> 16 -> 8 -> 4 -> 2 -> 1; kernel 3, stride 1, padding 1, LeakyReLU(0.02) */
   ERN_AUDIO_MAX_CODE = 256, /* most channels of a code: kernels keep eight of them on the stack */
-  /* Layers and codes are held within this, and have no gradient beyond it. Eleven layers one after the other would
-   * leave float once their weights have grown a hundredfold; what a network of use gives is below 1e3. */
+  /* Layers and codes are clamped to this magnitude, and have no gradient beyond it. Eleven consecutive layers would
+   * overflow a float once their weights have grown a hundredfold; a useful network's values are below 1e3. */
   ERN_AUDIO_LIMIT = 1000000
 };
 
@@ -38,29 +38,28 @@ struct ern_audio_fwd_args {
 struct ern_audio_bwd_args {
   ern_span dparameters;              /* the whole block, accumulates */
   ern_span dcode;                    /* [A] */
-  struct ern_audio_fwd_args forward; /* code is not looked at */
+  struct ern_audio_fwd_args forward; /* code is not used */
 };
-/* The same code for frames that follow each other and share windows: AudioNet sees the windows it has not seen. */
+/* The same code for consecutive frames, which share windows: AudioNet encodes only the windows that are not known. */
 struct ern_audio_frame_args {
   struct ern_audio_fwd_args audio;
   ern_span codes; /* in and out: [8][A], codes of the windows */
-  unsigned known; /* bit t: codes holds that of window t already */
+  unsigned known; /* bit t: `codes` already holds the code of window t */
 };
 
-/* A window of any length L goes through the four strided convolutions: lengths ceil(L/2) each time; where more than one
- * position is left after the fourth (L > 16) the call is refused before it gets here, and L <= 16 leaves exactly one.
- */
+/* Each of the four strided convolutions turns a window of length L into one of ceil(L/2). L <= 16 leaves exactly one
+ * position after the fourth; longer windows are refused before they get here. */
 typedef void ern_audio_fwd_kernel(ern_real *code, const ern_real *windows, const ern_real *parameters,
                                   const struct ern_audio_net *net);
 typedef void ern_audio_bwd_kernel(ern_real *dparameters, const ern_real *dcode, const ern_real *windows,
                                   const ern_real *parameters, const struct ern_audio_net *net);
-/* One of the windows, and what AudioAttNet makes of all eight: together audio_fwd. */
+/* The two halves of audio_fwd: AudioNet on one window, and AudioAttNet on the codes of all eight. */
 typedef void ern_audio_window_kernel(ern_real *code, const ern_real *window, const ern_real *parameters,
                                      const struct ern_audio_net *net);
 typedef void ern_audio_mix_kernel(ern_real *code, const ern_real *codes, const ern_real *parameters,
                                   const struct ern_audio_net *net);
-/* What AudioAttNet leaves to do for the windows: dcodes [8][A] = the gradient by each of the codes [8][A], 0 where one
- * is held; its own gradients accumulate. */
+/* Backward pass of AudioAttNet: dcodes [8][A] = the gradient by each of the codes [8][A], 0 where a code is clamped;
+ * the gradients of its own weights accumulate. */
 typedef void ern_audio_mix_bwd_kernel(ern_real *dparameters, ern_real *dcodes, const ern_real *dcode,
                                       const ern_real *codes, const ern_real *parameters,
                                       const struct ern_audio_net *net);

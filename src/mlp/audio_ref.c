@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Reference of the audio networks (docs/maths.md, Speech): AudioNet turns each of eight windows into a code,
- * AudioAttNet weighs the eight codes. */
+ * AudioAttNet computes the weighted mean of the eight codes. */
 #include <stdbool.h>
 #include <tgmath.h>
 
@@ -15,7 +15,7 @@ enum { CONV_VALUES = 256, ATT_VALUES = 16 * WINDOWS };
 static const int conv_width[CONVS] = {32, 32, 64, 64};
 static const int att_width[ATT_CONVS] = {16, 8, 4, 2, 1};
 
-/* What one window leaves behind; activations are stored after the LeakyReLU, whose sign tells what it was before. */
+/* Values that the backward pass of a window needs. Activations are stored after the LeakyReLU, which keeps the sign. */
 struct window_values {
   ern_real conv[CONVS][CONV_VALUES]; /* [channels][positions] */
   ern_real hidden[HIDDEN];
@@ -27,7 +27,7 @@ struct audio_values {
   ern_real weight[WINDOWS];            /* softmax */
 };
 
-/* NaN stays NaN. */
+/* Clamps to ERN_AUDIO_LIMIT; NaN stays NaN. */
 static ern_real held(ern_real x) {
   return x > ERN_AUDIO_LIMIT ? ERN_AUDIO_LIMIT : x < -ERN_AUDIO_LIMIT ? -ERN_AUDIO_LIMIT : x;
 }
@@ -111,7 +111,7 @@ static void window_fwd(ern_real *code, struct window_values *values, const ern_r
   for (int a = 0; a < net->code; a++) code[a] = held(code[a]);
 }
 
-/* The gradient by the window itself is not wanted: features are data. */
+/* There is no gradient by the window itself: features are data. */
 static void window_bwd(ern_real *dparameters, const ern_real *dcode, const struct window_values *values,
                        const ern_real *window, const ern_real *parameters, const struct ern_audio_net *net) {
   ern_real dconv[CONVS][CONV_VALUES] = {{0}}, dhidden[HIDDEN] = {0};
@@ -154,7 +154,7 @@ static void attention_fwd(struct audio_values *values, const ern_real *parameter
   softmax(values->weight, score);
 }
 
-/* dcode[t][a] += what reaches the codes by way of their weights; dweight_t = sum_a da_a code[t][a] */
+/* dcode[t][a] += the gradient through the attention weights; dweight_t = sum_a da_a code[t][a] */
 static void attention_bwd(ern_real *dparameters, ern_real (*dcode)[ERN_AUDIO_MAX_CODE], const ern_real *dweight,
                           const struct audio_values *values, const ern_real *parameters,
                           const struct ern_audio_net *net) {

@@ -10,7 +10,7 @@ struct ern_conv1d {
   int out, in;
   int length;           /* of the input, >= 1 */
   int stride;           /* 1 or 2 */
-  size_t channel, time; /* steps of the input's layout */
+  size_t channel, time; /* strides of the input */
 };
 
 /* floor((length + 2 - 3)/stride) + 1 */

@@ -13,7 +13,7 @@ struct ern_sh_fwd_args {
 };
 typedef void ern_sh_fwd_kernel(ern_real *y, size_t y_stride, const ern_real *d, size_t d_stride, size_t n);
 
-/* Their gradient with each component of d by itself, of any length. */
+/* Their gradient by each component of d, which need not have unit length. */
 struct ern_sh_bwd_args {
   ern_rows dd; /* overwrites: [3] */
   ern_rows dy; /* [16] */

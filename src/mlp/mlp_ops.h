@@ -9,8 +9,8 @@
 struct ern_mlp {
   int layers;
   int width[ERN_MLP_MAX_LAYERS + 1];
-  size_t weight[ERN_MLP_MAX_LAYERS]; /* first element of W[l], counted from the start of the parameter block;
-                                        ascending, the layers of one MLP lie behind each other */
+  size_t weight[ERN_MLP_MAX_LAYERS]; /* first element of W[l], counted from the start of the parameter block; ascending,
+                                        the layers of one MLP are contiguous */
 };
 
 /* The input is the concatenation of `pieces` row groups; the rows add up to width[0]. */
@@ -24,12 +24,12 @@ struct ern_mlp_fwd_args {
   size_t n;
 };
 
-/* Hidden values are computed again, not kept: a third more arithmetic, and memory that does not grow with the depth. */
+/* The backward pass recomputes hidden values: a third more arithmetic, but memory does not grow with the depth. */
 struct ern_mlp_bwd_args {
   ern_rows dx[ERN_MAX_PIECES]; /* accumulates; zeroed: not wanted. ERN_PER_RAY pieces have no gradient. */
   ern_span dparameters;        /* the whole block, accumulates */
   ern_rows dy;
-  struct ern_mlp_fwd_args forward; /* y is not looked at */
+  struct ern_mlp_fwd_args forward; /* y is not used */
 };
 
 /* Kernels. scratch: ern_mlp_scratch(mlp) reals of the caller's, 64-byte aligned. A PER_SAMPLE view points at the first

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Reference of the fully connected stacks. Samples go through in tiles, padded with zeros to their full size, so that
+ * Reference of the fully connected stacks. Samples are processed in tiles, padded with zeros to full size, so that
  * every inner loop has a constant length. */
 #include "core/kernels.h"
 #include "mlp/mlp_tile.h"
@@ -76,7 +76,7 @@ void ERN_REF(ern_mlp_fwd)(ern_real *y, size_t y_stride, const struct ern_rows_vi
   }
 }
 
-/* sum_i a_i b_i over a tile, in PARTS sums that do not wait for each other */
+/* sum_i a_i b_i over a tile, in PARTS independent sums */
 static ern_real dot(const ern_real *a, const ern_real *b) {
   ern_real part[PARTS] = {0};
   for (int i = 0; i < TILE; i += PARTS) {
@@ -111,12 +111,12 @@ static void layer_bwd_input(ern_real *restrict dx, const ern_real *restrict dy, 
   }
 }
 
-/* d relu: 0 where the unit was off, that is where its value is 0 */
+/* d relu: 0 where the unit was inactive, that is where its value is 0 */
 static void relu_bwd(ern_real *restrict slope, const ern_real *restrict value, int rows) {
   for (size_t i = 0; i < (size_t)rows * TILE; i++) slope[i] = value[i] <= 0 ? 0 : slope[i];
 }
 
-/* dx += the rows of a tile; of a row that the whole batch shares, their sum. */
+/* dx += the rows of a tile; for a row that the whole batch shares, the sum over the tile. */
 static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const ern_real *slope,
                     size_t first, size_t count) {
   for (int p = 0; p < pieces; p++) {

@@ -35,7 +35,7 @@ void ERN_REF(ern_attention_bwd)(ern_real *dv, ern_real *dcode, ern_real *deye_at
                                 struct ern_attention_shape shape, size_t stride, size_t n) {
   const size_t channels = (size_t)shape.channels, values = (size_t)shape.values;
   for (size_t r = 0; r < values; r++) {
-    const size_t first = r, end = values == 1 ? channels : r + 1; /* the channels that this row of v weighs */
+    const size_t first = r, end = values == 1 ? channels : r + 1; /* the channels that this row of v multiplies */
     for (size_t i = 0; i < n; i++) {
       ern_real gradient = 0;
       for (size_t c = first; dregion && c < end; c++) gradient += code[c] * dregion[c * stride + i];

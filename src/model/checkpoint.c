@@ -40,8 +40,8 @@ bool ern_checkpoint_is_buffer(const char *name) {
 
 /* ---- whose a tensor is ------------------------------------------------------------------------------------------- */
 
-/* What any model stays far below: tensors, parameters of the optimizer, groups of them, and what is kept of one. Beyond
- * these a dict is none of ours, and looking up each of its keys in turn would take the square of their number. */
+/* Limits far above any model: tensors, optimizer parameters and groups, and entries kept for one. A larger dict is not
+ * a model's, and looking up each of its keys would take quadratic time. */
 enum { MOST_TENSORS = 4096, MOST_KEYS = 64, MOST_NAME = 255 };
 
 /* Trained tensors of a model dict in some order. */
@@ -55,7 +55,7 @@ struct reading {
   const char *path;
   struct ern_torch *torch;
   struct ern_pickle_value *model; /* NULL: the file has none */
-  bool trains, torso;             /* an optimizer's state was understood */
+  bool trains, torso;             /* trains: an optimizer's state was recognised */
 };
 
 static const char *key_of(const struct ern_pickle_value *dict, size_t pair) {
@@ -112,14 +112,14 @@ static struct ern_pickle_value *get_number(const struct ern_pickle_value *dict, 
   return NULL;
 }
 
-/* Of a dict with a few keys; NULL where it has many. */
+/* ern_pickle_get of a dict with few keys; NULL where it has many. */
 static struct ern_pickle_value *get_of_few(const struct ern_pickle_value *dict, const char *key) {
   return ern_pickle_is_dict(dict) && dict->as.list.count <= 2 * MOST_KEYS ? ern_pickle_get(dict, key) : NULL;
 }
 
 /* ---- optimizer --------------------------------------------------------------------------------------------------- */
 
-/* Numbers of the parameters, all groups one after another; false where they are none or more than `most`. */
+/* Numbers of the parameters of all groups in order; false where they are not a valid list or more than `most`. */
 static bool list_numbers(const struct ern_pickle_value *groups, int64_t *number, size_t most, size_t *count) {
   *count = 0;
   if (groups == NULL || groups->kind != ERN_PICKLE_LIST || groups->as.list.count > MOST_TENSORS) return false;
@@ -206,7 +206,7 @@ static int64_t count_of(const struct ern_pickle_value *dict, const char *key) {
   return value != NULL && value->kind == ERN_PICKLE_INT && value->as.integer > 0 ? value->as.integer : 0;
 }
 
-/* Texts that live in one block with the list that points to them. */
+/* Copies metadata into one block: the list, and the texts that it points to. */
 static ern_status put_metadata(ern_context *context, const struct ern_metadata *from, size_t count,
                                struct ern_tensor_file *file) {
   size_t bytes = count * sizeof *from;
@@ -257,7 +257,7 @@ static ern_status read_torch(ern_context *context, const char *path, uint8_t *by
   char *tree = NULL, about[256], steps[32];
   ern_status status = ern_torch_open(context, path, bytes, count, &torch);
   if (status != ERN_OK) return status;
-  struct ern_pickle_value *root = torch.pickle.root; /* lives as long as the file */
+  struct ern_pickle_value *root = torch.pickle.root; /* valid as long as the file */
   struct reading r = {.context = context, .path = path, .torch = &torch, .model = find_model(root)};
   ERN_TRY(name_all(&r));
   const int64_t step = count_of(root, "global_step"), updates = count_of(ern_pickle_get(root, "ema"), "num_updates");

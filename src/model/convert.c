@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A model's file into the other form: safetensors, or what PyTorch's public program loads. */
+ * Converts a model file between safetensors and the public program's PyTorch format. */
 #include <inttypes.h>
 #include <jansson.h>
 #include <math.h>
@@ -27,7 +27,7 @@ static bool has_model(const struct ern_tensor_file *file) {
 
 /* ---- to safetensors ---------------------------------------------------------------------------------------------- */
 
-/* Everything as it is, and our description of the model where the file has none. */
+/* Copies everything, and adds our description of the model where the file has none. */
 static ern_status write_safetensors(ern_context *context, const struct ern_tensor_file *file, const ern_model *model,
                                     const char *path) {
   struct ern_metadata *metadata = NULL;

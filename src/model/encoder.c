@@ -52,8 +52,8 @@ static ern_status grids_bwd(struct ern_stream *stream, const struct ern_head_inp
 
 /* ---- network ----------------------------------------------------------------------------------------------------- */
 
-/* hidden = relu(M_0 waves); f = M_1 [waves, hidden]. Only what is behind the rectifier is kept: it is above 0 where its
- * input was. */
+/* hidden = relu(M_0 waves); f = M_1 [waves, hidden]. Only the output of the ReLU is kept: it is above 0 exactly where
+ * its input was. */
 static struct ern_mlp_fwd_args trunk_args(const struct ern_head_inputs *in, int stack,
                                           const struct ern_head_batch *batch) {
   struct ern_mlp_fwd_args args = {.y = stack == 0 ? batch->hidden : batch->f,

@@ -11,9 +11,9 @@
 
 enum {
   ERN_PLANES = 3, /* xy, yz, xz */
-  ERN_TRUNKS = 2, /* stacks of the backbone `mlp`, the second of which takes the position again */
+  ERN_TRUNKS = 2, /* stacks of the backbone `mlp`; the second takes the position again */
   ERN_TRUNK_WIDTH = 256,
-  ERN_TRUNK_FEATURES = 36, /* what it gives in the place of an encoder's features */
+  ERN_TRUNK_FEATURES = 36, /* features that it outputs in place of a grid encoder's */
   ERN_X_OCTAVES = 10,
   ERN_X_ROWS = 3 * (1 + 2 * ERN_X_OCTAVES), /* 63 */
   ERN_AUDIO_CODE = 32,
@@ -27,19 +27,19 @@ enum {
   ERN_K_ROWS = 6 * (1 + 2 * ERN_K_OCTAVES)  /* 42 */
 };
 
-/* The small configuration that all else follows from; stored in the model file. */
+/* The configuration from which everything else is derived; stored in the model file. */
 struct ern_model_config {
   ern_backbone backbone;
   ern_attention attention;
   ern_eye_attention eye_attention; /* sigmoid without a blink signal */
   int levels;                      /* of hash grids, 2..24; `triplane`: 1, `mlp`: 0 */
   int feature_width;               /* D */
-  int window_length;               /* 1..16; 0: the file does not say, as PyTorch's do not */
+  int window_length;               /* 1..16; 0: unknown, as in PyTorch files */
   bool head;                       /* false only while a table for the torso's tensors alone is built */
   bool eye;                        /* the clip has a blink signal */
-  bool no_view;                    /* the colour is the same from everywhere: it is not told the ray's direction */
+  bool no_view;                    /* the colour does not depend on the ray's direction */
   bool torso;
-  bool torso_gamma; /* the paper's scale of the key points, trained */
+  bool torso_gamma; /* the paper's trained scale of the key points */
   int codes;        /* rows of the individual codes, 0: no codes */
   float bound;
 };
@@ -49,7 +49,7 @@ struct ern_encoder {
   int grids; /* 3, 1, or 0 */
   struct ern_grid grid[ERN_PLANES];
   size_t table[ERN_PLANES];
-  int axis[ERN_PLANES][ERN_GRID_MAX_DIMS]; /* which coordinates a grid looks at, as many as its dimensions */
+  int axis[ERN_PLANES][ERN_GRID_MAX_DIMS]; /* the coordinates that a grid takes, as many as its dimensions */
   struct ern_mlp trunk[ERN_TRUNKS];        /* of `mlp`: [waves] -> hidden, [waves, relu(hidden)] -> features */
 };
 
@@ -60,7 +60,7 @@ struct ern_field {
   struct ern_encoder encoder;
   int feature_rows; /* of the encoder: 3*levels for `trihash` */
   struct ern_audio_net audio;
-  struct ern_mlp attention, eye, density, colour, uncertainty; /* of no layers: the configuration leaves it out */
+  struct ern_mlp attention, eye, density, colour, uncertainty; /* no layers: not in this configuration */
   size_t codes;
 
   struct ern_grid torso_grid;
@@ -69,10 +69,10 @@ struct ern_field {
   size_t anchors, gamma, torso_codes;
 };
 
-/* Rows that the colour gets of the ray's direction. */
+/* Rows of the ray's direction in the colour network's input. */
 static inline int ern_field_view_rows(const struct ern_field *field) { return field->config.no_view ? 0 : ERN_SH_ROWS; }
 
-/* Region attention that is computed: v, and the eye's. */
+/* Whether region attention is computed: v, and the eye attention. */
 static inline bool ern_field_attends(const struct ern_field *field) {
   return field->config.attention != ERN_ATTENTION_CONCAT;
 }
@@ -80,8 +80,8 @@ static inline bool ern_field_attends_eye(const struct ern_field *field) {
   return field->config.eye && field->config.eye_attention == ERN_EYE_ATTENTION_SIGMOID;
 }
 
-/* Whether the head is the paper's own: three hashed planes, a weight a channel of the speech. Fused passes know no
- * other; the rows of the paper's ablation go through the stages. */
+/* Whether the head is the paper's own: three hashed planes, an attention weight for each channel of the audio code.
+ * Fused passes support no other; the variants of the paper's ablation go through the stages. */
 static inline bool ern_field_is_standard(const struct ern_field *field) {
   const struct ern_model_config *config = &field->config;
   return config->head && config->backbone == ERN_BACKBONE_TRIHASH && config->attention == ERN_ATTENTION_CHANNEL &&

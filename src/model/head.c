@@ -64,14 +64,15 @@ static struct ern_mlp_fwd_args mlp_args(const struct ern_head_inputs *in, const 
       .y = y, .x = {x}, .pieces = 1, .ray = in->ray, .parameters = in->parameters, .mlp = *mlp, .n = n};
 }
 
-/* What the speech is to the density: weighed by sample, or the code of the batch as it is. */
+/* The speech input of the density network: the code weighted per sample by the attention, or the code of the batch
+ * unchanged. */
 static ern_rows region_rows(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
   if (ern_field_attends(in->field)) return batch->region;
   return (ern_rows){in->code, 1, ERN_AUDIO_CODE, ERN_PER_BATCH};
 }
 
-/* The density's input is [f, region, region_eye]. A density-only batch computes the first row of the last layer alone.
- */
+/* The density's input is [f, region, region_eye]. A density-only batch computes only the first row of the last
+ * layer. */
 static struct ern_mlp_fwd_args density_args(const struct ern_head_inputs *in, const struct ern_head_batch *batch) {
   struct ern_mlp_fwd_args args = mlp_args(in, &in->field->density, batch->h, batch->f, batch->n);
   args.mlp.width[args.mlp.layers] = batch->h.rows;
@@ -108,7 +109,7 @@ static struct ern_mlp_fwd_args colour_args(const struct ern_head_inputs *in, con
   return args;
 }
 
-/* Speech and eye value as the density gets them. */
+/* Speech and eye inputs of the density network. */
 static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                               struct ern_head_batch *batch) {
   const struct ern_backend *backend = stream->backend;
@@ -168,7 +169,7 @@ ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_
   return stream->backend->activate_fwd(stream, &softplus);
 }
 
-/* f is detached: the uncertainty does not shape the scene. */
+/* f is detached: the uncertainty has no gradient to the scene. */
 ern_status ern_head_uncertainty_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                     const struct ern_head_batch *batch, struct ern_head_batch *d,
                                     ern_span dparameters) {
@@ -198,7 +199,8 @@ ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_
   return stream->backend->mlp_bwd(stream, &mlp);
 }
 
-/* To d->f, d->region and d->region_eye, where they are a sample's own; dcode where the code is read as it is. */
+/* Writes d->f, and d->region and d->region_eye where they are per sample; adds to dcode where the code is used
+ * unchanged. */
 static ern_status density_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                               const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
                               ern_span dcode) {
@@ -224,7 +226,7 @@ fail:
   return status;
 }
 
-/* From d->region and d->region_eye, which a batch without a density has none of, d->norm and d->eye to d->f. */
+/* From d->region and d->region_eye (not in a batch without a density), d->norm and d->eye to d->f. */
 static ern_status regions_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                               const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
                               ern_span dcode) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The head field over a batch of samples, stage by stage through the dispatch table: encoder, region attention,
- * density, colour, uncertainty (docs/maths.md, Field; paper section 3). Each forward function has its mirror. */
+ * density, colour, uncertainty (docs/maths.md, Field; paper section 3). Each forward function has a backward
+ * function. */
 #ifndef ERN_MODEL_HEAD_H
 #define ERN_MODEL_HEAD_H
 
@@ -19,9 +20,9 @@ ERN_NODISCARD ern_status ern_head_colour_fwd(struct ern_stream *stream, const st
 ERN_NODISCARD ern_status ern_head_uncertainty_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                                   struct ern_head_batch *batch);
 
-/* The mirrors. `d` holds the gradients by the values of `batch`; the caller zeroes d->f and d->h and sets
+/* The backward functions. `d` holds the gradients by the values of `batch`; the caller zeroes d->f and d->h and sets
  * d->sigma, d->rgb, d->unc, d->norm, d->eye. dparameters accumulates; so does dcode [A], unless it is zeroed
- * (detached), and what the caller gave room for of d->x and d->sh (with in->sh per sample). */
+ * (detached), and so do d->x and d->sh where the caller took rows for them (in->sh is then per sample). */
 ERN_NODISCARD ern_status ern_head_colour_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
                                              const struct ern_head_batch *batch, struct ern_head_batch *d,
                                              ern_span dparameters);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The words for what a head may be made of (docs/maths.md, Other backbones; the paper's ablation). */
+ * The words for the variants of a head (docs/maths.md, Other backbones; the paper's ablation). */
 #include "model/kinds.h"
 
 #include <string.h>

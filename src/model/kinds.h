@@ -14,9 +14,9 @@ const char *ern_kind_words(ern_kind kind);
 
 /* The word of a configuration; NULL where its value is none of the kinds. */
 const char *ern_kind_of(const struct ern_model_config *config, ern_kind kind);
-/* Sets the configuration's value to a word's; false for no such word. */
+/* Sets the configuration's value from a word; false for an unknown word. */
 bool ern_kind_read(const char *word, ern_kind kind, struct ern_model_config *config);
-/* Sets *pad to a word's; false for no such word. */
+/* Sets *pad from a word; false for an unknown word. */
 bool ern_audio_pad_read(const char *word, ern_audio_pad *pad);
 
 #endif

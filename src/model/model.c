@@ -113,13 +113,13 @@ void ern_model_refine(const ern_model *model, size_t index, float pose[16]) {
   refine(pose, model->camera + 3 * row, model->camera + 3 * (model->cameras + row));
 }
 
-/* Frames on either side that count: what one frame was corrected by says little of those far away. */
+/* Width of the Gaussian weights, in frames: a frame's correction says little about frames far away. */
 static const double unseen_width = 3;
 
 void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size_t count, int64_t frame,
                              float pose[16]) {
   ERN_PLAIN_FLOATS;
-  double total = 1, sum[ERN_POSE_NUMBERS]; /* one more, of what the pose says */
+  double total = 1, sum[ERN_POSE_NUMBERS]; /* starts with weight 1 for the regression's prediction */
   float row[ERN_POSE_NUMBERS];
   if (model == NULL || (frames == NULL && count > 0) || pose == NULL || model->cameras == 0) return;
   ern_pose_regression_predict(&model->unseen, pose, sum);
@@ -144,7 +144,7 @@ static void add_tensor(struct ern_model_tensors *out, const char *name, ern_dtyp
   for (int d = 0; d < dims; d++) tensor->count *= tensor->shape[d];
 }
 
-/* First entry of each level and the end, as the public checkpoints hold them. */
+/* First entry of each level, and the end, as in public checkpoints. */
 static void add_offsets(struct ern_model_tensors *out, int slot, const char *name, const struct ern_grid *grid) {
   for (int l = 0; l < grid->levels; l++) out->offsets[slot][l] = (int32_t)grid->level[l].offset;
   out->offsets[slot][grid->levels] = (int32_t)grid->entries;

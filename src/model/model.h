@@ -18,7 +18,7 @@ struct ern_model {
   float *torso_grid; /* [ERN_TORSO_CELLS], NULL without a torso */
   float *camera;     /* trained refinement of the training poses: [cameras][3] degrees, then [cameras][3] moves */
   size_t cameras;    /* 0: there is none */
-  struct ern_pose_regression unseen; /* of `camera` on the poses */
+  struct ern_pose_regression unseen; /* regression of `camera` on the poses, for untrained frames */
   uint64_t head_steps, torso_steps;
   struct ern_view_settings view;
   char speech[64];          /* kind of the speech features; "": unknown */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A model from a file: the configuration from our metadata or from names and shapes, then every tensor, strictly. */
+ * Loads a model from a file: the configuration from our metadata or from names and shapes, then every tensor, with
+ * strict checks. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -24,7 +25,7 @@ static bool put_view(json_t *root, const struct ern_view_settings *view) {
   return put;
 }
 
-/* As an object within the metadata, where a network made the features. */
+/* Adds the network's description as an object to the metadata, where a network made the features. */
 static bool put_speech_network(json_t *root, const ern_model *model) {
   if (model->speech_network[0] == 0) return true;
   return json_object_set_new(root, "speech_network", json_loads(model->speech_network, 0, NULL)) == 0;
@@ -96,7 +97,7 @@ static ern_status wrong_field(ern_context *context, const char *path, const char
                   field);
 }
 
-/* Files of before these choices are of the paper's own kinds, and say nothing. */
+/* Files of early versions lack these fields; their models are of the paper's own kinds. */
 static ern_status read_kinds(ern_context *context, const json_t *root, const char *path,
                              struct ern_model_config *config) {
   for (int k = 0; k < ERN_KINDS; k++) {
@@ -121,7 +122,7 @@ static ern_status read_steps(ern_context *context, const json_t *root, const cha
                   (long long)ERN_MODEL_MOST_STEPS);
 }
 
-/* How the model is to be seen: all five fields, or none in a file of before they were kept. */
+/* The view settings: all five fields, or none in a file of an early version. */
 static ern_status read_view(ern_context *context, const json_t *root, const char *path,
                             struct ern_view_settings *view) {
   enum { NUMBERS = 4 };
@@ -154,7 +155,7 @@ static ern_status read_view(ern_context *context, const json_t *root, const char
   return ERN_OK;
 }
 
-/* The kind of the features; and the object that describes the network, as text, which is looked at when it is used. */
+/* The kind of the features; and the object that describes the network, as text, which is checked when it is used. */
 static ern_status read_speech(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
   const json_t *speech = json_object_get(root, "speech"), *network = json_object_get(root, "speech_network");
   char *text = identity->speech_network;
@@ -210,14 +211,14 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
     if (!json_is_boolean(value)) ERN_TRY(wrong_field(context, path, flags[i].name));
     *flags[i].to = json_is_true(value);
   }
-  const json_t *view = json_object_get(root, "view"); /* files of before it was a choice do not say: it is there */
+  const json_t *view = json_object_get(root, "view"); /* missing in files of early versions: true */
   if (view != NULL && !json_is_boolean(view)) ERN_TRY(wrong_field(context, path, "view"));
   config->no_view = view != NULL && !json_is_true(view);
   const json_t *bound = json_object_get(root, "bound"), *clip = json_object_get(root, "clip");
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
-  ERN_TRY(read_speech(context, root, path, identity)); /* files of before it was kept do not say */
+  ERN_TRY(read_speech(context, root, path, identity)); /* missing in files of early versions */
   ERN_TRY(read_consent(context, root, path, identity));
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
@@ -327,7 +328,8 @@ static double value_of(const struct ern_tensor *tensor, size_t i) {
   return tensor->dtype == ERN_I32 ? (double)whole : (double)real;
 }
 
-/* Box and offsets follow from the configuration: a file that has others is of another model, whatever its shapes. */
+/* Box and offsets follow from the configuration: a file with other values is of another model, even if the shapes
+ * match. */
 static ern_status check_derived(const ern_model *model, const struct ern_tensor_file *file, const char *path) {
   struct ern_model_tensors ours;
   const struct ern_tensor *theirs = NULL;
@@ -367,8 +369,8 @@ fail:
   return status;
 }
 
-/* Whether the file has every tensor of the configuration: asked before memory is taken for what a few words of it
- * claim. */
+/* Whether the file has every tensor of the configuration: checked before memory is allocated for the sizes that its
+ * metadata claims. */
 static ern_status check_tensors(ern_context *context, const struct ern_tensor_file *file, const char *path,
                                 const struct ern_model_config *config) {
   const struct ern_tensor *tensor = NULL;
@@ -419,7 +421,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   ERN_TRY(read_config(context, file, path, &config, &identity));
   status = check_tensors(context, file, path, &config);
   if (status == ERN_OK) status = ern_model_make(&made, context, &config);
-  if (status == ERN_E_ARGUMENT) { /* a configuration that there is none of, which the file is to blame for */
+  if (status == ERN_E_ARGUMENT) { /* an invalid configuration, which is an error of the file */
     char why[256];
     (void)ern_last_error_copy(context, why, sizeof why);
     ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": %s", path, why);

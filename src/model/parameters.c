@@ -9,7 +9,7 @@
 #include "hashgrid/hashgrid.h"
 #include "model/kinds.h"
 
-enum { USUAL_WINDOW_LENGTH = 16 }; /* of DeepSpeech's and wav2vec's features; frames say their own */
+enum { USUAL_WINDOW_LENGTH = 16 }; /* of DeepSpeech's and wav2vec's features; each frame gives its own */
 
 /* Adds a row; returns where its values begin. Rows start on a cache line. */
 static size_t add(struct ern_field *field, struct ern_parameter_table *table, struct ern_parameter row) {
@@ -30,7 +30,7 @@ static size_t add_named(struct ern_field *field, struct ern_parameter_table *tab
 /* torch's initial values of Linear and Conv1d: uniform in +-1/sqrt(inputs), for weights and biases alike. */
 static float fan_range(size_t inputs) { return (float)(1.0 / sqrt((double)inputs)); }
 
-/* The layers are named from `first` on: two stacks may be one network. */
+/* The layers are numbered from `first` on: two stacks may share one network's name. */
 static void add_stack(struct ern_field *field, struct ern_parameter_table *table, struct ern_mlp *mlp, const char *name,
                       int first, bool torso, int layers, const int *width) {
   mlp->layers = layers;
@@ -141,7 +141,7 @@ static struct ern_grid_shape encoder_shape(const struct ern_model_config *config
     shape.features = 2;
   } else if (config->backbone == ERN_BACKBONE_TRIPLANE) {
     shape.features = 12;
-    shape.base = shape.finest = 127; /* cells a side: (127 + 1)^2 = 2^14 places, each its own entry */
+    shape.base = shape.finest = 127; /* cells a side: (127 + 1)^2 = 2^14 grid points, each with its own entry */
     shape.hashed = false;
   }
   return shape;
@@ -161,7 +161,7 @@ static ern_status add_grids(struct ern_field *field, struct ern_parameter_table 
   return ERN_OK;
 }
 
-/* Eight layers of 256, the waves again at the fifth: what AD-NeRF has before its outputs. */
+/* Eight layers of 256, with the frequency encoding again at the fifth: AD-NeRF's network before its outputs. */
 static ern_status add_trunk(struct ern_field *field, struct ern_parameter_table *table) {
   enum { W = ERN_TRUNK_WIDTH };
   struct ern_mlp *trunk = field->encoder.trunk;

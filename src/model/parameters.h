@@ -25,7 +25,7 @@ struct ern_parameter {
   size_t shape[ERN_PARAMETER_DIMS];
   size_t at, count; /* in the block; `at` is a multiple of 16 reals */
   ern_group group;
-  bool torso; /* trained with the torso, the head's otherwise */
+  bool torso; /* trained with the torso; false: with the head */
   ern_init init;
   float range;
 };
@@ -39,7 +39,7 @@ struct ern_parameter_table {
 ERN_NODISCARD ern_status ern_parameters_build(ern_context *context, const struct ern_model_config *config,
                                               struct ern_field *field, struct ern_parameter_table *table);
 
-/* What the tensors of an encoder's grid begin with: "encoder_xy". */
+/* Name prefix of the tensors of an encoder's grid: "encoder_xy". */
 const char *ern_encoder_grid_name(const struct ern_field *field, int grid);
 
 /* NULL where there is none. */

@@ -8,13 +8,13 @@
 enum { N = ERN_POSE_NUMBERS };
 _Static_assert(sizeof(struct ern_pose_regression) == ERN_POSE_REGRESSION_ROWS * N * sizeof(float), "a tensor");
 
-/* Weight of the squared slopes of a standardised number, beside the mean squared error; found by trying
+/* Weight of the squared slopes of a standardised number, relative to the mean squared error; found by experiment
  * (docs/history-small-steps.md). */
 static const double ridge = 0.3;
-static const double most_number = 1e30; /* so that it is a float */
+static const double most_number = 1e30; /* so that it fits into a float */
 
-/* Three numbers of the turn from a camera that looks straight into the face, and the place of the scene's origin in the
- * camera's axes, negated: R^T o. */
+/* Three numbers of the rotation relative to a camera that looks straight into the face, and the negated position of the
+ * scene's origin in the camera's axes: R^T o. */
 static void numbers_of(double x[N], const float pose[16]) {
   double turn[3][3];
   for (int r = 0; r < 3; r++) { /* R R_0^T; the columns of R_0 are the scene's z, -x and -y */
@@ -30,7 +30,7 @@ static void numbers_of(double x[N], const float pose[16]) {
   for (int k = 0; k < N; k++) x[k] = fmax(-most_number, fmin(most_number, x[k]));
 }
 
-/* Means and standard deviations of the numbers; a deviation of 0 for one that hardly changes. */
+/* Means and standard deviations of the numbers; the deviation is 0 for a number that hardly changes. */
 static void measure(struct ern_pose_regression *fit, double mean[N], double deviation[N], const float *pose, size_t n) {
   double x[N], square[N] = {0};
   memset(mean, 0, N * sizeof *mean);

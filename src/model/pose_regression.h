@@ -18,7 +18,7 @@ enum { ERN_POSE_REGRESSION_ROWS = 9 }; /* the struct as [rows][ERN_POSE_NUMBERS]
 
 /* Fits it to n trained frames. pose: [n][16], finite; correction: [n][ERN_POSE_NUMBERS]. */
 void ern_pose_regression_fit(struct ern_pose_regression *fit, const float *pose, const float *correction, size_t n);
-/* Beyond the trained poses it predicts what it does at their border. */
+/* Clamps the numbers of the pose to the range of the trained poses. */
 void ern_pose_regression_predict(const struct ern_pose_regression *fit, const float pose[16],
                                  double correction[ERN_POSE_NUMBERS]);
 

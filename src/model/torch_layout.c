@@ -41,8 +41,8 @@ static ern_status add(struct ern_torch_layout *l, const char *prefix, const char
   return ERN_OK;
 }
 
-/* [rows][columns] into the corner of zeros. The public program has 10,000 codes, and a column for the eye in the first
- * density layer. */
+/* Pads [rows][columns] with zeros. The public program has 10,000 codes, and a column for the eye in the first density
+ * layer. */
 static ern_status add_padded(struct ern_torch_layout *l, const char *prefix, const struct ern_parameter *row,
                              const float *values) {
   const struct ern_model_config *config = &l->model->field.config;
@@ -65,7 +65,7 @@ static ern_status add_copy(struct ern_torch_layout *l, const char *name, ern_dty
   return status;
 }
 
-/* Parameters whose names begin so, with their order in the table. */
+/* Parameters whose names begin with `start`, in the order of the table. */
 static ern_status add_rows(struct ern_torch_layout *l, const char *start) {
   const struct ern_parameter_table *table = &l->model->table;
   for (int r = 0; r < table->rows; r++) {
@@ -88,7 +88,7 @@ static ern_status add_grid(struct ern_torch_layout *l, const char *name, const s
   return status == ERN_OK ? add_copy(l, offsets, ERN_I32, (size_t)grid->levels + 1, values) : status;
 }
 
-/* The grid of densities where the file has it; else 20 in occupied cells, which are the same bits under
+/* The density grid where the file has it; else 20 in occupied cells, which gives the same bits with the threshold
  * min(mean, 10). */
 static ern_status add_density(struct ern_torch_layout *l, double *mean) {
   static const char *const names[] = {"density_grid", "state.density_grid"};
@@ -195,8 +195,8 @@ static void put_pair(json_t *pairs, json_t *key, json_t *value) {
   json_array_append_new(pairs, json_pack("[o, o]", key, value));
 }
 
-/* A block of the state file, laid out as `like`, a tensor of the model; zeros where the file has none of the row (the
- * eye branch that is only there for the public program). */
+/* A block of the state file, laid out as `like`, a tensor of the model; zeros where the file lacks the row (the eye
+ * branch that only the public program has). */
 static ern_status add_state(struct ern_torch_layout *l, const char *prefix, const char *source,
                             const struct ern_tensor *like, bool fall_back) {
   const struct ern_parameter *row = ern_parameters_find(&l->model->table, like->name);
@@ -217,7 +217,7 @@ static ern_status add_state(struct ern_torch_layout *l, const char *prefix, cons
   return status;
 }
 
-/* What AdamW keeps of one tensor. Its first moment is not kept here: with beta1 = 0 the next step overwrites it. */
+/* AdamW's state of one tensor. We keep no first moment: with beta1 = 0 the next step overwrites it. */
 static ern_status add_moments(struct ern_torch_layout *l, const struct ern_tensor *like, int64_t step, json_t *state,
                               int64_t number) {
   ern_status status = ERN_OK;
@@ -241,7 +241,7 @@ static json_t *group_of(double rate, double start, double decay, json_t *params)
                    "foreach", "maximize", 0, "capturable", 0, "initial_lr", start, "params", params);
 }
 
-/* optimizer and lr_scheduler. The rates are the public program's defaults with its 100,000 steps; it works out its own
+/* optimizer and lr_scheduler. The rates are the public program's defaults with its 100,000 steps; it computes its own
  * from base_lrs at its next step. */
 static ern_status put_optimizer(struct ern_torch_layout *l, const struct about_state *about, size_t model_tensors,
                                 json_t *root) {
@@ -306,8 +306,8 @@ static ern_status put_average(struct ern_torch_layout *l, const struct about_sta
 
 /* ---- all --------------------------------------------------------------------------------------------------------- */
 
-/* The public program keeps no view settings: it passes over ours in the file, and must be given what is not its
- * default. */
+/* Logs the view settings that differ from the public program's defaults: it ignores ours in the file, and needs them as
+ * options. */
 static void tell_view(const struct ern_torch_layout *l) {
   const struct ern_view_settings own = ern_view_settings_default(), *view = &l->model->view;
   char words[160] = "";
@@ -325,7 +325,7 @@ static void tell_view(const struct ern_torch_layout *l) {
   if (used > 0) ern_log(l->context, ERN_LOG_WARNING, "%s: give the public program%s", l->path, words);
 }
 
-/* What the public program cannot hold, and what it must be told. */
+/* Refuses what the public program does not support, and logs the options that it needs. */
 static ern_status check(const struct ern_torch_layout *l) {
   const struct ern_model_config *config = &l->model->field.config;
   if (!ern_field_is_standard(&l->model->field))
@@ -367,8 +367,7 @@ static ern_status check(const struct ern_torch_layout *l) {
   return ERN_OK;
 }
 
-/* Our description of the model, as it is after the paddings, and of its training: the public program passes over
- * them. */
+/* Our description of the model, as it is after the padding, and of its training: the public program ignores them. */
 static ern_status put_own(struct ern_torch_layout *l, json_t *root) {
   const struct ern_model_config *config = &l->model->field.config;
   const char *state = ern_tensor_file_metadata(l->file, "ernerf.state");

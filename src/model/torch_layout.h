@@ -22,7 +22,8 @@ struct ern_torch_layout {
   size_t tensors;
 };
 
-/* ERN_E_UNSUPPORTED names what the public program cannot hold; what it holds only with an option is said in the log. */
+/* ERN_E_UNSUPPORTED names a feature that the public program lacks; the log names those that it supports only with an
+ * option. */
 ERN_NODISCARD ern_status ern_torch_layout_make(struct ern_torch_layout *layout);
 void ern_torch_layout_free(struct ern_torch_layout *layout);
 

@@ -38,11 +38,10 @@ struct ern_torso_coords_args {
 typedef void ern_torso_coords_kernel(ern_real *q, size_t stride, const int32_t *pixel, int width, int height,
                                      float shrink, size_t n);
 
-/* Which pixels the torso's occupancy reaches: its bilinear sample (aligned corners) at the pixel is above the
- * threshold. */
+/* Selects the pixels where the torso's occupancy, sampled bilinearly (aligned corners), is above the threshold. */
 struct ern_torso_select_args {
-  ern_span index;    /* out: int32 [n], positions in `pixel` of those reached, ascending */
-  ern_span selected; /* out: int32 [n], the pixel numbers of those reached */
+  ern_span index;    /* out: int32 [n], positions in `pixel` of those selected, ascending */
+  ern_span selected; /* out: int32 [n], the pixel numbers of those selected */
   ern_span pixel;    /* int32 [n] */
   ern_span grid;     /* real [ERN_TORSO_CELLS], cell (r, c) at c*128 + r */
   float threshold;   /* min(mean of grid, 0.01) */
@@ -60,7 +59,7 @@ struct ern_torso_deform_fwd_args {
   size_t n;
 };
 struct ern_torso_deform_bwd_args {
-  ern_rows dd; /* out, overwritten; 0 where the clamp held x (at the ends it passes, as torch.clamp) */
+  ern_rows dd; /* out, overwritten; 0 where x was clamped (passes at the ends themselves, as in torch.clamp) */
   ern_rows dx;
   struct ern_torso_deform_fwd_args forward;
 };
@@ -112,13 +111,13 @@ typedef double ern_torso_update_kernel(ern_real *grid, const ern_real *alpha, fl
 
 struct ern_field;
 
-/* Where the frame that a torso was trained on lies in a picture, in pixels; it may reach beyond. Pixels beside it have
- * the coordinates of the nearest pixel of it. Zeros: it is the picture. */
+/* Where the frame that a torso was trained on lies in a picture, in pixels; it may extend beyond the picture. Pixels
+ * outside the frame have the coordinates of its nearest pixel. Zeros: the frame is the picture. */
 struct ern_torso_place {
   int top, left, width, height;
 };
 
-/* Choice of pixels, field and composite of a width x height picture, in place. */
+/* Selects pixels, evaluates the field and composites, in place, for a width x height picture. */
 struct ern_render_torso_args {
   ern_rows pixel;   /* [3] per pixel, row by row; in: the background, out: the torso over it */
   ern_span opacity; /* out: real [width*height], 0 where the occupancy is not above the threshold */

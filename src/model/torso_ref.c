@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The torso: adaptive pose encoding, coordinates, deformation, compositing, 2D occupancy (docs/maths.md, Torso, paper
- * eq. 9-11). Coordinates and the choice of pixels are in float in every build, so that float and double look at the
- * same ones. */
+ * eq. 9-11). Coordinates and the selection of pixels are in float in every build, so that float and double builds use
+ * the same ones. */
 #include <math.h>
 #include <stdbool.h>
 
@@ -53,9 +53,9 @@ static void transform(ern_real moved[4], const double inverse[4][4], const ern_r
   }
 }
 
-/* A key point on the camera's plane has no projection. Nearer to it than `nearest` (scene units; a head is some 3 of
- * them away) it is taken to be that far off, on its side, and no projection is beyond `farthest`: k is finite, and has
- * no gradient by what was held. A NaN stays one. */
+/* A key point on the camera's plane has no projection. Its distance to the plane is clamped to at least `nearest`
+ * (scene units; a head is some 3 of them away), on its side, and its projection to at most `farthest`: k is finite, and
+ * clamped values have no gradient. A NaN stays one. */
 static const ern_real nearest = (ern_real)1e-3, farthest = (ern_real)1e6;
 
 static bool is_near_zero(ern_real x) { return x > -nearest && x < nearest; }
@@ -86,7 +86,7 @@ void ERN_REF(ern_torso_pose_bwd)(ern_real *danchors, ern_real *dgamma, const ern
   invert(inverse, pose);
   const ern_real scale = gamma ? *gamma : 1;
   for (int p = 0; p < ERN_TORSO_POINTS; p++) {
-    ern_real moved[4], dmoved[4], along = 0, free_along = 0; /* along = sum_a dk_a h_a; of those that were not held */
+    ern_real moved[4], dmoved[4], along = 0, free_along = 0; /* along = sum_a dk_a h_a; without clamped ones */
     transform(moved, inverse, &anchors[4 * p]);
     for (int a = 0; a < 2; a++) {
       const ern_real h = projected(moved, a);

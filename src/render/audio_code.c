@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The audio code of a frame: windows that the frame before had too are not encoded again. */
+ * The audio code of a frame: windows shared with the frame before are not encoded again. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -7,8 +7,8 @@
 #include "render/frame_input.h"
 #include "render/renderer_state.h"
 
-/* The codes of windows that the last frame had too go to their new places: bit t of *known for window t. Consecutive
- * frames share seven of eight, each one place earlier. */
+/* Moves the codes of windows shared with the last frame to their new places and sets bit t of *known for window t.
+ * Consecutive frames share seven of eight windows, each one place earlier. */
 static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsigned *known) {
   struct audio_code_cache *cache = &r->audio_code;
   const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
@@ -28,7 +28,7 @@ static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsign
   cache->codes[1] = cache->codes[0];
   cache->codes[0] = moved;
 fail:
-  cache->length = 0; /* until the frame's own are there */
+  cache->length = 0; /* until the frame's own windows are stored */
   return status;
 }
 
@@ -70,7 +70,7 @@ ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_frame_input *inp
   ERN_TRY(ern_renderer_encode_windows(r, input));
   if (!r->options.smooth_lips && !(input->silence_weight > 0)) return ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, now, code, ERN_AUDIO_CODE));
-  for (int c = 0; c < ERN_AUDIO_CODE; c++) /* before it is kept for the frames to come */
+  for (int c = 0; c < ERN_AUDIO_CODE; c++) /* before later frames use it */
     if (!isfinite(now[c]))
       ERN_TRY(ern_fail(r->context, ERN_E_NONFINITE,
                        "render: the audio code is not finite: the speech is too loud for the model"));

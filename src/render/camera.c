@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Poses and the path they make. */
+ * Camera poses, and the path that they form. */
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
@@ -23,7 +23,8 @@ void ern_camera_pose(float pose[16], const float m[16], float scale) {
 }
 
 /* matrix <- Ry(-yaw) Rx(pitch) matrix. The world of a transforms file has x to the right of the face's picture, y up
- * and z out of the face, so Rx takes a camera before the face below it and Ry then takes it to the picture's left. */
+ * and z out of the face, so Rx moves a camera in front of the face below it, and Ry then moves it to the picture's
+ * left. */
 void ern_pose_turn(float matrix[16], double yaw, double pitch) {
   ERN_PLAIN_FLOATS;
   if (matrix == NULL) return;
@@ -40,7 +41,7 @@ void ern_pose_turn(float matrix[16], double yaw, double pitch) {
   memcpy(matrix, out, sizeof out);
 }
 
-/* A side that is off by less than a pixel, by the rounding of a size, fits. */
+/* A side that differs by less than a pixel, from the rounding of a size, counts as fitting. */
 ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit) {
   ERN_PLAIN_FLOATS;
   if (from_width < 1 || from_height < 1 || width < 1 || height < 1) return (ern_box){0};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The layers of a frame: what stands behind the head, and the head. */
+ * The layers of a frame: the layers behind the head, and the head. */
 #include <math.h>
 #include <string.h>
 
@@ -62,8 +62,8 @@ static struct ern_view view_of(const ern_frame_input *input) {
   return view;
 }
 
-/* Pixels [low, high] of `count` along an axis whose rays go through the frame [begin, end), the picture being drawn at
- * `ratio` times its size. A frame that lies beside the picture bounds nothing. */
+/* Pixels [low, high] of `count` along an axis whose rays go through the frame [begin, end), with the picture rendered
+ * at `ratio` times its size. A frame outside the picture sets no bound. */
 static void bound_rays(int *low, int *high, int begin, int end, float ratio, int count) {
   const int first = (int)ceilf((float)begin * ratio - 0.5f), last = (int)ceilf((float)end * ratio - 0.5f) - 1;
   *low = first > 0 ? first : 0;
@@ -72,8 +72,8 @@ static void bound_rays(int *low, int *high, int begin, int end, float ratio, int
   if (*low > *high) *low = 0, *high = count - 1;
 }
 
-/* *number = numbers of the pixels that rays go through: beside the frame those of its nearest pixel. No training saw
- * what is beside it: there the head may be anything. Stays as it is where the frame is the picture. */
+/* *number = numbers of the pixels that rays go through; outside the frame, those of its nearest pixel. The training saw
+ * nothing outside the frame, so the head is undefined there. Does not change *number where the frame is the picture. */
 static ern_status number_rays(ern_renderer *r, const ern_box *frame, const struct ern_view *view, float ratio,
                               ern_span *number) {
   const size_t pixels = (size_t)view->width * (size_t)view->height;
@@ -97,7 +97,7 @@ fail:
   return status;
 }
 
-/* The head over the background rows of `to`, as a picture of the view's size. over: they are the frame's. */
+/* The head over the background rows of `to`, as a picture of the view's size. over: the rows are the frame's. */
 static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const struct ern_view *view,
                             const struct frame *to, bool over) {
   struct ern_render_rays_args args = {
@@ -132,7 +132,7 @@ fail:
   return status;
 }
 
-/* The same view in fewer pixels: those that cover the picture, and part of the last ones may be beside it. */
+/* The same view with fewer pixels, enough to cover the picture; the last ones may extend beyond it. */
 static struct ern_view small_view_of(const struct ern_view *view, float ratio) {
   struct ern_view small = *view;
   small.focal *= ratio;
@@ -143,10 +143,10 @@ static struct ern_view small_view_of(const struct ern_view *view, float ratio) {
   return small;
 }
 
-/* Room for the layer that is drawn small, over nothing: its background stays zeros. */
+/* Memory of the layer that is rendered at low resolution, without a background: its background rows stay zero. */
 static ern_status small_frame(ern_renderer *r, const struct frame *f, size_t pixels, struct frame *small) {
   enum { LAYER = 4, BACKGROUND = 3, EXTRAS = 3 };
-  const size_t stride = f->opacity.stride; /* the larger one's: the numbers of pixels too are shared */
+  const size_t stride = f->opacity.stride; /* that of the full-size frame, whose pixel numbers are shared too */
   const struct {
     ern_rows *rows;
     const ern_rows *wanted;

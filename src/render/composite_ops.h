@@ -22,7 +22,7 @@ struct ern_composite_fwd_args {
   float transmittance_stop;                                                           /* 1e-4 */
   size_t n;                                                                           /* rays */
 };
-/* The same with pointers; NULL where a span is zeroed. Per-ray pointers stand at the first of the n rays, `first` too;
+/* The same with pointers; NULL where a span is zeroed. Per-ray pointers point to the first of the n rays, `first` too;
  * per-sample pointers at sample 0 of the batch. */
 struct ern_composite_view {
   ern_real *pixel, *colour, *opacity, *depth, *attention, *eye, *uncertainty;

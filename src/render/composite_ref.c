@@ -2,7 +2,7 @@
  * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, docs/maths.md, Compositing).
  *
  * tau_i = sigma_i dt_i, alpha_i = 1 - exp(-tau_i), T_i = exp(-sum_{j<i} tau_j), w_i = alpha_i T_i. A sample counts
- * while the light before it is not spent, T_i >= stop; with stop < 1 the first one always does. */
+ * while the transmittance before it is T_i >= stop; with stop < 1 the first one always does. */
 #include <tgmath.h>
 
 #include "core/kernels.h"
@@ -79,7 +79,7 @@ static void composite_ray_bwd(const struct ern_composite_bwd_view *v, size_t r) 
     dopacity -= dcolour[c] * f->background[at];
   }
 
-  /* dsigma[i] holds T_{i+1} until the way back */
+  /* dsigma[i] holds T_{i+1} until the backward loop */
   ern_real transmittance = 1;
   size_t counted = begin;
   for (; counted < end; counted++) {

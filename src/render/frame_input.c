@@ -7,8 +7,8 @@
 #include "mlp/audio_ops.h"
 
 enum { MAX_SIDE = 8192, MAX_FRAME_SIDE = 32768, MAX_WINDOW_LENGTH = 16 };
-/* Of an entry of a rotation, which is 1 at most where it is one: cubes of a ray's direction, and all that is computed
- * of them, then stay floats. */
+/* Largest magnitude of an entry of the pose's 3x3 part (1 in a true rotation): limits a ray's direction, so that its
+ * cubes and values computed from them do not overflow a float. */
 static const float MAX_ROTATION = 1000;
 
 /* Determinant of the columns a, b, c of the first three rows. */
@@ -19,7 +19,7 @@ static double determinant(const float m[16], int a, int b, int c) {
          (double)x[c] * ((double)y[a] * (double)z[b] - (double)y[b] * (double)z[a]);
 }
 
-/* Rays need the rotation to have an inverse, the torso's key points the whole. */
+/* Rays need the inverse of the 3x3 part, the torso's key points that of the whole matrix. */
 static bool can_be_inverted(const float m[16]) {
   const double rotation = determinant(m, 0, 1, 2);
   const double whole = (double)m[15] * rotation - (double)m[14] * determinant(m, 0, 1, 3) +
@@ -66,7 +66,7 @@ ern_status ern_frame_windows_check(ern_context *context, const struct ern_field 
   return ERN_OK;
 }
 
-/* Pixels of a frame that large have numbers of 32 bits. */
+/* Limits the frame so that pixel numbers fit into 32 bits. */
 static bool frame_is_placed(const ern_box *frame) {
   const int ends[] = {frame->top, frame->bottom, frame->left, frame->right};
   if (frame->top == 0 && frame->bottom == 0 && frame->left == 0 && frame->right == 0) return true;

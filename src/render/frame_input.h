@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What a caller hands over for a frame, looked at before it is used: ERN_E_ARGUMENT names the field, ERN_E_NONFINITE a
- * pose, window or code that is not finite. */
+ * Checks a frame's input from the caller before it is used: ERN_E_ARGUMENT names the field, ERN_E_NONFINITE a pose,
+ * window or code that is not finite. */
 #ifndef ERN_RENDER_FRAME_INPUT_H
 #define ERN_RENDER_FRAME_INPUT_H
 
@@ -12,13 +12,13 @@ ERN_NODISCARD ern_status ern_frame_input_check(ern_context *context, const struc
                                                const ern_frame_input *input);
 /* A pose that is finite and can be inverted; `name` begins the message ("render: pose"). */
 ERN_NODISCARD ern_status ern_pose_check(ern_context *context, const char *name, const float pose[16]);
-/* Says why one is refused; `where` begins the message ("render: speech window"), i is its number there. */
+/* Refuses a feature and says why; `where` begins the message ("render: speech window"), i is the index of the value. */
 ERN_NODISCARD ern_status ern_feature_refuse(ern_context *context, const char *where, size_t i, float value);
-/* The length of the speech's windows, vectors: 1..16, and that of the windows the model was trained on where it is
- * known (ERN_E_MISMATCH else). `where` begins the message ("render"). */
+/* Checks the length of the speech's windows, in vectors: 1..16, and equal to that of the training where the model knows
+ * it (else ERN_E_MISMATCH). `where` begins the message ("render"). */
 ERN_NODISCARD ern_status ern_window_length_check(ern_context *context, const struct ern_field *field, const char *where,
                                                  int window_length);
-/* Windows and window_length alone. */
+/* Checks only windows and window_length. */
 ERN_NODISCARD ern_status ern_frame_windows_check(ern_context *context, const struct ern_field *field,
                                                  const ern_frame_input *input);
 

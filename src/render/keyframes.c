@@ -10,7 +10,7 @@
 enum { SIDE = ERN_KEYFRAMES + 1 };
 
 static const double kernel_width = 3; /* widths of the speech */
-static const double nugget = 1e-10;   /* on the diagonal: the matrix can be inverted in double */
+static const double nugget = 1e-10;   /* added to the diagonal so that the matrix can be inverted in double */
 
 ern_status ern_speech_frame_code(struct ern_stream *stream, const struct ern_field *field, ern_span parameters,
                                  const struct ern_speech_frame *frame, ern_span *code) {
@@ -29,7 +29,7 @@ fail:
 
 /* ---- distances --------------------------------------------------------------------------------------------------- */
 
-/* Squared. */
+/* Squared distance. */
 static double apart(const float *a, const float *b) {
   double sum = 0;
   for (size_t c = 0; c < ERN_AUDIO_CODE; c++) sum += ((double)a[c] - (double)b[c]) * ((double)a[c] - (double)b[c]);
@@ -48,8 +48,8 @@ static double kernel(double distance) {
   return (1 + r + r * r / 3) * exp(-r);
 }
 
-/* 1/(twice the way from the middle of the codes to the farthest). A speech that says one thing alone is 1e-6 wide, so
- * that all else is far from it. */
+/* 1/(twice the distance from the mean of the codes to the farthest). A speech with a single code gets the width 1e-6,
+ * so that every other code is far from it. */
 static double scale_of(const float *code, size_t count) {
   float middle[ERN_AUDIO_CODE];
   double most = 0;
@@ -67,7 +67,7 @@ static double scale_of(const float *code, size_t count) {
 /* away: [count], how far each frame is from those that were chosen */
 static void choose(struct ern_keyframes *m, const float *code, const struct ern_speech_frame *frame, double *away,
                    size_t count) {
-  const double least = 1e-4; /* closer ones are the same */
+  const double least = 1e-4; /* closer frames count as equal */
   for (size_t k = 0; k < count; k++) away[k] = INFINITY;
   for (size_t next = 0; m->count < ERN_KEYFRAMES;) {
     const size_t chosen = m->count++;
@@ -81,7 +81,7 @@ static void choose(struct ern_keyframes *m, const float *code, const struct ern_
   }
 }
 
-/* Gauss and Jordan with the largest pivot of a column. False where the matrix cannot be inverted. */
+/* Gauss-Jordan elimination with the largest pivot of a column. False where the matrix cannot be inverted. */
 static bool invert(double inverse[SIDE][SIDE], double a[SIDE][SIDE], size_t n) {
   for (size_t i = 0; i < n; i++)
     for (size_t j = 0; j < n; j++) inverse[i][j] = i == j;
@@ -163,7 +163,7 @@ bool ern_keyframes_weigh(float weight[ERN_KEYFRAMES], const struct ern_keyframes
     explained += near[k] * sum;
     if (k < n) weight[k] = (float)sum;
   }
-  return kernel(0) - explained <= m->variance; /* the variance at z, as far from the keyframes as it lies */
+  return kernel(0) - explained <= m->variance; /* the kriging variance at z */
 }
 
 void ern_keyframes_error(float error[ERN_KEYFRAMES], const struct ern_keyframes *m, const float *value, size_t stride) {

@@ -29,7 +29,7 @@ struct ern_march_settings {
   float near;     /* smallest distance of a sample, ERN_NEAR_PLANE */
 };
 
-/* Marching always computes in float, so that every build and backend looks at the same points. */
+/* Marching always computes in float, so that every build and backend samples the same points. */
 struct ern_march_args {
   ern_span t;      /* out: real [n][max_steps], distance of each sample (before its step) */
   ern_span count;  /* out: int32 [n], samples of each ray */
@@ -44,15 +44,14 @@ typedef void ern_march_kernel(ern_real *t, int32_t *count, const ern_real *dir, 
                               const uint8_t *bits, const float origin[3], const struct ern_march_settings *settings,
                               size_t n);
 
-/* The same for rays that are known to meet no occupied cell before distance not_before[r] [n] (NULL: nothing is known):
- * they go along the sequence t_{k+1} = t_k + dt(t_k) without a look at the cells until there, so the samples are the
- * same. (Where steps are shorter than the way through a cell, a distance within rounding of a cell's border may be
- * counted to the other cell.) */
+/* The same for rays that are known to meet no occupied cell before distance not_before[r] [n] (NULL: unknown). Up to
+ * that distance a ray follows the sequence t_{k+1} = t_k + dt(t_k) without testing cells, so the samples are the same.
+ * (Where steps are shorter than a cell, rounding may assign a distance at a cell's border to the other cell.) */
 typedef void ern_march_from_kernel(ern_real *t, int32_t *count, const ern_real *dir, size_t stride,
                                    const ern_real *jitter, const float *not_before, const uint8_t *bits,
                                    const float origin[3], const struct ern_march_settings *settings, size_t n);
 
-/* first[r] = sum of count[0..r), first[n] = the total, which is also handed back. */
+/* first[r] = sum of count[0..r), first[n] = the total, also returned in `total`. */
 struct ern_scan_args {
   ern_span first; /* out: int32 [n+1] */
   ern_span count; /* int32 [n] */
@@ -77,7 +76,7 @@ typedef void ern_samples_kernel(ern_real *x, size_t x_stride, ern_real *dt, ern_
                                 const float origin[3], const struct ern_march_settings *settings, size_t ray_begin,
                                 size_t n);
 
-/* What each sample's ray has. */
+/* Copies the values of each ray to its samples. */
 struct ern_spread_rays_args {
   ern_rows y;   /* out: per sample */
   ern_rows x;   /* as many rows, per ray */

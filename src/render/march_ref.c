@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Rays, marching them through the occupancy grid, and the samples that come of it (docs/maths.md, Rays and samples). In
- * float in every build, so that float and double look along the same rays and evaluate the model at the same points. */
+ * Rays, their march through the occupancy grid, and their samples (docs/maths.md, Rays and samples). In float in every
+ * build, so that float and double builds use the same rays and evaluate the model at the same points. */
 #include <math.h>
 
 #include "core/kernels.h"
@@ -77,8 +77,8 @@ static uint32_t cell_of(float p, float inverse_bound) {
   return (uint32_t)(int)clamp(0.5f * (p * inverse_bound + 1.0f) * ERN_OCCUPANCY_SIDE, 0.0f, ERN_OCCUPANCY_SIDE - 1);
 }
 
-/* Distance from p to where the ray leaves the cell. An axis along which it does not move says infinity or, right on a
- * border, NaN, and neither is the smallest. */
+/* Distance from p to where the ray leaves the cell. An axis along which the ray does not move gives infinity or,
+ * exactly on a border, NaN; neither is ever the smallest. */
 static float cell_leave(const struct ray *ray, const float p[3], const uint32_t cell[3], float bound) {
   float least = INFINITY;
   for (int axis = 0; axis < 3; axis++) {
@@ -96,7 +96,8 @@ static int march_ray(ern_real *t_out, const struct ray *ray, float jitter, float
   float near, far;
   if (!box_enter(&near, &far, ray, bound)) return 0;
   if (near < settings->near) near = settings->near;
-  /* Longer than any way through the box, so it binds only where d is not a unit vector; then it ends the loops. */
+  /* Longer than any path through the box, so this limit acts only where d is not a unit vector, and then ends the
+   * loops. */
   if (far > near + 4 * bound) far = near + 4 * bound;
   float t = near + step_at(stepping, near) * jitter;
   for (float last = -INFINITY; t > last && t < not_before && t < far;) {

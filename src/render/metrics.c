@@ -21,7 +21,7 @@ double ern_psnr(const float *rgb, const uint8_t *truth, int width, int height, c
         count++;
       }
   const double mse = count > 0 ? sum / (double)count : 0;
-  return mse <= 1e-10 ? 100 : -10 * log10(mse); /* NaN is no agreement */
+  return mse <= 1e-10 ? 100 : -10 * log10(mse); /* NaN does not give 100 */
 }
 
 enum { SSIM_WINDOW = 11, SSIM_MOMENTS = 5 }; /* of x, y, x^2, y^2, xy */

@@ -20,7 +20,7 @@ typedef void ern_occupancy_mark_kernel(ern_real *grid, const struct ern_view *vi
 
 enum { ERN_OCCUPANCY_BLOCK = 64 /* cells, 4 an axis, that follow each other in Morton order */ };
 
-/* Which blocks a refresh looks at: those with an occupied cell, and of the others those whose number & mask is turn.
+/* The blocks that a refresh updates: those with an occupied cell, and of the others those with number & mask == turn.
  * mask 0 and turn 0: all. */
 struct ern_occupancy_turn {
   uint32_t turn, mask; /* mask: 2^k - 1 */
@@ -35,7 +35,7 @@ static inline bool ern_occupancy_block_due(const uint8_t *bits, uint32_t block, 
   return (block & turn.mask) == turn.turn || ern_occupancy_block_near(bits, block);
 }
 
-/* Cells whose density a refresh must know: those not marked, and their 6 neighbours, in the blocks that are due. */
+/* Cells whose density a refresh needs: those not marked, and their 6 neighbours, in the blocks that are due. */
 struct ern_occupancy_list_args {
   ern_span cells; /* out: int32 [ERN_OCCUPANCY_CELLS], ascending Morton numbers, the first `count` of them */
   ern_span grid, bits;
@@ -45,8 +45,8 @@ struct ern_occupancy_list_args {
 typedef size_t ern_occupancy_list_kernel(int32_t *cells, const ern_real *grid, const uint8_t *bits,
                                          struct ern_occupancy_turn turn);
 
-/* Points to look at: (2c/127 - 1)*bound*(127/128) + uniform(-1, 1)*bound/128 an axis; the numbers are Philox's for
- * (seed, step, cell, ERN_RNG_REFRESH_CELL), words 0, 1, 2 for x, y, z. */
+/* Sample points: (2c/127 - 1)*bound*(127/128) + uniform(-1, 1)*bound/128 an axis; the numbers are Philox's for (seed,
+ * step, cell, ERN_RNG_REFRESH_CELL), words 0, 1, 2 for x, y, z. */
 struct ern_occupancy_points_args {
   ern_rows x;     /* out: [3] per cell */
   ern_span cells; /* int32 [n] */
@@ -64,8 +64,8 @@ struct ern_occupancy_scatter_args {
   size_t n;
 };
 
-/* What is left of a cell's density at a refresh: `near` in blocks with an occupied cell, `far` in others that are due,
- * 1 in the rest. */
+/* Factor of a cell's old density at a refresh: `near` in blocks with an occupied cell, `far` in others that are due, 1
+ * in the rest. */
 struct ern_occupancy_decay {
   float near, far;
   struct ern_occupancy_turn turn;
@@ -76,10 +76,10 @@ static inline float ern_occupancy_decay_of(const uint8_t *bits, uint32_t block, 
 }
 
 /* new = maximum of fresh and its 6 neighbours (inside the cube); grid = max(decay*grid, new) where grid >= 0; then the
- * mean over all cells with marked ones as 0, and the bits: grid > min(mean, limit). */
+ * mean over all cells with marked ones counted as 0, and the bits: grid > min(mean, limit). */
 struct ern_occupancy_update_args {
   ern_span grid;  /* in and out */
-  ern_span bits;  /* in: before, which the decay looks at; out: byte [ERN_OCCUPANCY_BYTES] */
+  ern_span bits;  /* in: the old bits, on which the decay depends; out: byte [ERN_OCCUPANCY_BYTES] */
   ern_span fresh; /* 0 in cells that are in no list */
   struct ern_occupancy_decay decay;
   float limit; /* 10 */

@@ -5,7 +5,7 @@
 #include "core/status.h"
 #include "render/cell_points.h"
 
-enum { CHUNK = 1 << 13 /* cells looked at in one go */ };
+enum { CHUNK = 1 << 13 /* cells evaluated at once */ };
 
 /* dense[i] is set where cell i reaches `least`. */
 static ern_status look_at(struct ern_stream *stream, struct ern_head_density_args *args, const uint32_t *cell, size_t n,
@@ -18,7 +18,7 @@ static ern_status look_at(struct ern_stream *stream, struct ern_head_density_arg
   ERN_TRY(ern_cell_points(stream, args->x, cell, n, args->field->config.bound, workspace));
   ERN_TRY(stream->backend->head_density(stream, args));
   ERN_TRY(stream->backend->download_reals(stream, workspace, args->sigma, args->n));
-  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(workspace[i] < least); /* a NaN is to be seen */
+  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(workspace[i] < least); /* a NaN counts as dense */
 fail:
   ern_arena_release(stream, mark);
   return status;

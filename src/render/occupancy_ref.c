@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The head's occupancy grid: which cells a camera sees, where to look at them, and its refresh (docs/maths.md,
- * Occupancy). Geometry is in float in every build, so that float and double mark and look at the same cells and points.
- */
+ * The head's occupancy grid: the cells that a camera sees, their sample points, and the refresh (docs/maths.md,
+ * Occupancy). Geometry is in float in every build, so that float and double builds mark the same cells and sample the
+ * same points. */
 #include <math.h>
 
 #include "core/kernels.h"
@@ -43,7 +43,8 @@ static struct frustum frustum_of(const struct ern_view *view, float bound) {
 
 static float dot(const float a[3], float x, float y, float z) { return a[0] * x + a[1] * y + a[2] * z; }
 
-/* Whether a point is seen; with reach > 0, whether one in the ball of that radius around it may be. */
+/* Whether a point is in the frustum; with reach > 0, whether the ball of that radius around it may intersect the
+ * frustum. */
 static int sees(const struct frustum *s, float x, float y, float z, float reach) {
   const float dx = x - s->origin[0], dy = y - s->origin[1], dz = z - s->origin[2];
   const float depth = dot(s->column[2], dx, dy, dz) + reach, slack = s->slack + reach;
@@ -52,8 +53,9 @@ static int sees(const struct frustum *s, float x, float y, float z, float reach)
   return before & across & down; /* without a branch */
 }
 
-/* grid of the cells [begin, end), all of one block, by views. A clip has thousands of them, and the edges of few go
- * through a block, so each is first asked for the ball around it; where the pose is a rotation that changes no cell. */
+/* grid of the cells [begin, end), all of one block, by views. A clip has thousands of views, and the frustum's border
+ * passes through a block for few of them, so the ball around the block is tested first. Where the pose is a rotation,
+ * this changes no cell. */
 static void mark_block(ern_real *grid, const struct ern_view *views, size_t view_count, float bound, uint32_t begin,
                        uint32_t end) {
   const uint32_t first = begin / BLOCK_CELLS * BLOCK_CELLS;
@@ -93,8 +95,9 @@ void ERN_REF(ern_occupancy_mark)(ern_real *grid, const struct ern_view *views, s
   }
 }
 
-/* Numbers of the up to 6 cells that share a face with this one: a coordinate is every third bit of the number; with
- * ones in the bits between, a carry runs on to its next bit, with zeros a borrow does. */
+/* Numbers of the up to 6 cells that share a face with this one: a coordinate is every third bit of the number. With
+ * ones in the bits between, an addition's carry reaches the coordinate's next bit; with zeros, a subtraction's borrow
+ * does. */
 static int neighbours(uint32_t number_out[6], uint32_t number) {
   const uint32_t x_bits = 0x049249; /* 7 of them */
   int count = 0;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Between the caller's pictures and the rows that rendering works on: bytes in before the layers, bytes out after, and
- * in between a layer of which only some pixels were drawn. */
+ * Conversions between the caller's pictures and the rows that rendering works on: bytes to rows before the layers, rows
+ * to bytes after them, and layers of which only some pixels were rendered. */
 #ifndef ERN_PICTURE_OPS_H
 #define ERN_PICTURE_OPS_H
 
 #include "core/types.h"
 
-/* What stands behind the layers, bytes/255: the torso picture over the background, front a + back (1 - a), the
- * background 0 where there is none. In float in every build: the pixels are those of the caller. */
+/* The picture behind the layers, bytes/255: the torso picture over the background, front a + back (1 - a); without a
+ * background it is 0. In float in every build: the pixels are those of the caller. */
 struct ern_background_args {
   ern_rows pixel;      /* out: [3] per pixel, premultiplied */
   ern_span opacity;    /* out: real [n], alpha of the torso picture; 0 without */
@@ -57,8 +57,8 @@ struct ern_scatter_args {
 };
 typedef ern_gather_kernel ern_scatter_kernel;
 
-/* Pixels between pictures that are known: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No pixel
- * is listed twice. */
+/* Interpolates pixels between known pictures: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No
+ * pixel is listed twice. */
 struct ern_blend_args {
   ern_span to;     /* out: real, one a pixel */
   ern_rows from;   /* [count], in the order of the list */
@@ -69,7 +69,7 @@ struct ern_blend_args {
 typedef void ern_blend_kernel(ern_real *to, const ern_real *from, size_t from_stride, const ern_real *weight,
                               size_t count, const int32_t *pixel, size_t n);
 
-/* The last step of compositing once more, over another background: pixel = clamp(colour + (1 - opacity) background, 0,
+/* Repeats the last step of compositing over another background: pixel = clamp(colour + (1 - opacity) background, 0,
  * 1). */
 struct ern_overlay_args {
   ern_rows pixel;   /* out: [3] per pixel */

@@ -46,7 +46,7 @@ void ERN_REF(ern_scatter)(ern_real *to, size_t to_stride, const ern_real *from, 
     for (size_t i = 0; i < n; i++) to[c * to_stride + (size_t)pixel[i]] = from[c * from_stride + i];
 }
 
-/* By blocks that stay in the cache while the pictures are added. */
+/* In blocks that stay in the cache while the pictures are added. */
 void ERN_REF(ern_blend)(ern_real *to, const ern_real *from, size_t from_stride, const ern_real *weight, size_t count,
                         const int32_t *pixel, size_t n) {
   enum { BLOCK = 256 };

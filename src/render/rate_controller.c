@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * Holding a rate: a controller over a list of settings whose cost is known. */
+ * Holds a frame rate: a controller that chooses from a list of settings with known costs. */
 #include <math.h>
 
 #include "core/floats.h"
 #include "ernerf/render.h"
 
-static const double weight_of_newest = 0.2; /* in the mean of how slow the machine is: a load is seen in five frames */
-static const double outlier = 1.5;          /* a frame so many times slower than the mean counts as one of this */
-static const double slowness_least = 0.25;  /* of a mean to which that is applied: it comes back from any */
-static const double debt_frames = 12;       /* over which frames that were late are made up for */
+static const double weight_of_newest = 0.2; /* in the mean slowness of the machine: reacts in five frames */
+static const double outlier = 1.5;          /* a frame slower than this many times the mean counts as this many times */
+static const double slowness_least = 0.25;  /* least mean used for that limit, so that it always recovers */
+static const double debt_frames = 12;       /* over which lateness is made up for */
 static const double debt_most = 24, credit_most = 8; /* frames of lateness, and of being early, that are remembered */
-static const double least_share = 0.6;               /* of the budget: what making up may squeeze a frame to */
+static const double least_share = 0.6;               /* of the budget: shortest frame while making up for lateness */
 enum { CALM_FRAMES = 12 }; /* for so many frames a better setting must fit, before it is taken */
 
 /* The most accurate setting that takes `allowed` at most at the machine's present speed; else the fastest. */

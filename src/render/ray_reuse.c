@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Frames that keep what the frame before them has. */
+ * Reuse of the previous frame's layers and rays. */
 #include "render/ray_reuse.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 #include "core/floats.h"
 #include "core/sized.h"
 
-enum { PATIENCE = 4 /* frames of a view before its rays are sorted: that takes as long as some frames */ };
+enum { PATIENCE = 4 /* frames of a view before its rays are sorted, which takes as long as several frames */ };
 
 void ern_ray_reuse_forget(ern_renderer *r) {
   r->reuse.known = r->reuse.behind.known = false;
@@ -92,7 +92,7 @@ ern_status ern_ray_reuse_check_background(ern_renderer *r, const ern_frame_input
   if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual ||
                 memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
     same = false;
-  if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->reuse.known = false; /* other rays beside it */
+  if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->reuse.known = false; /* rays outside change */
   memcpy(b->pose, input->camera.pose, sizeof b->pose);
   b->frame = input->camera.frame;
   b->individual = input->individual;
@@ -109,7 +109,7 @@ static unsigned wanted_of(const struct ern_render_rays_args *all) {
          (unsigned)(all->eye.buffer != NULL) << 2;
 }
 
-/* Whether the rows that are there are of this view. */
+/* Whether the kept rows are of this view and have the wanted outputs. */
 static bool is_unchanged(const struct ern_ray_reuse *s, const struct ern_render_rays_args *all) {
   return s->known && memcmp(&s->view, &all->view, sizeof s->view) == 0 && s->individual == all->individual &&
          wanted_of(all) == s->wanted;
@@ -165,7 +165,7 @@ size_t ern_ray_reuse_rows(ern_rows rows[ERN_RAY_REUSE_CHANNELS], const ern_rende
   return count;
 }
 
-/* The rays that are rendered anew, to their places. */
+/* Renders the rays that are not steady, and writes them to their pixels. */
 static ern_status render_anew(ern_renderer *r, const struct ern_render_rays_args *all, bool over) {
   struct ern_ray_reuse *s = &r->reuse;
   const ern_span list = {s->rays.list, s->rays.steady, s->rays.hits - s->rays.steady};
@@ -191,7 +191,7 @@ fail:
   return status;
 }
 
-/* The rays that are interpolated, to their places. */
+/* Interpolates the steady rays, and writes them to their pixels. */
 static ern_status interpolate(ern_renderer *r, const struct ern_render_rays_args *all, const float *weight) {
   const struct ern_ray_reuse *s = &r->reuse;
   const size_t keyframes = s->keyframes.count;
@@ -211,14 +211,14 @@ fail:
   return status;
 }
 
-/* What was gathered before, over another background. */
+/* Composites the kept colours over another background. */
 static ern_status lay_over(ern_renderer *r, const struct ern_render_rays_args *all) {
   struct ern_overlay_args overlay = {
       .pixel = all->pixel, .colour = all->colour, .opacity = all->opacity, .background = all->background, .n = all->n};
   return r->backend->overlay(r->stream, &overlay);
 }
 
-/* A frame of the view of the one before, of other speech. */
+/* Renders a frame with the view of the frame before and other speech. */
 static ern_status render_part(ern_renderer *r, const struct ern_render_rays_args *all, bool over, const float *weight) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
@@ -239,8 +239,8 @@ ern_status ern_ray_reuse_head(ern_renderer *r, const struct ern_render_rays_args
   ern_status status = ERN_OK;
   ERN_TRY(r->backend->download_reals(r->stream, code, all->code, ERN_AUDIO_CODE));
   const bool same = memcmp(s->code, code, sizeof code) == 0 && memcmp(&s->eye, &eye, sizeof eye) == 0;
-  s->known = false;                                                /* until all is there */
-  if (stands && same && (!exact || !over || !s->behind_changed)) { /* laying over rounds once more */
+  s->known = false;                                                /* until the frame is complete */
+  if (stands && same && (!exact || !over || !s->behind_changed)) { /* compositing again rounds once more */
     if (over && s->behind_changed) ERN_TRY(lay_over(r, all));
   } else if (stands && (exact || (s->stood >= PATIENCE && ern_keyframes_weigh(weight, &s->keyframes, code, eye)))) {
     ERN_TRY(render_part(r, all, over, weight));

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * The rays of a view that stands still: those that have samples are rendered at each of the speech's keyframes. Where
- * each keyframe is what the others say it would be, the ray is steady, and from then on interpolated; what jumps, such
- * as an edge of the lips or of the lids, is not. This sees the picture's own samples and what hides them, which no map
- * of the cells does. */
+ * Sorts the rays of a view that does not change. Rays with samples are rendered at each keyframe of the speech. Where
+ * the other keyframes predict each keyframe well, the ray is steady and interpolated from then on; a ray that changes
+ * abruptly, such as at an edge of the lips or lids, is not. This test uses the rendered samples with their occlusion,
+ * which a map of the cells would not show. */
 #include <math.h>
 #include <string.h>
 
@@ -10,11 +10,11 @@
 #include "render/tile_culling_ops.h"
 
 enum {
-  MARCHED = 1 << 14,    /* rays that are marched at once */
-  MOST_VALUES = 1 << 26 /* that are kept, 256 MiB: a view that has more is rendered anew */
+  MARCHED = 1 << 14,    /* rays marched at once */
+  MOST_VALUES = 1 << 26 /* values kept, 256 MiB: a view with more is rendered in full */
 };
 
-/* Of the pixels of a view: those whose rays have samples. */
+/* The pixels of a view whose rays have samples. */
 struct sorting {
   ern_renderer *r;
   const struct ern_render_rays_args *all;
@@ -63,7 +63,7 @@ static ern_status march(const struct sorting *s, ern_span bits, int32_t *samples
   return status;
 }
 
-/* Pixels whose block sees an occupied cell, and of those the ones whose rays have samples. */
+/* Finds the pixels whose rays have samples, among those whose block may see an occupied cell. */
 static ern_status find_hits(struct sorting *s, const uint8_t *bits) {
   const struct ern_view *view = &s->all->view;
   const size_t across = ern_tile_count(view->width), blocks = across * ern_tile_count(view->height);
@@ -120,8 +120,9 @@ fail:
   return status;
 }
 
-/* Whether each keyframe of a ray is what the others say, up to `most`, over any background: over black the error of a
- * channel is that of its colour, over white that of colour minus opacity, and between them it lies between. */
+/* Whether the others predict each keyframe of a ray with an error of at most `most`, over any background. Over black
+ * the error of a channel is that of its colour, over white that of colour minus opacity; over others it lies
+ * between. */
 static bool is_steady(const struct ern_keyframes *keyframes, const struct measured *m, size_t hits, size_t i,
                       float most) {
   float error[4][ERN_KEYFRAMES];
@@ -132,7 +133,7 @@ static bool is_steady(const struct ern_keyframes *keyframes, const struct measur
   return true;
 }
 
-/* Moves what belongs to the steady ones to the front, pixel by pixel; the order in each kind stays. */
+/* Moves the data of the steady rays to the front; the order within each kind is kept (stable partition). */
 static ern_status part_hits(struct sorting *s, struct measured *m, const bool *steady, size_t count) {
   const size_t hits = s->count, rows = m->channels * m->keyframes;
   int32_t *parted = NULL;
@@ -152,7 +153,7 @@ fail:
   return status;
 }
 
-/* Keeps what the steady rays have at the keyframes. */
+/* Stores the values of the steady rays at the keyframes. */
 static ern_status keep_known(const struct sorting *s, const struct measured *m, struct ern_reused_rays *rays) {
   const ern_renderer *r = s->r;
   const size_t rows = m->channels * m->keyframes, stride = rays->steady;
@@ -167,7 +168,7 @@ fail:
   return status;
 }
 
-/* Parts the hits by what they are found to be; rays->samples is that of those rendered anew. */
+/* Partitions the hits into steady and other rays; rays->samples counts the samples of the others. */
 static ern_status part_steady(struct sorting *s, struct measured *m, float most, struct ern_reused_rays *rays) {
   bool *steady = NULL;
   ern_status status = ERN_OK;
@@ -184,9 +185,9 @@ fail:
   return status;
 }
 
-/* A cubic that enlarges has weights whose magnitudes sum to 1.25 an axis. The keyframes predict each other from fewer
- * and farther ones than a frame is predicted from, and yet frames err by up to twice as much as the worst of them:
- * hence the share of the bound. */
+/* Bicubic upsampling has weights whose magnitudes sum to 1.25 per axis. A keyframe is predicted from fewer and farther
+ * keyframes than a frame is; nevertheless errors of frames reach twice the worst error of a keyframe. So only a share
+ * of the bound is used. */
 static ern_status measure(struct sorting *s, struct ern_reused_rays *rays) {
   const float share = 0.4f, gain = s->r->options.image_scale < 1 ? 1.25f * 1.25f : 1;
   ern_renderer *r = s->r;

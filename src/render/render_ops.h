@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Rays from direction to pixel in one pass. */
+ * Renders rays to pixels in one fused pass. */
 #ifndef ERN_RENDER_OPS_H
 #define ERN_RENDER_OPS_H
 
@@ -9,15 +9,15 @@
 struct ern_field;
 struct ern_profile;
 
-/* What a stream keeps of a model from frame to frame: a fast backend lays out weights and tables for its fused pass. To
- * be called before render_rays, and again when the parameters have changed. */
+/* Prepares a model on a stream: a fast backend lays out weights and tables for its fused pass, and keeps them from
+ * frame to frame. Call it before render_rays, and again when the parameters have changed. */
 struct ern_render_prepare_args {
   ern_span parameters;
   const struct ern_field *field;
 };
 
-/* March, field and composite of n rays; nothing but the outputs is kept. Audio code, eye value and individual code are
- * the frame's. */
+/* Marches n rays, evaluates the field and composites; keeps only the outputs. All rays share the frame's audio code,
+ * eye value and individual code. */
 struct ern_render_rays_args {
   ern_rows pixel;                 /* out: [3] per ray, over the background, clamped */
   ern_rows colour;                /* out: [3] per ray, sum w rgb; zeroed: not wanted */
@@ -34,8 +34,8 @@ struct ern_render_rays_args {
   size_t individual; /* row of the individual codes */
   struct ern_march_settings settings;
   float transmittance_stop;
-  struct ern_profile *profile; /* added to; NULL: not wanted. A pass by stages counts pixels and samples, fused ones of
-                                  a CPU all, a device's none */
+  struct ern_profile *profile; /* added to; NULL: not wanted. The CPU's fused passes count everything, stages only
+                                  pixels and samples, a device nothing */
   size_t n;
 };
 

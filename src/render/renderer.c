@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A renderer: a model on a backend, a stream of its own, and frames out of it. */
+ * A renderer: renders frames of a model on a backend, with a stream of its own. */
 #include "render/ray_reuse.h"
 
 #include <math.h>
@@ -27,7 +27,7 @@ void ern_render_options_fill(ern_render_options *options, size_t bytes) {
   ern_config_give(options, bytes, &own, sizeof own);
 }
 
-/* What the options leave to the model. */
+/* Takes from the model the settings that the options leave open. */
 static void take_from_model(ern_render_options *o, const struct ern_view_settings *view) {
   if (o->max_steps == 0) o->max_steps = view->max_steps;
   if (o->dt_gamma < 0) o->dt_gamma = view->dt_gamma;
@@ -59,8 +59,8 @@ static ern_status check_options(ern_context *context, const ern_render_options *
 
 enum { MEANS = ERN_CODE_WIDTH + ERN_TORSO_CODE_WIDTH };
 
-/* Of the columns of `codes`, [rows][width], over the rows that are not all 0: those fill a PyTorch file up to the
- * public program's number. */
+/* Means of the columns of `codes`, [rows][width], over the rows that are not all 0. Rows of zeros pad a PyTorch file to
+ * the public program's number of rows. */
 static void mean_of_rows(const float *codes, size_t rows, size_t width, float *mean) {
   double sum[ERN_TORSO_CODE_WIDTH] = {0};
   size_t count = 0;
@@ -267,7 +267,7 @@ fail:
   return status;
 }
 
-/* What only some callers ask for. Without an eye branch nothing is ever written over the zeros of its buffer. */
+/* Takes the optional outputs. Without an eye branch the eye buffer stays zero. */
 static ern_status take_wanted(ern_renderer *r, const ern_frame_output *output) {
   struct frame *f = &r->frame;
   const struct {
@@ -289,15 +289,15 @@ fail:
 
 /* ---- read-back --------------------------------------------------------------------------------------------------- */
 
-/* A pixel that is no number would be a black one in bytes, and what comes with the picture is a picture to others.
- * Between the rows of the picture are zeros. */
+/* Checks that the outputs are finite: a NaN would become a black pixel in bytes, and callers use the other outputs as
+ * pictures. The padding between the rows of the picture is zero. */
 static ern_status check_outputs(ern_renderer *r, const struct frame *f) {
   const struct {
     const char *name;
     ern_span values;
     size_t count;
   } outputs[] = {{"picture", f->pixel.span, f->pixel.span.count},
-                 {"depth", f->depth.span, f->pixels}, /* these where they are wanted */
+                 {"depth", f->depth.span, f->pixels}, /* from here on only where wanted */
                  {"attention map", f->attention.span, f->pixels},
                  {"eye attention map", f->eye.span, f->pixels}};
   ern_status status = ERN_OK;

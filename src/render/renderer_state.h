@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A renderer from the inside: what it keeps on its backend, and the parts that make a frame. */
+ * Internals of a renderer: its data on the backend, and the functions that make a frame. */
 #ifndef ERN_RENDER_RENDERER_STATE_H
 #define ERN_RENDER_RENDERER_STATE_H
 
@@ -11,7 +11,7 @@
 
 #include "ernerf/render.h"
 
-/* What a frame needs on the device while it is rendered. It stays for the next one of the same size. */
+/* Device memory of a frame. It is kept for the next frame of the same size. */
 struct frame {
   size_t pixels;
   ern_span number;                                        /* int32: all pixels in order */
@@ -20,7 +20,7 @@ struct frame {
   ern_rows layer;                                         /* [4]: pixel and opacity */
 };
 
-/* Buffers that a frame's spans lie in; those after PLANES are made when a frame first wants them. */
+/* Buffers of a frame's spans; those after PLANES are made at their first use. */
 enum buffer {
   NUMBER,
   PLANES,
@@ -39,19 +39,19 @@ enum buffer {
 
 enum { MAX_WINDOW_LENGTH = 16, AUDIO_CODE_VALUES = ERN_AUDIO_WINDOWS * ERN_AUDIO_CODE };
 
-/* Codes of the windows of the last frame: most of the next one's are among them. */
+/* Codes of the last frame's windows, most of which the next frame shares. */
 struct audio_code_cache {
-  struct ern_buffer *codes[2]; /* [8][A]; the second is where they change places */
+  struct ern_buffer *codes[2]; /* [8][A]; the second is workspace to reorder them */
   float *windows;              /* [8][length][width], on the host */
-  int length;                  /* of a window; 0: nothing is known */
+  int length;                  /* of a window; 0: the cache is empty */
 };
 
 struct ern_renderer {
   ern_context *context;
   struct ern_backend *backend;
   const ern_model *model;
-  struct ern_field field; /* the model's; the window length is that of the features at hand, and the individual codes
-                             may be their means, behind the parameters */
+  struct ern_field field; /* the model's, but the window length is that of the features in use, and the individual codes
+                             may be their mean, stored after the parameters */
   size_t individual;      /* row of the frame's individual codes */
   ern_render_options options;
   struct ern_stream *stream;
@@ -72,20 +72,21 @@ static inline ern_span ern_whole(struct ern_buffer *buffer, size_t count) { retu
 ERN_NODISCARD ern_status ern_renderer_buffer(ern_renderer *r, enum buffer buffer, ern_element element, size_t count,
                                              ern_span *span);
 
-/* *frames: [count], to be released, around what a caller has handed in, which has been checked. */
+/* *frames: [count], owned by the caller (ern_release); they point into windows and eyes, which have been checked. */
 ERN_NODISCARD ern_status ern_renderer_speech_frames(ern_renderer *r, const float *windows, int window_length,
                                                     const float *eyes, size_t count, struct ern_speech_frame **frames);
 
 /* r->code = the audio code of the windows. */
 ERN_NODISCARD ern_status ern_renderer_encode_windows(ern_renderer *r, const ern_frame_input *input);
 
-/* The audio code of the frame: smoothed over frames where that is asked for, and blended with the silence code. */
+/* The audio code of the frame: smoothed over frames where the options ask for it, and blended with the silence code. */
 ERN_NODISCARD ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_frame_input *input);
 
-/* What stands behind the head, to the frame's background rows: background, torso picture, the model's own torso. */
+/* Writes the layers behind the head to the frame's background rows: background, torso picture, the model's own
+ * torso. */
 ERN_NODISCARD ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input);
 
-/* The head over that, to the frame's pixels. */
+/* Renders the head over the background rows into the frame's pixels. */
 ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);
 
 #endif

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Which frames of a speech are silent, told from its features alone, and the weight of the silence code there.
+ * Detects the silent frames of a speech from its features alone, and computes the weight of the silence code there.
  *
- * Features of one kind have no agreed sign of silence: DeepSpeech's have a space and a blank, HuBERT's have no classes.
- * So it is learnt from a recording whose loud and quiet frames are known: Fisher's discriminant with a diagonal
- * covariance, w_i = (m1_i - m0_i)/(v_i), of the mean m0 of quiet frames and m1 of loud ones. The score of a frame is
- * scaled so that quiet frames have the mean -1 and loud ones +1. */
+ * The kinds of features have no common sign of silence: DeepSpeech's have a space and a blank, HuBERT's have no
+ * classes. So a classifier is learnt from a recording whose loud and quiet frames are known: Fisher's discriminant with
+ * a diagonal covariance, w_i = (m1_i - m0_i)/(v_i), of the mean m0 of quiet frames and m1 of loud ones. The score of a
+ * frame is scaled so that quiet frames have the mean -1 and loud ones +1. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,14 +14,13 @@
 #include "ernerf/render.h"
 #include "io/feature_range.h"
 
-/* Frames, at 25 a second. QUIET_RUN: what is quiet for a shorter time is the closure of a consonant, not silence.
- * SILENCE_RUN: a pause between words is shorter, 0.3 s. EASE: frames in which the weight rises. */
+/* Frames, at 25 a second. QUIET_RUN: a shorter quiet time is the closure of a consonant, not silence. SILENCE_RUN: a
+ * pause between words is shorter, 0.3 s. EASE: frames in which the weight rises. */
 enum { QUIET_RUN = 5, SILENCE_RUN = 8, EASE = 4, FEWEST = 10, CENTRE = 4 };
 
-/* LOUDNESS_GAP, STILLNESS_GAP: dB between the means of quiet and loud frames, at least: speech stands 20 dB and more
- * over a room; features move by a half more. WORST: share of frames told rightly, in the mean of both kinds; a coin has
- * 0.5.
- */
+/* LOUDNESS_GAP, STILLNESS_GAP: dB between the means of quiet and loud frames, at least: speech is 20 dB or more above
+ * room noise; features move by a half more. WORST: least balanced accuracy, the mean over both kinds; guessing has
+ * 0.5. */
 static const double LOUDNESS_GAP = 12, STILLNESS_GAP = 3, WORST = 0.8, DEEPEST = 60;
 
 struct ern_silence {
@@ -77,7 +76,7 @@ static ern_status sort_frames(ern_context *context, const double *level, size_t 
   if (status != ERN_OK) return status;
   memcpy(sorted, level, count * sizeof *sorted);
   qsort(sorted, count, sizeof *sorted, by_value);
-  const double floor = sorted[count - 1 - count / 10] - DEEPEST; /* under a loud frame */
+  const double floor = sorted[count - 1 - count / 10] - DEEPEST; /* DEEPEST dB below a loud frame */
   for (size_t i = 0; i < count; i++) sorted[i] = fmax(sorted[i], floor);
   const double threshold = split(sorted, count, &gap);
   ern_release(context, sorted);
@@ -169,8 +168,8 @@ static ern_status score_frames(const ern_silence *s, const ern_features *feature
   return status;
 }
 
-/* The border where both kinds are as many of their standard deviations from their means (-1 and 1); silence is entered
- * half way from its mean to there. */
+/* The threshold at which both kinds are equally many of their standard deviations from their means (-1 and 1); silence
+ * begins half way from its mean to the threshold. */
 static ern_status place_borders(ern_silence *s, const double *score, const unsigned char *kind, size_t count) {
   double square[2] = {0}, frames[2] = {0}, right[2] = {0};
   for (size_t t = 0; t < count; t++) {

@@ -12,7 +12,7 @@ static size_t window_size(const ern_features *features) {
   return (size_t)features->window_length * (size_t)features->width;
 }
 
-/* Sizes as ern_features has them. */
+/* Whether the sizes of the features are valid. */
 static bool are_whole(const ern_features *features) {
   return features != NULL && ern_features_check(NULL, "", features) == ERN_OK;
 }
@@ -22,7 +22,8 @@ static int64_t clamped(int64_t index, size_t count) {
   return index < 0 ? 0 : index > last ? last : index;
 }
 
-/* An index that has the same windows, and to which they can be added: all that are far from the list are alike. */
+/* Clamps an index so that adding window offsets cannot overflow. All indices far outside the features have the same
+ * windows. */
 static int64_t near(int64_t index, size_t count) {
   const int64_t most = (int64_t)(count < INT64_MAX / 2 ? count : INT64_MAX / 2) + ERN_AUDIO_WINDOWS;
   return index < -most ? -most : index > most ? most : index;

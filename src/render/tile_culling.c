@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * Blocks of 8 x 8 pixels that see an occupied cell.
+ * Blocks of 8 x 8 pixels whose rays may meet an occupied cell.
  *
  * With R the 3 x 3 part of the pose and o its origin, the ray of pixel (i, j) is p = o + t R c/|c|, c = (u, v, 1),
  * i + 1/2 = cx + f u. So q = R^-1 (p - o) = t c/|c| gives both u = q_x/q_z and t = |q|, also where R is no rotation.
- * What is occupied in 4^3 cells, one word of the bits, is boxed in; the box becomes a centre and half extents in q, and
- * intervals of u, v and t.
+ * The occupied cells among 4^3, one word of the bits, get a bounding box. The box becomes a centre and half extents in
+ * q, and intervals of u, v and t.
  *
  * The march computes p in float. With e = 2^-24: u, v and |c| have relative errors of a few e, so d = R c/|c| is off by
  * less than 16 e |R|, and p by 16 e |R| t + 2 e (|p| + |o|); the cell's number by another 2^-16 of a cell = 2^-22
  * bound. For p in the cube t = |q| <= |R^-1| (|o| + sqrt(3) bound). Boxes that are larger by 32 e (1 + |R| |R^-1|) (|o|
- * + 2 bound) a side hold all of that (norms of Frobenius); what is here in double adds nothing that counts. */
+ * + 2 bound) a side contain all these errors (Frobenius norms). This file computes in double, whose errors are
+ * negligible. */
 #include "render/tile_culling_ops.h"
 
 #include <math.h>
@@ -18,7 +19,7 @@
 
 enum { AXES = 3, LAYERS = 4 /* of cells along an edge of a word */ };
 
-static const double most_condition = 1e4; /* of R, and of the other figures of a camera that makes pictures: */
+static const double most_condition = 1e4; /* of R; the next is the limit of the other numbers of a usable camera */
 static const double most_pixels = 1 << 20;
 
 struct camera {
@@ -33,7 +34,7 @@ static double norm(const double *m, int count) {
   return sqrt(sum);
 }
 
-/* False where there is nothing to go by. Comparisons are written so that NaN fails them. */
+/* False where the camera is not usable. Comparisons are written so that NaN fails them. */
 static bool camera_of(struct camera *camera, const struct ern_view *view, float bound) {
   double m[9];
   for (int r = 0; r < AXES; r++) {
@@ -68,8 +69,8 @@ struct box {
   double centre[AXES], half[AXES];
 };
 
-/* Around the cells of a word that a march can meet. In y it leaves the box [-bound/2, bound/2] by rounding at most,
- * into cells 31 and 96. `at`: the first cell. */
+/* The bounding box of the cells of a word that a march can reach. In y a march leaves the box [-bound/2, bound/2] only
+ * by rounding, into cells 31 and 96. `at`: the first cell. */
 static bool box_of(struct box *box, uint64_t word, const int at[AXES], const struct camera *camera) {
   enum { LOW = ERN_OCCUPANCY_SIDE / 4 - 1, HIGH = 3 * ERN_OCCUPANCY_SIDE / 4 };
   for (int k = 0; k < LAYERS; k++) {
@@ -89,7 +90,7 @@ static bool box_of(struct box *box, uint64_t word, const int at[AXES], const str
   return true;
 }
 
-/* Blocks [first, last] that pixels with u (or v) in [low, high] lie in; false where there are none. */
+/* Blocks [first, last] of the pixels with u (or v) in [low, high]; false where there are none. */
 static bool blocks_of(size_t *first, size_t *last, double low, double high, double focal, double centre, size_t count) {
   const double from = floor((centre + focal * low - 0.5) / ERN_TILE_SIDE - 1e-6);
   const double to = floor((centre + focal * high - 0.5) / ERN_TILE_SIDE + 1e-6);
@@ -106,7 +107,7 @@ static void quotients(double *low, double *high, double centre, double half, dou
   *high = most / (most > 0 ? z_low : z_high);
 }
 
-/* Lowers the distances of the blocks that see the box; where all do, *everywhere. */
+/* Lowers the distances of the blocks that may see the box; where all blocks may, lowers only *everywhere. */
 static void box_show(float *not_before, float *everywhere, const struct box *box, const struct camera *camera) {
   double q[AXES], half[AXES], nearest[AXES];
   for (int r = 0; r < AXES; r++) {
@@ -146,7 +147,7 @@ static uint64_t word_at(const uint8_t *bits, size_t n) {
   return word;
 }
 
-/* Every third bit of a word's number, times the cells of its edge. */
+/* First cell of a word along an axis: every third bit of its number, times the cells of its edge. */
 static int cell_of(size_t n) {
   int cell = 0;
   for (int k = 0; k < 5; k++) cell |= (int)(n >> 3 * k & 1) << k;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Which parts of a picture can see an occupied cell at all, and from where on: so that rays past the head, and the way
- * to it, need no look at the cells. */
+ * Finds the blocks of a picture whose rays can meet an occupied cell, and from which distance on: rays that miss the
+ * head, and rays before they reach it, then test no cells. */
 #ifndef ERN_RENDER_TILE_CULLING_OPS_H
 #define ERN_RENDER_TILE_CULLING_OPS_H
 
@@ -15,8 +15,8 @@ static inline size_t ern_tile_count(int pixels) { return ((size_t)pixels + ERN_T
 
 /* For each block, row by row (ern_tile_count(width) * ern_tile_count(height) of them): INFINITY where no ray of
  * its pixels has a sample, else a distance before which none has one (ern_march_from_kernel's not_before). It holds for
- * marches whose settings.near is not negative, whatever the other settings; for a view that is no pinhole camera with
- * numbers in it, it is 0 everywhere. bits: [ERN_OCCUPANCY_BYTES] */
+ * marches whose settings.near is not negative, whatever the other settings; for a view that is not a pinhole camera
+ * with usable numbers, it is 0 everywhere. bits: [ERN_OCCUPANCY_BYTES] */
 void ern_tile_culling(float *not_before, const uint8_t *bits, const struct ern_view *view, float bound);
 
 #endif

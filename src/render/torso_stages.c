@@ -9,7 +9,8 @@ static int32_t held(int32_t i, int first, int count) {
   return at < 0 ? 0 : at < count ? at : count - 1;
 }
 
-/* For all pixels of the picture in order, the number of the frame's pixel that each is at or nearest to, int32. */
+/* *number: int32, for each pixel of the picture in order the number of the frame's pixel there, or of the nearest
+ * one. */
 static ern_status take_numbers(struct ern_stream *stream, int width, int height, const struct ern_torso_place *frame,
                                ern_span *number) {
   ern_context *context = stream->backend->context;

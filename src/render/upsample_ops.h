@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: MIT
- * A layer that was drawn small, over the picture that it is a part of. */
+ * Upsampling of a layer that was rendered at low resolution, and its compositing over the picture. */
 #ifndef ERN_ENLARGE_OPS_H
 #define ERN_ENLARGE_OPS_H
 
 #include "core/types.h"
 
-/* Rows of a small picture drawn larger: bicubic (Keys 1981, a = -1/2: the cubic that passes through its four points
- * with Catmull-Rom's slopes), the outermost pixels repeated. Pixel x of the large one is at (x + 1/2) ratio - 1/2 of
- * the small one, in float in every build; likewise down. Sums are made down first, then across, left to right. */
+/* Bicubic upsampling (Keys 1981, a = -1/2: the Catmull-Rom cubic), edge pixels repeated. Pixel x of the large picture
+ * is at (x + 1/2) ratio - 1/2 of the small one, in float in every build; rows likewise. Sums run vertically first, then
+ * horizontally, left to right. */
 struct ern_upsample_args {
   ern_rows large; /* out: [C] per pixel */
   ern_rows small; /* [C] per pixel */
   /* [3] per pixel of the large one: C is 4, premultiplied colour and opacity a; a becomes clamp(a, 0, 1), the colour
-   * clamp(colour, 0, a) + (1 - a) background: a cubic rings. Zeroed: values as they come. */
+   * clamp(colour, 0, a) + (1 - a) background: bicubic interpolation overshoots. Zeroed: values are not changed. */
   ern_rows background;
-  int width, height, small_width, small_height; /* of the two, >= 1 */
+  int width, height, small_width, small_height; /* of both pictures, >= 1 */
   float ratio;                                  /* small over large, 0..1 */
 };
 /* The same with pointers. */

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Reference of drawing a small picture larger (upsample_ops.h). Down and across are apart: a stretch of a row is made
- * from four rows of the small picture, and then stretched. */
+ * Reference of the upsampling (upsample_ops.h), as a separable filter: a part of a row is first interpolated from four
+ * rows of the small picture, then along the row. */
 #include <math.h>
 
 #include "core/kernels.h"
 
 enum { STRETCH = 128 /* pixels of the large picture */, TAPS = 4, REACH = STRETCH + TAPS };
 
-/* Where a pixel falls between the small ones: the second of its four, and their weights. */
+/* The position of a pixel in the small picture: the first of its four neighbours, and their weights. */
 struct place {
   int first; /* of the four; may be outside */
   float weight[TAPS];
@@ -45,7 +45,7 @@ static void across(ern_real *out, const ern_real *in, const struct place *place,
   }
 }
 
-/* Over the background, at the first of `count` pixels. */
+/* Composites `count` pixels from `at` on over the background. */
 static void over(const struct ern_upsample_view *v, size_t at, int count) {
   ern_real *opacity = v->large + 3 * v->large_stride + at;
   for (int x = 0; x < count; x++) opacity[x] = clamped(opacity[x], 1);

@@ -4,7 +4,7 @@
 #include "model/head.h"
 #include "train/step.h"
 
-enum { CHUNK = 1 << 14 /* points looked at in one go: their activations stay in the cache */ };
+enum { CHUNK = 1 << 14 /* points evaluated at once: their activations stay in the cache */ };
 
 static ern_rows rows_from(ern_rows rows, size_t begin) {
   rows.span = ern_span_part(rows.span, begin, rows.span.count - begin);

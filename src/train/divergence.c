@@ -5,7 +5,8 @@
 
 enum { MEMORY = 32 /* steps */, FIRST_MEAN = 4 /* steps before a mean counts */, FIRST = 64 };
 
-/* dB. A step by itself is 3 dB off its mean at times, and rates too high by far leave only the first one to tell by. */
+/* dB. A single step may deviate 3 dB from the mean, and with far too high rates only the first step is a valid
+ * reference. */
 static const double fallen = 6, recovered = 3, chance = 3;
 
 bool ern_divergence_step(struct ern_divergence *d, double psnr) {

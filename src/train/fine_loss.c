@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The loss of a step's patches: the backend's own, or one that the program computes on the host. */
+ * The loss of a step's patches: the backend's, or a callback of the program on the host. */
 #include "core/backend.h"
 #include "core/memory.h"
 #include "ernerf/train.h"

@@ -34,9 +34,8 @@ struct ern_loss_weights {
 struct ern_head_loss_args {
   ern_rows dpixel;                                   /* out (overwritten): [3] per ray */
   ern_span dopacity, dattention, deye, duncertainty; /* out: real [n]; deye zeroed where there is no eye branch */
-  double
-      terms[ERN_LOSS_TERMS]; /* out, on the host, weights included; the terms that are not this op's are left alone */
-  ern_rows pixel, truth;     /* [3] per ray */
+  double terms[ERN_LOSS_TERMS]; /* out, on the host, weights included; terms of other operations are not changed */
+  ern_rows pixel, truth;        /* [3] per ray */
   ern_span opacity, attention, eye, uncertainty; /* real [n], of the composite */
   ern_span face;                                 /* real [n]: 1 in the box of the landmarks, else 0 */
   struct ern_loss_weights weights;
@@ -58,7 +57,7 @@ struct ern_head_loss_view {
   size_t stride; /* of dpixel, pixel and truth */
 };
 /* n rays of a batch: their share of the terms of the whole batch, sums in double in ray order. softmax: of the whole
- * batch; looked at where weights->adaptive. */
+ * batch; used only where weights->adaptive. */
 typedef void ern_head_loss_kernel(double terms[ERN_LOSS_TERMS], const struct ern_head_loss_view *view,
                                   const struct ern_loss_weights *weights, int max_steps,
                                   const struct ern_softmax *softmax, size_t batch, size_t n);
@@ -72,7 +71,7 @@ struct ern_smooth_loss_args {
   size_t batch;          /* samples that the mean runs over: these and others */
   size_t n;
 };
-/* n of a batch: their share of its term. */
+/* n samples of a batch: their share of its term. */
 typedef double ern_smooth_loss_kernel(ern_real *dmoved, const ern_real *still, const ern_real *moved, float weight,
                                       size_t batch, size_t n);
 
@@ -109,14 +108,15 @@ typedef double ern_key_points_loss_kernel(ern_real *danchors, const ern_real *an
 
 enum { ERN_POSE_SLOPES = 6 };
 
-/* The loss by a small motion of the camera about the scene's origin, of a rotation vector w (radians) and a move m:
- * x -> x + w cross x + m, d -> d + w cross d, at the distances t that the march found.
+/* Gradient of the loss by a small camera motion about the scene's origin, with rotation vector w (radians) and
+ * translation m:
+ * x -> x + w cross x + m, d -> d + w cross d, while the distances t stay as marched.
  *
  *   dL/dw = sum over samples of u (x cross dx + d cross dd),   dL/dm = sum of u dx */
 struct ern_pose_bwd_args {
-  double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; with `synchronize` */
+  double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; valid after `synchronize` */
   ern_rows dx, x;                /* [3] per sample */
-  ern_rows dd, d;                /* [3] per sample; zeroed: the colour is not told the direction */
+  ern_rows dd, d;                /* [3] per sample; zeroed: the colour does not depend on d */
   ern_span weight;               /* u, real [n]; zeroed: 1 */
   size_t n;
 };

@@ -103,7 +103,7 @@ double ERN_REF(ern_smooth_loss)(ern_real *dmoved, const ern_real *still, const e
   return factor * sum;
 }
 
-/* In float in every build, as all points that the model is looked at. */
+/* In float in every build, like all points at which the model is evaluated. */
 void ERN_REF(ern_smooth_points)(ern_real *moved, const ern_real *x, size_t stride, float reach, uint64_t seed,
                                 uint64_t step, size_t sample_begin, size_t n) {
   for (size_t i = 0; i < n; i++) {

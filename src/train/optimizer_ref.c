@@ -12,8 +12,9 @@ static const ern_real largest = FLT_MAX, shrink = 0x1p-64f;
 #endif
 
 /* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps).
- * The root is split, so that v/bias_correction cannot overflow. Where v does, the quotient is taken of a smaller
- * gradient and moment (eps is nothing there), and v is kept at the largest number, from which it comes down again. */
+ * The root is split, so that v/bias_correction cannot overflow. Where v overflows, the quotient is computed from a
+ * scaled-down gradient and moment (eps is negligible there), and v is clamped to the largest number, from which it
+ * decays again. */
 void ERN_REF(ern_adamw)(ern_real *parameters, ern_real *second_moment, const ern_real *gradient, float rate,
                         float decay, float beta2, float eps, double bias_correction, size_t n) {
   const ern_real keep = (ern_real)(1 - (double)rate * (double)decay), fresh = (ern_real)(1 - (double)beta2);

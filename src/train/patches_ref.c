@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Structural similarity of a patch at several scales, and its gradient (patches_ops.h). Means are of values less the
- * truth's mean: variances, small differences of large numbers, lose fewer digits then. */
+ * Structural similarity of a patch at several scales, and its gradient (patches_ops.h). The truth's mean is subtracted
+ * first: variances, small differences of large numbers, then lose fewer digits. */
 #include "core/kernels.h"
 
 /* out = A in A^T; all [side][side]. at: A transposed. Exchanging a and at makes it out = A^T in A. */
@@ -23,7 +23,7 @@ static void filter(ern_real *out, const ern_real *in, const ern_real *a, const e
     }
 }
 
-/* Of the pixels of a scale, less the mean `base` of the recorded picture. */
+/* Filtered pixels of a scale, minus the mean `base` of the recorded picture. */
 struct filtered {
   ern_real *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };

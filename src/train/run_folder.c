@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * X.run: its lock, its names, its log and curve. */
+ * The run folder X.run: its lock, paths, log and curve. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -16,7 +16,7 @@
 #include "io/file.h"
 #include "train/trainer.h"
 
-/* "portrait.safetensors" -> "portrait.run": the extension makes room. */
+/* "portrait.safetensors" -> "portrait.run": the extension is replaced. */
 static ern_status folder_name(ern_context *context, const char *output, char **folder) {
   static const char extension[] = ".safetensors";
   const size_t length = strlen(output), tail = sizeof extension - 1;
@@ -42,13 +42,13 @@ static ern_status take_lock(ern_context *context, struct ern_run_folder *run) {
   return status;
 }
 
-/* What a training writes at its end must not be found to have no place then. */
+/* Checks in advance that the files which a training writes at its end can be written. */
 static ern_status check_places(ern_context *context, const char *output, const struct ern_run_folder *run) {
   const char *const files[] = {output, run->state, run->next, run->previous, run->good, run->log, run->curve};
   ern_status status = ERN_OK;
   for (size_t i = 0; status == ERN_OK && i < sizeof files / sizeof *files; i++)
     status = ern_file_check_replaceable(context, files[i]);
-  const char *const appended[] = {run->log, run->curve}; /* states are renamed, which replaces a link itself */
+  const char *const appended[] = {run->log, run->curve}; /* states need no check: a rename replaces the link itself */
   struct stat about;
   for (size_t i = 0; status == ERN_OK && i < sizeof appended / sizeof *appended; i++)
     if (lstat(appended[i], &about) == 0 && S_ISLNK(about.st_mode))
@@ -65,7 +65,7 @@ static ern_status make_folder(ern_context *context, const char *folder, bool *ma
     return ern_fail(context, ERN_E_IO, "%s: the folder cannot be examined: %s", folder, strerror(errno));
   if (S_ISDIR(about.st_mode)) return ERN_OK;
   return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a folder or nothing", folder,
-                  S_ISLNK(about.st_mode) ? "symbolic link" : "file"); /* a link may lead to another training's */
+                  S_ISLNK(about.st_mode) ? "symbolic link" : "file"); /* a link may lead to another training's folder */
 }
 
 ern_status ern_run_folder_name(ern_context *context, const char *output, struct ern_run_folder *run) {
@@ -127,8 +127,8 @@ ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_r
   return ERN_OK;
 }
 
-/* The first name in X.run that is neither its lock nor left by a process that was killed while it wrote, in `name`;
- * false: there is none. */
+/* Writes to `name` the first name in X.run that is neither the lock nor a temporary file of a killed process; false:
+ * there is none. */
 static bool find_earlier(const char *folder, char name[256]) {
   DIR *list = opendir(folder);
   bool found = false;
@@ -163,7 +163,7 @@ ern_status ern_run_folder_reserve(ern_context *context, const char *output, bool
   return ern_run_folder_check_free(context, output, run, resume);
 }
 
-/* A folder of this call's making in which nothing was saved goes, with its lock. */
+/* Removes a folder that this call made, and its lock, if nothing was saved there. */
 static void remove_empty(ern_context *context, const struct ern_run_folder *run) {
   char name[256], *lock = NULL;
   if (!run->made || find_earlier(run->folder, name)) return;
@@ -176,7 +176,7 @@ static void remove_empty(ern_context *context, const struct ern_run_folder *run)
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run) {
   remove_empty(context, run);
   if (run->lock >= 0) {
-    (void)flock(run->lock, LOCK_UN); /* a child that the host forked holds the same open file */
+    (void)flock(run->lock, LOCK_UN); /* explicit, as a forked child of the host may hold the same open file */
     close(run->lock);
   }
   ern_release(context, run->folder);
@@ -203,7 +203,7 @@ ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const ch
     lines->text = larger;
     lines->capacity = bytes;
   }
-  const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0); /* a host's may write 0,5 */
+  const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0); /* the host's locale may write 0,5 */
   if (plain == (locale_t)0) return ern_fail(context, ERN_E_NO_MEMORY, "no memory for a locale");
   const locale_t host = uselocale(plain);
   va_list arguments;
@@ -216,7 +216,7 @@ ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const ch
   return ERN_OK;
 }
 
-enum { LOG_LIMIT = 1 << 30 /* bytes: of a training of millions of steps */ };
+enum { LOG_LIMIT = 1 << 30 /* bytes: enough for millions of steps */ };
 
 static bool write_lines(int file, const struct ern_lines *lines) {
   for (size_t done = 0; done < lines->used;) {
@@ -229,7 +229,8 @@ static bool write_lines(int file, const struct ern_lines *lines) {
   return fsync(file) == 0;
 }
 
-/* A file with another name too, such as in a snapshot of hard links, is not written through it: it becomes a copy. */
+/* A file with several hard links, such as in a snapshot, becomes a copy, so that the other links' content does not
+ * change. */
 static ern_status leave_links(ern_context *context, const char *path) {
   struct stat about;
   uint8_t *bytes = NULL;
@@ -241,7 +242,7 @@ static ern_status leave_links(ern_context *context, const char *path) {
   return status;
 }
 
-/* All of the lines, or none: half a line would stand before the next one for good. */
+/* Appends all of the lines or none: a partial line would stay in front of the next one. */
 static ern_status append(ern_context *context, const char *path, struct ern_lines *lines) {
   const ern_status alone = leave_links(context, path);
   if (alone != ERN_OK) return alone;
@@ -280,14 +281,14 @@ static void remove_pictures(const struct ern_run_folder *run) {
   if (curve != NULL) fclose(curve);
 }
 
-/* The file keeps its rights; one with another name too loses only this one. */
+/* Empties a file, which keeps its permissions; a file with several hard links loses only this one. */
 static void empty(const char *path) {
   struct stat about;
   if (stat(path, &about) != 0 || about.st_nlink > 1 || truncate(path, 0) != 0) (void)unlink(path);
 }
 
-/* The table that the program writes of a training's validations, beside the curve of the same training: one that has no
- * curve yet has written its own. */
+/* Removes the table of an earlier training's validations, which the program writes beside the curve. Without a curve,
+ * the table is this training's own. */
 static void remove_measures(const struct ern_run_folder *run) {
   static const char head[] = "step,mouth_explained,";
   char path[4096], line[sizeof head] = "";
@@ -300,7 +301,7 @@ static void remove_measures(const struct ern_run_folder *run) {
   if (own) (void)unlink(path);
 }
 
-/* Makes way for the first save of a new training; its own state is whole by then. */
+/* Called before the first save of a new training, whose own state is complete by then. */
 void ern_run_folder_clear(struct ern_run_folder *run) {
   const char *const paths[] = {run->previous, run->good, run->state};
   remove_pictures(run);
@@ -316,7 +317,7 @@ static size_t lines_until(const char *text, size_t count, const char *mark, uint
   size_t kept = 0;
   while (kept < count) {
     const char *line = text + kept, *end = memchr(line, '\n', count - kept);
-    if (end == NULL) break; /* torn by a kill */
+    if (end == NULL) break; /* a partial line of a killed process */
     const size_t skip = strlen(mark);
     if (strncmp(line, mark, skip) == 0 && line[skip] >= '0' && line[skip] <= '9' &&
         strtoull(line + skip, NULL, 10) > step)

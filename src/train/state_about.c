@@ -18,7 +18,7 @@ const char *ern_ray_sampling_name(ern_ray_sampling sampling) {
   return index >= 0 && index < (int)(sizeof ray_samplings / sizeof *ray_samplings) ? ray_samplings[index] : NULL;
 }
 
-/* A JSON number of the library has 63 bits: a larger seed is a string of its digits. */
+/* Jansson's integers have 63 bits: a larger seed is written as a string of its digits. */
 static json_t *seed_json(uint64_t seed) {
   char digits[24];
   if (seed <= INT64_MAX) return json_integer((json_int_t)seed);
@@ -26,7 +26,7 @@ static json_t *seed_json(uint64_t seed) {
   return json_string(digits);
 }
 
-/* Earlier files have a number below 0 for such a seed: the same bits. */
+/* Earlier files have a negative number with the same bits for such a seed. */
 static bool seed_read(const json_t *value, uint64_t *seed) {
   char *end = NULL;
   *seed = (uint64_t)json_integer_value(value);
@@ -84,7 +84,7 @@ static bool whole_in(const json_t *value, int64_t least, int64_t most) {
   return json_is_integer(value) && json_integer_value(value) >= least && json_integer_value(value) <= most;
 }
 
-/* States of earlier versions do not say it: they are of uniform rays. */
+/* Missing in states of earlier versions, whose rays are uniform. */
 static bool read_ray_sampling(const json_t *value, ern_ray_sampling *sampling) {
   *sampling = ERN_RAY_SAMPLING_UNIFORM;
   for (int k = 0; json_is_string(value) && ern_ray_sampling_name((ern_ray_sampling)k) != NULL; k++) {
@@ -94,13 +94,13 @@ static bool read_ray_sampling(const json_t *value, ern_ray_sampling *sampling) {
   return value == NULL;
 }
 
-/* 0 in states of earlier versions, which do not say it. */
+/* 0 in states of earlier versions, which lack it. */
 static bool read_seconds(const json_t *value, double *seconds) {
   *seconds = json_number_value(value);
   return value == NULL || (json_is_number(value) && *seconds >= 0 && *seconds <= ERN_TRAIN_MOST_SECONDS);
 }
 
-/* False in states of earlier versions, which do not say it. */
+/* False in states of earlier versions, which lack it. */
 static bool read_later_flag(const json_t *value, bool *flag) {
   *flag = json_is_true(value);
   return value == NULL || json_is_boolean(value);
@@ -110,7 +110,7 @@ static bool is_weight(const json_t *value) {
   return json_is_number(value) && json_number_value(value) >= 0 && json_number_value(value) <= ERN_TRAIN_MOST_RATE;
 }
 
-/* Not there: no fine stage. */
+/* Missing: no fine stage. */
 static bool read_fine(const json_t *value, struct ern_state_about *about) {
   const json_t *from = json_object_get(value, "from"), *side = json_object_get(value, "patch_size"),
                *weight = json_object_get(value, "weight"), *lips = json_object_get(value, "lips_weight");
@@ -235,7 +235,7 @@ ern_status ern_state_about_parse(ern_context *context, const char *text, const c
 
 /* ---- what has changed -------------------------------------------------------------------------------------------- */
 
-/* Values in words, so that equal ones have equal words, and other ones others. */
+/* A value as text, for comparison: texts are equal exactly where the values are. */
 struct value {
   char text[72];
 };
@@ -271,7 +271,7 @@ static void log_change(const ern_trainer *t, const char *path, const struct chan
   ern_log(t->context, ERN_LOG_WARNING, "%s: %s was %s, going on with %s", path, c->name, c->found.text, c->here.text);
 }
 
-/* Refuses the first of `strict` that differs, then tells of all of `loose` that do. */
+/* Refuses the first of `strict` that differs, then logs all of `loose` that differ. */
 static ern_status compare(const ern_trainer *t, const char *path, const struct change *strict, size_t stricts,
                           const struct change *loose, size_t looses) {
   for (size_t i = 0; i < stricts; i++)
@@ -351,7 +351,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
       {"precision", word(ern_precision_word(about->bf16)), word(ern_precision_word(t->bf16))},
       {"ray_sampling", word(ern_ray_sampling_name(about->ray_sampling)),
        word(ern_ray_sampling_name(c->torso ? about->ray_sampling : c->ray_sampling))}}; /* a torso's are uniform */
-  /* The number of samples may change from step to step; all else of the view may not. */
+  /* The number of samples per ray may change in a resume; the other view settings may not. */
   struct ern_view_settings rest = *view;
   rest.max_steps = c->max_steps;
   const ern_status status = ern_trainer_check_view(t, path, &rest, c->torso, true);

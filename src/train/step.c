@@ -8,7 +8,7 @@
 #include "model/head.h"
 #include "render/stages.h"
 
-/* What the halves of a step share. */
+/* Data shared by the forward and backward halves of a step. */
 struct pass {
   struct ern_audio_fwd_args audio;
   struct ern_head_inputs in;
@@ -17,7 +17,7 @@ struct pass {
   ern_rows opacity, depth, attention, eye, unc; /* [1] per ray */
   ern_rows dopacity, dattention, deye, dunc;
   size_t total;              /* samples of all rays */
-  struct ern_mse_args plain; /* figures of these come with `synchronize` */
+  struct ern_mse_args plain; /* results of these are valid after `synchronize` */
   struct ern_head_loss_args loss;
   struct ern_patch_loss_args patches;
   struct ern_smooth_loss_args smooth[3];
@@ -51,7 +51,7 @@ static ern_rows rows_at(ern_rows rows, const struct part *part) {
   rows.span = ern_span_part(rows.span, part->begin, rows.span.count - part->begin);
   return rows;
 }
-/* Of a value a ray; a zeroed span stays one. */
+/* The part's section of a span with one value per ray; a zeroed span stays zeroed. */
 static ern_span span_at(ern_span span, const struct part *part) {
   return span.buffer != NULL ? ern_span_part(span, part->begin, part->rays) : span;
 }
@@ -79,7 +79,7 @@ static struct ern_composite_fwd_args composite_args(const struct ern_head_step_a
                                          .n = part->rays};
 }
 
-/* What the frame has for all of its rays. */
+/* Computes and allocates what all rays of the frame share. */
 static ern_status begin(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->dcode));
@@ -173,7 +173,7 @@ fail:
   return status;
 }
 
-/* Positions and directions of a part's samples to the camera. */
+/* Gradient by the camera from the gradients by a part's positions and directions. */
 static ern_status pose_bwd(struct ern_stream *stream, struct pass *p, const struct part *part) {
   if (p->pose.dd.span.buffer != NULL) {
     struct ern_sh_bwd_args sh = {p->pose.dd, part->d.sh, p->pose.d, p->pose.n};
@@ -286,7 +286,7 @@ static ern_status mirror(struct ern_stream *stream, struct ern_head_step_args *a
   return status == ERN_OK && a->smooth ? smoothness(stream, a, p, part) : status;
 }
 
-/* What a part has added to the camera's gradient, once it is synchronized. */
+/* Adds a part's contribution to the camera's gradient, after it is synchronized. */
 static void add_pose(struct ern_head_step_args *a, struct pass *p) {
   for (size_t k = 0; a->dpose != NULL && k < ERN_POSE_SLOPES; k++) {
     a->dpose[k] += p->pose.dpose[k];
@@ -294,7 +294,7 @@ static void add_pose(struct ern_head_step_args *a, struct pass *p) {
   }
 }
 
-/* Backward of the audio net; then the figures. */
+/* Backward pass of the audio net; then collects the results. */
 static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
   ern_status status = stream->backend->audio_bwd(stream, &audio);

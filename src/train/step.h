@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * Whole training steps, and densities, by calling the stages: what a backend without faster ones of its own puts into
- * head_step, torso_step and head_density. */
+ * Whole training steps, and densities, implemented by calling the stages: head_step, torso_step and head_density of
+ * backends without faster ones of their own. */
 #ifndef ERN_TRAIN_STEP_H
 #define ERN_TRAIN_STEP_H
 
 #include "core/backend.h"
 
 ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args);
-/* The same, up to the rounding of sums, with the samples of `at_once` rays in memory at a time; all of them are
- * computed twice if that is not all rays. On failure dparameters holds part of the gradient. */
+/* The same, up to the rounding of sums, with the samples of only `at_once` rays in memory at a time; where that is not
+ * all rays, all samples are computed twice. On failure dparameters holds part of the gradient. */
 ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once);
-/* Value and gradient of `p`; as `loss` computes them on the host, NULL: as the backend does. */
+/* Value and gradient of the patch loss `p`: `loss` computes them on the host; NULL: the backend does. */
 ern_status ern_step_patch_loss(struct ern_stream *stream, const struct ern_fine_loss *loss,
                                struct ern_patch_loss_args *p);
-/* The loss of a step's patches, none where it has none. */
+/* The patch loss of a step; with 0 patches where the step has none. */
 static inline struct ern_patch_loss_args ern_patches_of_step(const struct ern_head_step_args *args, ern_rows dpixel,
                                                              ern_rows pixel) {
   return (struct ern_patch_loss_args){.dpixel = dpixel,

@@ -20,11 +20,11 @@ struct ern_head_density_args {
   const struct ern_field *field;
   ern_span code; /* real [A], the audio code */
   float eye_value;
-  bool bf16; /* products of bf16, sums in float; where the backend trains_bf16 and the head is the paper's own */
+  bool bf16; /* products in bf16, sums in float; only where the backend trains_bf16 and the head is the paper's own */
   size_t n;
 };
 
-/* The rays as patches (patches_ops.h), patch after patch, with a loss of their own. All zeros: they are not. */
+/* The rays form patches (patches_ops.h), patch after patch, with a loss term of their own. All zeros: no patches. */
 struct ern_step_patches {
   const struct ern_fine_loss *loss; /* NULL: patch_loss */
   ern_span filter;                  /* of ern_patch_loss_args */
@@ -53,14 +53,14 @@ struct ern_head_step_args {
   struct ern_loss_weights weights;
   float transmittance_stop;
   bool smooth; /* with the smoothness term */
-  bool bf16;   /* as above, but in a step with that term: its differences are smaller than what bf16 rounds off */
+  bool bf16;   /* as above, except in a step with the smoothness term: its differences are below bf16's rounding */
   const float
       *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
   uint64_t seed, step;
-  struct ern_profile *profile; /* added to; NULL: not wanted. Filled by fused passes alone */
+  struct ern_profile *profile; /* added to; NULL: not wanted. Only fused passes fill it */
   double *dpose;               /* out, on the host: [ERN_POSE_SLOPES], as ern_pose_bwd_args has it, without the
                                 * smoothness term; NULL: not wanted */
-  ern_span dpose_weight;       /* real [n], of a ray in dpose; zeroed: 1 */
+  ern_span dpose_weight;       /* real [n], weight of a ray in dpose; zeroed: 1 */
   struct ern_step_patches patches;
   size_t n; /* rays */
 };

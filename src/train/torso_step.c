@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A training step of the torso, the head frozen: its layer over the background against the frame's torso image. */
+ * A training step of the torso with the head frozen: compares its layer over the background with the frame's torso
+ * image. */
 #include <string.h>
 
 #include "core/status.h"

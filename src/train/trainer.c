@@ -21,7 +21,7 @@ static double seconds_now(void) {
   return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
 }
 
-/* Progress: s of docs/maths.md, Update. The coarse stage has its own, the fine one that of all steps. */
+/* Progress: s of docs/maths.md, Update. In the coarse stage over its own steps, in the fine stage over all steps. */
 static double progress(const ern_trainer *t) {
   const uint64_t steps = ern_trainer_is_fine(t) ? t->config.iters : ern_trainer_coarse_steps(t);
   return steps > t->step ? (double)t->step / (double)steps : 1;
@@ -31,7 +31,7 @@ static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
 
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
   if (!(t->config.seconds > 0) || t->step == 0) return;
-  const double share = spent(t) / t->config.seconds; /* of the time, and so step/iters */
+  const double share = spent(t) / t->config.seconds; /* of the time that is spent, an estimate of step/iters */
   const uint64_t steps = share < 1 ? (uint64_t)((double)t->step / fmax(share, 1e-6)) + 1 : t->step;
   t->config.iters = steps > least ? steps : least;
 }
@@ -121,7 +121,7 @@ ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struc
   return t->config.torso ? torso_step(t, batch, sum) : head_step(t, batch, sum);
 }
 
-/* Every term and every gradient, or the name of the first that is not finite. */
+/* Checks every loss term and gradient; the error names the first that is not finite. */
 static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
   const size_t frames = ern_trainer_step_frames(t);
   const double *terms = sum->terms;
@@ -153,7 +153,7 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
   return ERN_OK;
 }
 
-/* Weight decay of AdamW, by learning-rate group; that of the other networks is 0. */
+/* Weight decay of AdamW, by learning-rate group; it is 0 for the other networks. */
 static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
 static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
 
@@ -166,8 +166,8 @@ static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_pa
       .rate = rate * factor, .decay = decay, .beta2 = adamw_beta2, .eps = adamw_eps, .step = t->step + 1};
 }
 
-/* Rows that follow each other and are of one group go together, as most are short; between them are zeros, which stay.
- */
+/* Consecutive rows of one group are updated in one call, as most are short; the padding between them is zero and stays
+ * zero. */
 static ern_status update(ern_trainer *t) {
   const float factor = (float)pow(ern_trainer_is_fine(t) ? 0.05 : 0.5, progress(t));
   const struct ern_parameter_table *table = &t->model->table;
@@ -198,7 +198,7 @@ static ern_status average(ern_trainer *t) {
   return t->backend->ema(t->stream, &args);
 }
 
-/* Gradient and figures of the batches. */
+/* Gradient and results of the batches. */
 static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   *sum = (struct ern_step_sum){.samples = 0};
   if (t->config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
@@ -208,8 +208,8 @@ static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern
   return status;
 }
 
-/* Processes that train together have the time of rank 0, as it was before the step: its own seconds count with the next
- * one's. */
+/* Processes that train together use the time of rank 0 as it was before the step: the step's own seconds are counted
+ * with the next step. */
 static void count_seconds(ern_trainer *t, const struct ern_step_sum *sum, double spent_now) {
   if (t->communicator.size == 1) {
     t->seconds += spent_now;
@@ -226,14 +226,14 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   struct ern_step_sum sum;
   struct ern_batch batches[ERN_STEP_BATCHES_MOST];
   ern_status status = ERN_OK;
-  /* processes that train together agree on the time at the end of a step alone */
+  /* processes that train together agree on the time only at the end of a step */
   if (t->step < t->config.iters && t->communicator.size == 1) ern_trainer_follow_time(t, t->step + 1);
   ern_trainer_fine_due(t);
   const size_t frames = ern_trainer_step_frames(t), own = ern_trainer_own_batches(t);
   *report = (ern_train_report){.iters = t->config.iters};
   if (t->step >= t->config.iters)
     ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
-  /* first: where a picture cannot be read, the state is that after the last step */
+  /* first, so that the state is that after the last step where a picture cannot be read */
   for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(t) + k, &batches[k]));
   ERN_TRY(ern_trainer_occupancy(t));
   ERN_TRY(sum_step(t, batches, &sum));
@@ -274,7 +274,7 @@ enum { SAVE_SECONDS = 60 };
 struct tally {
   double began, said, saved, loss, psnr, samples;
   uint64_t first, steps;
-  double validated; /* of the seconds of the training, at the last validation */
+  double validated; /* seconds of the training at the last validation */
 };
 
 static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
@@ -309,7 +309,7 @@ static ern_status note(ern_trainer *t, const ern_train_report *r, double validat
 
 static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
 
-/* With config.seconds: each minute; a validation each tenth, but no more often. */
+/* With config.seconds: a save each minute; a validation after each tenth of the time, but not more often. */
 static bool save_due(const ern_trainer *t, const struct tally *tally) {
   return t->config.seconds > 0 ? seconds_now() - tally->saved > SAVE_SECONDS : due(t->step, t->config.save_every);
 }
@@ -318,8 +318,8 @@ static bool validation_due(const ern_trainer *t, const struct tally *tally) {
                                : due(t->step, t->config.validate_every);
 }
 
-/* Saves what was learnt before `failed`: a picture that cannot be read, or a validation, does not cost it. The values
- * are not known to be sound after ERN_E_NONFINITE, and cannot be had after ERN_E_DEVICE. */
+/* Saves the training after the error `failed`, such as an unreadable picture or a failed validation. After
+ * ERN_E_NONFINITE the values may be invalid, and after ERN_E_DEVICE they cannot be read: then nothing is saved. */
 static ern_status save_after(ern_trainer *t, ern_status failed) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (failed == ERN_E_NONFINITE || failed == ERN_E_DEVICE) return failed;
@@ -359,7 +359,7 @@ fail:
   return status;
 }
 
-/* A device that is lost takes with it what was learnt since the last save, and nothing else. */
+/* The loss of a device loses only the steps since the last save: adds that to the error. */
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (status != ERN_E_DEVICE || t->output == NULL) return status;
@@ -401,9 +401,9 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   while (t->step < t->config.iters) {
     ern_train_report report;
     status = take_step(t, &report);
-    const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* it may end an update */
+    const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
-    /* patches differ too much from step to step */
+    /* not in the fine stage: patches differ too much from step to step */
     if (t->config.rays >= 64 && !ern_trainer_is_fine(t) && ern_divergence_step(&divergence, report.psnr))
       warn_of_divergence(t, &divergence);
     tally.loss += report.loss;
@@ -413,7 +413,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     status = finish_step(t, &own, &tally);
     if (status != ERN_OK) return stopped(t, status);
   }
-  /* where a callback has made the last steps */
+  /* needed where a callback made the last steps */
   if (t->output != NULL && t->saved != t->step) status = ern_trainer_save(t);
   return status == ERN_OK ? ern_trainer_wait_for_first(t) : status;
 }

@@ -8,8 +8,8 @@
 #include "ernerf/train.h"
 #include "model/model.h"
 
-/* Shares of a head's rays that are drawn in the lower face and around the eyes, and of its frames that are drawn among
- * those with shut eyes, found by trying (docs/history-training.md, docs/history-occupancy.md). */
+/* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
+ * found by experiment (docs/history-training.md, docs/history-occupancy.md). */
 #define ERN_LOWER_FACE_SHARE 0.3f
 #define ERN_EYES_SHARE 0.1f
 #define ERN_SILHOUETTE_SHARE 0.1f
@@ -18,10 +18,10 @@
 
 enum {
   ERN_REFRESH_EVERY = 16,      /* steps between occupancy refreshes, as published */
-  ERN_REFRESH_WARM_UP = 256,   /* steps in which each refresh looks at all cells */
+  ERN_REFRESH_WARM_UP = 256,   /* steps in which each refresh updates all cells */
   ERN_SMOOTH_EVERY = 16,       /* steps between smoothness terms */
-  ERN_REFRESH_CHUNK = 1 << 18, /* cells that a refresh looks at in one go: a bound on the memory of their points */
-  ERN_LEAST_EMA_UPDATES = 10   /* before which the average is no model: it is still full of its beginning */
+  ERN_REFRESH_CHUNK = 1 << 18, /* cells that a refresh evaluates at once: limits the memory of their points */
+  ERN_LEAST_EMA_UPDATES = 10   /* updates before the average is used: until then its initial values dominate it */
 };
 
 #define ERN_TRAIN_MOST_RATE 1e3
@@ -33,28 +33,28 @@ struct ern_lines {
   size_t used, capacity;
 };
 
-/* X.run: the lock, and the names in it. All NULL without an output. */
+/* The run folder X.run: its lock, and the paths in it. All NULL without an output. */
 struct ern_run_folder {
   char *folder, *state, *next, *previous, *good, *log, *curve;
   int lock;     /* descriptor, -1: none */
   bool made;    /* the folder was not there before */
   bool keep;    /* until the first save: a file at X is not replaced */
-  bool damaged; /* the state does not verify: the next save replaces it, and not the whole one before it */
-  bool fresh;   /* nothing of this training has been written yet: what lies there is an earlier one's */
+  bool damaged; /* the state is corrupt: the next save replaces it, not the intact previous one */
+  bool fresh;   /* this training has written nothing yet: files in the folder are an earlier one's */
   struct ern_lines log_lines, curve_lines;
 };
 
-/* A row a frame: three angles of the model's camera refinement, as radians, and a move, scene units, both about the
- * scene's origin. Their mean over the trained frames is 0. */
+/* One row per frame: three angles (radians) and a translation (scene units) of the model's camera refinement, both
+ * about the scene's origin. Their mean over the trained frames is 0. */
 struct ern_trainer_poses {
   float *row;           /* [frames][ERN_POSE_SLOPES] */
-  float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own path, 0 at its gaps */
+  float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own camera path, 0 at its gaps */
   size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
   int64_t *moment;      /* [frames]: their rows of the speech */
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
 
-/* What a step adds up to besides its gradient: means over its rays. A plain array of doubles for the communicator. */
+/* Results of a step besides its gradient: means over its rays. A plain array of doubles for the communicator. */
 struct ern_step_sum {
   double terms[ERN_LOSS_TERMS]; /* each frame's are means over its own rays */
   double squared_error, samples;
@@ -62,7 +62,7 @@ struct ern_step_sum {
   double seconds, beside;                                  /* before the step, by the clock of rank 0 */
 };
 
-/* Sums of parts of a step, on the host: [levels] of a binary tree that wait for their other half. */
+/* Sums of parts of a step, on the host: [levels] of a binary tree, each waiting for its sibling. */
 struct ern_trainer_parts {
   size_t begin, count; /* the values that this training changes are [begin, begin + count) of all */
   float *values;       /* [levels][count] */
@@ -82,29 +82,29 @@ struct ern_trainer {
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;
   ern_span parameters, gradient, moment, average; /* [field.parameters] */
   ern_span grid, fresh, bits, cells;              /* occupancy of the head */
-  size_t cell_count;                              /* cells that a refresh looks at */
-  bool pruned;                                    /* `bits` are, and are refreshed no more */
+  size_t cell_count;                              /* cells that a refresh evaluates */
+  bool pruned;                                    /* `bits` are pruned, and no longer refreshed */
   ern_span torso_grid;
   double torso_mean;
 
   bool bf16; /* products of bf16 (config.precision) */
 
   struct ern_view *views;          /* [training frames], as the clip has them */
-  size_t *blinks, blink_count;     /* training frames with shut eyes; none where every frame is drawn alike */
-  struct ern_trainer_poses *poses; /* NULL: they stay as they are */
+  size_t *blinks, blink_count;     /* training frames with shut eyes; none: all frames are drawn alike */
+  struct ern_trainer_poses *poses; /* NULL: poses are not refined */
   uint64_t step, ema_updates;
   uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */
   struct ern_buffer *patch_filter; /* of patches_ops.h; NULL without a fine stage */
-  ern_fine_loss fine_loss;         /* that config.fine_loss points to */
+  ern_fine_loss fine_loss;         /* a copy of *config.fine_loss */
   char fine_name[32];              /* and its name */
   double seconds;                  /* of training, all runs together */
   double beside;                   /* seconds of validations and saves, all runs together */
   double late;                     /* with a communicator: seconds of the last step, not yet in `seconds` */
   struct ern_run_folder run;
-  uint64_t saved; /* step of the newest state in it that is this training's; 0: none */
-  bool diverged;  /* since the last save, with a state of before in the folder */
+  uint64_t saved; /* step of this training's newest state in the run folder; 0: none */
+  bool diverged;  /* since the last save, and the folder has a state from before */
 
-  struct ern_run_folder torso_run; /* of config.torso_output: locked, and nothing else */
+  struct ern_run_folder torso_run; /* of config.torso_output: only locked */
 
   ern_communicator communicator;  /* size 1: this process is alone */
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
@@ -116,14 +116,14 @@ struct ern_trainer {
   float *speech_deviation; /* [width]: standard deviations of the features; NULL without noise */
 };
 
-/* What one step trains on, or a part of it: a frame and rays of it, on the backend (scratch). */
+/* Training data of a step, or of a part of it: a frame and some of its rays, on the backend (scratch). */
 struct ern_batch {
-  size_t frame, rays, patches; /* patches 0: rays are on their own */
+  size_t frame, rays, patches; /* patches 0: single rays, no patches */
   size_t of_step;              /* the frame's number among those of the step */
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
-  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves against the head, else 1 */
+  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves relative to the head, else 1 */
   double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
 };
 
@@ -132,48 +132,49 @@ static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) 
 }
 
 /* trainer_make.c */
-/* Whether products are of bf16. `path`: who asks for it. */
+/* Sets t->bf16, whether products are in bf16. `path`: the origin of the request, for messages. */
 ERN_NODISCARD ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted);
-/* Whether the model says that it is of another clip. */
+/* Whether the model is known to be of another clip. */
 bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model);
-/* Takes over what the person agreed to, where nothing else is said and it is of the same clip. */
+/* Copies the consent text of a model that is not of another clip, where the configuration gives none. */
 void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from);
-/* The rows of the torso, or those of the head, with what else belongs to either; of individual codes as many as both
- * have. Other rows have the same shape in both. */
+/* Copies the rows of the torso or those of the head, with the other data that belongs to either; of individual codes as
+ * many as both have. Other rows have the same shape in both. */
 void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso);
-/* The camera refinement, into a model without one. */
+/* Copies the camera refinement into a model without one. */
 ERN_NODISCARD ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from);
-/* A line of the log where a file has another number of individual codes than this training. */
+/* Logs that a file has another number of individual codes than this training, where it has. */
 void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found);
 
-/* trainer_data.c: what the dataset's callbacks give, looked at. Internal code calls these, never the callbacks. */
+/* trainer_data.c: calls the dataset's callbacks and checks their results. Other code calls these, never the
+ * callbacks. */
 ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
 /* *head as ern_dataset.head gives it for a training frame; NULL without it, and where the training does not use it. */
 ERN_NODISCARD ern_status ern_trainer_head(const ern_trainer *t, size_t frame, const uint8_t **head);
 ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
                                             const uint8_t **torso); /* *torso NULL: none */
-/* Whether a callback of the caller that failed left the text of the error as it was `before`: the trainer then says
- * what failed, as that text is of something else. */
+/* Whether a callback that failed left the error text as it was `before`. That text is about something else, so the
+ * trainer then writes one of its own. */
 bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_BYTES]);
 
-/* trainer.c: with config.seconds, the steps in all become those that the pace so far gives: those that are made where
- * the time is past, but `least` at least. */
+/* trainer.c: with config.seconds, sets config.iters to the steps that fit into the time at the pace so far; where the
+ * time is over, to the steps already made; at least `least`. */
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
 /* trainer_fine.c (docs/maths.md, "The fine stage") */
-/* Copies config.fine_loss, after a look at it. */
+/* Checks and copies config.fine_loss. */
 ERN_NODISCARD ern_status ern_trainer_fine_take(ern_trainer *t);
 const char *ern_trainer_fine_name(const ern_trainer *t); /* "ssim" without config.fine_loss */
-/* Whether the next step is of it. */
+/* Whether the next step belongs to the fine stage. */
 static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->step >= t->fine_from; }
-/* When it begins; `found`: where a resumed state had it begin, UINT64_MAX: nowhere. */
+/* Decides when the fine stage begins; `found`: its beginning in a resumed state, UINT64_MAX: none. */
 ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
-/* Steps before it, all where there is none; with `seconds` as the pace so far gives them. */
+/* Steps before the fine stage, all steps where there is none; with config.seconds an estimate from the pace so far. */
 uint64_t ern_trainer_coarse_steps(const ern_trainer *t);
-/* With `seconds`, before a step: lets it begin where its share of the time has come. */
+/* Before a step, with config.seconds: begins the fine stage once its share of the time has come. */
 void ern_trainer_fine_due(ern_trainer *t);
 size_t ern_trainer_most_rays(const ern_trainer *t); /* of any step */
-/* Of the next step. */
+/* Frames, rays and patches of the next step. */
 size_t ern_trainer_step_frames(const ern_trainer *t);
 size_t ern_trainer_step_rays(const ern_trainer *t);
 size_t ern_trainer_step_patches(const ern_trainer *t); /* 0: its rays are no patches */
@@ -185,10 +186,10 @@ ERN_NODISCARD ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch
 
 /* trainer_parts.c (docs/scaling.md, "Parts of a step") */
 enum { ERN_STEP_BATCHES_MOST = 64 };
-/* Batches of the next step, of all processes: a frame each, or more of a frame where a step has more parts than
- * frames. */
+/* Batches of the next step in all processes: one for each frame, or several for a frame where a step has more parts
+ * than frames. */
 size_t ern_trainer_step_batches(const ern_trainer *t);
-/* Those of this process, a range. */
+/* The batches of this process are a contiguous range: its first one, and their number. */
 size_t ern_trainer_first_batch(const ern_trainer *t);
 static inline size_t ern_trainer_own_batches(const ern_trainer *t) {
   return ern_trainer_step_batches(t) / (size_t)t->communicator.size;
@@ -200,9 +201,11 @@ void ern_trainer_parts_free(ern_trainer *t);
 ERN_NODISCARD ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum);
 
 /* trainer_distributed.c */
-/* Of `count` values on the backend this process has those that ern_communicator.gather says; afterwards all. */
+/* Gathers `count` values on the backend: before, this process has the range that ern_communicator.gather defines;
+ * afterwards all. */
 ERN_NODISCARD ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count);
-/* The state of rank 0 in all processes, after a look at whether they train the same on the same. Waits for all. */
+/* Copies the state of rank 0 to all processes, after checking that they have the same settings and data. Waits for
+ * all. */
 ERN_NODISCARD ern_status ern_trainer_share_state(ern_trainer *t);
 /* Returns after rank 0 has called it. */
 ERN_NODISCARD ern_status ern_trainer_wait_for_first(ern_trainer *t);
@@ -226,12 +229,11 @@ static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
 ERN_NODISCARD ern_status ern_trainer_speech_make(ern_trainer *t);
 /* The speech of a frame: host [8][window_length][width]. */
 ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host);
-/* That of a training frame for part k of the step, with data augmentation, uploaded to `windows` (taken from scratch).
- */
+/* That of a training frame, frame k of the step, with data augmentation, uploaded to `windows` (taken from scratch). */
 ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 
 /* trainer_poses.c (docs/maths.md, "Poses") */
-/* Nothing where config.refine_poses is not set. */
+/* Does nothing where config.refine_poses is not set. */
 ERN_NODISCARD ern_status ern_trainer_poses_make(ern_trainer *t);
 void ern_trainer_poses_free(ern_trainer *t);
 
@@ -239,28 +241,28 @@ void ern_trainer_poses_free(ern_trainer *t);
 bool ern_trainer_poses_due(const ern_trainer *t);
 /* The camera of a training frame as it is refined now. */
 struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame);
-/* A step of the frame that was visited. dpose: [ERN_POSE_SLOPES], finite */
+/* Updates the pose row of the frame that a step trained on. dpose: [ERN_POSE_SLOPES], finite */
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose);
 
-/* The rows as the model keeps them, and their regression, into t->model. */
+/* Writes the rows, in the model's form, and their regression to t->model. */
 ERN_NODISCARD ern_status ern_trainer_poses_download(ern_trainer *t);
-/* The reverse, of the rows that `model` has. */
+/* The reverse: reads the rows that `model` has. */
 ERN_NODISCARD ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
 
 /* trainer_refresh.c */
-ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* a new training: cells that no camera sees */
-ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* all cells to look at */
-uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps, around the next one */
+ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* new training: marks cells that no camera sees */
+ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* lists all cells to evaluate */
+uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps between refreshes, at the next step */
 /* real [ERN_AUDIO_CODE], taken from scratch: the code of a training frame's speech. */
 ERN_NODISCARD ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code);
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
-/* Before a step: a refresh where one is due, or the pruning. */
+/* Before a step: refreshes or prunes the grid where that is due. */
 ERN_NODISCARD ern_status ern_trainer_occupancy(ern_trainer *t);
 
 /* trainer_prune.c */
 /* Whether the next step is one of the last part of a head's training, in which the occupancy grid stays pruned. */
 bool ern_trainer_prune_due(const ern_trainer *t);
-/* Leaves the cells out of t->bits that contribute less than config.prune_share. */
+/* Clears the bits in t->bits of cells that contribute less than config.prune_share. */
 ERN_NODISCARD ern_status ern_trainer_prune(ern_trainer *t);
 
 /* trainer_state.c */
@@ -269,24 +271,25 @@ ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /*
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
 
-/* Whether X.run/lock is the file that this training locked. It is another one where the folder was moved and made
- * again, or where the program has changed its working folder: what lies there is then another training's. ERN_E_IO. */
+/* ERN_E_IO where X.run/lock is not the file that this training locked. The folder was then moved and made again, or the
+ * program has changed its working directory: the files there are another training's. */
 ERN_NODISCARD ern_status ern_run_folder_check_held(ern_context *context, const struct ern_run_folder *run);
 
-/* A file that a training starts from may not be one that its saves replace. path NULL: none. ERN_E_ARGUMENT. */
+/* ERN_E_ARGUMENT where `path`, a file that a training starts from, is one that its saves would replace. path NULL:
+ * none. */
 ERN_NODISCARD ern_status ern_run_folder_check_outside(ern_context *context, const struct ern_run_folder *run,
                                                       const char *path);
 
 /* run_folder.c */
-/* The names alone; nothing is made or locked. ern_run_folder_close also after an error. */
+/* Fills in the paths only; makes and locks nothing. Needs ern_run_folder_close also after an error. */
 ERN_NODISCARD ern_status ern_run_folder_name(ern_context *context, const char *output, struct ern_run_folder *run);
 ERN_NODISCARD ern_status ern_run_folder_open(ern_context *context, const char *output, struct ern_run_folder *run);
-/* ERN_E_EXISTS where an earlier training is at X or in X.run, whose lock is held. `resume`: it was asked for, in vain.
- */
+/* ERN_E_EXISTS where an earlier training is at X or in X.run, whose lock is held. `resume`: a resume was requested and
+ * found no state. */
 ERN_NODISCARD ern_status ern_run_folder_check_free(ern_context *context, const char *output,
                                                    const struct ern_run_folder *run, bool resume);
-/* The folder of a training that is still to come, locked: what that would be refused for there is told now.
- * ern_run_folder_close also after an error. */
+/* Locks the folder of a later training, and reports now the errors that it would meet there. Needs ern_run_folder_close
+ * also after an error. */
 ERN_NODISCARD ern_status ern_run_folder_reserve(ern_context *context, const char *output, bool resume, bool overwrite,
                                                 struct ern_run_folder *run);
 void ern_run_folder_close(ern_context *context, struct ern_run_folder *run);
@@ -294,9 +297,9 @@ ERN_NODISCARD ern_status ern_lines_add(ern_context *context, struct ern_lines *l
     ERN_PRINTF(3, 4);
 /* Appends the kept lines to their files. */
 ERN_NODISCARD ern_status ern_run_folder_flush(ern_context *context, struct ern_run_folder *run);
-/* Removes what an earlier training left, but for state.next. */
+/* Removes the files of an earlier training, except state.next. */
 void ern_run_folder_clear(struct ern_run_folder *run);
-/* Log and curve back to where they were at `step`: a killed training has written more, perhaps half a line. */
+/* Truncates log and curve to their length at `step`: a killed training may have written more, even half a line. */
 ERN_NODISCARD ern_status ern_run_folder_trim(ern_context *context, const struct ern_run_folder *run, uint64_t step);
 
 /* trainer_validate.c */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * What a step trains on: a frame or some, each with its speech and random rays of it.
+ * Training data of a step: one or several frames, each with its speech and random rays.
  *
- * The rays are handed on tile by tile of the picture: rays of a tile pass through the same cells, so the tables that
- * they read and add to stay in the cache. Which rays they are does not depend on it. */
+ * The rays are sorted by tiles of the picture: rays of a tile pass through the same cells, so the table entries that
+ * they read and update stay in the cache. The choice of rays does not depend on it. */
 #include <stdio.h>
 #include <string.h>
 
@@ -35,21 +35,21 @@ size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
 
 enum { MOST_TILES = 4096 /* of a picture */, LEAST_TILE = 16 /* pixels a side */ };
 
-/* What the picture has of a box in which rays are drawn with a share of their own; 0 wide: nothing. */
+/* The part inside the picture of a box in which a share of the rays is drawn; width 0: empty. */
 struct region {
   uint32_t left, top, width, height;
 };
 
-/* The pixels of a frame whose value of draw->head `has` takes. */
+/* The pixels of a frame for whose value in draw->head `has` returns true. */
 struct part {
   bool (*has)(uint8_t of_head);
-  uint32_t *above; /* [height + 1]: how many lie above a row; NULL: not looked for */
+  uint32_t *above; /* [height + 1]: how many lie above a row; NULL: not counted */
 };
 
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
-  size_t first, rays;           /* of those of the step */
+  size_t first, rays;           /* range within the step */
   const uint8_t *truth, *torso; /* torso NULL: none */
   const uint8_t *head;          /* as of ern_dataset.head; NULL: not known, or not asked for */
   const ern_dataset_frame *about;
@@ -58,7 +58,7 @@ struct draw {
   uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
   int32_t *pixel;               /* [rays], as drawn */
   float *jitter;
-  int32_t *place;  /* [tiles][ERN_SHARDS]: rays of a tile that a shard drew, then where they go */
+  int32_t *place;  /* [tiles][ERN_SHARDS]: number of rays of a tile that a shard drew, then their destinations */
   float part[256]; /* n/255 */
 };
 
@@ -100,7 +100,7 @@ static ern_status find_parts(struct draw *draw) {
   if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
   ERN_TRY(ERN_NEW(t->context, height + 1, &draw->silhouette.above));
   ERN_TRY(ERN_NEW(t->context, height + 1, &draw->whole_head.above));
-  for (size_t row = 0; row < height; row++) { /* all pixels, each step: without a call for each */
+  for (size_t row = 0; row < height; row++) { /* runs over all pixels at each step: without a call for each */
     const uint8_t *head = draw->head + row * width;
     uint32_t silhouette = 0, whole_head = 0;
     for (size_t column = 0; column < width; column++) {
@@ -131,7 +131,7 @@ static int32_t pixel_of_part(const struct draw *draw, const struct part *part, u
   return (int32_t)(row * width + column);
 }
 
-/* word[2] decides between the regions, so that a region that is not there leaves the others' rays as they are. */
+/* word[2] chooses the region, so that a missing region does not change the rays of the others. */
 static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
   const float at = ern_uniform(random->word[2]);
@@ -175,9 +175,9 @@ static float over_torso(const struct draw *draw, size_t pixel, size_t c, float b
   return draw->part[draw->torso[4 * pixel + c]] * alpha + back * (1 - alpha);
 }
 
-/* Rows of host_rows for ray i: the torso image over the background is what the head is drawn on, and what the torso is
- * to become. Over one background alone any opacity has a colour that gives the recorded picture; over a random one only
- * the true opacity does. Whether that is 0 or 1 is known of a torso by its image, of a head by draw->head. */
+/* Rows of host_rows for ray i: the torso image over the background is the head's background and the torso's target.
+ * With a fixed background, any opacity has a colour that reproduces the recorded picture; with random backgrounds only
+ * the true opacity does. The torso image tells whether the opacity is 0 or 1 for a torso, draw->head for a head. */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;
@@ -259,7 +259,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
   }
 }
 
-/* Of the fine stage: `count` patches of the step from number `first` on. */
+/* In the fine stage: draws `count` patches of the step from number `first` on. */
 static void draw_patches(struct draw *draw, size_t first, size_t count) {
   ern_trainer_place_patches(draw->t, &draw->about->lips, first, count, draw->t->host_pixels);
   ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
@@ -303,7 +303,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   const size_t frame = k * ern_trainer_step_frames(t) / batches;
   const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)frame, ERN_RNG_FRAME);
   const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
-  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* that are dealt to the batches */
+  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* divided among the batches */
   const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
   struct draw draw = {.t = t,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the callbacks of a dataset give, checked: they are the caller's, and answer anew at every step. */
+ * Calls the callbacks of a dataset and checks their results at every step: they are the caller's code, and may return
+ * something else each time. */
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>

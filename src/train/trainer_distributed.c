@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Processes that train one model together, through the caller's communicator. */
+ * Distributed training: processes that train one model together, through the caller's communicator. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -47,7 +47,8 @@ ern_status ern_trainer_wait_for_first(ern_trainer *t) {
 
 /* ---- the beginning ----------------------------------------------------------------------------------------------- */
 
-/* What has to be the same, in words. The instruction set too: another one rounds otherwise. */
+/* Checks the settings that must be the same in all processes, as text. They include the instruction set, as each rounds
+ * differently. */
 static ern_status check_same_words(ern_trainer *t) {
   const ern_train_config *c = &t->config;
   char own[512], first[512];
@@ -61,7 +62,7 @@ static ern_status check_same_words(ern_trainer *t) {
                   t->communicator.rank, own, first);
 }
 
-/* The numbers on which a step depends, but for those that rank 0 gives to all (share_numbers). */
+/* Checks the numbers on which a step depends, except those that rank 0 sends to all (share_numbers). */
 static ern_status check_same_numbers(ern_trainer *t) {
   const ern_train_config *c = &t->config;
   const struct {
@@ -107,7 +108,7 @@ static ern_status check_same_numbers(ern_trainer *t) {
   return status;
 }
 
-/* `count` values on the backend. */
+/* Copies values on the backend from rank 0 to all. */
 static ern_status share_reals(ern_trainer *t, ern_span values) {
   float *host = NULL;
   ern_status status = ERN_NEW(t->context, values.count, &host);
@@ -138,7 +139,7 @@ static ern_status share_poses(ern_trainer *t) {
   return status == ERN_OK ? broadcast(t, poses->mean_square, sizeof poses->mean_square) : status;
 }
 
-/* Where the training stands. */
+/* Sends the progress of the training from rank 0 to all. */
 static ern_status share_numbers(ern_trainer *t) {
   struct {
     uint64_t step, ema_updates, fine_from, iters, fine_steps;

@@ -11,13 +11,13 @@
 
 static size_t patch_rays(const ern_trainer *t) { return (size_t)t->config.patch_size * (size_t)t->config.patch_size; }
 
-/* Of a step of the fine stage: a patch at least, so it may have more rays than a coarse step. */
+/* Patches of a step of the fine stage: at least one, so it may have more rays than a coarse step. */
 static size_t patches_of_step(const ern_trainer *t) {
   const size_t patches = (size_t)t->config.rays / patch_rays(t);
   return patches > 0 ? patches : 1;
 }
 
-/* What a fine stage needs. */
+/* Checks the requirements of a fine stage. */
 static ern_status check(const ern_trainer *t) {
   const ern_train_config *c = &t->config;
   const int side = c->patch_size, width = t->data.width, height = t->data.height;
@@ -70,7 +70,7 @@ ern_status ern_trainer_fine_take(ern_trainer *t) {
 
 const char *ern_trainer_fine_name(const ern_trainer *t) { return t->config.fine_loss != NULL ? t->fine_name : "ssim"; }
 
-/* On a patch of zeros: what cannot be computed is said before the training, not where its fine stage begins. */
+/* Calls the loss on a patch of zeros, so that its errors are reported before the training, not at its fine stage. */
 static ern_status try_loss(const ern_trainer *t) {
   const ern_fine_loss *loss = t->config.fine_loss;
   float *zeros = NULL;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Whether all that a trainer keeps from step to step is finite, and where not, by name. */
+ * Checks that all values that a trainer keeps from step to step are finite, and names those that are not. */
 #include <inttypes.h>
 #include <math.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A trainer made and unmade: configuration and data checked, memory taken, values fresh, resumed or taken from a file.
- */
+ * Creates and frees a trainer: checks configuration and data, allocates memory, initialises the values or loads them
+ * from a state or a file. */
 #include <inttypes.h>
 #include <jansson.h>
 #include <math.h>
@@ -180,7 +180,7 @@ static ern_status check_data(ern_trainer *t) {
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
 
-/* As many as were asked for; of its own where none were, and where it can have no others. */
+/* The configured number of levels; the backbone's own where none is configured, or where it supports no other. */
 static int levels_of(const ern_train_config *config) {
   static const int own[] = {[ERN_BACKBONE_TRIHASH] = 14, [ERN_BACKBONE_HASH3D] = 16, [ERN_BACKBONE_TRIPLANE] = 1};
   const bool known = (size_t)config->backbone < sizeof own / sizeof *own;
@@ -273,7 +273,7 @@ void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from) {
     memcpy(t->model->consent, from->consent, sizeof t->model->consent);
 }
 
-/* What the model speaks from; a torso learns nothing of it. */
+/* Kind and network of the speech features, into the model; a torso takes them from its head. */
 static ern_status take_speech(ern_trainer *t) {
   ern_model *model = t->model;
   const ern_model *head = t->config.torso ? t->config.head : NULL;
@@ -287,7 +287,7 @@ static ern_status take_speech(ern_trainer *t) {
   if (kind != NULL) snprintf(model->speech, sizeof model->speech, "%s", kind);
   if (network == NULL || network[0] == 0) return ERN_OK;
   const ern_status status = ern_speech_description_parse(t->context, "train: speech_network", network, &description);
-  if (status == ERN_E_FORMAT) return ERN_E_ARGUMENT; /* the caller's; the words are said */
+  if (status == ERN_E_FORMAT) return ERN_E_ARGUMENT; /* the caller's text; the error is already recorded */
   if (status != ERN_OK) return status;
   if (kind == NULL || strcmp(kind, description.kind) != 0)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
@@ -368,7 +368,7 @@ fail:
   return status;
 }
 
-/* Frames with shut eyes are a few in a hundred: too few of the frames that a short training sees. */
+/* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
 static ern_status find_blinks(ern_trainer *t) {
   const size_t frames = t->config.data_end - t->config.data_begin;
   ern_status status = ERN_OK;
@@ -390,7 +390,7 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
   for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
   ERN_TRY(find_blinks(t));
-  ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that a bad one is found now */
+  ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ern_trainer_speech_make(t));
   ERN_TRY(ern_trainer_parts_make(t));
@@ -405,7 +405,8 @@ static ern_status take_rays(ern_trainer *t) {
   return status;
 }
 
-/* Whether the average can have enough updates by the last step. How many steps a time holds is not known before. */
+/* Checks that the average can have enough updates by the last step. With config.seconds the number of steps is not
+ * known beforehand. */
 static ern_status check_average(const ern_trainer *t) {
   const ern_train_config *c = &t->config;
   const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->step / every,
@@ -421,7 +422,7 @@ static ern_status check_average(const ern_trainer *t) {
                   c->iters, every, updates, least, shorter, (done + missing) * every);
 }
 
-/* Of the speech; where there is data augmentation, of that, of each copy and of how they are drawn. */
+/* The SHA-256 of the speech features; with data augmentation, also over its settings and each copy. */
 static void name_features(ern_trainer *t) {
   const ern_features *f = t->data.features;
   const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
@@ -438,8 +439,8 @@ static void name_features(ern_trainer *t) {
   }
 }
 
-/* What is at X before the first save, and may not be replaced: all of an earlier training; with a resume what is no
- * model of this clip. */
+/* Refuses files at X that the first save must not replace: any file of an earlier training; with a resume, a file that
+ * is not a model of this clip. */
 static ern_status check_output(ern_trainer *t, bool resumed) {
   char before[ERN_ERROR_BYTES];
   ern_model *model = NULL;
@@ -460,7 +461,7 @@ static ern_status check_output(ern_trainer *t, bool resumed) {
                           : "a head without a torso");
 }
 
-/* Fresh values, then what a resume or --from puts in their place. */
+/* Initial values, then those that a resume or --from puts in their place. */
 static ern_status fill(ern_trainer *t) {
   const size_t n = t->model->field.parameters;
   bool resumed = false;
@@ -490,7 +491,7 @@ fail:
   return status;
 }
 
-/* Rank 0 alone reads and writes them. */
+/* Only rank 0 reads and writes files. */
 static void leave_files(ern_train_config *config) {
   config->output = config->from = config->torso_output = NULL;
   config->resume = false;
@@ -549,7 +550,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
   t->config.output = t->output;
-  t->config.from = t->config.torso_output = NULL; /* the caller's words and head are used up; only copies are kept */
+  t->config.from = t->config.torso_output = NULL; /* the caller's texts and head are no longer used, only copies */
   t->config.head = NULL;
   *trainer = t;
   return ERN_OK;

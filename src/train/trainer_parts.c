@@ -42,7 +42,7 @@ size_t ern_trainer_first_batch(const ern_trainer *t) {
   return ern_trainer_own_batches(t) * (size_t)t->communicator.rank;
 }
 
-/* From the first to the last row that is trained; what lies between and is not has no gradient. */
+/* The range from the first to the last trained row; rows in between that are not trained have no gradient. */
 static void find_values(ern_trainer *t) {
   const struct ern_parameter_table *table = &t->model->table;
   size_t begin = SIZE_MAX, end = 0;
@@ -58,7 +58,7 @@ static void find_values(ern_trainer *t) {
 
 ern_status ern_trainer_parts_make(ern_trainer *t) {
   struct ern_trainer_parts *parts = &t->parts;
-  size_t levels = 2; /* one more than the tree over this process's parts is high */
+  size_t levels = 2; /* one more than the height of the tree over this process's parts */
   ern_status status = ERN_OK;
   if (t->config.step_parts == 1) return ERN_OK;
   for (int own = t->config.step_parts / t->communicator.size; own > 1; own /= 2) levels++;
@@ -83,7 +83,7 @@ static void add_sum(struct ern_step_sum *to, const struct ern_step_sum *from) {
   for (size_t i = 0; i < sizeof *to / sizeof *sum; i++) sum[i] += other[i];
 }
 
-/* The two topmost levels become one. */
+/* Adds the topmost level to the one below it. */
 static void merge(struct ern_trainer_parts *parts, size_t height) {
   float *to = parts->values + (height - 2) * parts->count;
   const float *from = to + parts->count;
@@ -91,7 +91,7 @@ static void merge(struct ern_trainer_parts *parts, size_t height) {
   add_sum(&parts->sums[height - 2], &parts->sums[height - 1]);
 }
 
-/* A part from zero, into level `height`. */
+/* Computes a part, summed from zero, into level `height`. */
 static ern_status part_step(ern_trainer *t, struct ern_batch *batches, size_t count, size_t height) {
   struct ern_trainer_parts *parts = &t->parts;
   ern_status status = ERN_OK;

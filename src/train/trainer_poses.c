@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Poses refined while training: a row a frame, moved when a step visits the frame. */
+ * Refinement of poses during training: one row per frame, updated when a step trains on the frame. */
 #include "train/trainer.h"
 
 #include <math.h>
@@ -10,11 +10,11 @@
 
 enum { N = ERN_POSE_SLOPES };
 
-/* Found by trying: how far a row may go in a training if every visit pulls it the same way, and in one visit at most;
- * radians, and the length unit of the clip's poses, metres. */
+/* Found by experiment: limits of a row's change in a whole training, if every visit pulls it the same way, and in one
+ * visit; radians, and the length unit of the clip's poses, metres. */
 static const double reach_turn = 0.3 * 3.14159265358979323846 / 180, reach_move = 2e-3;
 static const double most_turn = 0.06 * 3.14159265358979323846 / 180, most_move = 0.3e-3;
-static const double path_share = 0.1; /* of the way to where the path bends least, a visit */
+static const double path_share = 0.1; /* of the distance to where the path bends least, per visit */
 static const double beta2 = 0.99;
 
 /* ---- the clip's own path ----------------------------------------------------------------------------------------- */
@@ -29,7 +29,7 @@ static int by_time(const void *left, const void *right) {
   return a->frame < b->frame ? -1 : a->frame > b->frame;
 }
 
-/* Frames of [data_begin, data_end) whose moments follow each other are beside each other. */
+/* Frames of [data_begin, data_end) with consecutive moments are neighbours. */
 static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
   const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
   struct moment *moment = NULL;
@@ -110,7 +110,7 @@ void ern_trainer_poses_free(ern_trainer *t) {
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
-/* A row that all frames have describes another head, not other poses. */
+/* Removes the mean of the rows: an offset common to all frames describes another head, not other poses. */
 static void hold_mean(ern_trainer *t) {
   struct ern_trainer_poses *p = t->poses;
   const size_t begin = t->config.data_begin, end = t->config.data_end;
@@ -146,7 +146,7 @@ struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
   return view;
 }
 
-/* The rows of frames that are not trained on are what the regression predicts. */
+/* Frames that are not trained on get the rows that the regression predicts. */
 static void give_predicted(ern_trainer *t) {
   ern_model *model = t->model;
   for (size_t i = 0; i < t->data.frames[0]; i++) {
@@ -219,8 +219,8 @@ static double bend_at(const struct ern_trainer_poses *p, size_t frame, size_t k)
          2 * (double)p->row[N * frame + k] + (double)p->row[N * p->beside[2 * frame + 1] + k];
 }
 
-/* The gradient's size by visit, of angles or of moves: one for three, so that a direction which the picture hardly
- * shows, such as depth, is not moved as far as the others. Returns its root. */
+/* Running mean square of the gradient by angles or by moves; returns its root. The three components share one, so that
+ * a direction which the picture hardly shows, such as depth, is not moved as far as the others. */
 static double size_of(float *mean_square, const double slope[3]) {
   double square = 0;
   for (size_t k = 0; k < 3; k++) square += slope[k] * slope[k] / 3;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The occupied cells that a head's pictures need (docs/maths.md, Occupancy): those in which a sample has at least a
- * certain share of the largest weight in its ray, of the rays of training frames. */
+ * Finds the occupied cells that a head's pictures need (docs/maths.md, Occupancy): over the rays of training frames,
+ * those with a sample whose weight is at least a certain share of the largest weight in its ray. */
 #include <math.h>
 
 #include "core/memory.h"
@@ -10,11 +10,11 @@
 #include "render/stages.h"
 #include "train/trainer.h"
 
-static const double prune_from = 0.85; /* of the coarse steps, found by trying (docs/history-occupancy.md) */
+static const double prune_from = 0.85; /* of the coarse steps, found by experiment (docs/history-occupancy.md) */
 enum {
-  FRAMES = 32,    /* training frames that are looked at, evenly spaced */
-  STRIDE = 3,     /* of the pixels of a frame, one of so many in the order of rows */
-  CHUNK = 1 << 14 /* rays at once: a bound on the memory of their samples */
+  FRAMES = 32,    /* training frames used, evenly spaced */
+  STRIDE = 3,     /* every STRIDE-th pixel of a frame is used, in row order */
+  CHUNK = 1 << 14 /* rays at once: limits the memory of their samples */
 };
 
 /* A chunk of rays in host memory. */
@@ -38,8 +38,8 @@ fail:
   return status;
 }
 
-/* Pixels number `begin` of the frame's and on; how many there are. Their rays begin anywhere in a step, as in training:
- * rays that all begin alike would miss cells that those of another pose meet first. */
+/* Takes the next pixels of a frame, from number `begin` on; returns how many. Their starts are jittered within a step,
+ * as in training: without jitter, rays would miss cells that rays of another pose meet first. */
 static size_t rays_of(const ern_trainer *t, size_t k, size_t begin, const struct samples *s) {
   const size_t pixels = (size_t)t->data.width * (size_t)t->data.height;
   size_t count = 0;
@@ -69,7 +69,7 @@ static void weigh(const ern_trainer *t, struct samples *s, size_t rays, float sh
     float transmittance = 1, most = 0;
     for (size_t i = begin; i < end; i++) {
       const float left = expf(-s->sigma[i] * s->dt[i]);
-      s->sigma[i] = (1 - left) * transmittance; /* from here on its weight */
+      s->sigma[i] = (1 - left) * transmittance; /* sigma holds the weight from here on */
       most = fmaxf(most, s->sigma[i]);
       transmittance *= left;
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Occupancy while training: where the head and the torso may be (docs/maths.md, Occupancy). */
+ * The occupancy grids of head and torso during training (docs/maths.md, Occupancy). */
 #include <math.h>
 
 #include "core/rng.h"
@@ -10,19 +10,19 @@
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
   CHUNK = ERN_REFRESH_CHUNK,
-  NEAR_RAYS = 1 << 17, /* between two looks at a block with an occupied cell, */
-  MOST_EVERY = 128,    /* where that is no more steps than this, */
-  WARM_UP_EVERY = 64,  /* or at first than this */
-  SHARES = 16          /* refreshes that look once at all blocks without one; a power of 2 */
+  NEAR_RAYS = 1 << 17, /* rays between two updates of a block with an occupied cell, */
+  MOST_EVERY = 128,    /* but at most this many steps, */
+  WARM_UP_EVERY = 64,  /* and at most this many during the warm-up */
+  SHARES = 16          /* refreshes in which every block without one is updated once; a power of 2 */
 };
 
-/* refresh_every 0: what a refresh costs follows the rays, and the decay the steps, as what is learnt does. */
+/* refresh_every 0: the cost of refreshes is proportional to the rays, and the decay to the steps, as learning is. */
 struct schedule {
   uint64_t every; /* steps between refreshes */
   uint32_t shares;
 };
 
-/* Around the next step. At first no space is known to be empty, and all cells are looked at. */
+/* The schedule at the next step. During the warm-up no space is known to be empty, and all cells are updated. */
 static struct schedule schedule_of(const ern_trainer *t) {
   const bool first = t->step < ERN_REFRESH_WARM_UP;
   if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
@@ -57,8 +57,8 @@ ern_status ern_trainer_list(ern_trainer *t) {
   return status;
 }
 
-/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. Processes that train
- * together look at a share each. */
+/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. Each of several
+ * processes that train together evaluates a share. */
 static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
@@ -93,10 +93,11 @@ fail:
   return status;
 }
 
-/* Those that are due; what was found in the others is of an earlier refresh, and counts no more. */
+/* Lists the cells that are due, and clears t->fresh: values of other cells are from an earlier refresh and no longer
+ * valid. */
 static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
   struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits, .turn = turn};
-  if (turn.mask == 0) return ERN_OK; /* all: they are in the list */
+  if (turn.mask == 0) return ERN_OK; /* all cells: the list has them already */
   const ern_status status = t->backend->occupancy_list(t->stream, &list);
   t->cell_count = list.count;
   return status == ERN_OK ? t->backend->zero(t->stream, t->fresh) : status;

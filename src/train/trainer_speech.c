@@ -13,7 +13,7 @@ static size_t window_values(const ern_features *features) {
   return (size_t)features->window_length * (size_t)features->width;
 }
 
-/* --audio-pad edge: by window of the features; zero: by place in the split, as the public code. */
+/* --audio-pad edge: indexed by window of the features; zero: by position in the split, as in the public code. */
 static ern_status read_windows(ern_trainer *t, const ern_features *features, int split, size_t frame, float *host) {
   const int64_t frames = (int64_t)t->data.frames[split], last = (int64_t)features->windows - 1;
   const size_t size = window_values(features);
@@ -82,7 +82,7 @@ static void add_noise(const ern_trainer *t, size_t k, float *host) {
   }
 }
 
-/* The windows of training frame `frame` as part k of the step has them. */
+/* The windows of training frame `frame` with the data augmentation of frame k of the step. */
 static ern_status step_windows(ern_trainer *t, size_t frame, size_t k, float *host) {
   const ern_dataset *data = &t->data;
   const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_SPEECH);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a resume needs, written and read: weights, second moments, average, density grid, step. */
+ * Writes and reads the state for a resume: weights, second moments, average, density grid, step. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -130,7 +130,8 @@ fail:
   return status;
 }
 
-/* After a divergence the oldest state is kept for good: it is from before, the newer one perhaps not. */
+/* After a divergence the oldest state is kept permanently: it is from before the divergence, the newer one perhaps
+ * not. */
 static ern_status keep_good(ern_trainer *t) {
   const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
   if (t->diverged && access(oldest, F_OK) == 0) {
@@ -141,8 +142,8 @@ static ern_status keep_good(ern_trainer *t) {
   return ERN_OK;
 }
 
-/* The new state is for the eyes that the last one was for: an empty file of those rights is there for the writer to
- * replace. True: it was made. */
+/* Gives the new state the permissions of the last one: makes an empty file with them, which the writer replaces. True:
+ * it was made. */
 static bool keep_rights(const struct ern_run_folder *run) {
   struct stat about;
   if (stat(run->state, &about) != 0 || (about.st_mode & 044) == 044) return false; /* everybody may read it */
@@ -154,9 +155,10 @@ static bool keep_rights(const struct ern_run_folder *run) {
   return true;
 }
 
-/* The new state is written whole under a name of its own before anything else moves; a resume takes the newest of the
- * three names that verifies. The log comes first: it can be cut back to the state, not made up. A new training keeps
- * its own until then, as it would else stand beside the state of the earlier one. */
+/* The new state is completely written under its own name before any file is renamed; a resume takes the newest intact
+ * file of the three names. The log is written first: it can be truncated to match the state, but not reconstructed. A
+ * new training holds its log back until its state exists, as the log would otherwise accompany the earlier training's
+ * state. */
 static ern_status write_state(ern_trainer *t) {
   ern_status status = ERN_OK;
   if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &t->run));
@@ -201,7 +203,7 @@ fail:
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
 
-/* codes: also their number. */
+/* codes: compares the number of individual codes too. */
 static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path, bool codes) {
   const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
   const struct {
@@ -246,9 +248,9 @@ static ern_status take_row(ern_context *context, const struct ern_tensor_file *f
   return status;
 }
 
-/* The rows that this training changes, from a block of tensors with a prefix, onto the backend. `missing` (a block, or
- * NULL: zeros) stands in for the other rows, and where PyTorch's optimizer keeps nothing for a tensor that had no
- * gradient yet, or its average was not saved. */
+/* Loads the rows that this training changes from the tensors with a prefix, and uploads them to the backend. `missing`
+ * (a block, or NULL: zeros) gives the values of the other rows, of tensors without a gradient so far, for which
+ * PyTorch's optimizer keeps nothing, and of an average that was not saved. */
 static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
                             const float *missing, ern_span to) {
   const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
@@ -344,8 +346,8 @@ static void close_candidate(ern_context *context, struct candidate *c) {
   ern_model_free(&c->model);
 }
 
-/* The newest state of the folder that verifies; its model is NULL where there is none, and the status then that of what
- * is damaged. tell: warnings of those. */
+/* The newest intact state of the folder. Where there is none, its model is NULL and the status is that of a damaged
+ * one. tell: warn of damaged ones. */
 static ern_status find_newest(ern_context *context, const struct ern_run_folder *run, bool tell,
                               struct candidate *best) {
   const char *const paths[] = {run->next, run->state, run->previous};
@@ -371,8 +373,8 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
   return best->model != NULL ? ERN_OK : damaged;
 }
 
-/* A torso goes on with the head that it was trained for. The individual codes of a head are not drawn with a
- * torso's, and a longer clip has added to them. */
+/* Checks that a torso is resumed with the head that it was trained for. A head's individual codes are not compared: the
+ * torso does not use them, and a longer clip has more of them. */
 static ern_status check_same_head(ern_trainer *t, const ern_model *found, const char *path) {
   for (int r = 0; t->config.torso && r < t->model->table.rows; r++) {
     const struct ern_parameter *row = &t->model->table.row[r];
@@ -389,7 +391,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   struct candidate best;
   *resumed = false;
   ern_status status = find_newest(t->context, &t->run, true, &best);
-  if (best.model == NULL) return status; /* nothing saved yet, or nothing that can be read */
+  if (best.model == NULL) return status; /* nothing saved yet, or nothing readable */
   if (best.about.torso != t->config.torso)
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
                      best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
@@ -472,8 +474,8 @@ fail:
   return status;
 }
 
-/* Makes *model one of this training's shape: where it has more individual codes, the others are what a fresh training
- * has. A torso keeps the head it was given. */
+/* Converts *model to this training's shape: additional individual codes get the initial values of a new training. A
+ * torso keeps the head that it was given. */
 static ern_status take_over(ern_trainer *t, const char *path, ern_model **model) {
   ern_model *made = NULL;
   const ern_status status = ern_model_make(&made, t->context, &t->model->field.config);

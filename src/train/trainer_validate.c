@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A look at where the training stands: validation frames rendered with what a save would write, and a picture of one.
- */
+ * Validation: renders validation frames with the values that a save would write, and writes a picture of one. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,7 +9,7 @@
 
 enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */
 
-/* Frames of one size, in host memory. */
+/* Renderer and host memory for validation frames, all of one size. */
 struct look {
   ern_renderer *renderer;
   size_t pixels;
@@ -102,7 +101,7 @@ static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) 
   }
 }
 
-/* An error of a hook that said nothing gets words. `before`: the last error before the hook was called. */
+/* Records an error text for a hook that failed without one. `before`: the last error before the hook was called. */
 static ern_status answered(ern_trainer *t, ern_status status, const char *hook, const char *before) {
   if (status == ERN_OK || !ern_trainer_said_nothing(t, before)) return status;
   return ern_fail(t->context, status, "train: the hook `%s` answered %s at step %llu", hook, ern_status_name(status),

@@ -36,7 +36,8 @@
 typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;
 #undef ERN_CL_SOURCE_NUMBER
 
-/* Sizes that kernels are cut to: a standard by the device's limits, or what was measured to be faster (tune.c). */
+/* Work sizes that kernels are built with: a standard for the device's form, or a size measured to be faster
+ * (tune.c). */
 #define ERN_CL_TUNABLES(TUNABLE)                                                \
   TUNABLE(mlp_fwd)     /* CPU: vectors of an item; GPU: items of a group */     \
   TUNABLE(mlp_bwd)     /* likewise */                                           \
@@ -53,15 +54,15 @@ typedef enum ern_cl_tunable { ERN_CL_TUNABLES(ERN_CL_TUNABLE_NUMBER) ERN_CL_TUNA
 
 struct ern_cl_measured { /* of one tunable */
   int32_t standard, best;
-  int64_t standard_ns, best_ns; /* of a made-up call; 0: not measured */
+  int64_t standard_ns, best_ns; /* of a synthetic call; 0: not measured */
 };
 
 struct ern_buffer {
   ern_element element;
   size_t count;
   cl_mem memory;
-  atomic_size_t written; /* another number after its bytes were changed: by the host, cleared, copied to, or, of the
-                            bits of an occupancy, by a refresh. No two buffers of a backend have the same */
+  atomic_size_t written; /* version of the contents, unique among the backend's buffers: changes when the host writes,
+                            clears or copies to the buffer, or when a refresh updates occupancy bits */
 };
 
 struct ern_cl_program { /* one source built with one set of options */
@@ -78,7 +79,7 @@ struct ern_cl_backend {
   cl_mem probe;                   /* 4 bytes, written to see whether the device still answers */
   atomic_size_t writes;           /* numbers given to buffers */
   atomic_size_t taken;            /* bytes of all buffers */
-  int size[ERN_CL_TUNABLE_COUNT]; /* what kernels are built with */
+  int size[ERN_CL_TUNABLE_COUNT]; /* that kernels are built with */
   struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   pthread_mutex_t lock; /* of the programs */
   struct ern_cl_program *programs;
@@ -93,7 +94,7 @@ struct ern_cl_kernel {
 
 enum { ERN_CL_PENDING = 32 };
 
-/* Figures that a slot leaves on the device until `synchronize`. */
+/* Results that a slot leaves on the device until `synchronize`. */
 struct ern_cl_pending {
   void (*deliver)(void *args, const float *values, size_t count); /* in the order of the calls */
   void *args;
@@ -101,18 +102,19 @@ struct ern_cl_pending {
 };
 
 struct ern_cl_stream {
-  struct ern_stream base;       /* first: a stream is one; its table may be another that looks on (src/lab/bench) */
+  struct ern_stream base; /* first: an ern_cl_stream is an ern_stream; its table may be a wrapper that observes the
+                             calls (src/lab/bench) */
   struct ern_cl_backend *owner; /* the backend that made it */
   cl_command_queue queue;
   struct ern_cl_kernel *kernels; /* made when first launched: kernel objects are not shared between threads */
   size_t kernel_count, kernel_capacity;
-  struct ern_buffer *figures; /* real; the pending ones one behind the other */
+  struct ern_buffer *figures; /* real; the pending results, contiguous */
   float *figures_host;
   size_t figures_used;
   struct ern_cl_pending pending[ERN_CL_PENDING];
   size_t pending_count;
   struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
-  size_t rays_at_once;              /* of a training step that had memory; 0: all of them had */
+  size_t rays_at_once;              /* rays for which a training step had enough memory; 0: all */
 };
 
 static inline struct ern_cl_stream *ern_cl_stream_of(struct ern_stream *stream) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Errors, buffers, and what moves bytes. */
+ * Errors, buffers and transfers. */
 #include "backend_opencl/device/buffer.h"
 
 #include "core/memory.h"
@@ -48,11 +48,11 @@ static bool is_memory(cl_int code) {
   return code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY || code == CL_OUT_OF_RESOURCES;
 }
 
-/* Drivers tell of a device that is gone, or that stopped at a fault, by several codes, CL_OUT_OF_RESOURCES among them:
- * so it is asked to do something small. */
+/* Whether the device still responds to a small command. Drivers report a lost or faulted device with several codes,
+ * even CL_OUT_OF_RESOURCES, so the code alone does not tell. */
 static bool answers(struct ern_cl_backend *backend) {
   const cl_uint word = 0;
-  if (backend->probe == NULL) return true; /* still being made */
+  if (backend->probe == NULL) return true; /* the backend is still being made */
   return clEnqueueFillBuffer(backend->queue, backend->probe, &word, sizeof word, 0, sizeof word, 0, NULL, NULL) ==
              CL_SUCCESS &&
          clFinish(backend->queue) == CL_SUCCESS;
@@ -105,7 +105,7 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   made->count = count;
   ern_cl_touch(backend, made);
   made->memory = clCreateBuffer(backend->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
-  /* Devices take memory when it is first used, so that now is when it turns out to be too little. */
+  /* Devices allocate memory at its first use, so that a lack of memory shows here. */
   const cl_uchar zero = 0;
   if (code == CL_SUCCESS)
     code = clEnqueueFillBuffer(backend->queue, made->memory, &zero, sizeof zero, 0, bytes, 0, NULL, NULL);

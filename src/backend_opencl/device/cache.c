@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Built kernels and what suits a device, in the user's cache folder. An entry is 64 hex digits, the SHA-256 of what
- * follows; its key, 64 more; then the bytes. One that was cut, changed, written by half or is another's is made again,
- * not trusted. Nothing here can make a run fail, or is its last error. */
+ * Built kernels and tuned sizes of a device, in the user's cache folder. An entry is 64 hex digits, the SHA-256 of the
+ * rest; its key, 64 more; then the bytes. An entry that is truncated, changed or of another key is made again. Errors
+ * here never make a run fail and do not change its last error. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -12,7 +12,8 @@
 enum { ERN_CL_KEY_BYTES = 65 };
 
 /* Binaries of built programs, and what the tuner measured, in the user's cache folder ($XDG_CACHE_HOME/libernerf or
- * ~/.cache/libernerf). An entry that cannot be read, or whose sum is wrong, is as good as none. key: 64 hex digits. */
+ * ~/.cache/libernerf). An entry that cannot be read, or whose checksum is wrong, counts as missing. key: 64 hex
+ * digits. */
 void ern_cl_cache_read(ern_context *context, const char *key, uint8_t **bytes, size_t *count); /* NULL: none */
 bool ern_cl_cache_write(ern_context *context, const char *key, const void *bytes, size_t count);
 

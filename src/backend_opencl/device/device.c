@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which devices there are, and what one of them can do. */
+ * Finds the OpenCL devices and queries their properties. */
 #include "backend_opencl/device/device.h"
 
 #include <stdio.h>
@@ -8,7 +8,7 @@
 
 enum { MAX_PLATFORMS = 16, MAX_DEVICES = ERN_CL_MAX_DEVICES, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
 
-/* The loader answers with an error where no driver is installed. */
+/* The ICD loader returns an error where no driver is installed. */
 int ern_cl_devices_find(struct ern_cl_found found[MAX_DEVICES], int *platforms_found) {
   cl_platform_id platform[MAX_PLATFORMS];
   cl_uint platforms = 0;
@@ -66,7 +66,7 @@ void ern_cl_device_query(struct ern_cl_device *device) {
   device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
   const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
   device->width = 1;
-  /* the other form, to compare the two on one device */
+  /* overrides the form, to compare both on one device */
   const char *form = getenv("ERNERF_OPENCL_FORM");
   if (form != NULL && strcmp(form, "cpu") == 0) device->cpu = true;
   if (form != NULL && strcmp(form, "gpu") == 0) device->cpu = false;

@@ -135,7 +135,7 @@ ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   if (status == ERN_OK) return ERN_OK;
   own->pending_count = own->figures_used = 0;
-  clFinish(own->queue); /* whatever it returns, `status` is what is told */
+  clFinish(own->queue); /* its result is ignored: `status` is returned */
   ern_arena_trim(stream);
   return status;
 }

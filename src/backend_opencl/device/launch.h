@@ -5,7 +5,7 @@
 
 #include "backend_opencl/device/backend.h"
 
-/* ---- a launch: arguments in order, then run; the first error sticks and comes out of run ---- */
+/* ---- a launch: arguments in order, then run; run returns the first error of all calls ---- */
 
 struct ern_cl_call {
   struct ern_cl_stream *stream;
@@ -26,29 +26,30 @@ void ern_cl_value(struct ern_cl_call *call, const void *value, size_t bytes); /*
 void ern_cl_local(struct ern_cl_call *call, size_t bytes);
 /* `groups` work-groups of `group` items; 0 groups: nothing is run. */
 ERN_NODISCARD ern_status ern_cl_run(struct ern_cl_call *call, size_t groups, size_t group);
-/* At least `items` work-items, in groups that suit the device; a kernel checks its number. */
+/* At least `items` work-items, in groups that suit the device; the kernel must check its global id. */
 ERN_NODISCARD ern_status ern_cl_each(struct ern_cl_call *call, size_t items);
 
-/* How n samples of a row are dealt to groups: an item that carries vectors, or neighbouring ones of a sample each, as
- * in kernels/activation.cl, encoding.cl and attention.cl. */
+/* How n samples of a row are divided into work-groups: one item with several vectors, or neighbouring items with one
+ * sample each, as in kernels/activation.cl, encoding.cl and attention.cl. */
 struct ern_cl_blocks {
   size_t count, group;
 };
 struct ern_cl_blocks ern_cl_blocks_of(struct ern_stream *stream, size_t n);
 
-/* Groups of a reduction, whatever the device: so that sums are the same everywhere. Each writes one figure. */
+/* Groups of a reduction, the same number on every device, so that sums are the same. Each group writes one partial
+ * sum. */
 enum { ERN_CL_SUMS = 64, ERN_CL_SUM_GROUP = 64 };
-/* Runs them side by side, as many of them an item as the device's vectors have lanes. */
+/* Runs these groups; an item processes as many values at a time as the device's vectors have lanes. */
 ERN_NODISCARD ern_status ern_cl_run_sums(struct ern_cl_call *call);
 
-/* Room for `count` figures, which `synchronize` will hand to the function together with `args` (alive until then). The
- * values may be added up in double by the host: a float for each of a fixed number of groups. */
+/* Takes memory for `count` results, which `synchronize` passes to `deliver` together with `args` (alive until then).
+ * They may be partial sums, one float for each of a fixed number of groups, which the host adds up in double. */
 ERN_NODISCARD ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
                                         void (*deliver)(void *args, const float *values, size_t count), void *args,
                                         ern_span *span);
 
-/* After a call that may have failed: what it left for `synchronize` would be written to arguments that are gone, and
- * scratch above what is in use is given back, as the next try may need it to be of other sizes. Returns `status`. */
+/* Cleans up where `status` is an error: discards results pending for `synchronize`, as their args are gone, and frees
+ * unused scratch, as the next try may need other sizes. Returns `status`. */
 ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status);
 
 #endif

@@ -8,8 +8,8 @@ enum {
   MULTIPLY_CHAINS = 12, /* as in peak.cl; so is the next */
   GATHER_CHAINS = 4,
   GROUP = 256,           /* work-items of a group of a GPU */
-  GROUPS_A_UNIT = 8,     /* 2048 items of a unit: as many as the largest keep at a time */
-  ITEMS_A_UNIT = 8,      /* of a CPU, each a group: pieces of work enough for an even end */
+  GROUPS_A_UNIT = 8,     /* 2048 items per unit: as many as the largest GPUs keep resident */
+  ITEMS_A_UNIT = 8,      /* of a CPU, each a group: enough of them to balance the load */
   MULTIPLY_TURNS = 4096, /* of an item of a GPU */
   GATHER_TURNS = 512,
   CPU_TURNS = 1 << 17, /* multiply-adds: a quarter of a millisecond an item */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Loops that measure an OpenCL device, for the benchmark: what its kernels are held against. In a build without OpenCL
- * no backend is a device, and nothing of this is called. */
+ * Loops that measure the peak rates of an OpenCL device; the benchmark compares kernels with them. In a build without
+ * OpenCL none of these functions is called. */
 #ifndef ERN_OPENCL_PEAK_H
 #define ERN_OPENCL_PEAK_H
 
@@ -8,7 +8,7 @@
 
 enum {
   ERN_OPENCL_PEAK_TABLE = 1 << 14, /* floats of the table that reads go to: 64 KiB */
-  ERN_OPENCL_PEAK_BLOCK = 1 << 12  /* floats; what a stream runs over is a multiple */
+  ERN_OPENCL_PEAK_BLOCK = 1 << 12  /* floats; COPY, UPDATE and MOVE run over a multiple */
 };
 
 struct ern_opencl_about {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Started by posix_spawn, as a program with threads cannot fork and go on. The child says what it is about to do, so
- * what it said last is what it died of; "end" is success, whatever its exit status, which another part of the program
- * may have taken (waitpid(-1) in a handler of SIGCHLD). */
+ * Starts the child with posix_spawn, as a program with threads cannot safely fork and continue. The child prints each
+ * action before it, so its last line is the action that crashed it. The line "end" means success, whatever the exit
+ * status, which another part of the program may have collected (waitpid(-1) in a SIGCHLD handler). */
 #define _GNU_SOURCE /* dladdr, pipe2, secure_getenv */
 #include "backend_opencl/device/probe.h"
 
@@ -23,8 +23,8 @@ static const char program[] = "ernerf/ernerf-probe-opencl";
 
 /* ---- the program ------------------------------------------------------------------------------------------------- */
 
-/* In the folder `ernerf` beside this library; for a program that holds the library, in lib/ beside its bin/; else where
- * it was to be installed. ERNERF_PROBE_OPENCL names another one. */
+/* In the folder `ernerf` beside this library; for a statically linked program, in lib/ beside its bin/; else in the
+ * installation folder. ERNERF_PROBE_OPENCL names another one. */
 static bool find_program(char path[PATH_BYTES]) {
   static const char *const ways[] = {"", "../" ERN_LIBRARY_FOLDER "/"};
   static const char anchor = 0;
@@ -40,8 +40,8 @@ static bool find_program(char path[PATH_BYTES]) {
   return snprintf(path, PATH_BYTES, ERN_LIBRARY_INSTALLED "/%s", program) < PATH_BYTES && access(path, X_OK) == 0;
 }
 
-/* Seconds until a child is given up: a driver may have to compile, or to wake a device. ERNERF_PROBE_SECONDS: others.
- */
+/* Seconds until a child times out: a driver may have to compile, or to wake a device. ERNERF_PROBE_SECONDS overrides
+ * it. */
 static int timeout_seconds(void) {
   const char *named = getenv("ERNERF_PROBE_SECONDS");
   const long seconds = named != NULL ? strtol(named, NULL, 10) : 0;
@@ -50,7 +50,7 @@ static int timeout_seconds(void) {
 
 /* ---- the child --------------------------------------------------------------------------------------------------- */
 
-/* One of its two streams: the line that is coming in, and the last whole one that was not empty. */
+/* One of the child's two streams: the incomplete line, and the last complete one that was not empty. */
 struct stream {
   int descriptor; /* -1: closed */
   size_t length;
@@ -61,9 +61,9 @@ struct child {
   pid_t pid;
   struct stream out, err;
   int status;                   /* of waitpid; -1: not known */
-  bool ended, exited, too_long; /* said "end"; is no more; was waited for long enough */
+  bool ended, exited, too_long; /* has printed "end"; has exited; has timed out */
   char doing[LINE_BYTES];
-  int device; /* that it was at last at; -1: none */
+  int device; /* the last one that it used; -1: none */
 };
 
 static void finish_line(struct stream *s) {
@@ -72,13 +72,13 @@ static void finish_line(struct stream *s) {
   s->length = 0;
 }
 
-/* Takes what has come; calls `use` for each line. Closes the stream at its end. */
+/* Reads the available bytes; calls `use` for each line. Closes the stream at its end. */
 static void take(struct child *child, struct stream *s, void (*use)(struct child *child, const char *line)) {
   char bytes[1024];
   const ssize_t count = read(s->descriptor, bytes, sizeof bytes);
   if (count < 0 && (errno == EINTR || errno == EAGAIN)) return;
   if (count <= 0) {
-    finish_line(s); /* the last words may lack a newline */
+    finish_line(s); /* the last line may lack a newline */
     close(s->descriptor);
     s->descriptor = -1;
     return;
@@ -115,15 +115,15 @@ static void look_whether_over(struct child *child, int flags) {
   child->status = found > 0 ? status : -1;
 }
 
-/* Until it has said "end", is no more, or has taken too long. What it started may hold its streams open, so their end
- * is not waited for. */
+/* Reads until the child has printed "end", has exited or has timed out. Does not wait for the end of the streams, as
+ * processes that the child started may hold them open. */
 static void listen_to(struct child *child) {
   const double began = seconds_now();
   while (!child->ended && !child->too_long) {
     struct pollfd some[2] = {{.fd = child->out.descriptor, .events = POLLIN},
                              {.fd = child->err.descriptor, .events = POLLIN}};
     if (!child->exited) look_whether_over(child, WNOHANG);
-    const int ready = poll(some, 2, child->exited ? 0 : LOOK_MILLISECONDS); /* a closed one, -1, is passed over */
+    const int ready = poll(some, 2, child->exited ? 0 : LOOK_MILLISECONDS); /* poll ignores a closed one, -1 */
     if (some[0].revents != 0 && ready > 0) take(child, &child->out, use_line);
     if (some[1].revents != 0 && ready > 0) take(child, &child->err, NULL);
     if (child->exited && ready <= 0) break;
@@ -131,12 +131,12 @@ static void listen_to(struct child *child) {
   }
   finish_line(&child->err);
   if (!child->exited) {
-    kill(-child->pid, SIGKILL); /* with what it started, such as a compiler */
+    kill(-child->pid, SIGKILL); /* and the processes that it started, such as a compiler */
     look_whether_over(child, 0);
   }
 }
 
-/* In a process group of its own, so that a Ctrl-C of the terminal does not look like a driver's fault. */
+/* In a process group of its own, so that a Ctrl-C in the terminal is not taken for a crash of the driver. */
 static int start(struct child *child, const char *path, int first, int last, const int out[2], const int err[2]) {
   char from[16], to[16], name[] = "ernerf-probe-opencl";
   char *arguments[] = {name, from, to, NULL};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Programs: built from embedded sources for one device, or taken from the user's cache of binaries; of a driver that
- * keeps kernels itself (keeps_kernels), always built. */
+ * Programs: built from embedded sources for one device, or loaded from the user's cache of binaries; for a driver with
+ * its own cache (keeps_kernels), always built. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,7 +24,8 @@ static const struct {
 #undef ENTRY
 };
 
-/* What is compiled: common.cl; tile.cl for the fused passes, samples.cl for what goes over samples; the source. */
+/* The sources of a program: common.cl; tile.cl for the fused passes, samples.cl for kernels over samples; the source
+ * itself. */
 enum { TEXTS = 3 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
   const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,
@@ -60,7 +61,7 @@ ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *
   return ERN_OK;
 }
 
-/* The end of the build log, where compilers say what ended them. */
+/* Reports the end of the build log, where compilers write the final error. */
 static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source source, cl_program program, cl_int code) {
   char *log = NULL;
   size_t bytes = 0;
@@ -80,7 +81,7 @@ static ern_status build_failed(struct ern_cl_backend *backend, ern_cl_source sou
   return status;
 }
 
-/* NULL where the cache has none that this driver accepts. */
+/* NULL where the cache has no binary that this driver accepts. */
 static cl_program from_cache(struct ern_cl_backend *backend, const char *key, const char *options) {
   uint8_t *bytes = NULL;
   size_t count = 0;
@@ -115,7 +116,7 @@ static ern_status from_source(struct ern_cl_backend *backend, ern_cl_source sour
                               cl_program *program) {
   const char *all[TEXTS], *text[TEXTS];
   size_t sizes[TEXTS], bytes[TEXTS];
-  cl_uint count = 0; /* of those that are not empty: a length of 0 would mean a string that ends with a 0 */
+  cl_uint count = 0; /* of the sources that are not empty: OpenCL takes a length of 0 for a string that ends with a 0 */
   cl_int code = CL_SUCCESS;
   texts_of(source, all, sizes);
   for (size_t i = 0; i < TEXTS; i++)

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * The tuner: sizes are tried on the device, in turns with the standard, and what was measured is kept in the cache
- * folder under device, driver, form and kernels.
+ * The tuner: times work sizes on the device, alternating with the standard, and keeps the results in the cache folder
+ * by device, driver, form and kernels.
  *
- * Sizes of kernels whose sums keep their order do not change a bit of any result. Where the order does change
- * (`reorders`), a backend that promises the same bytes on every run keeps to the standard. */
+ * Most sizes do not change the order of sums, and so not a bit of any result. Where the order changes (`reorders`), a
+ * deterministic backend uses the standard. */
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -17,19 +17,19 @@
 #include "io/file.h"
 
 enum {
-  SIZES = 4,           /* that are tried, at most */
-  TURNS = 5,           /* of a size and the standard */
-  READING_NS = 2000000 /* that a reading lasts at least: calls are repeated to fill it */
+  SIZES = 4,           /* most sizes that are tried */
+  TURNS = 5,           /* alternations of a size and the standard */
+  READING_NS = 2000000 /* shortest measurement: calls are repeated to fill it */
 };
-static const int64_t clearly = 105; /* percent: less is noise */
+static const int64_t clearly = 105; /* percent of the best time: a smaller difference is noise */
 
 struct form {
-  int most;         /* that kernels can be built with */
+  int most;         /* largest size that kernels can be built with */
   int tried[SIZES]; /* the standard first; 0: none */
 };
 static const struct tunable {
   const char *name;
-  bool reorders;     /* sums: the result depends on it by rounding */
+  bool reorders;     /* changes the order of sums, and so the rounding of results */
   bool power_of_two; /* only such sizes can be built */
   struct form gpu, cpu;
 } tunables[ERN_CL_TUNABLE_COUNT] = {
@@ -74,7 +74,7 @@ static bool is_size(const struct ern_cl_device *device, ern_cl_tunable tunable, 
          (!tunables[tunable].power_of_two || (size & (size - 1)) == 0);
 }
 
-/* Nanoseconds of a call: within eleven days, so that what is reckoned with them has no overflow. */
+/* Nanoseconds of a call: below eleven days, so that arithmetic with it does not overflow. */
 static bool is_time(int64_t ns) { return ns > 0 && ns < (int64_t)1000000000000000; }
 
 static bool is_sound(const struct ern_cl_device *device, const struct ern_cl_measured *measured) {
@@ -115,7 +115,7 @@ static int64_t now_ns(void) {
   return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* The standard and another size, each ready on a stream. */
+/* The standard and another size, each prepared on its stream. */
 struct contest {
   struct ern_cl_backend *bench;
   struct ern_cl_loads *loads;
@@ -135,7 +135,7 @@ fail:
   return status;
 }
 
-/* Builds, and runs once: is it possible at all? */
+/* Builds with a size, and runs once, to see whether the device accepts it. */
 static ern_status enter(struct contest *c, int side, int size, int64_t *ns) {
   ern_status status = ERN_OK;
   c->bench->size[c->tunable] = c->size[side] = size;
@@ -146,7 +146,7 @@ fail:
   return status;
 }
 
-/* Least nanoseconds of a call of each. */
+/* The shortest time of a call with each size, in nanoseconds. */
 static ern_status take_turns(struct contest *c, int64_t call_ns, int64_t least[2]) {
   const int64_t calls = 1 + READING_NS / (call_ns > 0 ? call_ns : 1);
   ern_status status = ERN_OK;
@@ -161,7 +161,7 @@ fail:
   return status;
 }
 
-/* *m: of the size that does best beside the standard. *m is left alone where the time is over too soon. */
+/* *m: result of the size that is fastest relative to the standard. *m is not changed where the time runs out. */
 static ern_status measure_tunable(struct contest *c, int64_t end, struct ern_cl_measured *m) {
   const struct form *form = form_of(&c->bench->device, c->tunable);
   const int standard = form->tried[0];

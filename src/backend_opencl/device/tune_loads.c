@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the tuner times: calls of the slots on a made-up head and torso, with as little work as still fills a device. */
+ * The calls that the tuner times: slots on a synthetic head and torso, with just enough work to fill a device. */
 #include <string.h>
 
 #include "backend_opencl/device/tune_loads.h"
@@ -103,7 +103,7 @@ fail:
 static ern_status fill_pictures(struct ern_cl_loads *p, int side) {
   const size_t pixels = (size_t)side * (size_t)side;
   const float half = (float)side / 2;
-  /* of a head that is looked at from 3.4 units ahead */
+  /* the camera is 3.4 units in front of the head */
   const struct ern_view view = {.pose = {1, 0, 0, 0, 0, 0, -1, 3.4f, 0, 1, 0, 0, 0, 0, 0, 1},
                                 .focal = 4 * half,
                                 .cx = half,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Made-up calls of the slots, for the tuner. */
+ * Synthetic calls of the slots, for the tuner. */
 #ifndef ERN_OPENCL_TUNE_LOADS_H
 #define ERN_OPENCL_TUNE_LOADS_H
 
@@ -18,10 +18,10 @@ struct ern_cl_loads {
 };
 ERN_NODISCARD ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_loads **loads);
 void ern_cl_loads_free(struct ern_cl_loads *loads); /* accepts NULL */
-/* Readies a stream for run with the backend's sizes as they are, and again after they have changed. */
+/* Prepares a stream for ern_cl_load_run with the backend's present sizes; call it again after they change. */
 ERN_NODISCARD ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_tunable tunable,
                                              struct ern_stream *stream);
-/* Enqueues a call that the tunable matters to. */
+/* Enqueues a call whose speed depends on the tunable. */
 ERN_NODISCARD ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream);
 
 #endif
