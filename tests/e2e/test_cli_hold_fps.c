@@ -15,7 +15,7 @@ static const char clip[] = "small";
 static int make_model(void **state) {
   (void)state;
   static const char *const old[] = {"m.safetensors", "m.run", "m.tradeoff", "study", "a", "b",
-                                    "small",         "bare",  "x.mp4"};
+                                    "fine",          "small", "bare",       "x.mp4"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   cli_run(&cli, "synth small --size 64 --frames 24 --seed 5 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -199,25 +199,27 @@ static const json_t *training_of(const json_t *trainings, const char *name) {
 }
 
 /* name NULL: the base. */
-static void expect_kind(const json_t *trainings, const char *name, const char *sampling, double refresh_every,
-                        const char *precision) {
+static void expect_kind(const json_t *trainings, const char *name, double rays, const char *sampling,
+                        double refresh_every, const char *precision) {
   const json_t *one = name != NULL ? training_of(trainings, name) : json_array_get(trainings, 0);
   if (one == NULL) fail_msg("no training is %s", name != NULL ? name : "the base");
   assert_string_equal(json_string_value(json_object_get(one, "ray_sampling")), sampling);
   assert_string_equal(json_string_value(json_object_get(one, "precision")), precision);
-  assert_true(number(one, "refresh_every") == refresh_every && number(one, "rays") == 64 && number(one, "levels") == 5);
+  assert_true(number(one, "refresh_every") == refresh_every && number(one, "rays") == rays &&
+              number(one, "levels") == 5);
 }
 
-static void expect_kinds(const json_t *trainings, bool landmarks) {
+/* Of trainings of `rays` rays, from a clip with or without landmarks. */
+static void expect_kinds(const json_t *trainings, double rays, bool landmarks) {
   const char *sampling = landmarks ? "regions" : "uniform";
-  expect_kind(trainings, NULL, sampling, 0, "fp32");
-  expect_kind(trainings, "as published", "uniform", 16, "fp32");
+  expect_kind(trainings, NULL, rays, sampling, 0, "fp32");
+  expect_kind(trainings, "as published", rays, "uniform", 16, "fp32");
   const json_t *timed = training_of(trainings, "as train --time, 512 rays");
   assert_non_null(timed);
   assert_true(number(timed, "rays") == 512);
-  if (landmarks) expect_kind(trainings, "uniform rays", "uniform", 0, "fp32");
+  if (landmarks) expect_kind(trainings, "uniform rays", rays, "uniform", 0, "fp32");
   assert_true(landmarks || training_of(trainings, "uniform rays") == NULL); /* the base is one */
-  if (ern_isa_available(ERN_ISA_AVX512BF16)) expect_kind(trainings, "bf16", sampling, 0, "bf16");
+  if (ern_isa_available(ERN_ISA_AVX512BF16)) expect_kind(trainings, "bf16", rays, sampling, 0, "bf16");
   assert_true(ern_isa_available(ERN_ISA_AVX512BF16) || training_of(trainings, "bf16") == NULL);
 }
 
@@ -247,7 +249,7 @@ static void test_training(void **state) {
     any |= explained != number(json_array_get(curve, 0), "mouth_explained");
   }
   assert_true(any);
-  expect_kinds(trainings, true);
+  expect_kinds(trainings, 64, true);
   assert_true(json_is_null(json_object_get(object, "fine_stage")));
   json_decref(object);
   cli_read("study/training.md", text);
@@ -277,14 +279,16 @@ static void expect_quartiles(const json_t *of) {
   assert_true(number(of, "quartile_3") >= number(of, "median"));
 }
 
-/* A row a kind of step; a coarse one takes as long as itself. */
-static void test_fine_price(void **state) {
+/* A row for each kind of step; the coarse one is the unit. Without landmarks the mouth is not measured. */
+static void test_fine_stage_without_landmarks(void **state) {
   (void)state;
   static char text[CLI_TEXT_BYTES];
   static const char *const losses[] = {"coarse", "ssim", "lpips-alexnet"};
   const size_t count = ERN_PERCEPTUAL ? 3 : 2;
   if (ERN_PERCEPTUAL) made_lpips("a.safetensors", "h.safetensors", 0);
-  cli_run(&cli, "tradeoff --training '%s' -o fine --seconds 1 --seeds 1 --rays 1024 --levels 5 --json --quiet %s", clip,
+  cli_copy(clip, "bare");
+  support_clear("bare/ori_imgs");
+  cli_run(&cli, "tradeoff --training bare -o fine --seconds 1 --seeds 1 --rays 1024 --levels 5 --json --quiet %s",
           ERN_PERCEPTUAL ? "--lpips-network a.safetensors --lpips-heads h.safetensors" : "");
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
@@ -298,8 +302,14 @@ static void test_fine_price(void **state) {
     expect_quartiles(times);
     assert_true(i > 0 || (number(times, "quartile_1") == 1 && number(times, "quartile_3") == 1));
   }
+  const json_t *trainings = json_object_get(object, "trainings");
+  expect_kinds(trainings, 1024, false);
+  for (size_t i = 0; i < json_array_size(trainings); i++)
+    assert_true(json_is_null(json_object_get(json_array_get(trainings, i), "mouth_explained_mean")));
   json_decref(object);
+  assert_true(cli_there("fine/training_mouth_seconds.svg"));
   cli_read("fine/training.md", text);
+  assert_null(strstr(text, "nan"));
   assert_non_null(strstr(text, "| coarse |"));
   assert_non_null(strstr(text, "| fine, ssim |"));
   assert_true((strstr(text, "| fine, lpips-alexnet |") != NULL) == ERN_PERCEPTUAL);
@@ -313,29 +323,13 @@ static void test_fine_price(void **state) {
   assert_false(cli_there("none"));
 }
 
-static void test_training_without_landmarks(void **state) {
-  (void)state;
-  static char text[CLI_TEXT_BYTES];
-  cli_copy(clip, "bare");
-  support_clear("bare/ori_imgs");
-  cli_run(&cli, "tradeoff --training bare -o a --seconds 1 --seeds 1 --rays 64 --levels 5 --json --quiet");
-  cli_expect(&cli, 0, NULL);
-  json_t *object = cli_json(&cli, NULL);
-  const json_t *trainings = json_object_get(object, "trainings");
-  expect_kinds(trainings, false);
-  for (size_t i = 0; i < json_array_size(trainings); i++)
-    assert_true(json_is_null(json_object_get(json_array_get(trainings, i), "mouth_explained_mean")));
-  json_decref(object);
-  cli_read("a/training.md", text);
-  assert_null(strstr(text, "nan"));
-  assert_true(cli_there("a/training_mouth_seconds.svg"));
-}
-
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_curve),        cmocka_unit_test(test_quick_look),
-      cmocka_unit_test(test_out_of_reach), cmocka_unit_test(test_front),
-      cmocka_unit_test(test_words),        cmocka_unit_test(test_training),
-      cmocka_unit_test(test_fine_price),   cmocka_unit_test(test_training_without_landmarks)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
+                                     cmocka_unit_test(test_quick_look),
+                                     cmocka_unit_test(test_out_of_reach),
+                                     cmocka_unit_test(test_front),
+                                     cmocka_unit_test(test_words),
+                                     cmocka_unit_test(test_training),
+                                     cmocka_unit_test(test_fine_stage_without_landmarks)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }
